@@ -1,0 +1,63 @@
+"""Tables of values (from TOML) into frozen dataclasses, with one clear line for what does not fit."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Annotated, Any, TypeVar, get_args, get_type_hints
+
+from annotated_types import Ge, Gt, Interval
+from pydantic import TypeAdapter, ValidationError
+
+from .errors import InputError
+
+Positive = Annotated[float, Gt(0)]
+"""A number above zero; may be infinite."""
+NotNegative = Annotated[float, Ge(0)]
+"""Zero or a number above."""
+AtLeastOne = Annotated[int, Ge(1)]
+"""A whole number from 1 on."""
+Probability = Annotated[float, Interval(gt=0, lt=1)]
+"""A number strictly between 0 and 1."""
+
+T = TypeVar("T")
+
+
+def parse_table(kind: type[T], table: Mapping[str, Any], where: str) -> T:
+    """Return the dataclass that a table describes; keys it does not know are left out (see `unknown_keys`).
+
+    Args:
+        kind: a dataclass, whose fields may be dataclasses themselves.
+        table: names to values, as from TOML.
+        where: the file, for errors.
+
+    Raises:
+        InputError: naming file and key, what was expected, and what was found.
+    """
+    try:
+        return TypeAdapter(kind).validate_python(dict(table))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"]) or "the file"
+        if first["type"] == "missing":
+            raise InputError(f"{where}: {key}: is missing") from error
+        raise InputError(f"{where}: {key}: {first['msg'].lower()}, got {_shortened(first['input'])}") from error
+
+
+def unknown_keys(kind: type[Any], table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """Yield the dotted names in a table that its dataclass does not have."""
+    hints = get_type_hints(kind)
+    names = {field.name for field in fields(kind)}
+    for key, value in table.items():
+        if key not in names:
+            yield prefix + key
+            continue
+        for inner in (hints[key], *get_args(hints[key])):
+            if is_dataclass(inner) and isinstance(inner, type):
+                for index, part in enumerate(value if isinstance(value, list) else [value]):
+                    if isinstance(part, Mapping):
+                        label = f"{prefix}{key}[{index}]." if isinstance(value, list) else f"{prefix}{key}."
+                        yield from unknown_keys(inner, part, label)
+
+
+def _shortened(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,101 @@
+"""Taring: what each sensor's readings at the rest shape say of its own gain and offset."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bending import BendingCurve
+from .gauge import StaticGauge
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RestLengths:
+    """The tendon lengths while the structure stands unloaded at its rest shape."""
+
+    seconds: float
+    """How long it stands there at the start."""
+    length_m: NDArray[np.float64]
+    """(tendons,)"""
+    sigma_m: NDArray[np.float64]
+    """(tendons,)"""
+
+
+class Taring:
+    """Brings each sensor onto the common gauge curve.
+
+    One sensor of many reads y = offset + gain g(strain). At rest the strain is known to be e, and what the mean reading
+    differs from g(e) is split between gain and offset in proportion to their variances over sensors:
+
+        y - g(e) = (gain - 1) g(e) + offset
+
+    Tared lengths agree with the rest shape as it is believed to be, all of them: the estimate then stands there to
+    begin with, and the error of the rest shape does not come back twentyfold along the mechanism. Without a rest
+    shape gain is 1, offset 0, and their spread over sensors goes into sigma.
+    """
+
+    def __init__(
+        self, gauge: StaticGauge, bending: BendingCurve, rest: RestLengths | None, natural_length_m: NDArray[np.float64]
+    ) -> None:
+        count = len(natural_length_m)
+        self._gauge, self._rest_s = gauge, rest.seconds if rest else 0.0
+        self.rest_strain = rest.length_m / natural_length_m - 1 if rest else np.full(count, np.nan)
+        self.rest_change = gauge.change(self.rest_strain, bending)
+        self._rest_sigma = rest.sigma_m / natural_length_m if rest else np.full(count, np.nan)
+        gain_variance = (gauge.gain_sigma * self.rest_change) ** 2
+        strain_variance = (gauge.slope(self.rest_strain) * self._rest_sigma) ** 2
+        self._gain_share = gain_variance / (gain_variance + gauge.offset_sigma**2 + strain_variance)
+        self._gain_sigma_left = gauge.gain_sigma * np.sqrt(1 - self._gain_share)
+        self._sum, self._count = np.zeros(count), np.zeros(count)
+        self._first_s: float | None = None
+        self.gain, self.offset = np.ones(count), np.zeros(count)
+
+    @property
+    def tared(self) -> NDArray[np.bool_]:
+        """(tendons,) which sensors have been read at rest."""
+        return self._count > 0
+
+    def is_resting(self, t_s: float) -> bool:
+        """Whether the structure still stands at its rest shape; the first frame asked for starts the clock."""
+        if self._first_s is None:
+            self._first_s = t_s
+        return t_s - self._first_s < self._rest_s
+
+    def common_change(self, t_s: float, change: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (tendons,) dR/R on the common curve; while the structure rests, learn gain and offset first."""
+        if self.is_resting(t_s):
+            self._learn(change)
+        return (change - self.offset) / self.gain
+
+    def sigma(self, strain: NDArray[np.float64], change: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (tendons,) the strain sigma that gain, offset and rest shape leave at a strain with its dR/R."""
+        slope = self._gauge.slope(np.maximum(strain, 0))
+        untared = np.hypot(self._gauge.gain_sigma * change, self._gauge.offset_sigma) / slope
+        tared = np.hypot(self._gain_sigma_left * (change - self.rest_change) / slope, self._rest_sigma)
+        return np.where(self.tared, tared, untared)
+
+    def _learn(self, change: NDArray[np.float64]) -> None:
+        seen = np.isfinite(change)
+        self._sum[seen] += change[seen]
+        self._count[seen] += 1
+        innovation = self._sum / np.maximum(self._count, 1) - self.rest_change
+        at_zero = np.abs(self.rest_change) < 1e-6
+        share = np.where(at_zero, 0.0, self._gain_share)
+        gain = 1 + share * innovation / np.where(at_zero, 1.0, self.rest_change)
+        self.gain = np.where(self.tared, gain, 1.0)
+        self.offset = np.where(self.tared, (1 - share) * innovation, 0.0)
+
+
+class RestTare:
+    """Shifts the network's strain so that its mean while the structure rests is the known one."""
+
+    def __init__(self, rest_strain: NDArray[np.float64]) -> None:
+        self._rest_strain = np.where(rest_strain >= 0, rest_strain, np.nan)
+        self._sum, self._count = np.zeros(len(rest_strain)), np.zeros(len(rest_strain))
+
+    def corrected(self, strain: NDArray[np.float64], resting: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return (tendons,) strain shifted; those that are read at rest are learned from first."""
+        self._sum += np.where(resting, strain, 0.0)
+        self._count += resting
+        shift = self._rest_strain - self._sum / np.maximum(self._count, 1)
+        return strain + np.where((self._count > 0) & np.isfinite(shift), shift, 0.0)

@@ -1,0 +1,118 @@
+"""What the tests share: the example trial, a six-strut at rest, and the one check of derivatives."""
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tensegraph import Structure, open_trial, six_strut
+from tensegraph.io.model_file import read_sensor_model
+from tensegraph.models.readings import Mode, TendonLengths
+from tensegraph.models.rest import RestShape
+from tensegraph.models.rigidity import find_rest_shape
+from tensegraph.models.sensor_model import SensorModel
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "press_01"
+
+
+@pytest.fixture(scope="session")
+def example() -> Path:
+    """The example trial's directory."""
+    return EXAMPLE
+
+
+@pytest.fixture(scope="session")
+def model() -> SensorModel:
+    """The sensor model that ships with the package."""
+    return read_sensor_model()
+
+
+@pytest.fixture(scope="session")
+def structure() -> Structure:
+    """The paper's structure with rods of 0.3 m."""
+    return six_strut(0.3)
+
+
+@pytest.fixture(scope="session")
+def rest(structure: Structure) -> RestShape:
+    """Its rest shape, known to 0.3 mm."""
+    variance = np.full((structure.node_count, 3), 0.0003**2)
+    variance[structure.anchors] = 0
+    return RestShape(find_rest_shape(structure), np.diag(variance.ravel()), "measured")
+
+
+@pytest.fixture(scope="session")
+def true_positions() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(frames,) t_s and (frames, nodes, 3) positions of the example trial."""
+    truth = open_trial(EXAMPLE).truth()
+    assert truth is not None
+    return truth
+
+
+@pytest.fixture(scope="session")
+def example_structure() -> Structure:
+    """The structure of the example trial."""
+    return open_trial(EXAMPLE).description.structure
+
+
+@pytest.fixture(scope="session")
+def lengths_of() -> Callable[..., TendonLengths]:
+    """Makes the measurement that a shape would give, exact or with white noise."""
+
+    def make(
+        structure: Structure,
+        position_m: NDArray[np.float64],
+        t_s: float = 0.0,
+        sigma_m: float = 0.0005,
+        noise: NDArray[np.float64] | float = 0.0,
+    ) -> TendonLengths:
+        length_m = structure.tendon_length_m(position_m) + noise
+        count = len(length_m)
+        stretching = np.full(count, int(Mode.STRETCHING))
+        return TendonLengths(t_s, length_m, np.full(count, sigma_m), stretching, np.zeros(count, dtype=np.int64))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def check_jacobian() -> Callable[..., None]:
+    """Compare a Jacobian with central differences of its function."""
+
+    def check(
+        function: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+        jacobian: NDArray[np.float64],
+        x: NDArray[np.float64],
+        step: float = 1e-6,
+        tolerance: float = 1e-6,
+    ) -> None:
+        columns = []
+        for k in range(x.size):
+            shift = np.zeros(x.size)
+            shift[k] = step
+            shift = shift.reshape(x.shape)
+            columns.append((function(x + shift) - function(x - shift)).ravel() / (2 * step))
+        numerical = np.stack(columns, axis=-1)
+        np.testing.assert_allclose(np.asarray(jacobian).reshape(numerical.shape), numerical, atol=tolerance, rtol=1e-5)
+
+    return check
+
+
+@pytest.fixture
+def trial_copy(tmp_path: Path) -> Callable[..., Path]:
+    """Makes a copy of the first rows of the example trial, with its files rewritten by functions of their text."""
+
+    def copy(rows: int = 120, name: str = "trial", **edits: Callable[[str], str]) -> Path:
+        target = tmp_path / name
+        target.mkdir()
+        for source in EXAMPLE.iterdir():
+            lines = source.read_text().splitlines(keepends=True)
+            text = "".join(lines if source.suffix == ".toml" else lines[: rows + 1])
+            edit = edits.get(source.stem)
+            (target / source.name).write_text(edit(text) if edit else text)
+        tomllib.loads((target / "trial.toml").read_text())
+        return target
+
+    return copy
