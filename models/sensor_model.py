@@ -1,0 +1,143 @@
+"""All that is known of the strain sensors as a kind: gauge curve, stretching network, spread, ranges."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError
+from .gauge import StaticGauge
+from .stretching import LOG_VARIANCE_RANGE, STRAIN_SCALE, Lstm, LstmState, features
+
+FORMAT = 1
+SPREAD_MEMORY_S = 30.0
+"""How long a strip's past motion matters: relaxation takes seconds, hysteresis until it is wiped out."""
+LSTM_TENSORS = ("weight_ih", "weight_hh", "bias", "head_weight", "head_bias")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorModel:
+    """A trained sensor model, as in the model file.
+
+    Raises:
+        InputError: for weights that do not fit together, are not finite, or do not reproduce the golden vector.
+    """
+
+    tensors: Mapping[str, NDArray[np.float64]]
+    """`LSTM_TENSORS`, the curves of `gauge` and of `mode_log_odds`, a golden input (steps, 3) and output (steps, 2)."""
+    metadata: Mapping[str, Any]
+    """Units, ranges, spread, recipe and scores: see `training.train`."""
+
+    def __post_init__(self) -> None:
+        if self.metadata.get("format") != FORMAT:
+            raise InputError(f"sensor model: expected format {FORMAT}, got {self.metadata.get('format')}")
+        curves = ("strain_knots", "change_knots", "mode_change", "mode_log_odds")
+        for name in (*LSTM_TENSORS, *curves, "golden_input", "golden_output"):
+            if name not in self.tensors:
+                raise InputError(f"sensor model: tensor '{name}' is missing")
+            if not np.isfinite(self.tensors[name]).all():
+                raise InputError(f"sensor model: tensor '{name}' has values that are not finite")
+        try:
+            output = run_lstm(self.lstm, self.tensors["golden_input"])
+        except ValueError as error:
+            raise InputError(f"sensor model: its weights do not fit together ({error})") from error
+        difference = float(np.abs(output - self.tensors["golden_output"]).max())
+        if not difference < 1e-6:
+            raise InputError(f"sensor model: its golden vector is off by {difference:.2g}: expected less than 1e-6")
+
+    @property
+    def lstm(self) -> Lstm:
+        """The stretching network."""
+        return Lstm(*(self.tensors[name].astype(np.float64) for name in LSTM_TENSORS))
+
+    @property
+    def gauge(self) -> StaticGauge:
+        """The static curve that the network corrects."""
+        spread = self.metadata["spread"]
+        return StaticGauge(
+            self.tensors["strain_knots"].astype(np.float64),
+            self.tensors["change_knots"].astype(np.float64),
+            float(spread["gain_sigma"]),
+            float(spread["offset_sigma"]),
+        )
+
+    @property
+    def max_change(self) -> float:
+        """Largest dR/R in training."""
+        return float(self.metadata["ranges"]["change"][1])
+
+    @property
+    def max_rate_per_s(self) -> float:
+        """The rate of dR/R that 99.9 % of the training stays under."""
+        return float(self.metadata["ranges"]["rate_per_s"])
+
+    def mode_log_odds(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return log p(dR/R | bending) / p(dR/R | stretching), dR/R as `LagFree` gives it; see `mode.fit_mode`."""
+        return np.interp(change, self.tensors["mode_change"], self.tensors["mode_log_odds"])
+
+    def sigma_scale(self, strain_spread: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return by what to multiply the network's sigma, after the strain's spread over the last while.
+
+        The error that the network does not know of grows with how much a strip has been moved lately.
+        """
+        factor, power = self.metadata["sigma_scale"]
+        return np.asarray(factor * strain_spread**power)
+
+
+class StrainSpread:
+    """The running standard deviation of strain, forgetting with `SPREAD_MEMORY_S`."""
+
+    def __init__(self, sensors: int, initial_spread: float = 0.0) -> None:
+        self._mean = np.full(sensors, np.nan)
+        self._variance = np.full(sensors, initial_spread**2)
+
+    def step(self, strain: NDArray[np.float64], step_s: float) -> NDArray[np.float64]:
+        """Return (sensors,) the spread after one more strain."""
+        weight = 1 - np.exp(-step_s / SPREAD_MEMORY_S)
+        away = np.nan_to_num(strain - self._mean)
+        self._mean = np.where(np.isnan(self._mean), strain, self._mean + weight * away)
+        self._variance = (1 - weight) * (self._variance + weight * away**2)
+        return np.asarray(np.sqrt(self._variance))
+
+
+def run_lstm(lstm: Lstm, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (steps, 2) outputs for one sensor's (steps, features) inputs, from a fresh state."""
+    state, outputs = lstm.initial_state(1), []
+    for row in x:
+        output, state = lstm.step(row[None], state)
+        outputs.append(output[0])
+    return np.array(outputs)
+
+
+class StretchingSensors:
+    """The stretching network running on several sensors at once, with their states."""
+
+    def __init__(self, model: SensorModel, sensors: int) -> None:
+        self._lstm, self._gauge = model.lstm, model.gauge
+        self._state = self._lstm.initial_state(sensors)
+
+    def step(
+        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (sensors,) strain and its sigma after one more reading; inputs must be finite."""
+        strain, sigma, self._state = self._evaluate(change, rate_per_s, step_s, self._state)
+        return strain, sigma
+
+    def settle(self, change: NDArray[np.float64], which: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Put some sensors into the state of having rested at a dR/R for 10 s; return the strain they then give."""
+        state, still, strain = self._lstm.initial_state(len(change)), np.zeros(len(change)), np.zeros(len(change))
+        for _ in range(100):
+            strain, _, state = self._evaluate(change, still, 0.1, state)
+        keep = which[:, None]
+        self._state = LstmState(np.where(keep, state.h, self._state.h), np.where(keep, state.c, self._state.c))
+        return strain
+
+    def _evaluate(
+        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: float, state: LstmState
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], LstmState]:
+        output, state = self._lstm.step(features(change, rate_per_s, step_s), state)
+        strain = self._gauge.stretched_strain(change) + STRAIN_SCALE * output[:, 0]
+        sigma = STRAIN_SCALE * np.exp(0.5 * np.clip(output[:, 1], *LOG_VARIANCE_RANGE))
+        return strain, sigma, state

@@ -1,0 +1,63 @@
+"""Every setting of a run, with its default and where the default comes from."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from annotated_types import Ge
+
+from .clock import ClockSettings
+from .frames import FrameSettings
+from .front_end import FrontEndSettings
+from .gate import GateSettings
+from .rest import RestSettings
+from .tables import Positive, Probability
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseSettings:
+    """How far each kind of factor may be from true, per axis or per length, one sigma."""
+
+    rod_m: Positive = 0.0002
+    """Of a rod's length."""
+    anchor_m: Positive = 0.0001
+    """Of an anchor's position."""
+    stretching_m: Positive = 0.0002
+    """Of a stretched tendon as a straight line between its nodes; the reading's own sigma comes on top."""
+    bending_m: Positive = 0.001
+    """Of a bent one."""
+    ambiguous_m: Positive = 0.002
+    """Of one whose mode is not sure."""
+    unstated_m: Positive = 0.001
+    """Of a length that a trial gives without its sigma."""
+    shape_prior_m: Positive = 0.02
+    """Of a node about its rest position, in every frame: weak, but it keeps the motion that lengths do not see finite.
+    Three times what presses move a node (7 mm rms); slack bodies, which move by 30 mm rms, want 0.03."""
+    motion_m_per_s15: Positive = 0.3
+    """Square root of the acceleration's power density: a hand that changes its push by 0.7 m/s^2 every 0.2 s."""
+    robust: Literal["none", "huber", "cauchy"] = "none"
+    """Kernel on the tendon lengths, at its usual 95 % efficiency."""
+
+
+@dataclass(frozen=True, slots=True)
+class SmootherSettings:
+    """How the live smoother is bounded."""
+
+    lag: Annotated[int, Ge(2)] = 5
+    """Frames kept, at least two, which motion spans; older ones are marginalised into a prior."""
+    relinearize_m: Positive = 0.003
+    """A node that moves this far is linearised anew: a length bends away by 0.03 mm in 3 mm, far below its sigma."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """All settings of a run; each may be set in the file given by --config."""
+
+    probability: Probability = 0.95
+    """Of the ellipsoids."""
+    clock: ClockSettings = field(default_factory=ClockSettings)
+    gate: GateSettings = field(default_factory=GateSettings)
+    frames: FrameSettings = field(default_factory=FrameSettings)
+    front_end: FrontEndSettings = field(default_factory=FrontEndSettings)
+    rest: RestSettings = field(default_factory=RestSettings)
+    noise: NoiseSettings = field(default_factory=NoiseSettings)
+    smoother: SmootherSettings = field(default_factory=SmootherSettings)

@@ -1,0 +1,68 @@
+"""The stretching sensor at run time: the paper's LSTM, eqs. (10)-(15), with a Gaussian head, in numpy.
+
+The network corrects a static gauge curve: strain = gauge^-1(dR/R) + SCALE * W_y h_t, and a second output is the log
+variance of that. Its input X_t is dR/R, its rate per second, and the log of the time step, so one network serves
+10 to 100 Hz.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+STRAIN_SCALE = 0.05
+"""The network's outputs are in units of this strain."""
+LOG_VARIANCE_RANGE = (-10.0, 4.0)
+
+
+def features(
+    change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: float | NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the network's input X_t, (..., 3), from dR/R, its rate and the time step, each scaled to about 1."""
+    step = np.broadcast_to(np.log(np.asarray(step_s) / 0.03), change.shape)
+    return np.stack([(change - 0.15) / 0.3, rate_per_s / 0.3, step], axis=-1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LstmState:
+    """What the network remembers of each sensor."""
+
+    h: NDArray[np.float64]
+    """(sensors, hidden) short-term memory, eq. (15)."""
+    c: NDArray[np.float64]
+    """(sensors, hidden) long-term memory, eq. (13)."""
+
+
+class Lstm:
+    """One LSTM layer and a linear head, all sensors in one step.
+
+    Gates in the order i, f, g, o of torch's parameters. With sigma(z) = (1 + tanh(z / 2)) / 2 the halves go into the
+    weights, and all four gates take one matrix product and one tanh.
+    """
+
+    def __init__(
+        self,
+        weight_ih: NDArray[np.float64],
+        weight_hh: NDArray[np.float64],
+        bias: NDArray[np.float64],
+        head_weight: NDArray[np.float64],
+        head_bias: NDArray[np.float64],
+    ) -> None:
+        self.hidden = weight_hh.shape[1]
+        half = np.repeat([0.5, 0.5, 1.0, 0.5], self.hidden)
+        self._weight = np.concatenate([weight_ih, weight_hh], axis=1).T * half
+        self._bias = bias * half
+        self._head_weight, self._head_bias = head_weight.T, head_bias
+
+    def initial_state(self, sensors: int) -> LstmState:
+        """Return the state of sensors never read."""
+        return LstmState(np.zeros((sensors, self.hidden)), np.zeros((sensors, self.hidden)))
+
+    def step(self, x: NDArray[np.float64], state: LstmState) -> tuple[NDArray[np.float64], LstmState]:
+        """Return (sensors, 2) outputs and the next state, from (sensors, features) inputs."""
+        n = self.hidden
+        gates = np.tanh(np.concatenate([x, state.h], axis=1) @ self._weight + self._bias)
+        i, f, o = 0.5 + 0.5 * gates[:, :n], 0.5 + 0.5 * gates[:, n : 2 * n], 0.5 + 0.5 * gates[:, 3 * n :]
+        c = f * state.c + i * gates[:, 2 * n : 3 * n]  # eqs. (10)-(13)
+        h = o * np.tanh(c)  # eqs. (14), (15)
+        return h @ self._head_weight + self._head_bias, LstmState(h, c)
