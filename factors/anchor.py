@@ -1,0 +1,16 @@
+"""Anchors: base nodes of known position."""
+
+from collections.abc import Sequence
+
+import gtsam
+
+from ..models.settings import NoiseSettings
+from ..models.structure import Structure
+from .noise import isotropic
+
+
+def anchor_factors(structure: Structure, keys: Sequence[int], noise: NoiseSettings) -> list[gtsam.NonlinearFactor]:
+    """Return |x_a - p_a| / sigma for each anchor a of a frame."""
+    model = isotropic(3, noise.anchor_m)
+    positions = structure.anchor_position_m
+    return [gtsam.PriorFactorPoint3(keys[a], p, model) for a, p in zip(structure.anchors, positions, strict=True)]

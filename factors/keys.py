@@ -1,0 +1,23 @@
+"""Where gtsam keys are born: frame-major integers, so that values sorted by key are (frames, nodes, 3)."""
+
+from collections.abc import Iterable
+
+import gtsam
+
+
+def node_key(frame: int, node: int, node_count: int) -> int:
+    """Return the key of a node in a frame."""
+    return node_count * frame + node
+
+
+def frame_keys(frame: int, node_count: int) -> range:
+    """Return the keys of all nodes of a frame, in order."""
+    return range(node_count * frame, node_count * (frame + 1))
+
+
+def key_list(keys: Iterable[int]) -> gtsam.KeyList:
+    """Return keys as gtsam's list type."""
+    result = gtsam.KeyList()
+    for key in keys:
+        result.push_back(key)
+    return result

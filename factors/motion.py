@@ -1,0 +1,53 @@
+"""Motion: nodes keep their velocity but for white noise of acceleration.
+
+    x_t - (1 + r) x_{t-1} + r x_{t-2} = w,   r = dt_t / dt_{t-1},   sigma_w = q sqrt(dt_t) (dt_t + dt_{t-1}) / 2
+
+which for even steps is x_t - 2 x_{t-1} + x_{t-2} with sigma q dt^1.5 per axis.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import gtsam
+import numpy as np
+
+from .noise import isotropic
+
+
+def still_factors(
+    nodes: Sequence[int], before: Sequence[int], now: Sequence[int], step_s: float, motion_m_per_s15: float
+) -> list[gtsam.NonlinearFactor]:
+    """Return x_t - x_{t-1} = w for the second frame, which has no velocity to keep: it starts from rest."""
+    model = isotropic(3, motion_m_per_s15 * step_s**1.5)
+    return [gtsam.BetweenFactorPoint3(before[n], now[n], np.zeros(3), model) for n in nodes]
+
+
+def constant_velocity_factors(
+    nodes: Sequence[int],
+    frames: tuple[Sequence[int], Sequence[int], Sequence[int]],
+    steps_s: tuple[float, float],
+    motion_m_per_s15: float,
+) -> list[gtsam.NonlinearFactor]:
+    """Return the factors of some nodes over three frames, oldest first, and the two steps between them."""
+    template, origin = _second_difference(round(steps_s[0], 6), round(steps_s[1], 6), motion_m_per_s15)
+    oldest, before, now = frames
+    # rekeying shares the inner factor, so each node gets a copy of its own
+    return [
+        gtsam.LinearContainerFactor(gtsam.JacobianFactor(template), origin).rekey([oldest[n], before[n], now[n]])
+        for n in nodes
+    ]
+
+
+@lru_cache(maxsize=1024)
+def _second_difference(
+    before_s: float, now_s: float, motion_m_per_s15: float
+) -> tuple[gtsam.JacobianFactor, gtsam.Values]:
+    """Return the linear factor on keys 0, 1, 2, and the origin that it is linear about."""
+    ratio = now_s / before_s
+    model = isotropic(3, motion_m_per_s15 * np.sqrt(now_s) * 0.5 * (now_s + before_s))
+    identity = np.eye(3)
+    origin = gtsam.Values()
+    for key in range(3):
+        origin.insertPoint3(key, np.zeros(3))
+    factor = gtsam.JacobianFactor(0, ratio * identity, 1, -(1 + ratio) * identity, 2, identity, np.zeros(3), model)
+    return factor, origin

@@ -1,0 +1,43 @@
+"""Noise models, each made once; and the one place that says how far a tendon's length is to be trusted."""
+
+from functools import cache, lru_cache
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.readings import Flag, Mode, TendonLengths
+from ..models.settings import NoiseSettings
+
+KERNELS = {
+    "huber": gtsam.noiseModel.mEstimator.Huber.Create(1.345),
+    "cauchy": gtsam.noiseModel.mEstimator.Cauchy.Create(2.3849),
+}
+"""At 95 % efficiency on Gaussian noise."""
+SIGMA_STEP = 0.01
+"""Sigmas of tendons are rounded to within half of this ratio, so that their models can be kept."""
+
+
+def tendon_sigma_m(lengths: TendonLengths, settings: NoiseSettings) -> NDArray[np.float64]:
+    """Return (tendons,): sigma^2 = (the mode's own)^2 + (the reading's)^2; inf for a tendon to leave out."""
+    own = np.where(lengths.mode == Mode.BENDING, settings.bending_m, settings.stretching_m)
+    own = np.where(lengths.flags & Flag.AMBIGUOUS, settings.ambiguous_m, own)
+    return np.where(lengths.usable, np.hypot(own, lengths.sigma_m), np.inf)
+
+
+@cache
+def isotropic(dimension: int, sigma: float) -> gtsam.noiseModel.Isotropic:
+    """Return the Gaussian model of a sigma."""
+    return gtsam.noiseModel.Isotropic.Sigma(dimension, sigma)
+
+
+def tendon_noises(sigma_m: NDArray[np.float64], robust: str) -> list[gtsam.noiseModel.Base]:
+    """Return the model of each tendon's length, sigmas rounded on a logarithmic scale."""
+    steps = np.rint(np.log(sigma_m) / SIGMA_STEP).astype(np.int64).tolist()
+    return [_tendon_noise(step, robust) for step in steps]
+
+
+@lru_cache(maxsize=4096)
+def _tendon_noise(step: int, robust: str) -> gtsam.noiseModel.Base:
+    gaussian = gtsam.noiseModel.Isotropic.Sigma(1, float(np.exp(step * SIGMA_STEP)))
+    return gaussian if robust == "none" else gtsam.noiseModel.Robust.Create(KERNELS[robust], gaussian)
