@@ -1,0 +1,114 @@
+"""What others do with the same lengths and sigmas: the paper's least squares, and an unscented Kalman filter."""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ..factors.noise import tendon_sigma_m
+from ..models.geometry import length_jacobian, member_length_m
+from ..models.readings import TendonLengths
+from ..models.rest import RestShape
+from ..models.settings import Settings
+from ..models.shape import Shape, Status
+from ..models.structure import Structure
+from .graph import status_of
+
+
+class LeastSquares:
+    """The paper's method: eqs. (5)-(7) solved frame by frame, started from the frame before.
+
+    No memory but the start, no prior; the covariance is (J^T W J)^-1 along the directions that lengths determine.
+    """
+
+    def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
+        self._structure, self._noise = structure, settings.noise
+        self._free = structure.free_nodes
+        self._position = rest.node_position_m.copy()
+
+    def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
+        """Yield a shape for each frame."""
+        return map(self.update, frames)
+
+    def update(self, lengths: TendonLengths) -> Shape:
+        """Return the shape of one more frame."""
+        sigma_m = tendon_sigma_m(lengths, self._noise)
+        usable = np.flatnonzero(np.isfinite(sigma_m))
+        members = np.concatenate([self._structure.rods, self._structure.tendons[usable]])
+        target_m = np.concatenate([self._structure.rod_length_m, lengths.length_m[usable]])
+        weight = 1 / np.concatenate([np.full(len(self._structure.rods), self._noise.rod_m), sigma_m[usable]])
+
+        def residual(x: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.asarray((member_length_m(self._placed(x), members) - target_m) * weight)
+
+        def jacobian(x: NDArray[np.float64]) -> NDArray[np.float64]:
+            rows = length_jacobian(self._placed(x), members)[:, self._free].reshape(len(members), -1)
+            return rows * weight[:, None]
+
+        solution = least_squares(residual, self._position[self._free].ravel(), jacobian)
+        self._position = self._placed(solution.x)
+        status = status_of(lengths, self._structure) if solution.success else Status.NOT_CONVERGED
+        return Shape(lengths.t_s, self._position, self._covariance(solution.jac), status, lengths)
+
+    def _placed(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        position = self._position.copy()
+        position[self._free] = coordinates.reshape(-1, 3)
+        return position
+
+    def _covariance(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+        free = (3 * self._free[:, None] + np.arange(3)).ravel()
+        covariance = np.diag(np.full(3 * self._structure.node_count, self._noise.anchor_m**2))
+        covariance[np.ix_(free, free)] = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
+        return covariance
+
+
+class UnscentedKalman:
+    """An unscented Kalman filter over all node coordinates, nodes on a random walk (as Caluwaerts et al., ICRA 2016).
+
+    Rods, tendons and anchors are measurements of each frame; the walk has the motion prior's strength: q sqrt(dt)
+    times the time in which a hand changes its push, 0.2 s.
+    """
+
+    def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
+        self._structure, self._noise = structure, settings.noise
+        self._members = np.concatenate([structure.rods, structure.tendons])
+        self._last_s: float | None = None
+        size, rods, anchors = 3 * structure.node_count, len(structure.rods), 3 * len(structure.anchors)
+        points = MerweScaledSigmaPoints(size, alpha=1e-3, beta=2.0, kappa=3.0 - size)
+        measured = len(self._members) + anchors
+        self._filter = UnscentedKalmanFilter(size, measured, 1.0, self._measure, lambda x, dt: x, points)
+        self._filter.x = rest.node_position_m.ravel().copy()
+        self._filter.P = rest.covariance_m2 + self._noise.anchor_m**2 * np.eye(size)
+        self._fixed = np.concatenate([structure.rod_length_m, structure.anchor_position_m.ravel()])
+        self._variance = np.concatenate(
+            [np.full(rods, self._noise.rod_m**2), np.full(anchors, self._noise.anchor_m**2)]
+        )
+
+    def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
+        """Yield a shape for each frame."""
+        return map(self.update, frames)
+
+    def update(self, lengths: TendonLengths) -> Shape:
+        """Return the shape at one more frame."""
+        step_s = lengths.t_s - self._last_s if self._last_s is not None else 0.02
+        self._last_s = lengths.t_s
+        sigma_m = tendon_sigma_m(lengths, self._noise)
+        usable = np.isfinite(sigma_m)
+        rods = len(self._structure.rods)
+        predicted = self._structure.tendon_length_m(self._filter.x.reshape(-1, 3))
+        length_m = np.where(usable, lengths.length_m, predicted)  # with a sigma of a metre: no measurement
+        variance = np.where(usable, sigma_m, 1.0) ** 2
+        self._filter.Q = np.eye(len(self._filter.x)) * (self._noise.motion_m_per_s15 * 0.2) ** 2 * step_s
+        self._filter.predict(dt=step_s)
+        z = np.concatenate([self._fixed[:rods], length_m, self._fixed[rods:]])
+        self._filter.R = np.diag(np.concatenate([self._variance[:rods], variance, self._variance[rods:]]))
+        self._filter.update(z)
+        self._filter.P = 0.5 * (self._filter.P + self._filter.P.T) + 1e-12 * np.eye(len(self._filter.x))
+        position = self._filter.x.reshape(-1, 3).copy()
+        return Shape(lengths.t_s, position, self._filter.P.copy(), status_of(lengths, self._structure), lengths)
+
+    def _measure(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        position = x.reshape(-1, 3)
+        return np.concatenate([member_length_m(position, self._members), position[self._structure.anchors].ravel()])

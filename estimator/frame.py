@@ -1,0 +1,51 @@
+"""One frame, no memory: its own graph, optimised from the rest shape."""
+
+from collections.abc import Iterable, Iterator
+
+import gtsam
+import numpy as np
+
+from ..models.errors import IndeterminateError
+from ..models.readings import TendonLengths
+from ..models.rest import RestShape
+from ..models.settings import Settings
+from ..models.shape import Shape, Status
+from ..models.structure import Structure
+from .graph import GraphBuilder, status_of
+
+MAX_ITERATIONS = 100
+
+
+class FrameEstimator:
+    """Estimates each frame by itself with Levenberg-Marquardt."""
+
+    def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
+        self._builder = GraphBuilder(structure, rest, settings.noise)
+
+    def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
+        """Yield a shape for each frame."""
+        return map(self.update, frames)
+
+    def update(self, lengths: TendonLengths) -> Shape:
+        """Return the shape of one frame.
+
+        Raises:
+            IndeterminateError: when the shape prior is off and the lengths do not determine the shape.
+        """
+        missing = self._builder.missing_information(lengths)
+        if missing:
+            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {missing}")
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        self._builder.add_frame(graph, 0, lengths)
+        keys = list(self._builder.keys(0))
+        for key, position in zip(keys, self._builder.rest.node_position_m, strict=True):
+            values.insertPoint3(key, position)
+        parameters = gtsam.LevenbergMarquardtParams()
+        parameters.setMaxIterations(MAX_ITERATIONS)
+        optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
+        values = optimizer.optimize()
+        covariance = gtsam.Marginals(graph, values).jointMarginalCovariance(keys).fullMatrix()
+        converged = optimizer.iterations() < MAX_ITERATIONS
+        status = status_of(lengths, self._builder.structure) if converged else Status.NOT_CONVERGED
+        position = np.array(gtsam.utilities.extractPoint3(values))
+        return Shape(lengths.t_s, position, np.array(covariance), status, lengths)
