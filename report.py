@@ -1,0 +1,123 @@
+"""What a run says of itself: the table on the screen, and run.toml."""
+
+import platform
+from collections import Counter
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from .estimator.evaluation import node_rmse_m
+from .io.trial import Trial
+from .models.errors import InputError
+from .models.readings import Flag
+from .models.reconstruction import Reconstruction
+from .models.sensor_model import SensorModel
+from .models.settings import Settings
+from .pipeline import Method, Pipeline
+
+BAD = Flag.MISSING | Flag.SATURATED | Flag.OUTLIER | Flag.STUCK | Flag.OUT_OF_RANGE | Flag.TOO_FAST
+"""Flags that tell of a sensor, not of a moment."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """One trial, reconstructed."""
+
+    trial: Trial
+    method: Method
+    settings: Settings
+    pipeline: Pipeline
+    reconstruction: Reconstruction
+    seconds: float
+    """How long it took, from the first reading to the last shape."""
+
+    def summary(self) -> Table:
+        """Return the short table that ends a run."""
+        r = self.reconstruction
+        free = r.structure.free_nodes
+        table = Table(title=f"{self.trial.name} ({self.method})", show_header=False, title_justify="left")
+        table.add_row("frames", f"{len(r)}")
+        table.add_row("duration", f"{r.t_s[-1] - r.t_s[0]:.2f} s")
+        table.add_row("time", f"{1e3 * self.seconds / len(r):.2f} ms per frame")
+        table.add_row("rest shape", self.pipeline.rest.source)
+        table.add_row("mean sigma of a node", f"{1e3 * r.node_sigma_m[:, free].mean():.2f} mm")
+        for name, rows in self._rows_not_plain().items():
+            table.add_row(name, str(rows))
+        for key in self.trial.description.ignored_keys:
+            table.add_row("ignored in trial.toml", key)
+        for status, frames in Counter(r.status).items():
+            table.add_row(f"status {status}", f"{frames} frames: {status.advice}")
+        for line in flagged_sensors(r):
+            table.add_row("flagged", line)
+        for name, error in self._against_truth().items():
+            table.add_row(name, error)
+        return table
+
+    def as_table(self) -> dict[str, Any]:
+        """Return run.toml: every setting, versions, input hashes, what was not plain, timing."""
+        packages = ("tensegraph", "gtsam", "numpy", "scipy")
+        return {
+            "trial": self.trial.name,
+            "method": self.method,
+            "rest_shape": self.pipeline.rest.source,
+            "frames": len(self.reconstruction),
+            "versions": {"python": platform.python_version(), **{name: version(name) for name in packages}},
+            "inputs": self.trial.hashes(),
+            "rows": self._rows_not_plain(),
+            "settings": asdict(self.settings),
+            "timing": {"seconds": round(self.seconds, 3)},
+        }
+
+    def _against_truth(self) -> dict[str, str]:
+        """Return the error of this run and of no estimate at all, where the trial has truth."""
+        try:
+            truth = self.trial.truth()
+        except InputError as error:
+            return {"truth": f"not used: {error}"}
+        if truth is None:
+            return {}
+        still = np.broadcast_to(self.pipeline.rest.node_position_m, self.reconstruction.node_position_m.shape)
+        held = replace(self.reconstruction, node_position_m=still)
+        return {
+            "node RMSE": f"{1e3 * node_rmse_m(self.reconstruction, *truth):.2f} mm",
+            "  of holding the rest shape": f"{1e3 * node_rmse_m(held, *truth):.2f} mm",
+        }
+
+    def _rows_not_plain(self) -> dict[str, int]:
+        """Return how many rows were lost, dropped or cut short, what is none left out."""
+        counts: dict[str, int] = {}
+        for board, clock in enumerate(self.pipeline.boards.counts if self.pipeline.boards else ()):
+            for name, n in asdict(clock).items():
+                counts[f"board {board}: {name.replace('_', ' ')}"] = n if name != "rows" else 0
+        counts |= {"half lines": self.trial.half_lines, "dropped rows": self.trial.dropped_rows}
+        return {name: n for name, n in counts.items() if n}
+
+
+def training_table(model: SensorModel) -> Table:
+    """Return the errors of a trained model on the recordings that were held out."""
+    table = Table("held out", "RMSE, strain", "of the static curve", "68 % band", "95 % band", title_justify="left")
+    for name, scores in model.metadata["held_out"].items():
+        rmse, static = scores["rmse_strain"], scores["static_rmse_strain"]
+        coverage = f"{scores['coverage_68']:.0%}", f"{scores['coverage_95']:.0%}"
+        table.add_row(name, f"{rmse:.4f}", f"{static:.4f}", *coverage)
+    return table
+
+
+def flagged_sensors(r: Reconstruction) -> list[str]:
+    """Return a line for each way in which sensors misbehaved: whose, how, since when, how often left out."""
+    tendons: dict[str, list[str]] = {}
+    for e in np.flatnonzero((r.flags & BAD).any(axis=0)):
+        seen = {flag: np.flatnonzero(r.flags[:, e] & flag) for flag in BAD}
+        parts = [
+            f"{flag.names()} from {r.t_s[frames[0]]:.2f} s"
+            for flag, frames in seen.items()
+            if len(frames) and flag != Flag.MISSING
+        ]
+        left_out = seen[Flag.MISSING]
+        if len(left_out):
+            parts.append(f"left out of {len(left_out)} frames from {r.t_s[left_out[0]]:.2f} s")
+        tendons.setdefault(", ".join(parts), []).append(str(e))
+    return [f"tendon {', '.join(names)}: {text}" for text, names in tendons.items()]

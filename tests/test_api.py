@@ -1,0 +1,111 @@
+"""The public names, and the README's ten lines of Python."""
+
+import re
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tensegraph
+
+ROOT = Path(__file__).parents[1]
+PUBLIC = [
+    "BoardReading",
+    "Ellipsoids",
+    "Flag",
+    "IndeterminateError",
+    "InputError",
+    "Mode",
+    "Reconstruction",
+    "ResistanceReading",
+    "Settings",
+    "Shape",
+    "Status",
+    "Structure",
+    "TendonLengths",
+    "TensegraphError",
+    "Trial",
+    "open_trial",
+    "reconstruct",
+    "save",
+    "six_strut",
+    "stream",
+    "three_strut",
+]
+
+
+def test_public_names_are_these() -> None:
+    text = (ROOT / "__init__.py").read_text()
+    assert sorted(re.findall(r" as (\w+)$", text, re.MULTILINE)) == PUBLIC
+    for name in PUBLIC:
+        assert getattr(tensegraph, name).__doc__
+
+
+def test_the_readme_s_python_runs(monkeypatch, tmp_path, trial_copy) -> None:
+    readme = (ROOT / "README.md").read_text()
+    (code,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    assert len([line for line in code.splitlines() if line.strip()]) <= 12
+    trial_copy(rows=60, name="press_01")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "examples").mkdir()
+    (tmp_path / "press_01").rename(tmp_path / "examples" / "press_01")
+    names: dict[str, object] = {}
+    exec(code, names)
+    assert (tmp_path / "my_result" / "shape.csv").is_file()
+
+
+def test_any_iterator_of_readings_will_do(example) -> None:
+    trial = tensegraph.open_trial(example)
+
+    def first_second():
+        for row in trial.readings():
+            if row.host_s > 1.0:
+                return
+            yield row
+
+    shapes = list(tensegraph.stream(first_second(), trial.description))
+    assert 45 < len(shapes) < 55
+    assert shapes[-1].ellipsoids(0.95).semi_axis_m.shape == (12, 3)
+
+
+def test_live_shapes_come_while_readings_come(example) -> None:
+    """A shape is out as soon as both boards have passed the end of its frame: within 50 ms."""
+    trial = tensegraph.open_trial(example)
+    now_s = [0.0]
+
+    def watched():
+        for row in trial.readings():
+            if row.host_s > 3.0:
+                return
+            now_s[0] = row.host_s
+            yield row
+
+    late_s = [now_s[0] - shape.t_s for shape in tensegraph.stream(watched(), trial.description) if now_s[0] < 2.9]
+    assert np.median(late_s) < 0.03
+    assert max(late_s) < 0.08
+
+
+def test_saved_results_are_those_of_the_command(tmp_path, trial_copy) -> None:
+    result = tensegraph.reconstruct(trial_copy(rows=40), "live")
+    tensegraph.save(result, tmp_path / "out")
+    shape = np.genfromtxt(tmp_path / "out" / "shape.csv", delimiter=",", skip_header=1)
+    np.testing.assert_allclose(shape[:, 1:].reshape(-1, 12, 3), result.node_position_m, atol=1e-6)
+    with pytest.raises(tensegraph.InputError, match="exists and is no earlier result"):
+        tensegraph.save(result, tmp_path / "trial")
+
+
+def test_the_wheel_s_list_is_the_tree() -> None:
+    import tomllib
+
+    listed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
+    folders = {p.parent for room in ("models", "factors", "estimator", "io") for p in (ROOT / room).rglob("*.py")}
+    found = {".".join(["tensegraph", *folder.relative_to(ROOT).parts]) for folder in folders}
+    assert listed == {"tensegraph"} | found
+
+
+def test_the_model_is_in_the_package() -> None:
+    from importlib.resources import files
+
+    assert files("tensegraph.models.data").joinpath("stretching.safetensors").is_file()
+    assert not zipfile.is_zipfile(ROOT / "models" / "data" / "stretching.safetensors")
