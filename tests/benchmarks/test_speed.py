@@ -1,0 +1,79 @@
+"""Speed, side by side with what a user would otherwise pick. Not part of the default run:
+
+pytest tests/benchmarks --benchmark-only
+"""
+
+import resource
+
+import numpy as np
+import pytest
+
+from tensegraph import Settings, open_trial
+from tensegraph.estimator.baselines import LeastSquares, UnscentedKalman
+from tensegraph.estimator.batch import BatchOptimizer
+from tensegraph.estimator.live import LiveSmoother
+from tensegraph.models.readings import TendonLengths
+from tensegraph.models.sensor_model import StretchingSensors
+from tensegraph.pipeline import Pipeline
+
+
+@pytest.fixture(scope="module")
+def measured(example, model):
+    """The example's pipeline, and the lengths of all its frames."""
+    trial = open_trial(example)
+    pipeline = Pipeline(trial.description, Settings(), model)
+    return pipeline, list(pipeline.lengths(trial.readings()))
+
+
+@pytest.mark.parametrize("estimator", [LiveSmoother, UnscentedKalman, LeastSquares])
+def test_one_live_frame(benchmark, measured, estimator) -> None:
+    """Estimate and covariances of one frame of the example, lag of 5, against a UKF and scipy's least squares."""
+    pipeline, frames = measured
+    running, coming = estimator(pipeline.trial.structure, pipeline.rest, Settings()), iter(frames)
+    benchmark.pedantic(running.update, setup=lambda: ((next(coming),), {}), rounds=len(frames))
+    benchmark.extra_info["p99_ms"] = 1e3 * float(np.quantile(benchmark.stats.stats.data, 0.99))
+
+
+@pytest.mark.parametrize("frames", [375, 750, 1500])
+def test_batch_with_all_covariances(benchmark, measured, frames) -> None:
+    pipeline, lengths = measured
+    part = (lengths * 2)[:frames] if frames > len(lengths) else lengths[:frames]
+    part = [TendonLengths(0.02 * k, f.length_m, f.sigma_m, f.mode, f.flags) for k, f in enumerate(part)]
+    batch = BatchOptimizer(pipeline.trial.structure, pipeline.rest, Settings())
+    benchmark.pedantic(lambda: list(batch.estimate(part)), rounds=1)
+    benchmark.extra_info["ms_per_frame"] = 1e3 * benchmark.stats.stats.mean / frames
+
+
+def test_memory_over_20_000_live_frames(benchmark, measured) -> None:
+    """Peak resident memory grows by less than 5 MB from frame 2000 to 20 000."""
+    pipeline, lengths = measured
+
+    def run() -> int:
+        running, early = LiveSmoother(pipeline.trial.structure, pipeline.rest, Settings()), 0
+        for k in range(20_000):
+            f = lengths[k % len(lengths)]
+            running.update(TendonLengths(0.02 * k, f.length_m, f.sigma_m, f.mode, f.flags))
+            if k == 2000:
+                early = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - early
+
+    grown_kb = benchmark.pedantic(run, rounds=1)
+    benchmark.extra_info["grown_kb"] = grown_kb
+    assert grown_kb < 5000
+
+
+def test_one_step_of_24_sensors(benchmark, model) -> None:
+    sensors, change = StretchingSensors(model, 24), np.full(24, 0.08)
+    benchmark(sensors.step, change, np.zeros(24), 0.02)
+
+
+def test_readings_to_lengths(benchmark, example, model) -> None:
+    """Everything before the estimator, per output frame."""
+    rows = list(open_trial(example).readings())
+
+    def run() -> int:
+        return len(list(Pipeline(open_trial(example).description, Settings(), model).lengths(rows)))
+
+    frames = benchmark.pedantic(run, rounds=3)
+    assert frames > 1400
+    benchmark.extra_info["us_per_frame"] = 1e6 * benchmark.stats.stats.median / frames
