@@ -60,6 +60,7 @@ class Pipeline:
             trial.structure.natural_length_m,
             self.rest.lengths(trial.structure, trial.rest_seconds) if trial.rest_seconds > 0 else None,
             settings.front_end,
+            1 / settings.frames.rate_hz,
         )
 
     def estimate(self, readings: Iterable[Reading], method: Method = "batch") -> Iterator[Shape]:
