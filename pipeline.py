@@ -10,6 +10,7 @@ import numpy as np
 from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
 from .estimator.live import LiveSmoother
+from .estimator.rest import rest_step
 from .io.figures import write_lengths_figure, write_shape_figure
 from .io.model_file import read_sensor_model
 from .io.result import result_directory, write_run, write_tables
@@ -19,7 +20,7 @@ from .models.frames import FrameAssembler
 from .models.front_end import FrontEnd
 from .models.readings import BoardReading, ResistanceReading, TendonLengths
 from .models.reconstruction import Reconstruction
-from .models.rest import RestShape, rest_shape
+from .models.rest import RestShape
 from .models.sensor_model import SensorModel
 from .models.settings import Settings
 from .models.shape import Shape
@@ -49,7 +50,7 @@ class Pipeline:
 
     def __init__(self, trial: TrialDescription, settings: Settings, model: SensorModel) -> None:
         self.trial, self.settings = trial, settings
-        self.rest = rest_shape(trial.structure, trial.rest_position_m, settings.rest)
+        self.rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, settings.rest)
         self.boards = Boards(trial, settings.clock) if trial.source == "counts" else None
         self._frames = FrameAssembler(
             trial.natural_resistance_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate

@@ -6,6 +6,7 @@ import gtsam
 import numpy as np
 
 from ..factors.anchor import anchor_factors
+from ..factors.equilibrium import equilibrium_factor
 from ..factors.keys import frame_keys
 from ..factors.motion import constant_velocity_factors, still_factors
 from ..factors.rod import rod_factors
@@ -17,6 +18,7 @@ from ..models.rest import RestShape
 from ..models.rigidity import SINGULAR
 from ..models.settings import NoiseSettings
 from ..models.shape import Status
+from ..models.statics import Statics
 from ..models.structure import Structure
 
 
@@ -27,13 +29,14 @@ class GraphBuilder:
         self.structure, self.rest, self.noise = structure, rest, noise
         self.node_count = structure.node_count
         self._free = structure.free_nodes.tolist()
+        self._statics = Statics(structure, rest.mechanics) if rest.mechanics else None
 
     def keys(self, frame: int) -> range:
         """Return the keys of a frame's nodes."""
         return frame_keys(frame, self.node_count)
 
     def add_frame(self, graph: gtsam.NonlinearFactorGraph, frame: int, lengths: TendonLengths) -> None:
-        """Add what a frame says by itself: anchors, rods, tendons, and the weak shape prior."""
+        """Add what a frame says by itself: anchors, rods, tendons, equilibrium, and the weak shape prior."""
         keys = self.keys(frame)
         for factors in (
             anchor_factors(self.structure, keys, self.noise),
@@ -42,6 +45,8 @@ class GraphBuilder:
             shape_prior_factors(self._free, keys, self.rest.node_position_m, self.noise.shape_prior_m),
         ):
             _add(graph, factors)
+        if self._statics:
+            graph.add(equilibrium_factor(self._statics, keys, self.noise.force_n))
 
     def add_motion(self, graph: gtsam.NonlinearFactorGraph, frame: int, times_s: Sequence[float]) -> None:
         """Add what ties a frame to those before; the first one stands at the rest shape, the second starts from rest.

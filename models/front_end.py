@@ -88,7 +88,8 @@ class FrontEnd:
         missing = (flags & Flag.MISSING) != 0
         length = np.where(missing, np.nan, (1 + strain) * self._L0)  # eq. (4)
         sigma = np.where(missing, np.inf, np.sqrt(variance) * self._L0)
-        return TendonLengths(frame.t_s, length, sigma, self._mode, np.where(missing, frame.flags, flags))
+        rest_sigma = np.where(missing, 0.0, np.sqrt(1 - probability) * self._taring.rest_sigma * self._L0)
+        return TendonLengths(frame.t_s, length, sigma, self._mode, np.where(missing, frame.flags, flags), rest_sigma)
 
     def _decide_mode(self, lag_free: NDArray[np.float64], t_s: float) -> NDArray[np.float64]:
         """Return the probability that each tendon is bent, and set its mode, with hysteresis."""

@@ -103,6 +103,8 @@ class TendonLengths:
     """(tendons,) `Mode`."""
     flags: NDArray[np.int64]
     """(tendons,) `Flag` bits."""
+    rest_sigma_m: NDArray[np.float64] | float = 0.0
+    """(tendons,) the part of sigma_m that comes from the rest shape, to which the sensors were tared."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:

@@ -25,11 +25,13 @@ class NoiseSettings:
     """Of a stretched tendon as a straight line between its nodes; the reading's own sigma comes on top."""
     bending_m: Positive = 0.001
     """Of a bent one."""
-    ambiguous_m: Positive = 0.002
-    """Of one whose mode is not sure."""
+    ambiguous_m: Positive = 0.001
+    """Of one whose mode is not sure: it may be bent. That the reading spans both modes is in the reading's sigma."""
     unstated_m: Positive = 0.001
     """Of a length that a trial gives without its sigma."""
-    shape_prior_m: Positive = 0.02
+    force_n: Positive = 0.1
+    """Of the balance of forces at a node: inertia and damping of moving rods stay below."""
+    shape_prior_m: Positive = 0.06
     """Of a node about its rest position, in every frame: weak, but it keeps the motion that lengths do not see finite.
     Three times what presses move a node (7 mm rms); slack bodies, which move by 30 mm rms, want 0.03."""
     motion_m_per_s15: Positive = 0.3

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from .divider import Divider
 from .errors import InputError
+from .statics import Mechanics
 from .structure import Structure
 from .tables import NotNegative, Positive, parse_table, unknown_keys
 
@@ -31,6 +32,8 @@ class MechanicsTable:
 
     tendon_stiffness_n_per_m: Positive | list[Positive]
     rod_mass_kg: NotNegative
+    push_back: NotNegative = 0.02
+    """Stiffness of a bent tendon over that of a stretched one: a strip that bows out pushes with a few per cent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +122,8 @@ class TrialDescription:
     """What is known of a trial before its first reading."""
 
     structure: Structure
+    mechanics: Mechanics | None
+    """Nominal, where the trial gives it: without it the balance of forces is not used."""
     rest_seconds: float
     rest_position_m: NDArray[np.float64] | None
     """(nodes, 3) the measured rest shape, if there is one."""
@@ -169,6 +174,7 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
         source = "resistance" if table.resistance else "lengths"
     return TrialDescription(
         structure,
+        _mechanics(table.mechanics, structure) if table.mechanics else None,
         table.rest.seconds,
         _rest_position(table.rest, structure),
         source,
@@ -177,6 +183,16 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
         _wiring(table.board, len(structure.tendons)) if source == "counts" else (),
         ignored_keys,
     )
+
+
+def _mechanics(table: MechanicsTable, structure: Structure) -> Mechanics:
+    stiffness, tendons = np.array(table.tendon_stiffness_n_per_m), len(structure.tendons)
+    if stiffness.shape not in ((), (tendons,)) or not np.isfinite(stiffness).all():
+        raise InputError(
+            f"mechanics.tendon_stiffness_n_per_m: expected one finite number or {tendons}, got {stiffness.size}"
+        )
+    stiffness = np.broadcast_to(stiffness, (tendons,)).copy()
+    return Mechanics(stiffness, structure.natural_length_m, table.rod_mass_kg, table.push_back)
 
 
 def _rest_position(rest: RestTable, structure: Structure) -> NDArray[np.float64] | None:
