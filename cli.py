@@ -3,7 +3,7 @@
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -34,7 +34,13 @@ COLUMNS = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), 
 @app.command()
 def reconstruct(
     trials: Annotated[list[Path], typer.Argument(help="Trial directories, each with a trial.toml.")],
-    live: Annotated[bool, typer.Option("--live", help="Use the past only, frame by frame.")] = False,
+    method: Annotated[
+        Literal["graph", "least-squares", "ukf"],
+        typer.Option(help="The factor graph, the paper's least squares, or an unscented Kalman filter."),
+    ] = "graph",
+    live: Annotated[
+        bool, typer.Option("--live", help="Use the past only, frame by frame, as least-squares and ukf do anyway.")
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(help="Result directory; of several trials the one that holds theirs. [default: results/TRIAL]"),
@@ -46,12 +52,14 @@ def reconstruct(
     \b
     tensegraph reconstruct examples/press_01
     tensegraph reconstruct examples/press_01 --live --out results/press_01_live
+    tensegraph reconstruct examples/press_01 --method ukf --out results/press_01_ukf
     """
     settings, model = read_settings(config), read_sensor_model()
+    chosen: Method = method if method != "graph" else "live" if live else "batch"
     opened = [open_trial(path) for path in trials]
     results = _result_paths(opened, out)
     for trial, path in zip(opened, results, strict=True):
-        run = _run(trial, "live" if live else "batch", settings, model)
+        run = _run(trial, chosen, settings, model)
         write_result(run.reconstruction, path, f"{trial.name}, {run.method}", run.as_table(), settings)
         console.print(run.summary())
         console.print(f"written to {path}", highlight=False)
