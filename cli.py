@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from .io.calibration import read_recordings
 from .io.model_file import read_sensor_model, write_sensor_model
-from .io.result import check_result_path
+from .io.result import RUN_FILE, check_result_path
 from .io.toml import read_settings
 from .io.trial import Trial, open_trial
 from .models.errors import TensegraphError
@@ -20,6 +20,7 @@ from .models.sensor_model import SensorModel
 from .models.settings import Settings
 from .pipeline import Method, Pipeline, write_result
 from .report import Run, training_table
+from .score import EVALUATION_FILE, as_text, score_result, write_score
 
 app = typer.Typer(
     help="Shape of a tensegrity, with uncertainty, from its strain-sensing tendons.",
@@ -57,12 +58,43 @@ def reconstruct(
     settings, model = read_settings(config), read_sensor_model()
     chosen: Method = method if method != "graph" else "live" if live else "batch"
     opened = [open_trial(path) for path in trials]
-    results = _result_paths(opened, out)
+    results = _result_paths(trials, out, Path("results"), RUN_FILE)
     for trial, path in zip(opened, results, strict=True):
         run = _run(trial, chosen, settings, model)
-        write_result(run.reconstruction, path, f"{trial.name}, {run.method}", run.as_table(), settings)
+        write_result(run.reconstruction, path, f"{trial.name}, {run.method}", run.as_table(path), settings)
         console.print(run.summary())
         console.print(f"written to {path}", highlight=False)
+
+
+@app.command()
+def evaluate(
+    results: Annotated[list[Path], typer.Argument(help="Result directories, as reconstruct writes them.")],
+    truth: Annotated[
+        Path | None, typer.Option(help="Stamped node positions (t_s, n0_x_m ...). [default: the trial's own]")
+    ] = None,
+    trial: Annotated[Path | None, typer.Option(help="Trial directory. [default: where the result says]")] = None,
+    align: Annotated[bool, typer.Option("--align", help="Turn and shift the truth so that it fits best.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON in place of tables.")] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Where to; of several results, what holds theirs. [default: results/evaluation/RESULT]"),
+    ] = None,
+) -> None:
+    r"""Evaluate results against the truth: errors, honesty of the ellipsoids, faults seen, with figures.
+
+    \b
+    tensegraph evaluate results/press_01
+    tensegraph evaluate results/press_01 --truth mocap.csv --align
+    """
+    written = _result_paths(results, out, Path("results/evaluation"), EVALUATION_FILE)
+    scores = [score_result(path, truth, trial, align=align) for path in results]
+    for score, path in zip(scores, written, strict=True):
+        write_score(score, path)
+        if not json:
+            console.print(score.as_table())
+            console.print(f"written to {path}", highlight=False)
+    if json:
+        print(as_text([score.as_json() for score in scores]), end="")
 
 
 @app.command()
@@ -85,15 +117,14 @@ def calibrate(
     console.print(f"written to {out}", highlight=False)
 
 
-def _result_paths(trials: list[Trial], out: Path | None) -> list[Path]:
-    """Return where each trial's result goes; refuse, before any work, what could not be written there."""
-    single = out is not None and len(trials) == 1
-    names = [trial.path.resolve().name for trial in trials]
+def _result_paths(sources: list[Path], out: Path | None, default: Path, marker: str) -> list[Path]:
+    """Return where what comes of each source goes; refuse, before any work, what could not be written there."""
+    names = [source.resolve().name for source in sources]
     for name in {name for name in names if names.count(name) > 1}:
-        raise TensegraphError(f"two trials are named {name}: reconstruct them one by one, each with its --out")
-    paths = [out] if single and out else [(out or Path("results")) / name for name in names]
+        raise TensegraphError(f"two of these are named {name}: take them one by one, each with its --out")
+    paths = [out] if out and len(sources) == 1 else [(out or default) / name for name in names]
     for path in paths:
-        check_result_path(path)
+        check_result_path(path, marker)
     return paths
 
 
