@@ -2,19 +2,24 @@
 
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
+from rich.markdown import Markdown
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from .comparison import COMPARISON_FILE, comparison_rows, measure, write_comparison
 from .io.calibration import read_recordings
+from .io.comparison import as_markdown
 from .io.model_file import read_sensor_model, write_sensor_model
 from .io.result import RUN_FILE, check_result_path
 from .io.toml import read_settings
 from .io.trial import Trial, open_trial
 from .models.errors import TensegraphError
+from .models.readings import TendonLengths
 from .models.reconstruction import Reconstruction
 from .models.sensor_model import SensorModel
 from .models.settings import Settings
@@ -98,6 +103,38 @@ def evaluate(
 
 
 @app.command()
+def compare(
+    trials: Annotated[list[Path], typer.Argument(help="Trial directories, with truth.")],
+    out: Annotated[Path, typer.Option(help="Where the table and the figure go.")] = Path("results/comparison"),
+    config: Annotated[Path | None, typer.Option(help="Settings that differ from the defaults, as TOML.")] = None,
+) -> None:
+    r"""Compare all methods on the same lengths: the paper's Table I, measured here.
+
+    \b
+    tensegraph compare examples/press_01
+    """
+    _distinct_names(trials)
+    check_result_path(out, COMPARISON_FILE)
+    settings, model = read_settings(config), read_sensor_model()
+    opened = [open_trial(path) for path in trials]
+    measured = []
+    with Progress(*COLUMNS, console=console, transient=True) as progress:
+
+        def track(frames: Iterable[TendonLengths], total: int, name: str) -> Iterable[TendonLengths]:
+            yield from progress.track(frames, total=total, description=name)
+
+        for trial in opened:
+            for one in measure(trial, settings, model, track):
+                measured.append(one)
+                progress.console.print(one.line(), highlight=False)
+    rows = comparison_rows(measured)
+    command = "tensegraph compare " + " ".join(trial.path.as_posix() for trial in opened)
+    write_comparison(rows, command, out)
+    console.print(Markdown(as_markdown(rows, command)))
+    console.print(f"written to {out}", highlight=False)
+
+
+@app.command()
 def calibrate(
     folder: Annotated[Path, typer.Argument(help="Folder of calibration recordings (*.csv).")],
     out: Annotated[Path, typer.Option(help="Model file to write (*.safetensors).")],
@@ -119,13 +156,19 @@ def calibrate(
 
 def _result_paths(sources: list[Path], out: Path | None, default: Path, marker: str) -> list[Path]:
     """Return where what comes of each source goes; refuse, before any work, what could not be written there."""
-    names = [source.resolve().name for source in sources]
-    for name in {name for name in names if names.count(name) > 1}:
-        raise TensegraphError(f"two of these are named {name}: take them one by one, each with its --out")
+    names = _distinct_names(sources)
     paths = [out] if out and len(sources) == 1 else [(out or default) / name for name in names]
     for path in paths:
         check_result_path(path, marker)
     return paths
+
+
+def _distinct_names(sources: list[Path]) -> list[str]:
+    """Return the directories' names; refuse two alike, since what comes of them is told apart by them."""
+    names = [source.resolve().name for source in sources]
+    for name in {name for name in names if names.count(name) > 1}:
+        raise TensegraphError(f"two of these are named {name}: take them one by one, each with its --out")
+    return names
 
 
 def _run(trial: Trial, method: Method, settings: Settings, model: SensorModel) -> Run:

@@ -1,5 +1,6 @@
 """Figures of an evaluation: heights measured and estimated (paper's Fig. 6C, D), errors over time, coverage, nodes."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,14 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from ..models.comparison import ComparisonRow
 from ..models.evaluation import Evaluation
 from .figures import BLACK, BLUE, GREEN, GREY, ORANGE, RED
 
 BAND = 1.96
 """Sigmas of a 95 % band."""
+METHOD_COLORS = (GREY, ORANGE, GREEN, "#56B4E9", BLUE, BLACK, RED, "#CC79A7")
+"""One a method, in the table's order; Okabe and Ito's, again from the first when they run out."""
 
 
 def write_heights_figure(e: Evaluation, title: str, path: Path) -> None:
@@ -94,10 +98,11 @@ def _draw_error_over_time(axis: Axes, e: Evaluation) -> None:
         axis.fill_between(c.t_s, 0, top, where=c.wrong_branch, color=ORANGE, alpha=0.3, lw=0, label=label)
     for k, fault in enumerate(e.faults):
         axis.axvline(fault.from_s, color=RED, ls=":", lw=1, label="a fault begins" if k == 0 else None)
-        axis.text(fault.from_s, 0.97 * top, f" {fault.kind}, {fault.where}", fontsize=7, color=RED, va="top")
+        height = (0.98 - 0.06 * (k % 4)) * top  # faults that begin close together stay legible
+        axis.text(fault.from_s, height, f" {fault.kind}, {fault.where}", fontsize=7, color=RED, va="top")
     axis.set(xlim=(c.t_s[0], c.t_s[-1]), ylim=(0, top), xlabel="time [s]", ylabel="RMS over the free nodes [mm]")
     axis.set_title("error over time; the band is 1.96 times the expected RMS, cut at the axis", fontsize=10)
-    axis.legend(loc="upper left", bbox_to_anchor=(0, 0.93), fontsize=8, ncols=4)
+    axis.legend(loc="upper left", bbox_to_anchor=(0, -0.09), fontsize=8, ncols=4, frameon=False)
     axis.grid(alpha=0.3, lw=0.4)
 
 
@@ -126,6 +131,44 @@ def _draw_nodes(axis: Axes, e: Evaluation) -> None:
     )
     axis.set_xticks(place, [str(node) for node in free])
     axis.set(xlabel="node", ylabel="[mm]")
-    axis.set_title("error of each free node, beside the RMS sigma it was given", fontsize=10)
+    axis.set_title("error of each free node, and what its covariance expected", fontsize=10)
     axis.legend(fontsize=8, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.13), frameon=False)
     axis.grid(alpha=0.3, lw=0.4, axis="y")
+
+
+def write_comparison_figure(rows: Sequence[ComparisonRow], published_mm: Mapping[str, float], path: Path) -> None:
+    """Draw node RMSE, coverage and time of each method on each trial, with published errors as marked lines."""
+    trials = list(dict.fromkeys(row.trial for row in rows))
+    methods = list(dict.fromkeys(row.method for row in rows))
+    figure = Figure(figsize=(max(9.0, 1.7 * len(trials) + 2), 11), layout="constrained")
+    error, covered, duration = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1.3, 1.3))
+    width = 0.84 / len(methods)
+    for k, method in enumerate(methods):
+        place = np.arange(len(trials)) + (k - (len(methods) - 1) / 2) * width
+        own = {row.trial: row for row in rows if row.method == method}
+        panels = {
+            error: [1e3 * own[trial].errors.nodes.rmse_m for trial in trials],
+            covered: [100 * own[trial].coverage_95 for trial in trials],
+            duration: [own[trial].ms_per_frame for trial in trials],
+        }
+        for axis, values in panels.items():
+            axis.bar(place, values, width, color=METHOD_COLORS[k % len(METHOD_COLORS)], label=method)
+    for source, node_mm in published_mm.items():
+        error.axhline(node_mm, color=BLACK, ls=":", lw=0.8)
+        error.annotate(
+            f"{node_mm} mm: {source}, another robot", (1, node_mm), (-3, 2), ("axes fraction", "data"),
+            textcoords="offset points", ha="right", fontsize=7,
+        )  # fmt: skip
+    covered.axhline(95, color=BLACK, ls="--", lw=0.8)
+    error.set(ylabel="node RMSE [mm]", title="error (3-D) of the free nodes")
+    covered.set(
+        ylabel="within [%]", ylim=(0, 100), title="nodes within their ellipsoid of 95 % (dashed: as it should be)"
+    )
+    duration.set(ylabel="time [ms per frame]", yscale="log", title="from lengths to shapes with covariances")
+    duration.set_xticks(np.arange(len(trials)), trials)
+    for axis in (error, covered, duration):
+        axis.grid(alpha=0.3, lw=0.4, axis="y")
+        axis.set_axisbelow(True)
+    handles, labels = error.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(methods), 6), frameon=False)
+    figure.savefig(path, dpi=110)
