@@ -117,12 +117,13 @@ def _row(trial: str, method: str, measured: Sequence[Measured]) -> ComparisonRow
     none = np.empty((0, 3))
     sigma_m = np.concatenate([none.ravel(), *(c.node_sigma_m[~np.isnan(c.nees)] for c in compared)])
     branches = [c.wrong_branch for e, c in zip(evaluations, compared, strict=True) if e.wrong_branch_frames is not None]
-    seconds, frames = sum(m.seconds for m in measured), sum(m.frames for m in measured)
+    timed = [m for m in measured if np.isfinite(m.seconds)]
+    seconds, timed_frames = sum(m.seconds for m in timed), sum(m.frames for m in timed)
     return ComparisonRow(
         trial,
         method,
         len(evaluations),
-        frames,
+        sum(m.frames for m in measured),
         shape_errors(
             np.concatenate([none, *(c.node_error_m.reshape(-1, 3) for c in compared)]),
             np.concatenate([none, *(c.face_error_m.reshape(-1, 3) for c in compared)]),
@@ -130,7 +131,7 @@ def _row(trial: str, method: str, measured: Sequence[Measured]) -> ComparisonRow
         coverage(np.concatenate([none.ravel(), *(c.nees.ravel() for c in compared)]), 0.95),
         float(np.median(sigma_m)) if len(sigma_m) else np.nan,
         float(np.mean(np.concatenate(branches))) if branches else np.nan,
-        1e3 * seconds / frames,
+        1e3 * seconds / timed_frames if timed else np.nan,
     )
 
 

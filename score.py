@@ -52,7 +52,9 @@ class Score:
         """Return all numbers of the evaluation; what is not known is null."""
         numbers = _plain(self.evaluation)
         assert isinstance(numbers, dict)
-        return {"result": str(self.result), "trial": self.trial, "method": self.method} | numbers
+        free_nodes = self.evaluation.structure.free_nodes.tolist()
+        names = {"result": str(self.result), "trial": self.trial, "method": self.method, "free_nodes": free_nodes}
+        return names | numbers
 
 
 def write_score(score: Score, path: Path) -> None:

@@ -22,7 +22,7 @@ def as_markdown(rows: Sequence[ComparisonRow], command: str) -> str:
         *_table(header, [*map(_published_cells, PUBLISHED), *map(_method_cells, together)]),
         "",
         "*In 95 %*: share of nodes within their ellipsoid of 95 %, *sigma*: its median size, *wrong branch*: share of",
-        "frames. Node RMSE, trial by trial, and the share of nodes within their ellipsoid of 95 %:",
+        "frames. Node RMSE, trial by trial, with the share of nodes in their ellipsoid of 95 % and its median size:",
         "",
         *_table(
             ("trial", *(row.method for row in together)),
@@ -52,7 +52,9 @@ def _method_cells(row: ComparisonRow) -> tuple[str, ...]:
 
 def _trial_cell(row: ComparisonRow) -> str:
     rmse = _number(1e3 * row.errors.nodes.rmse_m, ".1f")
-    return f"{rmse} ({row.coverage_95:.0%})" if np.isfinite(row.coverage_95) else rmse
+    if np.isnan(row.coverage_95):
+        return rmse
+    return f"{rmse} ({row.coverage_95:.0%} at {1e3 * row.median_sigma_m:.1f})"
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
