@@ -13,7 +13,7 @@ from .io.evaluation_figures import write_comparison_figure
 from .io.result import result_directory
 from .io.trial import Trial
 from .models.comparison import ALL, PUBLISHED, ComparisonRow
-from .models.errors import IndeterminateError
+from .models.errors import IndeterminateError, InputError
 from .models.evaluation import Estimate, Evaluation, Truth
 from .models.readings import TendonLengths
 from .models.reconstruction import Reconstruction
@@ -66,14 +66,22 @@ def measure(trial: Trial, settings: Settings, model: SensorModel, track: Track) 
     name, structure = trial.path.resolve().name, trial.description.structure
     pipeline = Pipeline(trial.description, settings, model)
     frames = list(pipeline.lengths(trial.readings()))
-    times_and_positions = trial.truth()
-    truth = Truth(*times_and_positions, trial.description.rest_seconds, trial.faults()) if times_and_positions else None
-    note = "" if truth else "(no truth)"
+    try:
+        positions, note = trial.truth(), "(no truth)"
+        truth = Truth(*positions, trial.description.rest_seconds, trial.faults()) if positions else None
+    except InputError as error:
+        truth, note = None, f"(truth not used: {error})"
 
-    def evaluated(estimate: Estimate) -> Evaluation | None:
-        return evaluate(structure, pipeline.rest.node_position_m, estimate, truth) if truth else None
+    def judged(method: str, seconds: float, estimate: Estimate) -> Measured:
+        if truth is None:
+            return Measured(name, method, len(frames), seconds, None, note)
+        try:
+            evaluation = evaluate(structure, pipeline.rest.node_position_m, estimate, truth)
+        except InputError as error:
+            return Measured(name, method, len(frames), seconds, None, f"(not evaluated: {error})")
+        return Measured(name, method, len(frames), seconds, evaluation, "")
 
-    yield Measured(name, HELD, len(frames), np.nan, evaluated(held(pipeline, frames)), note)
+    yield judged(HELD, np.nan, held(pipeline, frames))
     for method in sorted(ESTIMATORS, key=lambda m: list(METHODS).index(m) if m in METHODS else len(METHODS)):
         label = METHODS.get(method, method)
         estimator = ESTIMATORS[method](structure, pipeline.rest, settings)
@@ -83,9 +91,7 @@ def measure(trial: Trial, settings: Settings, model: SensorModel, track: Track) 
         except IndeterminateError as error:
             yield Measured(name, label, len(frames), np.nan, None, f"gave up at {error}")
             continue
-        seconds = time.perf_counter() - start
-        estimate = Estimate.of(Reconstruction.of(structure, shapes))
-        yield Measured(name, label, len(frames), seconds, evaluated(estimate), note)
+        yield judged(label, time.perf_counter() - start, Estimate.of(Reconstruction.of(structure, shapes)))
 
 
 def held(pipeline: Pipeline, frames: Sequence[TendonLengths]) -> Estimate:

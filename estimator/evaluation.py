@@ -77,6 +77,7 @@ def evaluate(
     faces = structure.faces
     moved_faces = compared.face_error_m - (rest_position_m - true_rest_m)[faces].mean(axis=1)
     node_rmse_m = np.sqrt(mean_over_frames((compared.node_error_m**2).sum(axis=-1)))
+    node_height_rmse_m = np.sqrt(mean_over_frames(compared.node_error_m[..., 2] ** 2))
     good = np.flatnonzero(compared.frame_error_m <= GOOD_M)
     square = len(structure.rods) + len(structure.free_tendons) == 3 * len(free)
     return Evaluation(
@@ -86,6 +87,7 @@ def evaluate(
         absolute=shape_errors(compared.node_error_m, compared.face_error_m),
         displacement=shape_errors(moved, moved_faces) if np.isfinite(moved).any() else None,
         node_rmse_m=node_rmse_m,
+        node_height_rmse_m=node_height_rmse_m,
         worst_node=int(free[np.nanargmax(node_rmse_m)]),
         consistency=consistency(structure, estimate, compared),
         first_good_s=float(compared.t_s[good[0]] - compared.t_s[0]) if len(good) else None,

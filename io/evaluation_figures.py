@@ -124,12 +124,10 @@ def _draw_coverage(axis: Axes, e: Evaluation) -> None:
 def _draw_nodes(axis: Axes, e: Evaluation) -> None:
     free, sigma_m = e.structure.free_nodes, e.compared.node_sigma_m
     place = np.arange(len(free))
-    height_m = np.sqrt(np.nanmean(e.compared.node_error_m[..., 2] ** 2, axis=0))
     axis.bar(place - 0.2, 1e3 * e.node_rmse_m, 0.4, color=BLUE, label="RMSE")
-    axis.bar(place + 0.2, 1e3 * height_m, 0.4, color=GREEN, label="RMSE of height")
-    axis.plot(
-        place, 1e3 * np.sqrt(np.mean(sigma_m**2, axis=0)), color=BLACK, marker="_", ms=22, ls="", label="expected"
-    )
+    axis.bar(place + 0.2, 1e3 * e.node_height_rmse_m, 0.4, color=GREEN, label="RMSE of height")
+    expected_mm = 1e3 * np.sqrt(np.mean(sigma_m**2, axis=0))
+    axis.plot(place - 0.2, expected_mm, color=BLACK, marker="_", ms=22, mew=2, ls="", label="expected RMSE")
     axis.set_xticks(place, [str(node) for node in free])
     axis.set(xlabel="node", ylabel="[mm]")
     axis.set_title("error of each free node, and what its covariance expected", fontsize=10)
@@ -150,7 +148,7 @@ def write_comparison_figure(rows: Sequence[ComparisonRow], published_mm: Mapping
         style = {"color": METHOD_COLORS[k % len(METHOD_COLORS)], "label": method}
         error.bar(place, [1e3 * own[trial].errors.nodes.rmse_m for trial in trials], width, **style)
         covered.bar(place, [100 * own[trial].coverage_95 for trial in trials], width, **style)
-        sigma.bar(place, [1e3 * own[trial].median_sigma_m for trial in trials], width, **style)
+        sigma.plot(place, [1e3 * own[trial].median_sigma_m for trial in trials], ls="", marker="o", **style)
         duration.plot(place, [own[trial].ms_per_frame for trial in trials], ls="", marker="o", **style)
     for source, node_mm in published_mm.items():
         error.axhline(node_mm, color=BLACK, ls=":", lw=0.8)
@@ -159,9 +157,14 @@ def write_comparison_figure(rows: Sequence[ComparisonRow], published_mm: Mapping
     covered.axhline(95, color=BLACK, ls="--", lw=0.8)
     error.set(ylabel="node RMSE [mm]", title="error (3-D) of the free nodes")
     covered.set(ylabel="within [%]", ylim=(0, 100), title="nodes within their ellipsoid of 95 % (dashed: 95 %)")
-    sigma.set(ylabel="median sigma [mm]", title="size of these ellipsoids: root of the trace of a node's covariance")
+    sigma.set(
+        ylabel="median sigma [mm]",
+        yscale="log",
+        title="size of these ellipsoids: root of the trace of a node's covariance",
+    )
     duration.set(ylabel="[ms per frame]", yscale="log", title="time from lengths to shapes with covariances")
-    duration.yaxis.set_major_formatter(ScalarFormatter())
+    for axis in (sigma, duration):
+        axis.yaxis.set_major_formatter(ScalarFormatter())
     duration.set_xticks(np.arange(len(trials)), trials)
     for axis in (error, covered, sigma, duration):
         axis.grid(alpha=0.3, lw=0.4, axis="y", which="both")

@@ -163,6 +163,8 @@ class Evaluation:
     displacement: ShapeErrors | None
     """Of the motion away from the rest shape, each side from its own; None when the truth has no rest."""
     node_rmse_m: NDArray[np.float64]
+    """(free nodes,) nan of a node that the truth never shows."""
+    node_height_rmse_m: NDArray[np.float64]
     """(free nodes,)"""
     worst_node: int
     """The free node with the largest RMSE."""

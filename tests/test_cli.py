@@ -191,10 +191,14 @@ def test_evaluate_with_truth_from_elsewhere(done, tmp_path) -> None:
     rows = np.genfromtxt(folder / "live/shape.csv", delimiter=",", skip_header=1)
     header = (folder / "live/shape.csv").read_text().splitlines()[0]
     positions = rows[:, 1:].reshape(-1, 12, 3)[..., [1, 2, 0]] + 0.5  # z of the camera is x of the anchors
-    moved = np.column_stack([rows[:, 0], positions.reshape(len(rows), -1)])
-    np.savetxt(tmp_path / "mocap.csv", moved, delimiter=",", header=header, comments="", fmt="%.6f")
+    moved = np.column_stack([rows[:, 0], positions.reshape(len(rows), -1)])[:, :-3]  # node 11 has no marker
+    names = ",".join(header.split(",")[:-3])
+    np.savetxt(tmp_path / "mocap.csv", moved, delimiter=",", header=names, comments="", fmt="%.6f")
     arguments = ("evaluate", "live", "--truth", tmp_path / "mocap.csv", "--json", "--out", tmp_path / "aligned")
-    plain, aligned = (json.loads(run(*arguments, *more, cwd=folder).stdout)[0] for more in ([], ["--align"]))
+    runs = [run(*arguments, *more, cwd=folder) for more in ([], ["--align"])]
+    assert [result.stderr for result in runs] == ["", ""]
+    plain, aligned = (json.loads(result.stdout)[0] for result in runs)
+    assert aligned["node_rmse_m"][-1] is None
     assert plain["absolute"]["nodes"]["rmse_m"] > 0.5
     assert aligned["absolute"]["nodes"]["rmse_m"] < 1e-5
     assert aligned["rotation_deg"] == pytest.approx(120, abs=1e-3)
@@ -218,18 +222,26 @@ def test_a_result_finds_its_trial_when_both_are_moved(done, tmp_path) -> None:
 
 
 def test_compare_runs_every_method(trial_copy) -> None:
-    """With truth and without; what the table says of live is what evaluate says."""
+    """With truth, without, and with a truth that is gone; what it says of the UKF is what evaluate says."""
     seen = trial_copy(rows=60, name="seen")
     blind = trial_copy(rows=60, name="blind", trial=lambda text: text[: text.index("[truth]")])
-    result = run("compare", seen, blind, cwd=seen.parent)
+    lost = trial_copy(rows=60, name="lost")
+    (lost / "truth.csv").unlink()
+    result = run("compare", seen, blind, lost, cwd=seen.parent)
     assert result.returncode == 0, result.stderr
-    for words in ("seen, rest shape held: node RMSE", "seen, UKF: node RMSE", "blind, graph, batch:", "(no truth)"):
+    for words in (
+        "seen, rest shape held: node RMSE",
+        "seen, UKF: node RMSE",
+        "blind, graph, batch:",
+        "(no truth)",
+        "(truth not used: ",
+    ):
         assert words in result.stdout
     folder = seen.parent / "results/comparison"
     assert sorted(p.name for p in folder.iterdir()) == ["comparison.csv", "comparison.md", "comparison.png"]
     with (folder / "comparison.csv").open() as file:
         rows = {(row["trial"], row["method"]): row for row in csv.DictReader(file)}
-    assert len(rows) == 3 + 3 * 6
+    assert len(rows) == 3 + 4 * 6
     assert rows["blind", "UKF"]["nodes_rmse_m"] == ""
     assert float(rows["blind", "UKF"]["ms_per_frame"]) > 0
     run("reconstruct", seen, "--method", "ukf", cwd=seen.parent)
