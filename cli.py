@@ -121,7 +121,11 @@ def compare(
     with Progress(*COLUMNS, console=console, transient=True) as progress:
 
         def track(frames: Iterable[TendonLengths], total: int, name: str) -> Iterable[TendonLengths]:
-            yield from progress.track(frames, total=total, description=name)
+            task = progress.add_task(name, total=total)
+            for frame in frames:
+                yield frame
+                progress.advance(task)
+            progress.remove_task(task)  # its line stays, with what came out
 
         for trial in opened:
             for one in measure(trial, settings, model, track):

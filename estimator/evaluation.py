@@ -218,7 +218,7 @@ def independent_count(series: NDArray[np.float64]) -> float:
     rho = np.fft.irfft(np.abs(spectrum) ** 2)[: len(series)]
     rho /= rho[0]
     end = int(np.argmax(rho <= 0)) if (rho <= 0).any() else len(rho)
-    return float(len(series) / (1 + 2 * rho[1:end].sum()))
+    return max(float(len(series) / (1 + 2 * rho[1:end].sum())), 1.0)
 
 
 def named_as_fault(estimate: Estimate) -> NDArray[np.bool_]:
