@@ -7,6 +7,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from .estimator.baselines import LeastSquares, UnscentedKalman
 from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
 from .estimator.live import LiveSmoother
@@ -27,7 +28,7 @@ from .models.shape import Shape
 from .models.structure import Structure
 from .models.trial import TrialDescription
 
-Method = Literal["batch", "live", "frame"]
+Method = Literal["batch", "live", "frame", "least-squares", "ukf"]
 
 
 class Estimator(Protocol):
@@ -42,7 +43,10 @@ ESTIMATORS: dict[Method, Callable[[Structure, RestShape, Settings], Estimator]] 
     "batch": BatchOptimizer,
     "live": LiveSmoother,
     "frame": FrameEstimator,
+    "least-squares": LeastSquares,
+    "ukf": UnscentedKalman,
 }
+"""A method of your own stands here: its name in `Method`, and a class of the form above."""
 
 
 class Pipeline:
@@ -103,7 +107,8 @@ def reconstruct(
 
     Args:
         trial: an opened trial, or the path of its directory.
-        method: `batch` uses all frames for each, `live` only those up to it, `frame` that frame alone.
+        method: `batch` uses all frames for each, `live` only those up to it, `frame` that frame alone; of others,
+            `least-squares` is the paper's, `ukf` an unscented Kalman filter (both use the past only).
         settings: defaults if None.
         model: of the sensors; the one that ships with the package if None.
 

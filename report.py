@@ -1,9 +1,11 @@
 """What a run says of itself: the table on the screen, and run.toml."""
 
+import os
 import platform
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -56,11 +58,16 @@ class Run:
             table.add_row(name, error)
         return table
 
-    def as_table(self) -> dict[str, Any]:
-        """Return run.toml: every setting, versions, input hashes, what was not plain, timing."""
+    def as_table(self, path: Path) -> dict[str, Any]:
+        """Return run.toml: every setting, versions, input hashes, what was not plain, timing.
+
+        Args:
+            path: of the result directory, from which the trial is found again.
+        """
         packages = ("tensegraph", "gtsam", "numpy", "scipy")
         return {
             "trial": self.trial.name,
+            "trial_path": _way(path, self.trial.path),
             "method": self.method,
             "rest_shape": self.pipeline.rest.source,
             "frames": len(self.reconstruction),
@@ -94,6 +101,11 @@ class Run:
                 counts[f"board {board}: {name.replace('_', ' ')}"] = n if name != "rows" else 0
         counts |= {"half lines": self.trial.half_lines, "dropped rows": self.trial.dropped_rows}
         return {name: n for name, n in counts.items() if n}
+
+
+def _way(start: Path, end: Path) -> str:
+    """Return the way from one directory to another: relative, so that both may be moved together."""
+    return Path(os.path.relpath(end.resolve(), start.resolve())).as_posix()
 
 
 def training_table(model: SensorModel) -> Table:

@@ -38,6 +38,20 @@ class Flag(IntFlag):
         """Return the names, joined by `|`, as in lengths.csv."""
         return "|".join((flag.name or "").lower() for flag in Flag if flag in self)
 
+    @classmethod
+    def of_names(cls, text: str) -> "Flag":
+        """Return the flags that `names` gave.
+
+        Raises:
+            ValueError: for a name that is none.
+        """
+        flags = cls(0)
+        for name in filter(None, text.strip().split("|")):
+            if name.upper() not in cls.__members__:
+                raise ValueError("expected names of flags joined by |")
+            flags |= cls[name.upper()]
+        return flags
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardReading:
