@@ -10,13 +10,13 @@ from rich.console import Group
 from rich.table import Table
 
 from .estimator.evaluation import evaluate
+from .estimator.rest import rest_step
 from .io.evaluation_figures import write_errors_figure, write_heights_figure
 from .io.positions import read_positions
 from .io.result import RUN_FILE, read_estimate, read_run, result_directory
 from .io.trial import Trial, open_trial
 from .models.errors import InputError
 from .models.evaluation import Errors, Evaluation, FaultScore, Truth
-from .models.rest import rest_shape
 from .models.settings import Settings
 from .models.tables import parse_table
 
@@ -89,7 +89,8 @@ def score_result(path: Path, truth: Path | None, trial: Path | None, *, align: b
     if times_and_positions is None:
         raise InputError(f"{opened.path}: has no truth: expected [truth] in trial.toml, or --truth FILE")
     settings = parse_table(Settings, run.get("settings", {}), str(path / RUN_FILE))
-    rest = rest_shape(structure, opened.description.rest_position_m, settings.rest)
+    description = opened.description
+    rest = rest_step(structure, description.mechanics, description.rest_position_m, settings.rest)
     known = Truth(*times_and_positions, opened.description.rest_seconds, opened.faults())
     estimate = read_estimate(path, structure)
     try:

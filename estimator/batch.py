@@ -51,8 +51,7 @@ class BatchOptimizer:
                 status = status_of(lengths, self._builder.structure) if converged else Status.NOT_CONVERGED
                 yield Shape(lengths.t_s, position, covariance, status, lengths, loads)
         except (RuntimeError, np.linalg.LinAlgError) as error:
-            missing = self._builder.missing_information(frames[0]) or str(error).splitlines()[0]
-            raise IndeterminateError(missing) from error
+            raise IndeterminateError(str(error).splitlines()[0]) from error
 
     def _graph(self, frames: list[TendonLengths]) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
         """Return the graph of all frames, and the live estimate of each as the start."""

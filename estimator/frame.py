@@ -6,7 +6,6 @@ import gtsam
 import numpy as np
 
 from ..factors.noise import tendon_sigma_m
-from ..models.errors import IndeterminateError
 from ..models.readings import TendonLengths
 from ..models.rest import RestShape
 from ..models.settings import Settings
@@ -33,11 +32,8 @@ class FrameEstimator:
         """Return the shape of one frame.
 
         Raises:
-            IndeterminateError: when the shape prior is off and the lengths do not determine the shape.
+            IndeterminateError: when nothing holds some node.
         """
-        missing = self._builder.missing_information(lengths)
-        if missing:
-            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {missing}")
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._builder.add_frame(graph, 0, lengths)
         keys = list(self._builder.keys(0))

@@ -12,6 +12,7 @@ from ..factors.motion import constant_velocity_factors, still_factors
 from ..factors.rod import rod_factors
 from ..factors.shape_prior import shape_prior_factors
 from ..factors.tendon import tendon_factors
+from ..models.errors import IndeterminateError
 from ..models.geometry import length_jacobian
 from ..models.readings import TendonLengths
 from ..models.rest import RestShape
@@ -36,7 +37,14 @@ class GraphBuilder:
         return frame_keys(frame, self.node_count)
 
     def add_frame(self, graph: gtsam.NonlinearFactorGraph, frame: int, lengths: TendonLengths) -> None:
-        """Add what a frame says by itself: anchors, rods, tendons, equilibrium, and the weak shape prior."""
+        """Add what a frame says by itself: anchors, rods, tendons, equilibrium, and the weak shape prior.
+
+        Raises:
+            IndeterminateError: when that leaves some node undetermined.
+        """
+        missing = self._missing_information(lengths)
+        if missing:
+            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {missing}")
         keys = self.keys(frame)
         for factors in (
             anchor_factors(self.structure, keys, self.noise),
@@ -67,9 +75,9 @@ class GraphBuilder:
             steps_s = (times_s[-2] - times_s[-3], times_s[-1] - times_s[-2])
             _add(graph, constant_velocity_factors(self._free, frames, steps_s, q))
 
-    def missing_information(self, lengths: TendonLengths) -> str | None:
+    def _missing_information(self, lengths: TendonLengths) -> str | None:
         """Return which nodes a frame by itself leaves undetermined and why, or None when it determines all."""
-        if np.isfinite(self.noise.shape_prior_m):
+        if np.isfinite(self.noise.shape_prior_m) or self._statics:
             return None
         members = np.concatenate([self.structure.rods, self.structure.tendons[lengths.usable]])
         jacobian = length_jacobian(self.rest.node_position_m, members)[:, self._free].reshape(len(members), -1)
@@ -82,7 +90,7 @@ class GraphBuilder:
         left_out = ", ".join(map(str, np.flatnonzero(~lengths.usable))) or "none"
         return (
             f"nodes {nodes}: lengths leave {jacobian.shape[1] - rank} of their motions free (tendons left out: "
-            f"{left_out}); a finite noise.shape_prior_m, or the frames before, would hold them"
+            f"{left_out}); a finite noise.shape_prior_m, or [mechanics] in trial.toml, would hold them"
         )
 
 

@@ -16,6 +16,7 @@ from ..models.settings import Settings
 from ..models.shape import Shape
 from ..models.structure import Structure
 from .graph import GraphBuilder, status_of
+from .health import SensorHealth
 from .uncertainty import FrameEvidence
 
 
@@ -25,6 +26,7 @@ class LiveSmoother:
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._builder = GraphBuilder(structure, rest, settings.noise)
         self._evidence = FrameEvidence(structure, rest, settings.noise)
+        self._health = SensorHealth(self._builder, settings.health) if rest.mechanics else None
         self._lag = settings.smoother.lag
         self._isam = gtsam.ISAM2(_isam2_parameters(settings.smoother.relinearize_m))
         self._frame = 0
@@ -41,6 +43,7 @@ class LiveSmoother:
         Raises:
             IndeterminateError: when nothing holds some node.
         """
+        read, lengths = lengths, self._health.admit(lengths) if self._health else lengths
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._times_s.append(lengths.t_s)
         self._builder.add_frame(graph, self._frame, lengths)
@@ -53,13 +56,15 @@ class LiveSmoother:
             position = np.array(gtsam.utilities.extractPoint3(self._isam.calculateEstimate(keys)))
             covariance, loads = self._evidence.assess(position, tendon_sigma_m(lengths, self._builder.noise))
         except (RuntimeError, np.linalg.LinAlgError) as error:
-            missing = self._builder.missing_information(lengths) or str(error).splitlines()[0]
-            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {missing}") from error
+            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {str(error).splitlines()[0]}") from error
         self._forget()
         self._frame += 1
         self._positions.append(position)
         status = status_of(lengths, self._builder.structure)
-        return Shape(lengths.t_s, position, covariance, status, lengths, loads)
+        shape = Shape(lengths.t_s, position, covariance, status, lengths, loads)
+        if self._health:
+            self._health.observe(shape, read)
+        return shape
 
     def _predict(self) -> NDArray[np.float64]:
         """Return where the nodes are if they keep their velocity."""

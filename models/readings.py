@@ -34,6 +34,11 @@ class Flag(IntFlag):
     STUCK = 128
     """The same code for longer than noise allows: the tendon is left out."""
 
+    IMPLAUSIBLE = 256
+    """Without it all other sensors and the balance of forces agree, with it they do not: left out until it agrees."""
+    MISFIT = 512
+    """Reads at rest what no sensor on this tendon would (wrong natural resistance, or wiring): left out."""
+
     def names(self) -> str:
         """Return the names, joined by `|`, as in lengths.csv."""
         return "|".join((flag.name or "").lower() for flag in Flag if flag in self)

@@ -10,7 +10,7 @@ from .frames import FrameSettings
 from .front_end import FrontEndSettings
 from .gate import GateSettings
 from .rest import RestSettings
-from .tables import Positive, Probability
+from .tables import AtLeastOne, Positive, Probability
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +51,26 @@ class SmootherSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class HealthSettings:
+    """When a sensor is left out because the others do not bear it out, and when it is taken back."""
+
+    memory_s: Positive = 0.5
+    """Over which disagreement is averaged: a press comes and goes in less, a fault does not."""
+    suspect_sigma: Positive = 2.5
+    """Mean disagreement from which on a sensor is checked."""
+    check_every_s: Positive = 0.1
+    """Least time between two checks, which take as long as a frame each."""
+    log_ratio: Positive = 6.0
+    """Log of how many times better a frame must be explained without the sensor, ..."""
+    confirmations: AtLeastOne = 3
+    """... and in how many checks in a row: 24 sensors, checked 10 times a second, for hours."""
+    agree_sigma: Positive = 2.0
+    """Mean disagreement below which a sensor that was left out agrees again, ..."""
+    take_back_s: Positive = 1.0
+    """... and for how long it must before it is taken back."""
+
+
+@dataclass(frozen=True, slots=True)
 class Settings:
     """All settings of a run; each may be set in the file given by --config."""
 
@@ -63,3 +83,4 @@ class Settings:
     rest: RestSettings = field(default_factory=RestSettings)
     noise: NoiseSettings = field(default_factory=NoiseSettings)
     smoother: SmootherSettings = field(default_factory=SmootherSettings)
+    health: HealthSettings = field(default_factory=HealthSettings)
