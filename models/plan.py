@@ -166,8 +166,9 @@ def _problems_of_sensors(sensors: SensorPhysics) -> Iterator[tuple[str, str]]:
             yield f"sensors.{key}", f"expected {expected} numbers, got {got}"
     if corners != sorted(corners):
         yield "sensors.gauge_corner_strain", f"expected rising strains, got {corners}"
-    if sensors.softening >= 1:
-        yield "sensors.softening", f"expected less than 1, got {sensors.softening}"
+    for key, share in (("softening", sensors.softening), ("hysteresis_at_rest", sensors.hysteresis_at_rest)):
+        if share > 1:
+            yield f"sensors.{key}", f"expected at most 1, got {share}"
 
 
 def _problems_of_loads(plan: Plan, structure: Structure) -> Iterator[tuple[str, str]]:

@@ -59,6 +59,9 @@ class SensorPhysics:
     """w_i"""
     hysteresis_strain: list[Positive]
     """r_i"""
+    hysteresis_at_rest: NotNegative
+    """How much of the first stretch, from zero to its length at rest, a strip's hysteresis still shows when a trial
+    starts: 1 for one that was never moved since, 0 for one handled until the loops closed about that length."""
     softening: NotNegative
     """Share of the gain that is lost in the end."""
     softening_strain: Positive
@@ -112,7 +115,7 @@ class Sensors:
     Args:
         physics: of their kind.
         gain: (tendons,) G of each.
-        strain: (tendons,) at which each has stood for long, having been brought there from zero.
+        strain: (tendons,) at which each has stood for long.
     """
 
     def __init__(self, physics: SensorPhysics, gain: NDArray[np.float64], strain: NDArray[np.float64]) -> None:
@@ -129,7 +132,7 @@ class Sensors:
         self._stretch = np.maximum(strain, 0.0)
         self._travelled = self._stretch.copy()
         self._overstress = np.zeros((len(self._overstress_gain), len(strain)))
-        self._stop = np.minimum(self._stretch, self._stop_width)
+        self._stop = physics.hysteresis_at_rest * np.minimum(self._stretch, self._stop_width)
         self._change = self._target(strain)
 
     def changes(self, strain: NDArray[np.float64], step_s: float) -> Iterator[NDArray[np.float64]]:
