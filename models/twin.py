@@ -71,6 +71,7 @@ class Twin:
             if np.abs(now - before).max() < SETTLED_M_PER_S * period * self._step_s:
                 break
             before = now
+            self._check_stable()
         else:
             raise IndeterminateError(f"the structure does not come to rest in {SETTLING_S:g} s: try more drag")
         self._data.qvel[:] = 0.0
@@ -85,7 +86,19 @@ class Twin:
             load_n[k] = loads.force_n(k * self._step_s, position_m[k])
             self._push(load_n[k], position_m[k])
             self._engine.mj_step(self._model, self._data)
+        self._check_stable()
         return Motion(self._step_s * np.arange(steps, dtype=np.float64), position_m, load_n)
+
+    def _check_stable(self) -> None:
+        """Refuse what the engine would only log: it starts anew when the numbers run away.
+
+        Raises:
+            IndeterminateError: when they did.
+        """
+        kinds = self._engine.mjtWarning
+        bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
+        if any(self._data.warning[kind].number for kind in bad):
+            raise IndeterminateError("the motion runs away from the integration: expected a smaller step_s")
 
     def _push(self, force_n: NDArray[np.float64], position_m: NDArray[np.float64]) -> None:
         """Apply node forces as MuJoCo takes them: force and moment about each body's centre of mass."""

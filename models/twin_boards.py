@@ -15,6 +15,8 @@ from .tables import AtLeastOne, NotNegative, Positive
 
 Share = Annotated[float, Interval(ge=0, lt=1)]
 """From 0 up to, not including, 1."""
+STAMP_S = 1e-6
+"""The host's stamps are this fine: two rows of a board never have the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +131,8 @@ def board_rows(
     first_s, first_us = rng.uniform(0, period_s), int(rng.integers(500_000, 5_000_000))  # since it was switched on
     t_s = np.arange(first_s, signal.t_s[-1], period_s)
     arrival_s = t_s + physics.minimum_delay_s + physics.delay_s * rng.exponential(size=len(t_s))
-    arrival_s = np.maximum.accumulate(arrival_s + 1e-6 * np.arange(len(t_s)))  # one line: rows can not overtake
+    after_s = STAMP_S * np.arange(len(t_s))
+    arrival_s = np.maximum.accumulate(arrival_s - after_s) + after_s  # rows come in order, on one line
     arrives = rng.random(len(t_s)) >= physics.lost_rows
     counts = _counts(t_s, tendons, physics, divider, signal, faults, rng)
     for gap in faults.unplugged:
