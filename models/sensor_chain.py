@@ -159,7 +159,7 @@ class Sensors:
         physics = self._physics
         memory = (self._overstress_gain * self._overstress).sum(axis=0) - (self._stop_gain * self._stop).sum(axis=0)
         soft = 1 - physics.softening * (1 - np.exp(-self._travelled / physics.softening_strain))
-        stretched = self._gain * soft * (physics.gauge(self._stretch) + memory)
+        stretched: NDArray[np.float64] = self._gain * soft * (physics.gauge(self._stretch) + memory)
         return stretched + self._bending.change(np.minimum(strain, 0.0))
 
 

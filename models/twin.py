@@ -67,11 +67,11 @@ class Twin:
         before = self.node_position_m
         for _ in range(round(SETTLING_S / self._step_s / period)):
             self._engine.mj_step(self._model, self._data, period)
+            self._check_stable()
             now = self.node_position_m
             if np.abs(now - before).max() < SETTLED_M_PER_S * period * self._step_s:
                 break
             before = now
-            self._check_stable()
         else:
             raise IndeterminateError(f"the structure does not come to rest in {SETTLING_S:g} s: try more drag")
         self._data.qvel[:] = 0.0
