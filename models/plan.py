@@ -104,18 +104,6 @@ class Plan:
         """How many steps the integration takes."""
         return round(self.duration_s / self.mechanics.step_s)
 
-    def nominal_structure(self) -> Structure:
-        """Return the structure before its tendons' natural lengths are drawn."""
-        s = self.structure
-        return Structure(
-            np.array(s.rods),
-            np.array(s.tendons),
-            np.array(s.rod_length_m),
-            np.array(s.natural_length_m),
-            np.array(s.anchors),
-            np.array(s.anchor_position_m),
-        )
-
 
 def problems(plan: Plan) -> Iterator[tuple[str, str]]:
     """Yield what can not be simulated: the dotted key, and what was expected and found."""
@@ -125,7 +113,7 @@ def problems(plan: Plan) -> Iterator[tuple[str, str]]:
         if not np.isfinite(value)
     )
     try:
-        structure = plan.nominal_structure()
+        structure = plan.structure.structure()
         Divider(plan.adc.bits, plan.adc.known_resistor_ohm, plan.adc.sensor_side)
     except InputError as error:
         key, _, text = str(error).partition(": ")

@@ -15,6 +15,7 @@ from tensegraph.estimator.live import LiveSmoother
 from tensegraph.models.readings import TendonLengths
 from tensegraph.models.sensor_model import StretchingSensors
 from tensegraph.pipeline import Pipeline
+from tensegraph.simulation import simulate
 
 
 @pytest.fixture(scope="module")
@@ -77,3 +78,10 @@ def test_readings_to_lengths(benchmark, example, model) -> None:
     frames = benchmark.pedantic(run, rounds=3)
     assert frames > 1400
     benchmark.extra_info["us_per_frame"] = 1e6 * benchmark.stats.stats.median / frames
+
+
+@pytest.mark.parametrize("plan", ["press", "slack", "prism"])
+def test_thirty_simulated_seconds(benchmark, tmp_path, example, plan) -> None:
+    """A plan to its trial on disk: should take less than the 30 s that it lasts."""
+    path = example.parent / "plans" / f"{plan}.toml"
+    benchmark.pedantic(simulate, setup=lambda: ((path, tmp_path / "trial"), {}), rounds=1)
