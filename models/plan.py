@@ -131,6 +131,12 @@ def _problems_of_structure(plan: Plan, structure: Structure) -> Iterator[tuple[s
     held = structure.anchors if plan.ground is None else np.empty(0, dtype=np.int64)
     for node in np.setdiff1d(np.setdiff1d(np.arange(structure.node_count), structure.rods), held):
         yield "structure.rods", f"node {node} is on no rod, and nothing holds it: expected a rod, for its mass"
+    position_m = dict(zip(held.tolist(), structure.anchor_position_m, strict=False))
+    for rod, ((a, b), length_m) in enumerate(zip(structure.rods.tolist(), structure.rod_length_m, strict=True)):
+        if a in position_m and b in position_m:
+            apart_m = float(np.linalg.norm(position_m[a] - position_m[b]))
+            if abs(apart_m - length_m) > 1e-4:
+                yield "structure.anchors", f"rod {rod} is {length_m:g} m long, its anchors {apart_m:g} m apart"
 
 
 def _problems_of_time(plan: Plan) -> Iterator[tuple[str, str]]:
