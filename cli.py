@@ -26,6 +26,7 @@ from .models.settings import Settings
 from .pipeline import Method, Pipeline, write_result
 from .report import Run, training_table
 from .score import EVALUATION_FILE, as_text, score_result, write_score
+from .simulation import simulate as simulate_trial
 
 app = typer.Typer(
     help="Shape of a tensegrity, with uncertainty, from its strain-sensing tendons.",
@@ -156,6 +157,19 @@ def calibrate(
     write_sensor_model(model, out)
     console.print(training_table(model))
     console.print(f"written to {out}", highlight=False)
+
+
+@app.command()
+def simulate(
+    plan: Annotated[Path, typer.Argument(help="Plan (*.toml), such as those in examples/plans.")],
+    out: Annotated[Path, typer.Option(help="Trial directory to write.")],
+    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the plan's own.")] = None,
+) -> None:
+    """Simulate a structure, its sensors and its boards: a trial with its truth."""
+    start = time.perf_counter()
+    trial = simulate_trial(plan, out, seed)
+    seconds = time.perf_counter() - start
+    console.print(f"{trial.name}: {trial.row_count()} rows in {seconds:.1f} s, written to {out}", highlight=False)
 
 
 def _result_paths(sources: list[Path], out: Path | None, default: Path, marker: str) -> list[Path]:

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.equilibrium import squared_norms
+from ..models.external_loads import ExternalLoads, external_loads
 from ..models.geometry import length_jacobian
-from ..models.loads import Loads, loads
 from ..models.rest import RestShape
 from ..models.settings import NoiseSettings
 from ..models.statics import Statics
@@ -39,7 +39,7 @@ class FrameEvidence:
 
     def assess(
         self, node_position_m: NDArray[np.float64], sigma_m: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], Loads | None]:
+    ) -> tuple[NDArray[np.float64], ExternalLoads | None]:
         """Return the (..., 3 nodes, 3 nodes) covariance, and the loads where stiffness is known.
 
         Args:
@@ -67,4 +67,4 @@ class FrameEvidence:
         if not self._statics:
             return covariance, None
         variance = np.einsum("...rx,...rx->...r", by_position @ own, by_position)
-        return covariance, loads(self._statics, node_position_m, r, variance)
+        return covariance, external_loads(self._statics, node_position_m, r, variance)

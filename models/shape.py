@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from .loads import Loads
+from .external_loads import ExternalLoads
 from .readings import TendonLengths
 
 
@@ -64,7 +64,7 @@ class Shape:
     status: Status
     lengths: TendonLengths
     """The measurement it was made from."""
-    loads: Loads | None = None
+    loads: ExternalLoads | None = None
     """External forces at the nodes; None where the stiffness of the tendons is not known."""
 
     @property

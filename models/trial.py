@@ -26,6 +26,21 @@ class StructureTable:
     anchors: list[int]
     anchor_position_m: list[tuple[float, float, float]]
 
+    def structure(self) -> Structure:
+        """Return the structure.
+
+        Raises:
+            InputError: when it is none.
+        """
+        return Structure(
+            np.array(self.rods),
+            np.array(self.tendons),
+            np.array(self.rod_length_m),
+            np.array(self.natural_length_m),
+            np.array(self.anchors),
+            np.array(self.anchor_position_m),
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class MechanicsTable:
@@ -184,15 +199,7 @@ def known_faults(truth: TruthTable, trial: TrialDescription, where: str) -> tupl
 
 
 def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescription:
-    s = table.structure
-    structure = Structure(
-        np.array(s.rods),
-        np.array(s.tendons),
-        np.array(s.rod_length_m),
-        np.array(s.natural_length_m),
-        np.array(s.anchors),
-        np.array(s.anchor_position_m),
-    )
+    structure = table.structure.structure()
     given = [name for name in ("board", "resistance", "lengths") if getattr(table, name)]
     if len(given) != 1:
         raise InputError(f"expected one of [[board]], [resistance], [lengths], got {', '.join(given) or 'none'}")

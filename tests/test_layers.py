@@ -60,6 +60,12 @@ def test_torch_is_imported_for_training_alone() -> None:
             assert ("import torch" in text) == (path.name == "training.py"), path
 
 
+def test_mujoco_is_imported_by_the_twin_alone() -> None:
+    for folder in [*FOLDERS, "."]:
+        for path in (ROOT / folder).glob("*.py"):
+            assert ("import mujoco" in path.read_text()) == (path.name == "twin.py"), path
+
+
 @pytest.mark.parametrize(
     "line",
     [

@@ -17,6 +17,7 @@ from tensegraph.models.evaluation import Estimate, Truth
 from tensegraph.models.readings import TendonLengths
 from tensegraph.models.sensor_model import StretchingSensors
 from tensegraph.pipeline import Pipeline
+from tensegraph.simulation import simulate
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +91,10 @@ def test_evaluation_of_a_trial(benchmark, measured, example) -> None:
     truth = Truth(*trial.truth(), trial.description.rest_seconds, trial.faults())
     result = benchmark(evaluate, structure, rest.node_position_m, estimate, truth)
     assert result.frames > 1400
+
+
+@pytest.mark.parametrize("plan", ["press", "slack", "prism"])
+def test_thirty_simulated_seconds(benchmark, tmp_path, example, plan) -> None:
+    """A plan to its trial on disk: should take less than the 30 s that it lasts."""
+    path = example.parent / "plans" / f"{plan}.toml"
+    benchmark.pedantic(simulate, setup=lambda: ((path, tmp_path / "trial"), {}), rounds=1)
