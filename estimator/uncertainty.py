@@ -63,7 +63,7 @@ class FrameEvidence:
             information += np.swapaxes(weighted, -1, -2) @ weighted
         own = np.linalg.inv(information)
         covariance = np.zeros((*lead, *self._held.shape)) + self._held
-        covariance[(..., *np.ix_(columns, columns))] += own
+        covariance[..., columns[:, None], columns] += own
         if not self._statics:
             return covariance, None
         variance = np.einsum("...rx,...rx->...r", by_position @ own, by_position)

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ..models.errors import InputError
 from ..models.evaluation import Estimate
+from ..models.external_loads import ExternalLoads, observable_loads
 from ..models.readings import Flag, Mode
 from ..models.reconstruction import Reconstruction
 from ..models.structure import Structure
@@ -65,11 +66,13 @@ def check_result_path(path: Path, marker: str = RUN_FILE) -> None:
 
 
 def write_tables(reconstruction: Reconstruction, probability: float, directory: Path) -> None:
-    """Write shape.csv, ellipsoids.csv, lengths.csv and status.csv."""
+    """Write shape.csv, ellipsoids.csv, lengths.csv and status.csv, and estimated_loads.csv where there are loads."""
     _write(directory / "shape.csv", _shape_rows(reconstruction))
     _write(directory / "ellipsoids.csv", _ellipsoid_rows(reconstruction, probability))
     _write(directory / "lengths.csv", _length_rows(reconstruction))
     _write(directory / "status.csv", _status_rows(reconstruction))
+    if reconstruction.loads:
+        _write(directory / "estimated_loads.csv", _load_rows(reconstruction, reconstruction.loads))
 
 
 def write_run(run: Mapping[str, Any], directory: Path) -> None:
@@ -171,6 +174,15 @@ def _length_rows(r: Reconstruction) -> Iterator[str]:
                 f"{t_s:.4f},{e},{r.length_m[k, e]:.6f},{r.sigma_m[k, e]:.6f},{modes[int(r.mode[k, e])]},"
                 f"{names[int(r.flags[k, e])]},{r.predicted_m[k, e]:.6f},{r.innovation_sigma_m[k, e]:.6f}"
             )
+
+
+def _load_rows(r: Reconstruction, loads: ExternalLoads) -> Iterator[str]:
+    yield "t_s,node,fx_n,fy_n,fz_n,sigma_n,observable"
+    observable = observable_loads(r.structure)
+    for t_s, force, sigma in zip(r.t_s, loads.force_n, loads.sigma_n, strict=True):
+        for node in r.structure.free_nodes:
+            values = ",".join(f"{value:.4f}" for value in (*force[node], sigma[node]))
+            yield f"{t_s:.4f},{node},{values},{observable[node]}"
 
 
 def _status_rows(r: Reconstruction) -> Iterator[str]:

@@ -129,7 +129,7 @@ class StretchingSensors:
     def settle(self, change: NDArray[np.float64], which: NDArray[np.bool_], step_s: float) -> NDArray[np.float64]:
         """Put some sensors into the state of having rested at a dR/R for long; return the strain they then give.
 
-        In steps as long as those to come: settled in others, a sensor at rest would then drift by 0.001 of strain in 10 s.
+        In steps as long as those to come: settled in others, a sensor at rest would drift by 0.001 of strain in 10 s.
         """
         state, still, strain = self._lstm.initial_state(len(change)), np.zeros(len(change)), np.zeros(len(change))
         for _ in range(round(SETTLING_S / step_s)):

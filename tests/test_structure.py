@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tensegraph import InputError, Structure, six_strut, three_strut
-from tensegraph.models.geometry import length_jacobian, member_length_m
 from tensegraph.estimator.rest import rest_step
+from tensegraph.models.geometry import length_jacobian, member_length_m
 from tensegraph.models.rest import RestSettings
 from tensegraph.models.rigidity import find_rest_shape, free_length_jacobian, rigidity
 from tensegraph.models.structure import SIX_STRUT_RODS, SIX_STRUT_TENDONS
