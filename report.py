@@ -14,7 +14,6 @@ from .io.trial import Trial
 from .models.errors import InputError
 from .models.readings import Flag
 from .models.reconstruction import Reconstruction
-from .models.sensor_model import SensorModel
 from .models.settings import Settings
 from .pipeline import Method, Pipeline
 
@@ -94,16 +93,6 @@ class Run:
                 counts[f"board {board}: {name.replace('_', ' ')}"] = n if name != "rows" else 0
         counts |= {"half lines": self.trial.half_lines, "dropped rows": self.trial.dropped_rows}
         return {name: n for name, n in counts.items() if n}
-
-
-def training_table(model: SensorModel) -> Table:
-    """Return the errors of a trained model on the recordings that were held out."""
-    table = Table("held out", "RMSE, strain", "of the static curve", "68 % band", "95 % band", title_justify="left")
-    for name, scores in model.metadata["held_out"].items():
-        rmse, static = scores["rmse_strain"], scores["static_rmse_strain"]
-        coverage = f"{scores['coverage_68']:.0%}", f"{scores['coverage_95']:.0%}"
-        table.add_row(name, f"{rmse:.4f}", f"{static:.4f}", *coverage)
-    return table
 
 
 def flagged_sensors(r: Reconstruction) -> list[str]:

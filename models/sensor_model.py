@@ -2,18 +2,21 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .bending import BendingCurve
 from .errors import InputError
 from .gauge import StaticGauge
-from .stretching import LOG_VARIANCE_RANGE, STRAIN_SCALE, Lstm, LstmState, features
+from .stretching import LOG_VARIANCE_RANGE, STRAIN_SCALE, Lstm, LstmState, Scaling, features
 
 FORMAT = 1
 SPREAD_MEMORY_S = 30.0
 """How long a strip's past motion matters: relaxation takes seconds, hysteresis until it is wiped out."""
+LEAST_SPREAD = 0.002
+"""Strain spread of a strip that hardly moves; sigma shrinks no further."""
 LSTM_TENSORS = ("weight_ih", "weight_hh", "bias", "head_weight", "head_bias")
 
 
@@ -64,6 +67,22 @@ class SensorModel:
         )
 
     @property
+    def scaling(self) -> Scaling:
+        """How the network's inputs are scaled."""
+        return Scaling(**self.metadata.get("scaling", {}))
+
+    @property
+    def unified(self) -> bool:
+        """Whether the network measures bent tendons, too."""
+        return bool(self.metadata.get("unified", False))
+
+    def bending_curve(self, abscissa: Literal["strain", "resistance"]) -> BendingCurve:
+        """Return the curve of bent tendons: the recordings' own where they bend, else the paper's eq. (9)."""
+        if abscissa == "strain" and "bending" in self.tensors:
+            return BendingCurve("strain", self.tensors["bending"])
+        return BendingCurve(abscissa)
+
+    @property
     def max_change(self) -> float:
         """Largest dR/R in training."""
         return float(self.metadata["ranges"]["change"][1])
@@ -83,7 +102,7 @@ class SensorModel:
         The error that the network does not know of grows with how much a strip has been moved lately.
         """
         factor, power = self.metadata["sigma_scale"]
-        return np.asarray(factor * strain_spread**power)
+        return np.asarray(factor * np.maximum(strain_spread, LEAST_SPREAD) ** power)
 
 
 class StrainSpread:
@@ -93,13 +112,38 @@ class StrainSpread:
         self._mean = np.full(sensors, np.nan)
         self._variance = np.full(sensors, initial_spread**2)
 
-    def step(self, strain: NDArray[np.float64], step_s: float) -> NDArray[np.float64]:
+    def step(self, strain: NDArray[np.float64], step_s: float | NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (sensors,) the spread after one more strain."""
         weight = 1 - np.exp(-step_s / SPREAD_MEMORY_S)
         away = np.nan_to_num(strain - self._mean)
         self._mean = np.where(np.isnan(self._mean), strain, self._mean + weight * away)
         self._variance = (1 - weight) * (self._variance + weight * away**2)
         return np.asarray(np.sqrt(self._variance))
+
+
+EXTRAPOLATION_MEMORY_S = 3.0
+"""How long a motion faster than any in training spoils the estimate: the correlation time of the network's error."""
+
+
+class Extrapolation:
+    """How far beyond its training the network is asked, sensor by sensor."""
+
+    def __init__(self, model: SensorModel, sensors: int) -> None:
+        self._max_rate_per_s, self._max_change, self._gauge = model.max_rate_per_s, model.max_change, model.gauge
+        self._excess = np.zeros(sensors)
+
+    def step(
+        self,
+        change: NDArray[np.float64],
+        rate_per_s: NDArray[np.float64],
+        strain: NDArray[np.float64],
+        step_s: float | NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """Return by what to multiply sigma, what to add to it in quadrature, and whether this is beyond training."""
+        excess = np.maximum(np.abs(rate_per_s) / self._max_rate_per_s - 1, 0)
+        self._excess = np.maximum(excess, self._excess * np.exp(-step_s / EXTRAPOLATION_MEMORY_S))
+        farther = np.maximum(change - self._max_change, 0) / self._gauge.slope(strain)
+        return 1 + self._excess, farther, (excess > 0) | (farther > 0)
 
 
 def run_lstm(lstm: Lstm, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -115,11 +159,11 @@ class StretchingSensors:
     """The stretching network running on several sensors at once, with their states."""
 
     def __init__(self, model: SensorModel, sensors: int) -> None:
-        self._lstm, self._gauge = model.lstm, model.gauge
+        self._lstm, self._gauge, self._scaling = model.lstm, model.gauge, model.scaling
         self._state = self._lstm.initial_state(sensors)
 
     def step(
-        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: float
+        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: float | NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (sensors,) strain and its sigma after one more reading; inputs must be finite."""
         strain, sigma, self._state = self._evaluate(change, rate_per_s, step_s, self._state)
@@ -135,9 +179,9 @@ class StretchingSensors:
         return strain
 
     def _evaluate(
-        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: float, state: LstmState
+        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: float | NDArray[np.float64], state: LstmState
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], LstmState]:
-        output, state = self._lstm.step(features(change, rate_per_s, step_s), state)
+        output, state = self._lstm.step(features(change, rate_per_s, step_s, self._scaling), state)
         strain = self._gauge.stretched_strain(change) + STRAIN_SCALE * output[:, 0]
         sigma = STRAIN_SCALE * np.exp(0.5 * np.clip(output[:, 1], *LOG_VARIANCE_RANGE))
         return strain, sigma, state

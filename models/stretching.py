@@ -15,12 +15,31 @@ STRAIN_SCALE = 0.05
 LOG_VARIANCE_RANGE = (-10.0, 4.0)
 
 
+@dataclass(frozen=True, slots=True)
+class Scaling:
+    """What brings the network's inputs to about 1."""
+
+    change_middle: float = 0.15
+    """Subtracted from dR/R, ..."""
+    change: float = 0.3
+    """... which is then divided by this."""
+    rate_per_s: float = 0.3
+    """By which the rate of dR/R is divided."""
+    step_s: float = 0.03
+    """A time step whose input is 0; others are its natural logarithm away."""
+
+
 def features(
-    change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: float | NDArray[np.float64]
+    change: NDArray[np.float64],
+    rate_per_s: NDArray[np.float64],
+    step_s: float | NDArray[np.float64],
+    scaling: Scaling,
 ) -> NDArray[np.float64]:
-    """Return the network's input X_t, (..., 3), from dR/R, its rate and the time step, each scaled to about 1."""
-    step = np.broadcast_to(np.log(np.asarray(step_s) / 0.03), change.shape)
-    return np.stack([(change - 0.15) / 0.3, rate_per_s / 0.3, step], axis=-1)
+    """Return the network's input X_t, (..., 3), from dR/R, its rate and the time step."""
+    step = np.broadcast_to(np.log(np.asarray(step_s) / scaling.step_s), change.shape)
+    return np.stack(
+        [(change - scaling.change_middle) / scaling.change, rate_per_s / scaling.rate_per_s, step], axis=-1
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

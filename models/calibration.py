@@ -1,0 +1,139 @@
+"""From what a training found to the sensor model: the curves, the scale of sigma, and the scores."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from .bending import BendingCurve, BendingFit, autocorrelation_of
+from .gauge import LEAST_GAIN_SIGMA
+from .mode import fit_mode
+from .recipe import Trained, TrainingSettings
+from .recordings import Recording, Split
+from .sensor_model import FORMAT, LEAST_SPREAD, LSTM_TENSORS, SensorModel, run_lstm
+from .stretching import Lstm, features
+from .strip_baselines import PolynomialEstimator, StaticEstimator, on_common_curve
+from .strips import NetworkEstimator, StrainEstimator, StripRun, Tare, run_strips, tare_strips
+
+LSTM, STATIC, POLYNOMIAL = "LSTM", "static curve", "polynomial of rates"
+"""The estimators' names."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """A calibrated kind of sensor, with what it was scored on."""
+
+    model: SensorModel
+    """Without scores in its metadata."""
+    trained: Trained
+    """The training."""
+    split: Split
+    """The recordings."""
+    bending: BendingFit | None
+    """None when no recording bends: the paper's eq. (9) serves."""
+    runs: Mapping[str, Sequence[StripRun]]
+    """Of each estimator on the recordings held out."""
+
+
+def calibrate_model(
+    split: Split, trained: Trained, bending: BendingFit | None, settings: TrainingSettings
+) -> Calibration:
+    """Return the sensor model of a training, its sigma scaled on the validation recordings, run on those held out."""
+    signed = settings.unified
+    curve = bending.curve() if bending else BendingCurve()
+    trained = _with_spread(trained, bending, split, settings)
+    common = on_common_curve(split.training, trained.own)
+    model = _model(trained, bending, common, settings, sigma_scale=(1.0, 0.0))
+    left = np.zeros((2, 2))
+    known = {name: Tare(own, left) for name, own in trained.own.items()}
+    validation = run_strips(NetworkEstimator(model), split.validation, trained.gauge, known, signed)
+    model = _model(trained, bending, common, settings, fit_sigma_scale(validation))
+    estimators: dict[str, StrainEstimator] = {
+        LSTM: NetworkEstimator(model),
+        STATIC: StaticEstimator.fit(common, signed),
+        POLYNOMIAL: PolynomialEstimator.fit(common, signed),
+    }
+    scored = [r for r in split.held_out if signed or (r.strain >= 0).mean() > 0.3]
+    runs = {name: run_strips(e, scored, trained.gauge, known, signed) for name, e in estimators.items()}
+    return Calibration(model, trained, split, bending, runs)
+
+
+def _with_spread(trained: Trained, bending: BendingFit | None, split: Split, settings: TrainingSettings) -> Trained:
+    """Return a training with each strip's gain and offset by all of its recording, and the gain's spread from these.
+
+    A strip of little motion keeps its gain near 1, so that the spread of the gains found is less than that of the
+    gains: spread^2 = mean((gain - mean gain)^2 + the variance left of each).
+    """
+    model = _model(trained, bending, on_common_curve(split.training, trained.own), settings, (1.0, 0.0))
+    signed, stretched = settings.unified, [r for r in split.training if r.stretched_share > 0.3]
+    tares = tare_strips(NetworkEstimator(model), stretched, trained.gauge, signed, seconds=np.inf)
+    gains, left = np.array([(tare.own[0], tare.covariance[0, 0]) for tare in tares.values()]).T
+    gain_sigma = max(float(np.sqrt(np.var(gains) + np.mean(left))), LEAST_GAIN_SIGMA) if len(gains) > 1 else LEAST_GAIN_SIGMA
+    own = dict(trained.own) | {name: tare.own for name, tare in tares.items()}
+    return replace(trained, gauge=replace(trained.gauge, gain_sigma=gain_sigma), own=own)
+
+
+def fit_sigma_scale(runs: Sequence[StripRun]) -> tuple[float, float]:
+    """Return (b, p) of sigma scale = b spread^p that make the errors of these runs most likely.
+
+    What the tare leaves is in the errors, too, and its variance is taken as known.
+    """
+    if not runs:
+        return 1.0, 0.0
+    error, sigma, tare = (
+        np.concatenate([getattr(run, name) for run in runs]) for name in ("error", "unscaled_sigma", "tare_sigma")
+    )
+    log_spread = np.log(np.maximum(np.concatenate([run.spread for run in runs]), LEAST_SPREAD))
+
+    def negative_log_likelihood(parameters: NDArray[np.float64]) -> float:
+        variance = (sigma * np.exp(parameters[0] + parameters[1] * log_spread)) ** 2 + tare**2
+        return float(np.mean(0.5 * (error**2 / variance + np.log(variance))))
+
+    log_b, p = minimize(negative_log_likelihood, [0.0, 0.0], method="Nelder-Mead").x
+    return float(np.exp(log_b)), float(p)
+
+
+def _model(
+    trained: Trained,
+    bending: BendingFit | None,
+    common: Sequence[Recording],
+    settings: TrainingSettings,
+    sigma_scale: tuple[float, float],
+) -> SensorModel:
+    gauge = trained.gauge
+    mode_change, mode_log_odds = fit_mode(common)
+    tensors: dict[str, NDArray[np.float64]] = {
+        **trained.weights,
+        "strain_knots": gauge.strain_knots,
+        "change_knots": gauge.change_knots,
+        "mode_change": mode_change,
+        "mode_log_odds": mode_log_odds,
+    }
+    if bending:
+        tensors |= {"bending": bending.coefficients, "bending_covariance": bending.covariance}
+    t = np.arange(20) * 0.02
+    tensors["golden_input"] = features(0.1 + 0.05 * np.sin(5 * t), 0.25 * np.cos(5 * t), 0.02, trained.scaling)
+    tensors["golden_output"] = run_lstm(Lstm(*(tensors[name] for name in LSTM_TENSORS)), tensors["golden_input"])
+    change = np.concatenate([r.change for r in common])
+    rate = np.concatenate([np.diff(r.change) / np.diff(r.t_s) for r in common])
+    metadata: dict[str, Any] = {
+        "format": FORMAT,
+        "units": {"change": "dR/R, fraction", "strain": "fraction of L0", "rate": "1/s", "step": "s"},
+        "gates": "i f g o",
+        "unified": settings.unified,
+        "scaling": asdict(trained.scaling),
+        "ranges": {
+            "change": [float(change.min()), float(change.max())],
+            "rate_per_s": float(np.quantile(np.abs(rate), 0.999)),
+            "strain": [0.0, float(max(r.strain.max() for r in common))],
+            "step_s": list(trained.step_s),
+        },
+        "spread": {"gain_sigma": gauge.gain_sigma, "offset_sigma": gauge.offset_sigma},
+        "sigma_scale": list(sigma_scale),
+        "recipe": asdict(settings),
+        "trained_on": sorted(r.name for r in common),
+    }
+    return SensorModel(tensors, metadata)
