@@ -164,9 +164,7 @@ class CalibrationReport:
         everything = self.scores_by_speed()["all held out"]
         best = min(everything, key=lambda name: everything[name].rmse)
         names = [run.name for run in self.calibration.runs[LSTM]]
-        rmse = {
-            name: np.array([Score.of([run]).rmse for run in runs]) for name, runs in self.calibration.runs.items()
-        }
+        rmse = {name: np.array([Score.of([run]).rmse for run in runs]) for name, runs in self.calibration.runs.items()}
         wins = int(np.sum(rmse[LSTM] <= np.min([rmse[name] for name in rmse], axis=0)))
         counted = f"best on {wins} of {len(names)} held-out recordings"
         if best == LSTM:

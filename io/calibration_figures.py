@@ -20,6 +20,10 @@ from .figures import BLACK, BLUE, GREEN, GREY, ORANGE, RED
 
 COLORS = {LSTM: BLUE, STATIC: ORANGE, POLYNOMIAL: GREEN}
 SPEED_COLORS = (BLUE, "#56B4E9", GREEN, ORANGE, RED, "#CC79A7", BLACK)
+GAP_S = 1.0
+"""Longer without a sample is a gap in the curves drawn."""
+LEAST_SAMPLES = 50
+"""In a bin of rates, for its mean to mean something."""
 MOST_POINTS = 2000
 """Of a recording drawn: more can not be told apart."""
 
@@ -133,6 +137,7 @@ def write_predictions_figure(runs: Mapping[str, Sequence[StripRun]], path: Path,
     for part, run in zip(outer, shown, strict=False):
         top, bottom = part.subplots(2, 1, sharex=True, height_ratios=[2, 1])
         t_s, band = run.t_s - run.t_s[0], 1.96 * run.sigma
+        t_s = np.where(np.diff(t_s, append=t_s[-1]) > GAP_S, np.nan, t_s)  # do not draw across what is not scored
         top.plot(t_s, run.strain, color=BLACK, lw=1.2, label="measured by the rig")
         top.plot(t_s, run.estimate, color=BLUE, lw=0.9, ls="--", label="LSTM")
         top.set_ylabel("strain [1]")
@@ -179,7 +184,7 @@ def write_errors_figure(runs: Mapping[str, Sequence[StripRun]], path: Path) -> N
     coverage.set_title("coverage of sigma", fontsize=10)
     rates.set_xscale("log")
     rates.set_yscale("log")
-    rates.set_xlabel("speed [strain/s] (each point an eighth of the samples that move)")
+    rates.set_xlabel("speed [strain/s] (three bins a decade)")
     rates.set_ylabel("RMSE of strain [1]")
     rates.set_title("error against rate", fontsize=10)
     correlation.axhline(np.exp(-1), color=GREY, lw=0.8, ls="--", label="1/e")
@@ -196,7 +201,7 @@ def write_errors_figure(runs: Mapping[str, Sequence[StripRun]], path: Path) -> N
 def _draw_histogram(axis: Axes, name: str, error: NDArray[np.float64]) -> None:
     reach = 4 * float(np.std(error))
     edges = np.linspace(-reach, reach, 81)
-    axis.hist(error, edges, density=True, histtype="step", color=COLORS[name], label=name)
+    axis.hist(error, edges.tolist(), density=True, histtype="step", color=COLORS[name], label=name)
     middle = 0.5 * (edges[1:] + edges[:-1])
     axis.plot(middle, norm.pdf(middle, error.mean(), error.std()), color=COLORS[name], lw=0.8, ls=":")
 
@@ -207,11 +212,11 @@ def _draw_coverage(axis: Axes, name: str, z: NDArray[np.float64]) -> None:
 
 
 def _draw_rates(axis: Axes, name: str, rate: NDArray[np.float64], error: NDArray[np.float64]) -> None:
-    moving = rate > 1e-3
-    order = np.argsort(rate[moving])
-    parts = [part for part in np.array_split(order, 8) if len(part)]
-    rates = [float(np.median(rate[moving][part])) for part in parts]
-    rmses = [float(np.sqrt(np.mean(error[moving][part] ** 2))) for part in parts]
+    bins = np.floor(3 * np.log10(np.maximum(rate, 1e-6)))
+    parts = [rate_bin == bins for rate_bin in np.unique(bins[rate > 1e-3])]
+    parts = [part for part in parts if part.sum() >= LEAST_SAMPLES]
+    rates = [float(np.median(rate[part])) for part in parts]
+    rmses = [float(np.sqrt(np.mean(error[part] ** 2))) for part in parts]
     axis.plot(rates, rmses, color=COLORS[name], marker="o", ms=4, label=name)
 
 

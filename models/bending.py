@@ -154,7 +154,7 @@ def correlation_samples(residual: NDArray[np.float64]) -> float:
 
 
 def autocorrelation_of(residual: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the autocorrelation at lags of 0, 1, ... samples, about zero, not about the mean: bias is correlated, too."""
+    """Return the autocorrelation at lags of 0, 1, ... samples, about zero: a constant error is correlated, too."""
     padded = np.fft.rfft(residual, 2 * len(residual))
     power = np.fft.irfft(np.abs(padded) ** 2)[: len(residual)]
     return np.asarray(power / power[0])

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from .bending import BendingCurve, BendingFit, autocorrelation_of
+from .bending import BendingFit
 from .gauge import LEAST_GAIN_SIGMA
 from .mode import fit_mode
 from .recipe import Trained, TrainingSettings
 from .recordings import Recording, Split
 from .sensor_model import FORMAT, LEAST_SPREAD, LSTM_TENSORS, SensorModel, run_lstm
-from .stretching import Lstm, features
+from .stretching import MEMORY_S, Lstm, features
 from .strip_baselines import PolynomialEstimator, StaticEstimator, on_common_curve
 from .strips import NetworkEstimator, StrainEstimator, StripRun, Tare, run_strips, tare_strips
 
@@ -43,13 +43,14 @@ def calibrate_model(
 ) -> Calibration:
     """Return the sensor model of a training, its sigma scaled on the validation recordings, run on those held out."""
     signed = settings.unified
-    curve = bending.curve() if bending else BendingCurve()
     trained = _with_spread(trained, bending, split, settings)
     common = on_common_curve(split.training, trained.own)
     model = _model(trained, bending, common, settings, sigma_scale=(1.0, 0.0))
     left = np.zeros((2, 2))
     known = {name: Tare(own, left) for name, own in trained.own.items()}
-    validation = run_strips(NetworkEstimator(model), split.validation, trained.gauge, known, signed)
+    whole = tare_strips(NetworkEstimator(model), split.validation, trained.gauge, signed, seconds=np.inf)
+    exact = {name: Tare(tare.own, left) for name, tare in whole.items()}
+    validation = run_strips(NetworkEstimator(model), split.validation, trained.gauge, exact | known, signed)
     model = _model(trained, bending, common, settings, fit_sigma_scale(validation))
     estimators: dict[str, StrainEstimator] = {
         LSTM: NetworkEstimator(model),
@@ -71,26 +72,24 @@ def _with_spread(trained: Trained, bending: BendingFit | None, split: Split, set
     signed, stretched = settings.unified, [r for r in split.training if r.stretched_share > 0.3]
     tares = tare_strips(NetworkEstimator(model), stretched, trained.gauge, signed, seconds=np.inf)
     gains, left = np.array([(tare.own[0], tare.covariance[0, 0]) for tare in tares.values()]).T
-    gain_sigma = max(float(np.sqrt(np.var(gains) + np.mean(left))), LEAST_GAIN_SIGMA) if len(gains) > 1 else LEAST_GAIN_SIGMA
+    found = float(np.sqrt(np.var(gains) + np.mean(left))) if len(gains) > 1 else 0.0  # one strip has no spread
     own = dict(trained.own) | {name: tare.own for name, tare in tares.items()}
-    return replace(trained, gauge=replace(trained.gauge, gain_sigma=gain_sigma), own=own)
+    return replace(trained, gauge=replace(trained.gauge, gain_sigma=max(found, LEAST_GAIN_SIGMA)), own=own)
 
 
 def fit_sigma_scale(runs: Sequence[StripRun]) -> tuple[float, float]:
     """Return (b, p) of sigma scale = b spread^p that make the errors of these runs most likely.
 
-    What the tare leaves is in the errors, too, and its variance is taken as known.
+    The strips' gains and offsets are to be known here, by all of each recording: what taring leaves is added apart.
     """
     if not runs:
         return 1.0, 0.0
-    error, sigma, tare = (
-        np.concatenate([getattr(run, name) for run in runs]) for name in ("error", "unscaled_sigma", "tare_sigma")
-    )
+    error, sigma = (np.concatenate([getattr(run, name) for run in runs]) for name in ("error", "unscaled_sigma"))
     log_spread = np.log(np.maximum(np.concatenate([run.spread for run in runs]), LEAST_SPREAD))
 
     def negative_log_likelihood(parameters: NDArray[np.float64]) -> float:
-        variance = (sigma * np.exp(parameters[0] + parameters[1] * log_spread)) ** 2 + tare**2
-        return float(np.mean(0.5 * (error**2 / variance + np.log(variance))))
+        log_scale = parameters[0] + parameters[1] * log_spread
+        return float(np.mean(0.5 * (error / (sigma * np.exp(log_scale))) ** 2 + log_scale))
 
     log_b, p = minimize(negative_log_likelihood, [0.0, 0.0], method="Nelder-Mead").x
     return float(np.exp(log_b)), float(p)
@@ -115,7 +114,8 @@ def _model(
     if bending:
         tensors |= {"bending": bending.coefficients, "bending_covariance": bending.covariance}
     t = np.arange(20) * 0.02
-    tensors["golden_input"] = features(0.1 + 0.05 * np.sin(5 * t), 0.25 * np.cos(5 * t), 0.02, trained.scaling)
+    change, means = 0.1 + 0.05 * np.sin(5 * t), np.full((len(t), len(MEMORY_S)), 0.1)
+    tensors["golden_input"] = features(change, 0.25 * np.cos(5 * t), 0.02, means, trained.scaling)
     tensors["golden_output"] = run_lstm(Lstm(*(tensors[name] for name in LSTM_TENSORS)), tensors["golden_input"])
     change = np.concatenate([r.change for r in common])
     rate = np.concatenate([np.diff(r.change) / np.diff(r.t_s) for r in common])
@@ -125,6 +125,7 @@ def _model(
         "gates": "i f g o",
         "unified": settings.unified,
         "scaling": asdict(trained.scaling),
+        "memory_s": list(MEMORY_S),
         "ranges": {
             "change": [float(change.min()), float(change.max())],
             "rate_per_s": float(np.quantile(np.abs(rate), 0.999)),

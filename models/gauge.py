@@ -12,6 +12,10 @@ from .errors import InputError
 from .recordings import Recording
 
 
+OVERSHOOT = 1.25
+"""Times the largest strain recorded: a strip let go at once reads far higher than any that is stretched."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticGauge:
     """dR/R = g(strain): piecewise linear when stretched, eq. (9) when bent; g(0) = 0.
@@ -34,8 +38,14 @@ class StaticGauge:
         return np.where(strain < 0, bending.change(np.minimum(strain, 0)), self._stretched_change(strain))
 
     def stretched_strain(self, change: ArrayLike) -> NDArray[np.float64]:
-        """Return the strain of a stretched tendon; the curve's ends go on straight."""
-        return _interpolate(np.asarray(change, dtype=np.float64), self.change_knots, self.strain_knots)
+        """Return the strain of a stretched tendon; the curve's ends go on straight, the upper one up to `OVERSHOOT`."""
+        strain = _interpolate(np.asarray(change, dtype=np.float64), self.change_knots, self.strain_knots)
+        return np.asarray(np.minimum(strain, self.most_strain))
+
+    @property
+    def most_strain(self) -> float:
+        """The largest strain that a reading is taken for."""
+        return OVERSHOOT * float(self.strain_knots[-1])
 
     def slope(self, strain: ArrayLike) -> NDArray[np.float64]:
         """Return dg/d(strain) of a stretched tendon."""
@@ -57,8 +67,8 @@ def _interpolate(x: NDArray[np.float64], xs: NDArray[np.float64], ys: NDArray[np
 KNOTS = (0.0, 0.03, 0.07, 0.12, 0.2, 0.35, 0.5, 0.8, 1.2, 2.0, 3.0)
 """Strains between which the gauge curve is straight: close where tendons of a tensegrity work. The last knot is the
 largest strain recorded."""
-LEAST_SLOPE = 0.05
-"""The curve rises everywhere, by at least this share of its mean slope: it has to be inverted."""
+LEAST_SLOPE = 0.3
+"""The curve rises everywhere, by at least this share of its mean slope: its inverse must not run away."""
 LEAST_GAIN_SIGMA = 0.01
 """One recording alone shows no spread; sensors have one."""
 INDEPENDENT = 100

@@ -43,7 +43,7 @@ class Recording:
     @property
     def settled(self) -> NDArray[np.bool_]:
         """(samples,) those after the start, whose past is known."""
-        return self.t_s - self.t_s[0] >= SETTLING_S
+        return np.asarray(self.t_s - self.t_s[0] >= SETTLING_S)
 
     @property
     def stretched_share(self) -> float:
@@ -158,5 +158,3 @@ def _time_validation(recordings: Sequence[Recording]) -> tuple[list[Recording], 
     training = [r.part(0, 1 - VALIDATION_TAIL) for r in recordings]
     pairs = zip(recordings, training, strict=True)
     return training, [replace(r, scored_from_s=float(k.t_s[-1])) for r, k in pairs if not _bends(r)]
-
-

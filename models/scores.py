@@ -56,7 +56,7 @@ class Score:
 def by_speed(runs: Sequence[StripRun]) -> dict[str, list[StripRun]]:
     """Return runs in groups of one speed each, slow ones first, irregular motion last."""
     groups: dict[str, list[StripRun]] = {}
-    for run in sorted(runs, key=lambda run: (np.isnan(run.speed_per_s), run.speed_per_s, run.name)):
+    for run in sorted(runs, key=lambda run: (np.isnan(run.speed_per_s), float(f"{run.speed_per_s:.2g}"), run.name)):
         label = IRREGULAR if np.isnan(run.speed_per_s) else f"speed {run.speed_per_s:.2g} /s"
         groups.setdefault(label, []).append(run)
     return groups
@@ -67,7 +67,7 @@ def error_autocorrelation(run: StripRun, longest_s: float = 60.0) -> tuple[NDArr
     step_s = float(np.median(np.diff(run.t_s)))
     even_s = np.arange(run.t_s[0], run.t_s[-1], step_s)
     correlation = autocorrelation_of(np.interp(even_s, run.t_s, run.error))
-    lag_s = step_s * np.arange(len(correlation))
+    lag_s = np.arange(0.0, len(correlation)) * step_s
     return lag_s[lag_s <= longest_s], correlation[lag_s <= longest_s]
 
 

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from .bending import BendingCurve
 from .errors import InputError
 from .gauge import StaticGauge
-from .stretching import LOG_VARIANCE_RANGE, STRAIN_SCALE, Lstm, LstmState, Scaling, features
+from .stretching import LOG_VARIANCE_RANGE, STRAIN_SCALE, Lstm, LstmState, Scaling, features, next_means
 
+Step = float | NDArray[np.float64]
+"""A time step in seconds: one for all sensors, or one for each."""
 FORMAT = 1
 SPREAD_MEMORY_S = 30.0
 """How long a strip's past motion matters: relaxation takes seconds, hysteresis until it is wiped out."""
@@ -72,6 +74,11 @@ class SensorModel:
         return Scaling(**self.metadata.get("scaling", {}))
 
     @property
+    def memory_s(self) -> NDArray[np.float64]:
+        """Time constants of the running means among the network's inputs."""
+        return np.array(self.metadata.get("memory_s", []), dtype=np.float64)
+
+    @property
     def unified(self) -> bool:
         """Whether the network measures bent tendons, too."""
         return bool(self.metadata.get("unified", False))
@@ -112,7 +119,7 @@ class StrainSpread:
         self._mean = np.full(sensors, np.nan)
         self._variance = np.full(sensors, initial_spread**2)
 
-    def step(self, strain: NDArray[np.float64], step_s: float | NDArray[np.float64]) -> NDArray[np.float64]:
+    def step(self, strain: NDArray[np.float64], step_s: Step) -> NDArray[np.float64]:
         """Return (sensors,) the spread after one more strain."""
         weight = 1 - np.exp(-step_s / SPREAD_MEMORY_S)
         away = np.nan_to_num(strain - self._mean)
@@ -137,7 +144,7 @@ class Extrapolation:
         change: NDArray[np.float64],
         rate_per_s: NDArray[np.float64],
         strain: NDArray[np.float64],
-        step_s: float | NDArray[np.float64],
+        step_s: Step,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
         """Return by what to multiply sigma, what to add to it in quadrature, and whether this is beyond training."""
         excess = np.maximum(np.abs(rate_per_s) / self._max_rate_per_s - 1, 0)
@@ -160,28 +167,38 @@ class StretchingSensors:
 
     def __init__(self, model: SensorModel, sensors: int) -> None:
         self._lstm, self._gauge, self._scaling = model.lstm, model.gauge, model.scaling
+        self._memory_s = model.memory_s
         self._state = self._lstm.initial_state(sensors)
+        self._means = np.zeros((sensors, len(self._memory_s)))
 
     def step(
-        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: float | NDArray[np.float64]
+        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: Step
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (sensors,) strain and its sigma after one more reading; inputs must be finite."""
-        strain, sigma, self._state = self._evaluate(change, rate_per_s, step_s, self._state)
+        self._means = next_means(self._means, change, step_s, self._memory_s)
+        strain, sigma, self._state = self._evaluate(change, rate_per_s, step_s, self._means, self._state)
         return strain, sigma
 
     def settle(self, change: NDArray[np.float64], which: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Put some sensors into the state of having rested at a dR/R for 10 s; return the strain they then give."""
         state, still, strain = self._lstm.initial_state(len(change)), np.zeros(len(change)), np.zeros(len(change))
+        means = np.repeat(change[:, None], len(self._memory_s), axis=1)
         for _ in range(100):
-            strain, _, state = self._evaluate(change, still, 0.1, state)
+            strain, _, state = self._evaluate(change, still, 0.1, means, state)
         keep = which[:, None]
+        self._means = np.where(keep, means, self._means)
         self._state = LstmState(np.where(keep, state.h, self._state.h), np.where(keep, state.c, self._state.c))
         return strain
 
     def _evaluate(
-        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: float | NDArray[np.float64], state: LstmState
+        self,
+        change: NDArray[np.float64],
+        rate_per_s: NDArray[np.float64],
+        step_s: Step,
+        means: NDArray[np.float64],
+        state: LstmState,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], LstmState]:
-        output, state = self._lstm.step(features(change, rate_per_s, step_s, self._scaling), state)
+        output, state = self._lstm.step(features(change, rate_per_s, step_s, means, self._scaling), state)
         strain = self._gauge.stretched_strain(change) + STRAIN_SCALE * output[:, 0]
         sigma = STRAIN_SCALE * np.exp(0.5 * np.clip(output[:, 1], *LOG_VARIANCE_RANGE))
         return strain, sigma, state

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
 from .recordings import Recording
+from .stretching import running_means
 from .strips import Followed
 
-MEMORY_S = (0.3, 2.0, 10.0)
+FILTERS_S = (0.3, 2.0, 10.0)
 """Time constants of the filters: the sensor's lag, and its relaxation over seconds."""
 DEGREE = 3
 RIDGE = 1e-4
@@ -67,10 +68,10 @@ class PolynomialEstimator:
             inputs.append(_filtered(r.change[:, None], step_s[:, None])[counted, 0])
             targets.append(r.strain[counted])
         x, strain = np.concatenate(inputs), np.concatenate(targets)
-        scale = np.maximum(x.std(axis=0), 1e-9)
+        scale: NDArray[np.float64] = np.maximum(x.std(axis=0), 1e-9)
         terms = _products(x / scale)
         damping = RIDGE * len(terms) * np.diag(np.mean(terms**2, axis=0))
-        coefficients = np.linalg.solve(terms.T @ terms + damping, terms.T @ strain)
+        coefficients = np.asarray(np.linalg.solve(terms.T @ terms + damping, terms.T @ strain), dtype=np.float64)
         return cls(scale, coefficients, float(np.std(strain - terms @ coefficients)))
 
     def follow(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> Followed:
@@ -98,14 +99,9 @@ def _samples(recordings: Sequence[Recording], signed: bool) -> tuple[NDArray[np.
 
 
 def _filtered(change: NDArray[np.float64], step_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (samples, strips, 4): dR/R, and its distance from its running mean over each of `MEMORY_S`."""
-    result = np.empty((*change.shape, 1 + len(MEMORY_S)))
-    result[..., 0] = change
-    mean = np.repeat(change[0][:, None], len(MEMORY_S), axis=1)
-    for k, (value, step) in enumerate(zip(change, step_s, strict=True)):
-        mean += (value[:, None] - mean) * (1 - np.exp(-step[:, None] / np.array(MEMORY_S)))
-        result[k, :, 1:] = value[:, None] - mean
-    return result
+    """Return (samples, strips, 4): dR/R, and its distance from its running mean over each of `FILTERS_S`."""
+    away = change[..., None] - running_means(change, step_s, np.array(FILTERS_S))
+    return np.concatenate([change[..., None], away], axis=-1)
 
 
 def _products(x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -47,7 +47,8 @@ class NetworkEstimator:
     def follow(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> Followed:
         """See `StrainEstimator`."""
         samples, count = change.shape
-        sensors, running, outside = StretchingSensors(self.model, count), StrainSpread(count), Extrapolation(self.model, count)
+        sensors, running = StretchingSensors(self.model, count), StrainSpread(count)
+        outside = Extrapolation(self.model, count)
         sensors.settle(change[0], np.ones(count, dtype=np.bool_))
         rate = np.diff(change, axis=0, prepend=change[:1]) / step_s
         strain, sigma, spread, beyond, factor = (np.empty((samples, count)) for _ in range(5))
@@ -76,7 +77,7 @@ class Tare:
     def sigma(self, common: NDArray[np.float64], slope: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the strain sigma that is left at a dR/R of the common curve, which has this slope there."""
         slopes = np.stack([common, np.ones_like(common)], axis=-1) / (self.own[0] * slope[..., None])
-        return np.sqrt(np.einsum("...i,ij,...j->...", slopes, self.covariance, slopes))
+        return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", slopes, self.covariance, slopes)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

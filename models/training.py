@@ -16,7 +16,8 @@ from .bending import BendingCurve
 from .gauge import INDEPENDENT, fit_gauge
 from .recipe import CHECK_EVERY, Checkpoint, History, NoCheckpoint, Trained, TrainingSettings
 from .recordings import Recording, Split
-from .stretching import LOG_VARIANCE_RANGE, STRAIN_SCALE, Scaling
+from .stretching import LOG_VARIANCE_RANGE, MEMORY_S, STRAIN_SCALE, Scaling, running_means
+
 
 def train(
     split: Split,
@@ -84,6 +85,8 @@ class _Batch:
     strip: torch.Tensor
     """(sequences,) which strip."""
     change: torch.Tensor
+    means: torch.Tensor
+    """(sequences, steps, memories) running means of the same, without noise."""
     step_s: torch.Tensor
     """(sequences, 1)"""
     strain: torch.Tensor
@@ -104,13 +107,19 @@ class _Training:
             np.array([(np.array(own_of_all[r.name]) - [1, 0]) / self._spread for r in recordings])
             for recordings in (split.training, split.validation)
         )
-        self._scaling, self._step_s = _scaling(split.training), _step_range(split.training, settings.step_s)
+        self._scaling, self._step_s = _scaling(split.training), _step_range(split.training, settings.relative_step)
         torch.manual_seed(settings.seed)
         self._rng = np.random.default_rng(settings.seed)
-        self._network = _Network(3, settings.hidden, units)
+        self._means = {(r.name, len(r.t_s)): _running_means(r) for r in (*split.training, *split.validation)}
+        self._network = _Network(3 + len(MEMORY_S), settings.hidden, units)
         self._own_of_validation = torch.tensor(validation_units, dtype=torch.float32, requires_grad=True)
         self._tare = torch.optim.Adam([self._own_of_validation], lr=0.1)
-        self._optimizer = torch.optim.Adam(self._network.parameters(), lr=settings.learning_rate)
+        shared = [p for p in self._network.parameters() if p is not self._network.own]
+        groups: list[dict[str, Any]] = [
+            {"params": shared, "weight_decay": settings.weight_decay},
+            {"params": [self._network.own], "weight_decay": 0.0},
+        ]
+        self._optimizer = torch.optim.AdamW(groups, lr=settings.learning_rate)
         self._chunks = [slice(k, k + settings.chunk) for k in range(0, settings.steps, settings.chunk)]
         self._schedule = torch.optim.lr_scheduler.OneCycleLR(
             self._optimizer, settings.learning_rate, total_steps=settings.epochs * len(self._chunks), pct_start=0.1
@@ -148,7 +157,7 @@ class _Training:
             loss = _loss(error, log_variance, batch.counted[:, chunk], likelihood)
             prior = self._prior_weight * (self._network.own**2).sum() if likelihood else 0.0
             self._optimizer.zero_grad()
-            (loss + prior).backward()
+            (loss + prior).backward()  # type: ignore[no-untyped-call]
             if not likelihood:  # squared error knows no scale to weigh the prior against
                 self._network.own.grad = None
             torch.nn.utils.clip_grad_norm_(self._network.parameters(), 1.0)
@@ -167,7 +176,7 @@ class _Training:
         loss = _scaled_loss(error, log_variance, counted) if likelihood else _loss(error, log_variance, counted, False)
         if likelihood:
             self._tare.zero_grad()
-            (loss + self._prior_weight * (own**2).sum()).backward()
+            (loss + self._prior_weight * (own**2).sum()).backward()  # type: ignore[no-untyped-call]
             self._tare.step()
         history.validation_epoch.append(epoch)
         history.validation_loss.append(loss.item())
@@ -180,7 +189,11 @@ class _Training:
     def _draw(self, recordings: Sequence[Recording], rng: np.random.Generator) -> _Batch:
         """Return random pieces of recordings, each with its own time step and noise."""
         count, steps = self._settings.sequences, self._settings.steps
-        strain, change = np.empty((count, steps)), np.empty((count, steps))
+        strain, change, means = (
+            np.empty((count, steps)),
+            np.empty((count, steps)),
+            np.empty((count, steps, len(MEMORY_S))),
+        )
         low, high = self._step_s
         step_s, strip = np.exp(rng.uniform(np.log(low), np.log(high), count)), np.empty(count, dtype=np.int64)
         counts = np.zeros((count, steps), dtype=np.bool_)
@@ -190,6 +203,7 @@ class _Training:
             step_s[k] = min(step_s[k], r.duration_s / steps)
             t_s = rng.uniform(r.t_s[0], r.t_s[-1] - step_s[k] * (steps - 1)) + step_s[k] * np.arange(steps)
             strain[k], change[k] = np.interp(t_s, r.t_s, r.strain), np.interp(t_s, r.t_s, r.change)
+            means[k] = np.stack([np.interp(t_s, r.t_s, column) for column in self._means[r.name, len(r.t_s)].T], axis=1)
             counts[k] = t_s > r.scored_from_s
         noise = rng.uniform(*self._settings.noise, (count, 1)) * rng.standard_normal((count, steps))
         counts &= np.arange(steps) >= self._settings.burn_in
@@ -198,7 +212,7 @@ class _Training:
         noisy = (1 + change) * (1 + noise) - 1
         return _Batch(
             torch.tensor(strip),
-            *(torch.tensor(a, dtype=torch.float32) for a in (noisy, step_s[:, None], strain, counts)),
+            *(torch.tensor(a, dtype=torch.float32) for a in (noisy, means, step_s[:, None], strain, counts)),
         )
 
     def _inputs(self, batch: _Batch, own_units: torch.Tensor, chunk: slice) -> tuple[torch.Tensor, torch.Tensor]:
@@ -210,7 +224,9 @@ class _Training:
         rate = torch.diff(common, dim=1, prepend=before) / batch.step_s
         s = self._scaling
         step = torch.log(batch.step_s / s.step_s).expand_as(common)
-        x = torch.stack([(common - s.change_middle) / s.change, rate / s.rate_per_s, step], dim=-1)
+        means = (batch.means[:, chunk] - own[:, None, 1:]) / (1 + own[:, None, :1])
+        now = torch.stack([(common - s.change_middle) / s.change, rate / s.rate_per_s, step], dim=-1)
+        x = torch.cat([now, (common[..., None] - means) / s.change], dim=-1)
         return x, self._static_strain(common)
 
     def _static_strain(self, common: torch.Tensor) -> torch.Tensor:
@@ -219,7 +235,7 @@ class _Training:
         strain = float(slopes[0]) * common
         for knot, bend in zip(self._gauge.change_knots[1:-1].tolist(), np.diff(slopes).tolist(), strict=True):
             strain = strain + bend * torch.relu(common - knot)
-        return strain
+        return strain.clamp(max=self._gauge.most_strain)
 
     def _state(self) -> bytes:
         buffer = io.BytesIO()
@@ -269,9 +285,7 @@ class _Training:
         return Trained(weights, self._gauge, named, self._scaling, self._step_s, self.history)
 
 
-def _loss(
-    error: torch.Tensor, log_variance: torch.Tensor, counted: torch.Tensor, likelihood: bool
-) -> torch.Tensor:
+def _loss(error: torch.Tensor, log_variance: torch.Tensor, counted: torch.Tensor, likelihood: bool) -> torch.Tensor:
     loss = 0.5 * (error**2 * torch.exp(-log_variance) + log_variance) if likelihood else error**2
     return (loss * counted).sum() / counted.sum().clamp(min=1)
 
@@ -291,9 +305,16 @@ def _scaling(recordings: Sequence[Recording]) -> Scaling:
     return Scaling(*(float(f"{value:.2g}") for value in values))
 
 
-def _step_range(recordings: Sequence[Recording], wished_s: tuple[float, float]) -> tuple[float, float]:
-    slowest = max(float(np.median(np.diff(r.t_s))) for r in recordings)
-    return wished_s[0], max(wished_s[1], float(f"{1.5 * slowest:.2g}"))
+def _step_range(recordings: Sequence[Recording], relative: tuple[float, float]) -> tuple[float, float]:
+    """Return a range of time steps about the recordings' own."""
+    own = float(np.median([np.median(np.diff(r.t_s)) for r in recordings]))
+    return float(f"{relative[0] * own:.2g}"), float(f"{relative[1] * own:.2g}")
+
+
+def _running_means(recording: Recording) -> NDArray[np.float64]:
+    """Return (samples, memories) running means of dR/R."""
+    step_s = np.diff(recording.t_s, prepend=2 * recording.t_s[0] - recording.t_s[1])
+    return running_means(recording.change[:, None], step_s[:, None], np.array(MEMORY_S))[:, 0]
 
 
 def _fingerprint(split: Split, settings: TrainingSettings) -> str:
