@@ -190,7 +190,8 @@ class CalibrationReport:
             "",
             "## Errors on recordings held out",
             "",
-            f"Split: {split.how}. Each strip is tared on its first 10 s, which do not count. Strain is a fraction of L0.",
+            f"Split: {split.how}. A strip not trained on is tared on its first 10 s, which do not count. Strain is a "
+            "fraction of the natural length.",
             "",
             "| held out | estimator | RMSE | R² | in 68 % band | in 95 % band | median sigma | correlation time |",
             "|---|---|---|---|---|---|---|---|",
@@ -202,7 +203,7 @@ class CalibrationReport:
             "",
             "Recording by recording, the LSTM:",
             "",
-            "| recording | RMSE | R² | in 68 % band | in 95 % band | median sigma | correlation time | beyond training |",
+            "| recording | RMSE | R² | in 68 % band | in 95 % band | median sigma | correlation time | flagged |",
             "|---|---|---|---|---|---|---|---|",
             *(
                 f"| {run.name} | {' | '.join(_cells(score))} | {score.correlation_s:.1f} s | {score.beyond:.0%} |"
@@ -228,7 +229,8 @@ class CalibrationReport:
             "and its sigma grows with the distance",
             f"- rate of dR/R up to {ranges['rate_per_s']:.3g} /s (99.9 % of the training); beyond, sigma grows in "
             "proportion, and for 3 s after",
-            f"- strain 0 to {ranges['strain'][1]:.3f}; time steps of {ranges['step_s'][0]:g} to {ranges['step_s'][1]:g} s",
+            f"- strain 0 to {ranges['strain'][1]:.3f}",
+            f"- time steps of {ranges['step_s'][0]:g} to {ranges['step_s'][1]:g} s",
             "",
             "## Data",
             "",
@@ -277,7 +279,7 @@ def _bending_lines(bending: BendingFit | None) -> list[str]:
     fold = bending.curve().polynomial
     return [
         f"dR/R = {' '.join(terms)}, x = strain, with the lag undone; the constant is left out in use. "
-        f"R² = {bending.r2:.5f}, on the speed held out {bending.held_out_r2:.5f}; residual {bending.residual_sigma:.4f}. "
+        f"R² = {bending.r2:.5f}, held out {bending.held_out_r2:.5f}; residual {bending.residual_sigma:.4f}. "
         f"Invertible for strain {max(fold.x_min, bending.lowest_strain):.3f} to {fold.x_fold:.4f}, that is dR/R "
         f"{float(fold.value(max(fold.x_min, bending.lowest_strain))):.3f} to {fold.y_fold:.4f}; recorded down to "
         f"{bending.lowest_strain:.3f}. The coefficients' covariance is in the model file, as `bending_covariance`.",

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from .bending import BendingFit
-from .gauge import LEAST_GAIN_SIGMA
+from .bending import BendingCurve, BendingFit
+from .gauge import LEAST_GAIN_SIGMA, fit_gauge
 from .mode import fit_mode
 from .recipe import Trained, TrainingSettings
 from .recordings import Recording, Split
@@ -43,15 +43,16 @@ def calibrate_model(
 ) -> Calibration:
     """Return the sensor model of a training, its sigma scaled on the validation recordings, run on those held out."""
     signed = settings.unified
-    trained = _with_spread(trained, bending, split, settings)
+    mode = _mode(split, bending)
+    trained = _with_spread(trained, bending, mode, split, settings)
     common = on_common_curve(split.training, trained.own)
-    model = _model(trained, bending, common, settings, sigma_scale=(1.0, 0.0))
+    model = _model(trained, bending, common, mode, settings)
     left = np.zeros((2, 2))
     known = {name: Tare(own, left) for name, own in trained.own.items()}
     whole = tare_strips(NetworkEstimator(model), split.validation, trained.gauge, signed, seconds=np.inf)
     exact = {name: Tare(tare.own, left) for name, tare in whole.items()}
     validation = run_strips(NetworkEstimator(model), split.validation, trained.gauge, exact | known, signed)
-    model = _model(trained, bending, common, settings, fit_sigma_scale(validation))
+    model = replace(model, metadata=dict(model.metadata) | {"sigma_scale": list(fit_sigma_scale(validation))})
     estimators: dict[str, StrainEstimator] = {
         LSTM: NetworkEstimator(model),
         STATIC: StaticEstimator.fit(common, signed),
@@ -62,13 +63,19 @@ def calibrate_model(
     return Calibration(model, trained, split, bending, runs)
 
 
-def _with_spread(trained: Trained, bending: BendingFit | None, split: Split, settings: TrainingSettings) -> Trained:
+def _with_spread(
+    trained: Trained,
+    bending: BendingFit | None,
+    mode: tuple[NDArray[np.float64], NDArray[np.float64]],
+    split: Split,
+    settings: TrainingSettings,
+) -> Trained:
     """Return a training with each strip's gain and offset by all of its recording, and the gain's spread from these.
 
     A strip of little motion keeps its gain near 1, so that the spread of the gains found is less than that of the
     gains: spread^2 = mean((gain - mean gain)^2 + the variance left of each).
     """
-    model = _model(trained, bending, on_common_curve(split.training, trained.own), settings, (1.0, 0.0))
+    model = _model(trained, bending, on_common_curve(split.training, trained.own), mode, settings)
     signed, stretched = settings.unified, [r for r in split.training if r.stretched_share > 0.3]
     tares = tare_strips(NetworkEstimator(model), stretched, trained.gauge, signed, seconds=np.inf)
     gains, left = np.array([(tare.own[0], tare.covariance[0, 0]) for tare in tares.values()]).T
@@ -99,11 +106,12 @@ def _model(
     trained: Trained,
     bending: BendingFit | None,
     common: Sequence[Recording],
+    mode: tuple[NDArray[np.float64], NDArray[np.float64]],
     settings: TrainingSettings,
-    sigma_scale: tuple[float, float],
 ) -> SensorModel:
+    """Return the model with sigma as the network has it."""
+    mode_change, mode_log_odds = mode
     gauge = trained.gauge
-    mode_change, mode_log_odds = fit_mode(common)
     tensors: dict[str, NDArray[np.float64]] = {
         **trained.weights,
         "strain_knots": gauge.strain_knots,
@@ -133,8 +141,19 @@ def _model(
             "step_s": list(trained.step_s),
         },
         "spread": {"gain_sigma": gauge.gain_sigma, "offset_sigma": gauge.offset_sigma},
-        "sigma_scale": list(sigma_scale),
+        "sigma_scale": [1.0, 0.0],
         "recipe": asdict(settings),
         "trained_on": sorted(r.name for r in common),
     }
     return SensorModel(tensors, metadata)
+
+
+def _mode(split: Split, bending: BendingFit | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return `fit_mode` of all recordings but those held out: nothing is trained here.
+
+    Their gains and offsets are those of the static curves, which hold in both modes; the network's know no bending.
+    """
+    names = {r.name for r in split.training}
+    recordings = [*split.training, *(r for r in split.validation if r.name not in names)]
+    _, own = fit_gauge(recordings, bending.curve() if bending else BendingCurve())
+    return fit_mode(on_common_curve(recordings, {name: np.array(pair) for name, pair in own.items()}))

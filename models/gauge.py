@@ -11,7 +11,6 @@ from .bending import BendingCurve
 from .errors import InputError
 from .recordings import Recording
 
-
 OVERSHOOT = 1.25
 """Times the largest strain recorded: a strip let go at once reads far higher than any that is stretched."""
 

@@ -109,7 +109,7 @@ class TestRig:
         rows = ["# natural_resistance_ohm = 100\n", "t_s,strain,resistance_ohm\n"]
         rows += [f"{0.1 * k:.1f},0.1,100\n" for k in range(400)]
         (tmp_path / "a.csv").write_text("".join(edit(rows)))
-        with pytest.raises(InputError, match="a.csv") as error:
+        with pytest.raises(InputError, match=r"a\.csv") as error:
             read_recording(tmp_path / "a.csv", Rig())
         assert message in str(error.value)
 
@@ -273,7 +273,7 @@ class TestBendingFit:
         strain = np.linspace(-0.8, 0, 50)
         expected = np.polyval([*COEFFICIENTS[:-1], 0.0], strain)
         np.testing.assert_allclose(np.polyval(fit.coefficients, strain), expected, atol=0.005)
-        assert fit.r2 > 0.9999
+        assert fit.r2 > 0.9995
         assert fit.held_out_r2 == pytest.approx(fit.r2, abs=1e-6)
         assert fit.curve().polynomial.x_fold == pytest.approx(FoldedPolynomial().x_fold, abs=0.01)
 

@@ -11,6 +11,7 @@ from tensegraph.models.recipe import CHECK_EVERY, TrainingSettings
 from tensegraph.models.recordings import Recording, Split
 from tensegraph.models.scores import Score
 from tensegraph.models.sensor_model import StretchingSensors
+from tensegraph.models.stretching import MEMORY_S
 from tensegraph.models.training import train
 
 QUICK = TrainingSettings(epochs=60, sequences=16, steps=800, hidden=8)
@@ -103,7 +104,7 @@ def test_running_needs_no_torch_and_gives_what_torch_gives(calibrated) -> None:
     model = calibrated[0].model
     weights = {name: torch.tensor(model.tensors[name]) for name in model.tensors}
     reference, head = (
-        torch.nn.LSTM(3, QUICK.hidden, batch_first=True).double(),
+        torch.nn.LSTM(3 + len(MEMORY_S), QUICK.hidden, batch_first=True).double(),
         torch.nn.Linear(QUICK.hidden, 2).double(),
     )
     with torch.no_grad():
@@ -116,12 +117,16 @@ def test_running_needs_no_torch_and_gives_what_torch_gives(calibrated) -> None:
             getattr(reference, name).copy_(value)
         head.weight.copy_(weights["head_weight"])
         head.bias.copy_(weights["head_bias"])
+    weight = 1 - np.exp(-0.02 / np.array(MEMORY_S))
     change = 0.1 + np.cumsum(0.01 * np.random.default_rng(1).standard_normal((200, 24)), axis=0)
     rate = np.diff(change, axis=0, prepend=change[:1]) / 0.02
     sensors, s = StretchingSensors(model, 24), model.scaling
     strain = np.array([sensors.step(y, v, 0.02)[0] for y, v in zip(change, rate, strict=True)])
     step = np.full_like(change, np.log(0.02 / s.step_s))
-    x = np.stack([(change - s.change_middle) / s.change, rate / s.rate_per_s, step], axis=-1)
+    means = np.zeros((24, len(MEMORY_S)))  # as those of a sensor never read
+    away = [change[k, :, None] - (means := means + (change[k, :, None] - means) * weight) for k in range(200)]
+    now = np.stack([(change - s.change_middle) / s.change, rate / s.rate_per_s, step], axis=-1)
+    x = np.concatenate([now, np.array(away) / s.change], axis=-1)
     with torch.no_grad():
         output = head(reference(torch.tensor(x.swapaxes(0, 1)))[0]).numpy().swapaxes(0, 1)
     expected = model.gauge.stretched_strain(change) + 0.05 * output[..., 0]
