@@ -227,8 +227,8 @@ class CalibrationReport:
             "",
             f"- dR/R {ranges['change'][0]:.3f} to {ranges['change'][1]:.3f}; beyond, strain is extrapolated, flagged, "
             "and its sigma grows with the distance",
-            f"- rate of dR/R up to {ranges['rate_per_s']:.3g} /s (99.9 % of the training); beyond, sigma grows in "
-            "proportion, and for 3 s after",
+            f"- rate of dR/R up to {ranges['rate_per_s']:.3g} /s, of strain up to {ranges['strain_rate_per_s']:.3g} /s "
+            "(99.9 % of the training); beyond, samples are flagged, and sigma grows with the excess, and for 3 s after",
             f"- strain 0 to {ranges['strain'][1]:.3f}",
             f"- time steps of {ranges['step_s'][0]:g} to {ranges['step_s'][1]:g} s",
             "",

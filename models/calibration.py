@@ -13,7 +13,7 @@ from .gauge import LEAST_GAIN_SIGMA, fit_gauge
 from .mode import fit_mode
 from .recipe import Trained, TrainingSettings
 from .recordings import Recording, Split
-from .sensor_model import FORMAT, LEAST_SPREAD, LSTM_TENSORS, SensorModel, run_lstm
+from .sensor_model import FORMAT, LEAST_SPREAD, LSTM_TENSORS, STRAIN_RATE_S, SensorModel, run_lstm
 from .stretching import MEMORY_S, Lstm, features
 from .strip_baselines import PolynomialEstimator, StaticEstimator, on_common_curve
 from .strips import NetworkEstimator, StrainEstimator, StripRun, Tare, run_strips, tare_strips
@@ -137,6 +137,7 @@ def _model(
         "ranges": {
             "change": [float(change.min()), float(change.max())],
             "rate_per_s": float(np.quantile(np.abs(rate), 0.999)),
+            "strain_rate_per_s": _fastest_strain(common),
             "strain": [0.0, float(max(r.strain.max() for r in common))],
             "step_s": list(trained.step_s),
         },
@@ -157,3 +158,14 @@ def _mode(split: Split, bending: BendingFit | None) -> tuple[NDArray[np.float64]
     recordings = [*split.training, *(r for r in split.validation if r.name not in names)]
     _, own = fit_gauge(recordings, bending.curve() if bending else BendingCurve())
     return fit_mode(on_common_curve(recordings, {name: np.array(pair) for name, pair in own.items()}))
+
+
+def _fastest_strain(recordings: Sequence[Recording]) -> float:
+    """Return the rate of strain that 99.9 % of the stretched samples stay under, smoothed as at run time."""
+    rates = []
+    for r in recordings:
+        step_s, stretched = float(np.median(np.diff(r.t_s))), r.strain >= 0
+        width = max(round(STRAIN_RATE_S / step_s), 1)
+        rate = np.abs(r.strain[width:] - r.strain[:-width]) / (r.t_s[width:] - r.t_s[:-width])
+        rates.append(rate[stretched[width:] & stretched[:-width]])
+    return float(np.quantile(np.concatenate(rates), 0.999))
