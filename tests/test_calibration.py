@@ -307,6 +307,15 @@ class TestExtrapolation:
         assert factor[0] == pytest.approx(1 + np.exp(-1))
         assert not beyond[0]
 
+    def test_strain_faster_than_trained_adds_the_lag_times_the_excess(self, model: SensorModel) -> None:
+        """Steady strain at the fastest trained rate and 0.1 /s more: sigma 0.4 s * 0.1 /s on top."""
+        outside, still, rate = Extrapolation(model, 1), np.zeros(1), model.max_strain_rate_per_s + 0.1
+        for k in range(200):
+            factor, extra, beyond = outside.step(still, still, np.array([rate * 0.02 * k]), 0.02)
+        assert factor[0] == 1
+        assert extra[0] == pytest.approx(0.04, rel=0.01)
+        assert beyond[0]
+
     def test_grows_with_the_distance_beyond_the_trained_change(self, model: SensorModel) -> None:
         outside, still = Extrapolation(model, 1), np.zeros(1)
         far = np.array([model.max_change + 0.3])
