@@ -25,7 +25,6 @@ SWEEP = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0)
 SWEEP_EPOCHS = 40
 """Of each of these short trainings."""
 COLUMNS = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-PACKAGES = ("tensegraph", "torch", "numpy", "scipy")
 
 
 def calibrate_folder(
