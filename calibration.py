@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -75,17 +74,13 @@ def _train(
 
     with Progress(*COLUMNS, TextColumn("{task.fields[loss]}"), console=console) as progress:
         task = progress.add_task("training", total=settings.epochs, loss="")
-        try:
-            return train(
-                split,
-                curve,
-                settings,
-                lambda epoch, loss: progress.update(task, completed=epoch, loss=f"loss {loss:.3f}"),
-                checkpoint,
-            )
-        except KeyboardInterrupt:
-            console.print("interrupted: the same command goes on from where it was")
-            raise typer.Exit(130) from None
+        return train(
+            split,
+            curve,
+            settings,
+            lambda epoch, loss: progress.update(task, completed=epoch, loss=f"loss {loss:.3f}"),
+            checkpoint,
+        )
 
 
 def _sweep(split: Split, curve: BendingCurve, settings: TrainingSettings, console: Console) -> dict[float, float]:

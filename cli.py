@@ -89,7 +89,13 @@ def calibrate(
     if hold_out and hold_out_tail is not None:
         raise TensegraphError("--hold-out and --hold-out-tail: expected one of them, got both")
     settings = TrainingSettings(epochs=epochs, learning_rate=learning_rate, unified=unified, seed=seed)
-    calibrate_folder(folder, CalibrationPaths(out), read_rig(rig), settings, hold_out, hold_out_tail, sweep, console)
+    try:
+        calibrate_folder(
+            folder, CalibrationPaths(out), read_rig(rig), settings, hold_out, hold_out_tail, sweep, console
+        )
+    except KeyboardInterrupt:
+        console.print("interrupted: the same command goes on from where it was")
+        raise typer.Exit(130) from None
 
 
 def _result_paths(trials: list[Trial], out: Path | None) -> list[Path]:

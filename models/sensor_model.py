@@ -31,9 +31,10 @@ class SensorModel:
     """
 
     tensors: Mapping[str, NDArray[np.float64]]
-    """`LSTM_TENSORS`, the curves of `gauge` and of `mode_log_odds`, a golden input (steps, 3) and output (steps, 2)."""
+    """`LSTM_TENSORS`, the curves of `gauge` and of `mode_log_odds`, a golden input (steps, inputs), its output
+    (steps, 2); where recordings bend, `bending` (6,) and `bending_covariance` (6, 6), eq. (9) fitted anew."""
     metadata: Mapping[str, Any]
-    """Units, ranges, spread, recipe and scores: see `training.train`."""
+    """Units, ranges, spread, recipe and scores: see `calibration.calibrate_model`."""
 
     def __post_init__(self) -> None:
         if self.metadata.get("format") != FORMAT:

@@ -14,7 +14,7 @@ from tensegraph.models.sensor_model import StretchingSensors
 from tensegraph.models.stretching import MEMORY_S
 from tensegraph.models.training import train
 
-QUICK = TrainingSettings(epochs=60, sequences=16, steps=800, hidden=8)
+QUICK = TrainingSettings(epochs=60, sequences=12, steps=600, hidden=8)
 GAINS = (1.1, 0.9, 1.05, 0.95, 1.0, 0.97)
 TINY = TrainingSettings(epochs=20, sequences=4, steps=200, chunk=50, hidden=4)
 
