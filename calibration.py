@@ -88,12 +88,12 @@ def _sweep(split: Split, curve: BendingCurve, settings: TrainingSettings, consol
     from .models.training import train
 
     losses: dict[float, float] = {}
+    short = replace(settings, epochs=min(SWEEP_EPOCHS, settings.epochs))
     with Progress(*COLUMNS, console=console) as progress:
         for rate in progress.track(SWEEP, description="learning rates"):
-            short = replace(settings, learning_rate=rate, epochs=min(SWEEP_EPOCHS, settings.epochs))
-            losses[rate] = train(split, curve, short).history.best_loss
+            losses[rate] = train(split, curve, replace(short, learning_rate=rate)).history.best_loss
     best = min(losses, key=lambda rate: losses[rate])
-    console.print(f"least validation loss after {SWEEP_EPOCHS} epochs at learning rate {best:g}", highlight=False)
+    console.print(f"least validation loss after {short.epochs} epochs at learning rate {best:g}", highlight=False)
     return losses
 
 
