@@ -234,7 +234,11 @@ def test_reconstruct_uses_the_model_it_is_given(rig_folder, calibrated, trial_co
 def test_ctrl_c_and_the_same_command_again_give_the_same_bytes(rig_folder, calibrated) -> None:
     command = [sys.executable, "-m", "tensegraph", *CALIBRATE, "again.safetensors"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    with subprocess.Popen(command, cwd=rig_folder, **quiet) as process:
+
+    def heed_ctrl_c() -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a job in the background is started deaf to it
+
+    with subprocess.Popen(command, cwd=rig_folder, preexec_fn=heed_ctrl_c, **quiet) as process:
         until = time.monotonic() + 60
         while not (rig_folder / "again.checkpoint").exists() and time.monotonic() < until:
             time.sleep(0.02)
