@@ -16,7 +16,6 @@ from .io.trial import Trial
 from .models.errors import InputError
 from .models.readings import Flag
 from .models.reconstruction import Reconstruction
-from .models.sensor_model import SensorModel
 from .models.settings import Settings
 from .pipeline import Method, Pipeline
 
@@ -106,16 +105,6 @@ class Run:
 def _way(start: Path, end: Path) -> str:
     """Return the way from one directory to another: relative, so that both may be moved together."""
     return Path(os.path.relpath(end.resolve(), start.resolve())).as_posix()
-
-
-def training_table(model: SensorModel) -> Table:
-    """Return the errors of a trained model on the recordings that were held out."""
-    table = Table("held out", "RMSE, strain", "of the static curve", "68 % band", "95 % band", title_justify="left")
-    for name, scores in model.metadata["held_out"].items():
-        rmse, static = scores["rmse_strain"], scores["static_rmse_strain"]
-        coverage = f"{scores['coverage_68']:.0%}", f"{scores['coverage_95']:.0%}"
-        table.add_row(name, f"{rmse:.4f}", f"{static:.4f}", *coverage)
-    return table
 
 
 def flagged_sensors(r: Reconstruction) -> list[str]:
