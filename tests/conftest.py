@@ -1,7 +1,10 @@
 """What the tests share: the example trial, a six-strut at rest, and the one check of derivatives."""
 
+import shutil
+import subprocess
+import time
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -116,3 +119,59 @@ def trial_copy(tmp_path: Path) -> Callable[..., Path]:
         return target
 
     return copy
+
+
+TOOLS = ["avr-gcc", "avr-g++", "gcc", "make"]
+ARDUINO = Path("/usr/share/arduino/hardware/arduino/avr")
+
+
+@pytest.fixture(scope="session")
+def firmware(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with the firmware of boards 0 and 1, and the emulator that runs it."""
+    missing = [tool for tool in TOOLS if shutil.which(tool) is None]
+    missing += [str(path) for path in (ARDUINO, Path("/usr/include/simavr")) if not path.exists()]
+    if missing:
+        pytest.skip(f"no emulated boards: {', '.join(missing)} not found; .ci/run names the packages")
+    folder = tmp_path_factory.mktemp("firmware")
+    command = ["make", "-s", "-C", str(Path(__file__).parent / "emulator"), f"OUT={folder}", f"ARDUINO={ARDUINO}"]
+    subprocess.run(command, check=True, timeout=120)
+    return folder
+
+
+class EmulatedBoard:
+    """A Mega that runs the firmware, its pins at the voltages that gave a trial's codes; on a pty of its own."""
+
+    def __init__(self, firmware: Path, number: int, trial: Path, folder: Path, rate_ppm: float = 0.0) -> None:
+        self.port = folder / f"board{number}"
+        self.log = folder / f"board{number}.log"
+        self._command = [firmware / "board", firmware / f"board{number}.elf", self.port, folder / f"mv{number}.csv"]
+        self._command += [rate_ppm, folder / f"board{number}.eeprom", self.log]
+        rows = np.loadtxt(trial / f"board{number}.csv", delimiter=",", skiprows=1)
+        millivolt = (rows[:, 3:] + 0.5) * 5000 / 1024
+        np.savetxt(self._command[3], np.column_stack([rows[:, 0], millivolt]), delimiter=",", fmt="%.4f")
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def plug(self) -> None:
+        """Start, and wait for the port."""
+        self._process = subprocess.Popen([str(part) for part in self._command], stdout=subprocess.DEVNULL)
+        while not self.port.is_symlink():
+            assert self._process.poll() is None
+            time.sleep(0.01)
+
+    def unplug(self) -> None:
+        """Stop: the port goes, the boot counter stays."""
+        if self._process is not None:
+            self._process.terminate()
+            self._process.wait(10)
+            self._process = None
+
+
+@pytest.fixture
+def emulated(firmware: Path, tmp_path: Path) -> Iterator[list[EmulatedBoard]]:
+    """Both boards of the example trial, plugged in; their clocks differ by 2000 ppm, as two resonators' do."""
+    boards = [EmulatedBoard(firmware, b, EXAMPLE, tmp_path, rate_ppm) for b, rate_ppm in enumerate((0.0, 2000.0))]
+    for board in boards:
+        board.plug()
+    yield boards
+    for board in boards:
+        board.unplug()
