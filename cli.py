@@ -1,23 +1,36 @@
 """The command line: `tensegraph --help`."""
 
+import math
 import sys
 import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from .io.calibration import read_recordings
 from .io.model_file import read_sensor_model, write_sensor_model
+from .io.recorder import check_trial_path
 from .io.result import check_result_path
+from .io.serial_port import ask, usb_ports
 from .io.toml import read_settings
 from .io.trial import Trial, open_trial
-from .models.errors import TensegraphError
+from .live import Activity, Feed, LiveResult, Rig, Session, boards_feed, replay_feed, stopped_by_signals
+from .models.boards import Boards
+from .models.errors import RecordingError, TensegraphError
+from .models.link import LinkState
+from .models.readings import BoardReading
 from .models.reconstruction import Reconstruction
 from .models.sensor_model import SensorModel
 from .models.settings import Settings
+from .models.trial import LinkTable
+from .panel import Panel, ports_table
 from .pipeline import Method, Pipeline, write_result
 from .report import Run, training_table
 
@@ -75,6 +88,148 @@ def calibrate(
     write_sensor_model(model, out)
     console.print(training_table(model))
     console.print(f"written to {out}", highlight=False)
+
+
+PORTS = Annotated[
+    list[str] | None, typer.Option("--port", help="Serial port; may be repeated. [default: the rig's, or all]")
+]
+SECONDS = Annotated[float, typer.Option(min=0, help="End by itself after so long. [default: at Ctrl-C]")]
+
+
+@app.command()
+def ports(
+    ports: Annotated[list[str] | None, typer.Argument(help="Ports to ask. [default: all USB serial ports]")] = None,
+    baud: Annotated[int, typer.Option(help="Of the boards' firmware.")] = LinkTable().baud,
+    seconds: Annotated[float, typer.Option(help="To listen at most; a Mega takes two to start.")] = 4.0,
+) -> None:
+    """List serial ports, and the boards that answer on them."""
+    found = usb_ports()
+    asked = {port: found.get(port, "") for port in ports} if ports else found
+    if not asked:
+        raise TensegraphError("no USB serial port: is a board plugged in?")
+    with ThreadPoolExecutor(len(asked)) as pool:  # each waits for its own board
+        answers = list(pool.map(lambda port: ask(port, asked[port], baud, seconds), asked))
+    console.print(ports_table(answers))
+
+
+@app.command()
+def record(
+    rig: Annotated[Path, typer.Option(help="Description of structure, sensors and boards, as examples/rig.toml.")],
+    out: Annotated[Path, typer.Option(help="Trial directory to write; must not exist.")],
+    port: PORTS = None,
+    seconds: SECONDS = math.inf,
+) -> None:
+    r"""Record the boards into a trial directory; Ctrl-C ends it.
+
+    \b
+    tensegraph record --rig examples/rig.toml --out trials/first
+    """
+    check_trial_path(out)
+    setup, settings = Rig.read(rig), Settings()
+    boards, activity = Boards(setup.description, settings.clock), Activity(len(setup.table.board))
+    with boards_feed(setup, port or [], out, settings, read_sensor_model(), BesideTheRig()) as feed:
+        screen = Panel(f"recording {out}, Ctrl-C ends it", activity, lambda: boards.counts, feed.state)
+        with stopped_by_signals(feed.source), _shown(screen):
+            for row in feed.rows:
+                assert isinstance(row, BoardReading)
+                activity.count(row, feed.source.late_s())
+                boards.reading(row)  # for the clocks' counts
+                if row.host_s > seconds or feed.state().recording_error:
+                    feed.source.stop()
+    _end_recording(out, feed.state())
+
+
+@app.command()
+def live(
+    rig: Annotated[Path | None, typer.Option(help="As for record: the shape from the boards.")] = None,
+    replay: Annotated[
+        Path | None, typer.Option(help="Instead: the shape from a recorded trial, at its pace ...")
+    ] = None,
+    speed: Annotated[float, typer.Option(min=1e-3, help="... or so many times faster.")] = 1.0,
+    record: Annotated[Path | None, typer.Option(help="Trial directory to record into; must not exist.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Result directory. [default: results/NAME]")] = None,
+    config: Annotated[Path | None, typer.Option(help="Settings that differ from the defaults, as TOML.")] = None,
+    view: Annotated[bool, typer.Option("--view", help="Show the shape in a window.")] = False,
+    port: PORTS = None,
+    seconds: SECONDS = math.inf,
+) -> None:
+    r"""Show the shape while it moves, and keep it: from the boards or from a trial; Ctrl-C ends it.
+
+    \b
+    tensegraph live --rig examples/rig.toml --record trials/first
+    tensegraph live --replay examples/press_01 --speed 4
+    """
+    if (rig is None) == (replay is None):
+        raise TensegraphError("expected one of --rig and --replay")
+    settings, model = read_settings(config), read_sensor_model()
+    given = record or replay
+    path = out or Path("results") / (given.resolve().name if given else "live")
+    check_result_path(path)
+    if record is not None:
+        check_trial_path(record)
+    with ExitStack() as stack:
+        if rig is not None:
+            people = BesideTheRig()
+            feed = stack.enter_context(boards_feed(Rig.read(rig), port or [], record, settings, model, people))
+        else:
+            assert replay is not None
+            feed = stack.enter_context(replay_feed(replay, speed, record))
+        session = Session(feed, Pipeline(feed.description, settings, model), seconds)
+        _show_session(session, feed, path, view)
+    console.print(f"written to {path}", highlight=False)
+    if record is not None:
+        _end_recording(record, feed.state())
+
+
+def _show_session(session: Session, feed: Feed, path: Path, view: bool) -> None:
+    """Run a session to its end, on the screen and into a result directory."""
+    pipeline = session.pipeline
+    structure, probability = pipeline.trial.structure, pipeline.settings.probability
+    clocks = pipeline.boards.counts if pipeline.boards else []
+    screen = Panel(f"live, from {feed.origin}; Ctrl-C ends it", session.activity, lambda: clocks, feed.state)
+    with LiveResult(path, structure, pipeline.settings) as result:
+        with ExitStack() as stack:
+            window = None
+            if view:
+                from .io.live_view import LiveView  # pyplot takes a second to import
+
+                window = stack.enter_context(LiveView(structure, pipeline.rest.node_position_m, probability))
+            stack.enter_context(stopped_by_signals(feed.source))
+            stack.enter_context(_shown(screen))
+            for shape in session.shapes():
+                result.add(shape)
+                if window is not None:
+                    window.show(shape)
+        result.finish(f"{feed.name}, live", session.as_table())
+
+
+@contextmanager
+def _shown(panel: Panel) -> Iterator[None]:
+    """Draw a panel four times a second; where there is no terminal, once at the end."""
+    with Live(panel, console=console):
+        yield
+    if not console.is_terminal:
+        console.line()
+
+
+def _end_recording(path: Path, state: LinkState) -> None:
+    if state.recording_error:
+        raise RecordingError(state.recording_error)
+    console.print(f"{state.recorded_rows} rows recorded in {path}", highlight=False)
+
+
+class BesideTheRig:
+    """Whoever reads the screen and presses Enter; nobody is asked where there is no keyboard."""
+
+    def say(self, text: str) -> None:
+        """Print a line."""
+        console.print(text, highlight=False)
+
+    def ask_for_rest(self, seconds: float) -> None:
+        """Wait for Enter, where there is somebody to press it."""
+        if sys.stdin.isatty():
+            console.input("Leave the structure alone, standing at its rest shape, and press Enter: ")
+        self.say(f"taring for {seconds:g} s: it has to stand still ...")
 
 
 def _result_paths(trials: list[Trial], out: Path | None) -> list[Path]:

@@ -12,7 +12,7 @@ from .estimator.frame import FrameEstimator
 from .estimator.live import LiveSmoother
 from .io.figures import write_lengths_figure, write_shape_figure
 from .io.model_file import read_sensor_model
-from .io.result import result_directory, write_run, write_tables
+from .io.result import append_tables, result_directory, write_run
 from .io.trial import Reading, Trial, open_trial
 from .models.boards import Boards
 from .models.frames import FrameAssembler
@@ -64,8 +64,11 @@ class Pipeline:
 
     def estimate(self, readings: Iterable[Reading], method: Method = "batch") -> Iterator[Shape]:
         """Yield the shape of every frame, live ones as soon as they can be known."""
-        estimator = ESTIMATORS[method](self.trial.structure, self.rest, self.settings)
-        return estimator.estimate(self.lengths(readings))
+        return self.shapes(self.lengths(readings), method)
+
+    def shapes(self, frames: Iterable[TendonLengths], method: Method) -> Iterator[Shape]:
+        """Yield the shape of every frame of lengths."""
+        return ESTIMATORS[method](self.trial.structure, self.rest, self.settings).estimate(frames)
 
     def lengths(self, readings: Iterable[Reading]) -> Iterator[TendonLengths]:
         """Yield all tendon lengths, frame by frame."""
@@ -159,7 +162,7 @@ def write_result(
 ) -> None:
     """Write a result directory with its run.toml, whole or not at all."""
     with result_directory(path) as directory:
-        write_tables(reconstruction, settings.probability, directory)
+        append_tables(reconstruction, settings.probability, directory)
         write_lengths_figure(reconstruction, title, directory / "lengths.png")
         write_shape_figure(reconstruction, settings.probability, title, directory / "shape.png")
         write_run(run, directory)

@@ -58,13 +58,12 @@ class Run:
 
     def as_table(self) -> dict[str, Any]:
         """Return run.toml: every setting, versions, input hashes, what was not plain, timing."""
-        packages = ("tensegraph", "gtsam", "numpy", "scipy")
         return {
             "trial": self.trial.name,
             "method": self.method,
             "rest_shape": self.pipeline.rest.source,
             "frames": len(self.reconstruction),
-            "versions": {"python": platform.python_version(), **{name: version(name) for name in packages}},
+            "versions": versions(),
             "inputs": self.trial.hashes(),
             "rows": self._rows_not_plain(),
             "settings": asdict(self.settings),
@@ -94,6 +93,12 @@ class Run:
                 counts[f"board {board}: {name.replace('_', ' ')}"] = n if name != "rows" else 0
         counts |= {"half lines": self.trial.half_lines, "dropped rows": self.trial.dropped_rows}
         return {name: n for name, n in counts.items() if n}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what made a result."""
+    packages = ("tensegraph", "gtsam", "numpy", "scipy")
+    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
 
 
 def training_table(model: SensorModel) -> Table:

@@ -2,7 +2,7 @@
 
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -53,12 +53,12 @@ def check_result_path(path: Path) -> None:
         )
 
 
-def write_tables(reconstruction: Reconstruction, probability: float, directory: Path) -> None:
-    """Write shape.csv, ellipsoids.csv, lengths.csv and status.csv."""
-    _write(directory / "shape.csv", _shape_rows(reconstruction))
-    _write(directory / "ellipsoids.csv", _ellipsoid_rows(reconstruction, probability))
-    _write(directory / "lengths.csv", _length_rows(reconstruction))
-    _write(directory / "status.csv", _status_rows(reconstruction))
+def append_tables(reconstruction: Reconstruction, probability: float, directory: Path) -> None:
+    """Write shape.csv, ellipsoids.csv, lengths.csv and status.csv, or go on with them: a live run comes in parts."""
+    _append(directory / "shape.csv", _shape_rows(reconstruction))
+    _append(directory / "ellipsoids.csv", _ellipsoid_rows(reconstruction, probability))
+    _append(directory / "lengths.csv", _length_rows(reconstruction))
+    _append(directory / "status.csv", _status_rows(reconstruction))
 
 
 def write_run(run: Mapping[str, Any], directory: Path) -> None:
@@ -66,8 +66,12 @@ def write_run(run: Mapping[str, Any], directory: Path) -> None:
     (directory / RUN_FILE).write_text(tomli_w.dumps(run), encoding="utf-8")
 
 
-def _write(path: Path, rows: Iterable[str]) -> None:
-    with path.open("w", encoding="utf-8", newline="\n") as file:
+def _append(path: Path, rows: Iterator[str]) -> None:
+    """Add rows to a table; the first, its header, only where there is none yet."""
+    header = next(rows)
+    with path.open("a", encoding="utf-8", newline="\n") as file:
+        if file.tell() == 0:
+            file.write(f"{header}\n")
         file.writelines(f"{row}\n" for row in rows)
 
 
