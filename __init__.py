@@ -21,3 +21,4 @@ from .models.structure import three_strut as three_strut
 from .pipeline import reconstruct as reconstruct
 from .pipeline import save as save
 from .pipeline import stream as stream
+from .simulation import simulate as simulate

@@ -33,6 +33,7 @@ from .models.trial import LinkTable
 from .panel import Panel, ports_table
 from .pipeline import Method, Pipeline, write_result
 from .report import Run, training_table
+from .simulation import simulate as simulate_trial
 
 app = typer.Typer(
     help="Shape of a tensegrity, with uncertainty, from its strain-sensing tendons.",
@@ -230,6 +231,19 @@ class BesideTheRig:
         if sys.stdin.isatty():
             console.input("Leave the structure alone, standing at its rest shape, and press Enter: ")
         self.say(f"taring for {seconds:g} s: it has to stand still ...")
+
+
+@app.command()
+def simulate(
+    plan: Annotated[Path, typer.Argument(help="Plan (*.toml), such as those in examples/plans.")],
+    out: Annotated[Path, typer.Option(help="Trial directory to write.")],
+    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the plan's own.")] = None,
+) -> None:
+    """Simulate a structure, its sensors and its boards: a trial with its truth."""
+    start = time.perf_counter()
+    trial = simulate_trial(plan, out, seed)
+    seconds = time.perf_counter() - start
+    console.print(f"{trial.name}: {trial.row_count()} rows in {seconds:.1f} s, written to {out}", highlight=False)
 
 
 def _result_paths(trials: list[Trial], out: Path | None) -> list[Path]:

@@ -1,6 +1,7 @@
-"""TOML files into mappings."""
+"""TOML files into mappings, and where in the file a key stands."""
 
 import tomllib
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -35,3 +36,41 @@ def read_settings(path: Path | None) -> Settings:
     for key in unknown_keys(Settings, table):
         raise InputError(f"{path}: {key}: is no setting; a run's run.toml lists them all")
     return parse_table(Settings, table, str(path))
+
+
+def line_of(text: str, key: str) -> int:
+    """Return the line, from 1, on which a dotted key stands in a TOML file, or the innermost table around it.
+
+    Args:
+        text: of a file that is TOML.
+        key: like `load.press[1].force_n`.
+    """
+    lines = _lines_of_keys(text)
+    while key and key not in lines:
+        key = key[: max(key.rfind("."), key.rfind("["), 0)]
+    return lines.get(key, 1)
+
+
+def _lines_of_keys(text: str) -> dict[str, int]:
+    """Return the line of every key: statements are the shortest runs of lines that are TOML by themselves."""
+    lines: dict[str, int] = {}
+    table, statement, first, seen = "", "", 1, Counter[str]()
+    for number, line in enumerate(text.splitlines(keepends=True), start=1):
+        if not statement:
+            first = number
+        statement += line
+        try:
+            parsed: Any = tomllib.loads(statement)
+        except tomllib.TOMLDecodeError:
+            continue  # a list or a string goes on
+        header, statement = statement.lstrip().startswith("["), ""
+        key = "" if header else table
+        while isinstance(parsed, dict) and len(parsed) == 1:
+            ((name, parsed),) = parsed.items()
+            key = f"{key}.{name}" if key else name
+            if isinstance(parsed, list) and header:
+                seen[key] += 1
+                key, parsed = f"{key}[{seen[key] - 1}]", parsed[0]
+            lines.setdefault(key, first)
+        table = key if header else table
+    return lines

@@ -47,6 +47,20 @@ class Divider:
         ratio = (counts + 0.5) / (self.codes - counts - 0.5)
         return self.known_resistor_ohm * (ratio if self.sensor_side == "ground" else 1 / ratio)
 
+    def counts(
+        self, resistance_ohm: NDArray[np.float64], noise_codes: NDArray[np.float64] | float = 0.0
+    ) -> NDArray[np.int64]:
+        """Return the code that each resistance gives, 0 and infinity included.
+
+        Args:
+            resistance_ohm: of the sensors.
+            noise_codes: of the converter, in codes before they are cut to whole ones.
+        """
+        with np.errstate(divide="ignore"):
+            ratio = 1 / (1 + self.known_resistor_ohm / resistance_ohm)
+        ratio = ratio if self.sensor_side == "ground" else 1 - ratio
+        return np.clip(np.floor(ratio * self.codes + noise_codes), 0, self.codes - 1).astype(np.int64)
+
     def sigma_ohm(self, resistance_ohm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the quantisation sigma at a resistance."""
         sigma: NDArray[np.float64] = (resistance_ohm + self.known_resistor_ohm) ** 2 / (

@@ -1,6 +1,6 @@
 """Tables of values (from TOML) into frozen dataclasses, with one clear line for what does not fit."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
@@ -21,13 +21,13 @@ Probability = Annotated[float, Interval(gt=0, lt=1)]
 T = TypeVar("T")
 
 
-def parse_table(kind: type[T], table: Mapping[str, Any], where: str) -> T:
+def parse_table(kind: type[T], table: Mapping[str, Any], where: str | Callable[[str], str]) -> T:
     """Return the dataclass that a table describes; keys it does not know are left out (see `unknown_keys`).
 
     Args:
         kind: a dataclass, whose fields may be dataclasses themselves.
         table: names to values, as from TOML.
-        where: the file, for errors.
+        where: the file, for errors, or what names the place of a dotted key.
 
     Raises:
         InputError: naming file and key, what was expected, and what was found.
@@ -36,7 +36,8 @@ def parse_table(kind: type[T], table: Mapping[str, Any], where: str) -> T:
         return TypeAdapter(kind).validate_python(dict(table))
     except ValidationError as error:
         first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "the file"
+        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"])[1:] or "the file"
+        where = where if isinstance(where, str) else where(key)
         if first["type"] == "missing":
             raise InputError(f"{where}: {key}: is missing") from error
         raise InputError(f"{where}: {key}: {first['msg'].lower()}, got {_shortened(first['input'])}") from error

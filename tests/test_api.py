@@ -29,6 +29,7 @@ PUBLIC = [
     "open_trial",
     "reconstruct",
     "save",
+    "simulate",
     "six_strut",
     "stream",
     "three_strut",

@@ -172,8 +172,36 @@ def test_bad_input_is_one_line_and_exit_code_2(trial_copy, arguments, message) -
     assert [name for name in left if name not in before] in ([], ["results"])
 
 
+def test_a_simulated_trial_is_reconstructed(tmp_path) -> None:
+    """The twin's commands as the README has them, on five seconds of the prism."""
+    text = (Path(__file__).parents[1] / "examples" / "plans" / "prism.toml").read_text()
+    text = text[: text.index("[[load.random]]")].replace("duration_s = 30.0", "duration_s = 5.0")
+    (tmp_path / "prism.toml").write_text(text)
+    result = run("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith("prism_01: ")
+    assert "written to prism_01" in result.stdout
+    result = run("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path)
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+    assert "prism_01: exists: expected a new name" in result.stderr
+    result = run("reconstruct", "prism_01", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "node RMSE" in result.stdout
+
+
+def test_a_bad_plan_is_one_line_and_nothing_is_written(tmp_path) -> None:
+    text = (Path(__file__).parents[1] / "examples" / "plans" / "press.toml").read_text()
+    (tmp_path / "bad.toml").write_text(text.replace("push_back", "push_bak"))
+    result = run("simulate", "bad.toml", "--out", "trial", cwd=tmp_path)
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+    line = 1 + text[: text.index("push_back")].count("\n")
+    assert f"bad.toml: line {line}: mechanics.push_bak: is no key of a plan" in result.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["bad.toml"]
+
+
 def test_help_names_the_commands(tmp_path) -> None:
     result = run("--help", cwd=tmp_path)
     assert result.returncode == 0
     assert "reconstruct" in result.stdout
     assert "calibrate" in result.stdout
+    assert "simulate" in result.stdout

@@ -1,0 +1,44 @@
+"""The twin's loop: a plan in, a trial directory out."""
+
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from .io.plan import read_plan
+from .io.recorder import Recorder, check_trial_path
+from .io.trial import Trial, open_trial
+from .models.errors import InputError
+from .models.virtual_trial import simulate as simulate_plan
+
+
+def simulate(plan: str | Path, out: str | Path, seed: int | None = None) -> Trial:
+    """Simulate a plan, write its trial, and return it opened.
+
+    Args:
+        plan: the plan's file.
+        out: the trial's directory, which must not exist yet; it is there whole or not at all.
+        seed: instead of the plan's own.
+
+    Raises:
+        InputError: for a plan that can not be simulated, or when something stands at `out`.
+        IndeterminateError: when the structure finds no rest shape.
+    """
+    plan, out = Path(plan), Path(out)
+    check_trial_path(out)
+    parsed = read_plan(plan)
+    parsed = parsed if seed is None else replace(parsed, seed=seed)
+    provenance = f"simulated: tensegraph {version('tensegraph')}, plan {plan.name}, seed {parsed.seed}"
+    trial = simulate_plan(parsed, provenance)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        folder = TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent)
+    except OSError as error:
+        raise InputError(f"{out}: can not be written: {error}") from error
+    with folder as temporary:
+        with Recorder(Path(temporary) / out.name, trial.metadata) as recorder:
+            for reading in trial.readings:
+                recorder.add(reading)
+            recorder.add_truth(trial.t_s, trial.node_position_m, trial.load_n)
+        (Path(temporary) / out.name).rename(out)
+    return open_trial(out)
