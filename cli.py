@@ -21,7 +21,7 @@ from .io.result import check_result_path
 from .io.serial_port import ask, usb_ports
 from .io.toml import read_settings
 from .io.trial import Trial, open_trial
-from .live import Activity, Feed, LiveResult, Rig, Session, boards_feed, replay_feed, stopped_by_signals
+from .live import Activity, Feed, LiveResult, Rig, Session, boards_feed, replay_feed, stopped_by_signals, twin_feed
 from .models.boards import Boards
 from .models.errors import RecordingError, TensegraphError
 from .models.link import LinkState
@@ -143,9 +143,8 @@ def record(
 @app.command()
 def live(
     rig: Annotated[Path | None, typer.Option(help="As for record: the shape from the boards.")] = None,
-    replay: Annotated[
-        Path | None, typer.Option(help="Instead: the shape from a recorded trial, at its pace ...")
-    ] = None,
+    replay: Annotated[Path | None, typer.Option(help="Instead: the shape from a recorded trial.")] = None,
+    twin: Annotated[Path | None, typer.Option(help="Or: from the simulation of a plan, at its pace ...")] = None,
     speed: Annotated[float, typer.Option(min=1e-3, help="... or so many times faster.")] = 1.0,
     record: Annotated[Path | None, typer.Option(help="Trial directory to record into; must not exist.")] = None,
     out: Annotated[Path | None, typer.Option(help="Result directory. [default: results/NAME]")] = None,
@@ -159,12 +158,13 @@ def live(
     \b
     tensegraph live --rig examples/rig.toml --record trials/first
     tensegraph live --replay examples/press_01 --speed 4
+    tensegraph live --twin examples/plans/press.toml
     """
-    if (rig is None) == (replay is None):
-        raise TensegraphError("expected one of --rig and --replay")
+    if sum(given is not None for given in (rig, replay, twin)) != 1:
+        raise TensegraphError("expected one of --rig, --replay and --twin")
     settings, model = read_settings(config), read_sensor_model()
-    given = record or replay
-    path = out or Path("results") / (given.resolve().name if given else "live")
+    named = record or replay or (twin and twin.with_suffix(""))
+    path = out or Path("results") / (named.resolve().name if named else "live")
     check_result_path(path)
     if record is not None:
         check_trial_path(record)
@@ -172,9 +172,11 @@ def live(
         if rig is not None:
             people = BesideTheRig()
             feed = stack.enter_context(boards_feed(Rig.read(rig), port or [], record, settings, model, people))
-        else:
-            assert replay is not None
+        elif replay is not None:
             feed = stack.enter_context(replay_feed(replay, speed, record))
+        else:
+            assert twin is not None
+            feed = stack.enter_context(twin_feed(twin, speed, record))
         session = Session(feed, Pipeline(feed.description, settings, model), seconds)
         _show_session(session, feed, path, view)
     console.print(f"written to {path}", highlight=False)
@@ -206,8 +208,8 @@ def _show_session(session: Session, feed: Feed, path: Path, view: bool) -> None:
 
 @contextmanager
 def _shown(panel: Panel) -> Iterator[None]:
-    """Draw a panel four times a second; where there is no terminal, once at the end."""
-    with Live(panel, console=console):
+    """Draw a panel twice a second; where there is no terminal, once at the end."""
+    with Live(panel, console=console, refresh_per_second=2):
         yield
     if not console.is_terminal:
         console.line()

@@ -3,12 +3,13 @@
 source -> rows -> (recorder) -> lengths -> newest frames -> shapes -> result, view; the panel watches.
 """
 
+import gc
 import signal
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -36,13 +37,14 @@ from .models.structure import Structure
 from .models.trial import TrialDescription, TrialTable, describe_trial
 from .pipeline import Pipeline
 from .report import versions
+from .simulation import virtual_trial
 
 LATE_S = 0.1
 """Frames later than this are skipped, until the newest: five of them at 50 Hz, or the smoother's lag."""
 VERY_LATE_S = 10.0
 """A smoother that can not make up for the taring in this time never will."""
-CHUNK = 25
-"""Frames that are written to the result at once: half a second of them takes about 10 ms."""
+CHUNK = 5
+"""Frames that are written to the result at once, which takes 3 ms; 25 of them would hold the next frame up by 12 ms."""
 FIGURE_FRAMES = 2000
 """Frames that the figures show at most; of a longer session they show every second, fourth, ... one."""
 LATENCIES = 30_000
@@ -89,7 +91,7 @@ class Rig:
         Raises:
             InputError: naming file and key.
         """
-        toml = {key: value for key, value in read_toml(path).items() if key != "truth"}
+        toml = _without_truth(read_toml(path))
         table, description = describe_trial(toml, str(path))
         if description.source != "counts":
             raise InputError(f"{path}: a rig has boards: expected [[board]], got [{description.source}]")
@@ -232,22 +234,48 @@ def replay_feed(path: Path, speed: float, record: Path | None) -> Iterator[Feed]
     """
     trial = open_trial(path)
     source = Replay(trial.readings(), speed)
+    feed = Feed(source, source.rows(), trial.description, trial.name, f"{path}, replayed", LinkState)
+    with _recorded(feed, trial.toml, record) as recorded:
+        yield recorded
+
+
+@contextmanager
+def twin_feed(plan: Path, speed: float, record: Path | None) -> Iterator[Feed]:
+    """Give the readings that a plan's twin would, at their pace, and without the truth.
+
+    Raises:
+        TensegraphError: when the plan can not be simulated, or the recording not be written.
+    """
+    trial = virtual_trial(plan)
+    source = Replay(trial.readings, speed)
+    _, description = describe_trial(_without_truth(trial.metadata), str(plan))
+    feed = Feed(source, source.rows(), description, plan.stem, f"the twin of {plan}", LinkState)
+    with _recorded(feed, trial.metadata, record) as recorded:
+        yield recorded
+
+
+@contextmanager
+def _recorded(feed: Feed, metadata: Mapping[str, Any], record: Path | None) -> Iterator[Feed]:
+    """Give the same feed, recorded on the way if there is a path."""
     if record is None:
-        yield Feed(source, source.rows(), trial.description, trial.name, f"{path}, replayed", LinkState)
+        yield feed
         return
-    if trial.description.source != "counts":
-        raise InputError(f"{path}: a trial of {trial.description.source} can not be recorded again: expected boards")
-    metadata = {key: value for key, value in trial.toml.items() if key != "truth"} | {"name": record.resolve().name}
-    with RecorderThread(Recorder(record, metadata, with_boot=True)) as recorder:
+    if feed.description.source != "counts":
+        raise InputError(f"{feed.origin}: holds {feed.description.source}: only rows of boards can be recorded again")
+    named = _without_truth(metadata) | {"name": record.resolve().name}
+    with RecorderThread(Recorder(record, named, with_boot=True)) as recorder:
 
         def state() -> LinkState:
             return LinkState(recorded_rows=recorder.rows, recording_error=recorder.error)
 
-        rows = _recorded(source.rows(), recorder)
-        yield Feed(source, rows, trial.description, trial.name, f"{path}, replayed", state)
+        yield replace(feed, rows=_added(feed.rows, recorder), state=state)
 
 
-def _recorded(readings: Iterator[Reading], recorder: RecorderThread) -> Iterator[Reading]:
+def _without_truth(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in metadata.items() if key != "truth"}
+
+
+def _added(readings: Iterator[Reading], recorder: RecorderThread) -> Iterator[Reading]:
     for reading in readings:
         assert isinstance(reading, BoardReading), "the recorder takes rows of boards"
         recorder.add(reading)
@@ -419,6 +447,7 @@ class Session:
 
     def shapes(self) -> Iterator[Shape]:
         """Yield shapes until the source ends or is stopped."""
+        gc.freeze()  # to look through all that is there by now would hold up some frame by 75 ms
         activity = self.activity
         newest = NewestFrames(self._feed.source, activity)
         for shape in self.pipeline.shapes(newest.of(self.pipeline.lengths(self._counted_rows())), "live"):

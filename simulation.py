@@ -9,6 +9,7 @@ from .io.plan import read_plan
 from .io.recorder import Recorder, check_trial_path
 from .io.trial import Trial, open_trial
 from .models.errors import InputError
+from .models.virtual_trial import VirtualTrial
 from .models.virtual_trial import simulate as simulate_plan
 
 
@@ -24,12 +25,9 @@ def simulate(plan: str | Path, out: str | Path, seed: int | None = None) -> Tria
         InputError: for a plan that can not be simulated, or when something stands at `out`.
         IndeterminateError: when the structure finds no rest shape.
     """
-    plan, out = Path(plan), Path(out)
+    out = Path(out)
     check_trial_path(out)
-    parsed = read_plan(plan)
-    parsed = parsed if seed is None else replace(parsed, seed=seed)
-    provenance = f"simulated: tensegraph {version('tensegraph')}, plan {plan.name}, seed {parsed.seed}"
-    trial = simulate_plan(parsed, provenance)
+    trial = virtual_trial(plan, seed)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         folder = TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent)
@@ -42,3 +40,11 @@ def simulate(plan: str | Path, out: str | Path, seed: int | None = None) -> Tria
             recorder.add_truth(trial.t_s, trial.node_position_m, trial.load_n)
         (Path(temporary) / out.name).rename(out)
     return open_trial(out)
+
+
+def virtual_trial(plan: str | Path, seed: int | None = None) -> VirtualTrial:
+    """Simulate a plan; see `simulate`."""
+    parsed = read_plan(Path(plan))
+    parsed = parsed if seed is None else replace(parsed, seed=seed)
+    provenance = f"simulated: tensegraph {version('tensegraph')}, plan {Path(plan).name}, seed {parsed.seed}"
+    return simulate_plan(parsed, provenance)

@@ -216,8 +216,9 @@ int main(int argc, char **argv) {
     }
     if (out_length) {
       /* nobody reads: the bytes are gone, as on a real line; a pty that was never opened keeps what fits */
+      const double leaves_s = now_s();
       if (write(master, out, out_length) < 0 && errno != EAGAIN && errno != EIO) die("pty");
-      if (log) log_frames(log, out, out_length, now_s());
+      if (log) log_frames(log, out, out_length, leaves_s);
       out_length = 0;
     }
   }
