@@ -3,17 +3,16 @@
 import math
 import sys
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from .feeds import Feed, Rig, boards_feed, replay_feed, twin_feed
 from .io.calibration import read_recordings
 from .io.model_file import read_sensor_model, write_sensor_model
 from .io.recorder import check_trial_path
@@ -21,7 +20,7 @@ from .io.result import check_result_path
 from .io.serial_port import ask, usb_ports
 from .io.toml import read_settings
 from .io.trial import Trial, open_trial
-from .live import Activity, Feed, LiveResult, Rig, Session, boards_feed, replay_feed, stopped_by_signals, twin_feed
+from .live import Activity, LiveResult, Session, stopped_by_signals
 from .models.boards import Boards
 from .models.errors import RecordingError, TensegraphError
 from .models.link import LinkState
@@ -30,7 +29,7 @@ from .models.reconstruction import Reconstruction
 from .models.sensor_model import SensorModel
 from .models.settings import Settings
 from .models.trial import LinkTable
-from .panel import Panel, ports_table
+from .panel import BesideTheRig, Panel, ports_table, shown
 from .pipeline import Method, Pipeline, write_result
 from .report import Run, training_table
 from .simulation import simulate as simulate_trial
@@ -128,9 +127,9 @@ def record(
     check_trial_path(out)
     setup, settings = Rig.read(rig), Settings()
     boards, activity = Boards(setup.description, settings.clock), Activity(len(setup.table.board))
-    with boards_feed(setup, port or [], out, settings, read_sensor_model(), BesideTheRig()) as feed:
+    with boards_feed(setup, port or [], out, settings, read_sensor_model(), BesideTheRig(console)) as feed:
         screen = Panel(f"recording {out}, Ctrl-C ends it", activity, lambda: boards.counts, feed.state)
-        with stopped_by_signals(feed.source), _shown(screen):
+        with stopped_by_signals(feed.source), shown(screen, console):
             for row in feed.rows:
                 assert isinstance(row, BoardReading)
                 activity.count(row, feed.source.late_s())
@@ -162,6 +161,8 @@ def live(
     """
     if sum(given is not None for given in (rig, replay, twin)) != 1:
         raise TensegraphError("expected one of --rig, --replay and --twin")
+    if (rig is not None and speed != 1) or (rig is None and port):
+        raise TensegraphError("--speed goes with --replay and --twin, --port with --rig")
     settings, model = read_settings(config), read_sensor_model()
     named = record or replay or (twin and twin.with_suffix(""))
     path = out or Path("results") / (named.resolve().name if named else "live")
@@ -170,7 +171,7 @@ def live(
         check_trial_path(record)
     with ExitStack() as stack:
         if rig is not None:
-            people = BesideTheRig()
+            people = BesideTheRig(console)
             feed = stack.enter_context(boards_feed(Rig.read(rig), port or [], record, settings, model, people))
         elif replay is not None:
             feed = stack.enter_context(replay_feed(replay, speed, record))
@@ -182,6 +183,19 @@ def live(
     console.print(f"written to {path}", highlight=False)
     if record is not None:
         _end_recording(record, feed.state())
+
+
+@app.command()
+def simulate(
+    plan: Annotated[Path, typer.Argument(help="Plan (*.toml), such as those in examples/plans.")],
+    out: Annotated[Path, typer.Option(help="Trial directory to write.")],
+    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the plan's own.")] = None,
+) -> None:
+    """Simulate a structure, its sensors and its boards: a trial with its truth."""
+    start = time.perf_counter()
+    trial = simulate_trial(plan, out, seed)
+    seconds = time.perf_counter() - start
+    console.print(f"{trial.name}: {trial.row_count()} rows in {seconds:.1f} s, written to {out}", highlight=False)
 
 
 def _show_session(session: Session, feed: Feed, path: Path, view: bool) -> None:
@@ -198,7 +212,7 @@ def _show_session(session: Session, feed: Feed, path: Path, view: bool) -> None:
 
                 window = stack.enter_context(LiveView(structure, pipeline.rest.node_position_m, probability))
             stack.enter_context(stopped_by_signals(feed.source))
-            stack.enter_context(_shown(screen))
+            stack.enter_context(shown(screen, console))
             for shape in session.shapes():
                 result.add(shape)
                 if window is not None:
@@ -206,46 +220,10 @@ def _show_session(session: Session, feed: Feed, path: Path, view: bool) -> None:
         result.finish(f"{feed.name}, live", session.as_table())
 
 
-@contextmanager
-def _shown(panel: Panel) -> Iterator[None]:
-    """Draw a panel twice a second; where there is no terminal, once at the end."""
-    with Live(panel, console=console, refresh_per_second=2):
-        yield
-    if not console.is_terminal:
-        console.line()
-
-
 def _end_recording(path: Path, state: LinkState) -> None:
     if state.recording_error:
         raise RecordingError(state.recording_error)
     console.print(f"{state.recorded_rows} rows recorded in {path}", highlight=False)
-
-
-class BesideTheRig:
-    """Whoever reads the screen and presses Enter; nobody is asked where there is no keyboard."""
-
-    def say(self, text: str) -> None:
-        """Print a line."""
-        console.print(text, highlight=False)
-
-    def ask_for_rest(self, seconds: float) -> None:
-        """Wait for Enter, where there is somebody to press it."""
-        if sys.stdin.isatty():
-            console.input("Leave the structure alone, standing at its rest shape, and press Enter: ")
-        self.say(f"taring for {seconds:g} s: it has to stand still ...")
-
-
-@app.command()
-def simulate(
-    plan: Annotated[Path, typer.Argument(help="Plan (*.toml), such as those in examples/plans.")],
-    out: Annotated[Path, typer.Option(help="Trial directory to write.")],
-    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the plan's own.")] = None,
-) -> None:
-    """Simulate a structure, its sensors and its boards: a trial with its truth."""
-    start = time.perf_counter()
-    trial = simulate_trial(plan, out, seed)
-    seconds = time.perf_counter() - start
-    console.print(f"{trial.name}: {trial.row_count()} rows in {seconds:.1f} s, written to {out}", highlight=False)
 
 
 def _result_paths(trials: list[Trial], out: Path | None) -> list[Path]:

@@ -1,11 +1,14 @@
-"""The status panel of a live session and of a recording."""
+"""What whoever stands beside the rig sees: the status panel, the ports, and what is asked of them."""
 
+import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
@@ -38,6 +41,32 @@ class Panel:
         complaints = [f"{port.port}: {port.complaint}" for port in state.ports if port.complaint]
         complaints += [state.recording_error] if state.recording_error else []
         return Group(*parts, *(Text(complaint, style="red") for complaint in complaints))
+
+
+@contextmanager
+def shown(panel: Panel, console: Console) -> Iterator[None]:
+    """Draw a panel twice a second; where there is no terminal, once at the end."""
+    with Live(panel, console=console, refresh_per_second=2):
+        yield
+    if not console.is_terminal:
+        console.line()
+
+
+class BesideTheRig:
+    """Whoever reads the screen and presses Enter; nobody is asked where there is no keyboard."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+
+    def say(self, text: str) -> None:
+        """Print a line."""
+        self._console.print(text, highlight=False)
+
+    def ask_for_rest(self, seconds: float) -> None:
+        """Wait for Enter, where there is somebody to press it."""
+        if sys.stdin.isatty():
+            self._console.input("Leave the structure alone, standing at its rest shape, and press Enter: ")
+        self.say(f"taring for {seconds:g} s: it has to stand still ...")
 
 
 def _boards(activity: Activity, clocks: Sequence[ClockCounts], state: LinkState) -> Table:

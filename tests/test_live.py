@@ -3,9 +3,11 @@
 import filecmp
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 import tomllib
 from pathlib import Path
@@ -17,9 +19,10 @@ from matplotlib.figure import Figure
 import tensegraph
 from tensegraph import TendonLengths, open_trial
 from tensegraph.cli import main
+from tensegraph.feeds import Rig
 from tensegraph.io.replay import Replay
 from tensegraph.io.result import append_tables
-from tensegraph.live import Activity, NewestFrames, Rig
+from tensegraph.live import Activity, NewestFrames
 from tensegraph.models.boards import Boards
 from tensegraph.models.stillness import StillnessWatch
 
@@ -34,7 +37,7 @@ def typed(monkeypatch, capfd):
         monkeypatch.chdir(cwd)
         monkeypatch.setenv("COLUMNS", "120")
         monkeypatch.setattr(sys, "argv", ["tensegraph", *map(str, arguments)])
-        monkeypatch.setattr(sys, "stdin", None)
+        monkeypatch.setattr("tensegraph.feeds.PATIENCE_S", 1.5)  # no board of these tests takes a Mega's two seconds
         with pytest.raises(SystemExit) as ended:
             main()
         return (ended.value.code or 0, *capfd.readouterr())
@@ -133,15 +136,26 @@ def test_ctrl_c_leaves_a_whole_result_and_trial(tmp_path, rig, emulated) -> None
         assert not different
 
 
-def test_one_board_is_enough_to_go_on_with(tmp_path, rig, pty_boards, typed) -> None:
-    """Twelve sensors: the other twelve are missing, and the shape is less certain."""
+def test_one_board_and_no_disk_are_enough_to_go_on_with(tmp_path, rig, pty_boards, typed) -> None:
+    """Twelve sensors are missing, then the recording's directory vanishes: both are said, the shapes go on."""
     board = pty_boards("one", 0)
     rig.write_text(rig.read_text().replace("seconds = 2.0", "seconds = 0.0"))
-    code, said, error = typed("live", "--rig", rig, "--port", board.port, "--seconds", 1, "--out", "out", cwd=tmp_path)
-    assert code == 0, error
+
+    def vanish() -> None:
+        file = tmp_path / "gone" / "board0.csv"
+        while not file.exists() or file.read_bytes().count(b"\n") < 20:
+            time.sleep(0.02)
+        shutil.rmtree(tmp_path / "gone")
+
+    threading.Thread(target=vanish, daemon=True).start()
+    arguments = ("--port", board.port, "--record", "gone", "--out", "out", "--seconds", 2.5)
+    code, said, error = typed("live", "--rig", rig, *arguments, cwd=tmp_path)
+    assert code == 2
+    assert error == "tensegraph: gone: the recording ended: its files are gone\n"
     assert "1 of 2 boards answered" in said
     status = (tmp_path / "out" / "status.csv").read_text().splitlines()[1:]
-    assert len(status) > 20
+    assert float(status[-1].split(",")[0]) > 2.0
+    assert len(status) > 60
     assert all(",partial," in line for line in status)
 
 
@@ -164,6 +178,7 @@ def test_record_and_ports(tmp_path, rig, pty_boards, typed) -> None:
 REFUSED = [
     (["live"], "expected one of --rig, --replay and --twin"),
     (["live", "--twin", "rig.toml"], "rig.toml: line"),
+    (["live", "--rig", "rig.toml", "--speed", "2"], "--speed goes with --replay and --twin, --port with --rig"),
     (["live", "--replay", "nothing"], "nothing/trial.toml: no such file"),
     (["live", "--replay", "trial", "--record", "trial"], "trial: exists: expected a new name for the trial"),
     (["live", "--replay", "trial", "--out", "trial"], "trial: exists and is no earlier result"),
