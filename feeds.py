@@ -119,11 +119,10 @@ def wait_for_boards(link: SerialLink, count: int, ports: str) -> int:
 
 
 def _silence(port: PortState) -> str:
-    counts = port.counts
-    nonsense = (
-        "sends nothing that can be read: is its rate [link] baud?" if counts.garbage + counts.bad_crc else "silent"
-    )
-    return port.complaint or nonsense
+    """Return why no board was heard on a port."""
+    if port.complaint or not port.counts.garbage + port.counts.bad_crc:
+        return port.complaint or "silent"
+    return "sends nothing that can be read: is its rate [link] baud?"
 
 
 def tare(

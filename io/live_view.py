@@ -1,6 +1,7 @@
 """The shape as it moves, in a window of its own process: drawing takes longer than a frame may."""
 
 import multiprocessing
+import os
 import queue
 import signal
 from types import TracebackType
@@ -118,6 +119,8 @@ def _show(
 ) -> None:
     """Draw the newest shape until the window is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        os.nice(10)  # to see the shape is less urgent than to know it
     figure = plt.figure("tensegraph", figsize=(8, 8), layout="constrained")
     drawing = StructureDrawing(figure, structure, rest_position_m, probability)
     figure.show()
