@@ -109,7 +109,7 @@ def test_ctrl_c_leaves_a_whole_result_and_trial(tmp_path, rig, emulated) -> None
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < until_s
         time.sleep(0.05)
-    time.sleep(5.0)
+    time.sleep(3.0)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of the group
     out, error = process.communicate(timeout=60)
     assert process.returncode == 0, error
@@ -121,7 +121,7 @@ def test_ctrl_c_leaves_a_whole_result_and_trial(tmp_path, rig, emulated) -> None
     assert len(rows) == live["recorded_rows"]
     for board in (0, 1):
         seqs = [row.seq for row in rows if row.board == board]
-        assert len(seqs) > 200
+        assert len(seqs) > 150
         assert (np.diff(seqs) == 1).all()
     assert all(port["bad_crc"] == port["garbage"] == 0 for port in live["ports"].values())
     offline = tensegraph.reconstruct(tmp_path / "first", "live")
