@@ -3,20 +3,24 @@
 import math
 import sys
 import time
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
+from rich.markdown import Markdown
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from .comparison import COMPARISON_FILE, comparison_rows, measure, write_comparison
 from .feeds import Feed, Rig, boards_feed, replay_feed, twin_feed
 from .io.calibration import read_recordings
+from .io.comparison import as_markdown
 from .io.model_file import read_sensor_model, write_sensor_model
 from .io.recorder import check_trial_path
-from .io.result import check_result_path
+from .io.result import RUN_FILE, check_result_path
 from .io.serial_port import ask, usb_ports
 from .io.toml import read_settings
 from .io.trial import Trial, open_trial
@@ -24,7 +28,7 @@ from .live import Activity, LiveResult, Session, stopped_by_signals
 from .models.boards import Boards
 from .models.errors import RecordingError, TensegraphError
 from .models.link import LinkState
-from .models.readings import BoardReading
+from .models.readings import BoardReading, TendonLengths
 from .models.reconstruction import Reconstruction
 from .models.sensor_model import SensorModel
 from .models.settings import Settings
@@ -32,6 +36,7 @@ from .models.trial import LinkTable
 from .panel import BesideTheRig, Panel, ports_table, shown
 from .pipeline import Method, Pipeline, write_result
 from .report import Run, training_table
+from .score import EVALUATION_FILE, as_text, score_result, write_score
 from .simulation import simulate as simulate_trial
 
 app = typer.Typer(
@@ -47,7 +52,13 @@ COLUMNS = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), 
 @app.command()
 def reconstruct(
     trials: Annotated[list[Path], typer.Argument(help="Trial directories, each with a trial.toml.")],
-    live: Annotated[bool, typer.Option("--live", help="Use the past only, frame by frame.")] = False,
+    method: Annotated[
+        Literal["graph", "least-squares", "ukf"],
+        typer.Option(help="The factor graph, the paper's least squares, or an unscented Kalman filter."),
+    ] = "graph",
+    live: Annotated[
+        bool, typer.Option("--live", help="Use the past only, frame by frame, as least-squares and ukf do anyway.")
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(help="Result directory; of several trials the one that holds theirs. [default: results/TRIAL]"),
@@ -59,15 +70,84 @@ def reconstruct(
     \b
     tensegraph reconstruct examples/press_01
     tensegraph reconstruct examples/press_01 --live --out results/press_01_live
+    tensegraph reconstruct examples/press_01 --method ukf --out results/press_01_ukf
     """
     settings, model = read_settings(config), read_sensor_model()
+    chosen: Method = method if method != "graph" else "live" if live else "batch"
     opened = [open_trial(path) for path in trials]
-    results = _result_paths(opened, out)
+    results = _result_paths(trials, out, Path("results"), RUN_FILE)
     for trial, path in zip(opened, results, strict=True):
-        run = _run(trial, "live" if live else "batch", settings, model)
-        write_result(run.reconstruction, path, f"{trial.name}, {run.method}", run.as_table(), settings)
+        run = _run(trial, chosen, settings, model)
+        write_result(run.reconstruction, path, f"{trial.name}, {run.method}", run.as_table(path), settings)
         console.print(run.summary())
         console.print(f"written to {path}", highlight=False)
+
+
+@app.command()
+def evaluate(
+    results: Annotated[list[Path], typer.Argument(help="Result directories, as reconstruct writes them.")],
+    truth: Annotated[
+        Path | None, typer.Option(help="Stamped node positions (t_s, n0_x_m ...). [default: the trial's own]")
+    ] = None,
+    trial: Annotated[Path | None, typer.Option(help="Trial directory. [default: where the result says]")] = None,
+    align: Annotated[bool, typer.Option("--align", help="Turn and shift the truth so that it fits best.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON in place of tables.")] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Where to; of several results, what holds theirs. [default: results/evaluation/RESULT]"),
+    ] = None,
+) -> None:
+    r"""Evaluate results against the truth: errors, honesty of the ellipsoids, faults seen, with figures.
+
+    \b
+    tensegraph evaluate results/press_01
+    tensegraph evaluate results/press_01 --truth mocap.csv --align
+    """
+    written = _result_paths(results, out, Path("results/evaluation"), EVALUATION_FILE)
+    scores = [score_result(path, truth, trial, align=align) for path in results]
+    for score, path in zip(scores, written, strict=True):
+        write_score(score, path)
+        if not json:
+            console.print(score.as_table())
+            console.print(f"written to {path}", highlight=False)
+    if json:
+        print(as_text([score.as_json() for score in scores]), end="")
+
+
+@app.command()
+def compare(
+    trials: Annotated[list[Path], typer.Argument(help="Trial directories, with truth.")],
+    out: Annotated[Path, typer.Option(help="Where the table and the figure go.")] = Path("results/comparison"),
+    config: Annotated[Path | None, typer.Option(help="Settings that differ from the defaults, as TOML.")] = None,
+) -> None:
+    r"""Compare all methods on the same lengths: the paper's Table I, measured here.
+
+    \b
+    tensegraph compare examples/press_01
+    """
+    _distinct_names(trials)
+    check_result_path(out, COMPARISON_FILE)
+    settings, model = read_settings(config), read_sensor_model()
+    opened = [open_trial(path) for path in trials]
+    measured = []
+    with Progress(*COLUMNS, console=console, transient=True) as progress:
+
+        def track(frames: Iterable[TendonLengths], total: int, name: str) -> Iterable[TendonLengths]:
+            task = progress.add_task(name, total=total)
+            for frame in frames:
+                yield frame
+                progress.advance(task)
+            progress.remove_task(task)  # its line stays, with what came out
+
+        for trial in opened:
+            for one in measure(trial, settings, model, track):
+                measured.append(one)
+                progress.console.print(one.line(), highlight=False)
+    rows = comparison_rows(measured)
+    command = "tensegraph compare " + " ".join(trial.path.as_posix() for trial in opened)
+    write_comparison(rows, command, out)
+    console.print(Markdown(as_markdown(rows, command)))
+    console.print(f"written to {out}", highlight=False)
 
 
 @app.command()
@@ -217,7 +297,7 @@ def _show_session(session: Session, feed: Feed, path: Path, view: bool) -> None:
                 result.add(shape)
                 if window is not None:
                     window.show(shape)
-        result.finish(f"{feed.name}, live", session.as_table())
+        result.finish(f"{feed.name}, live", session.as_table(path))
 
 
 def _end_recording(path: Path, state: LinkState) -> None:
@@ -226,16 +306,21 @@ def _end_recording(path: Path, state: LinkState) -> None:
     console.print(f"{state.recorded_rows} rows recorded in {path}", highlight=False)
 
 
-def _result_paths(trials: list[Trial], out: Path | None) -> list[Path]:
-    """Return where each trial's result goes; refuse, before any work, what could not be written there."""
-    single = out is not None and len(trials) == 1
-    names = [trial.path.resolve().name for trial in trials]
-    for name in {name for name in names if names.count(name) > 1}:
-        raise TensegraphError(f"two trials are named {name}: reconstruct them one by one, each with its --out")
-    paths = [out] if single and out else [(out or Path("results")) / name for name in names]
+def _result_paths(sources: list[Path], out: Path | None, default: Path, marker: str) -> list[Path]:
+    """Return where what comes of each source goes; refuse, before any work, what could not be written there."""
+    names = _distinct_names(sources)
+    paths = [out] if out and len(sources) == 1 else [(out or default) / name for name in names]
     for path in paths:
-        check_result_path(path)
+        check_result_path(path, marker)
     return paths
+
+
+def _distinct_names(sources: list[Path]) -> list[str]:
+    """Return the directories' names; refuse two alike, since what comes of them is told apart by them."""
+    names = [source.resolve().name for source in sources]
+    for name in {name for name in names if names.count(name) > 1}:
+        raise TensegraphError(f"two of these are named {name}: take them one by one, each with its --out")
+    return names
 
 
 def _run(trial: Trial, method: Method, settings: Settings, model: SensorModel) -> Run:

@@ -171,6 +171,8 @@ class Feed:
     """Where the readings come from, for people."""
     state: Callable[[], LinkState]
     """Of ports and recording, now."""
+    trial: Path | None
+    """Where the same readings are to be found afterwards, if anywhere."""
     taring: str = ""
     """What motion there was while the sensors were tared."""
 
@@ -215,6 +217,7 @@ def boards_feed(
             name,
             f"the boards of {rig.path}",
             lambda: link.state,
+            record,
             str(motion or ""),
         )
 
@@ -228,7 +231,7 @@ def replay_feed(path: Path, speed: float, record: Path | None) -> Iterator[Feed]
     """
     trial = open_trial(path)
     source = Replay(trial.readings(), speed)
-    feed = Feed(source, source.rows(), trial.description, trial.name, f"{path}, replayed", LinkState)
+    feed = Feed(source, source.rows(), trial.description, trial.name, f"{path}, replayed", LinkState, path)
     with _recorded(feed, trial.toml, record) as recorded:
         yield recorded
 
@@ -243,7 +246,7 @@ def twin_feed(plan: Path, speed: float, record: Path | None) -> Iterator[Feed]:
     trial = virtual_trial(plan)
     source = Replay(trial.readings, speed)
     _, description = describe_trial(_without_truth(trial.metadata), str(plan))
-    feed = Feed(source, source.rows(), description, plan.stem, f"the twin of {plan}", LinkState)
+    feed = Feed(source, source.rows(), description, plan.stem, f"the twin of {plan}", LinkState, record)
     with _recorded(feed, trial.metadata, record) as recorded:
         yield recorded
 

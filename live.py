@@ -27,7 +27,7 @@ from .models.settings import Settings
 from .models.shape import Shape
 from .models.structure import Structure
 from .pipeline import Pipeline
-from .report import versions
+from .report import versions, way
 
 LATE_S = 0.1
 """Frames later than this are skipped, until the newest: five of them at 50 Hz, or the smoother's lag."""
@@ -183,13 +183,18 @@ class Session:
                 self._feed.source.stop()
         self._ended = True
 
-    def as_table(self) -> dict[str, Any]:
-        """Return run.toml."""
+    def as_table(self, path: Path) -> dict[str, Any]:
+        """Return run.toml.
+
+        Args:
+            path: of the result directory, from which the trial is found again.
+        """
         p, state = self.activity, self._feed.state()
         median_ms, p99_ms = p.latency_ms()
         boards = self.pipeline.boards
         return {
             "trial": self._feed.name,
+            **({"trial_path": way(path, self._feed.trial)} if self._feed.trial else {}),
             "source": self._feed.origin,
             "method": "live",
             "rest_shape": self.pipeline.rest.source,

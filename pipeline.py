@@ -7,9 +7,11 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from .estimator.baselines import LeastSquares, UnscentedKalman
 from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
 from .estimator.live import LiveSmoother
+from .estimator.rest import rest_step
 from .io.figures import write_lengths_figure, write_shape_figure
 from .io.model_file import read_sensor_model
 from .io.result import append_tables, result_directory, write_run
@@ -19,14 +21,14 @@ from .models.frames import FrameAssembler
 from .models.front_end import FrontEnd
 from .models.readings import BoardReading, ResistanceReading, TendonLengths
 from .models.reconstruction import Reconstruction
-from .models.rest import RestShape, rest_shape
+from .models.rest import RestShape
 from .models.sensor_model import SensorModel
 from .models.settings import Settings
 from .models.shape import Shape
 from .models.structure import Structure
 from .models.trial import TrialDescription
 
-Method = Literal["batch", "live", "frame"]
+Method = Literal["batch", "live", "frame", "least-squares", "ukf"]
 
 
 class Estimator(Protocol):
@@ -41,7 +43,10 @@ ESTIMATORS: dict[Method, Callable[[Structure, RestShape, Settings], Estimator]] 
     "batch": BatchOptimizer,
     "live": LiveSmoother,
     "frame": FrameEstimator,
+    "least-squares": LeastSquares,
+    "ukf": UnscentedKalman,
 }
+"""A method of your own stands here: its name in `Method`, and a class of the form above."""
 
 
 class Pipeline:
@@ -49,7 +54,7 @@ class Pipeline:
 
     def __init__(self, trial: TrialDescription, settings: Settings, model: SensorModel) -> None:
         self.trial, self.settings = trial, settings
-        self.rest = rest_shape(trial.structure, trial.rest_position_m, settings.rest)
+        self.rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, settings.rest)
         self.boards = Boards(trial, settings.clock) if trial.source == "counts" else None
         self._frames = FrameAssembler(
             trial.natural_resistance_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate
@@ -60,6 +65,7 @@ class Pipeline:
             trial.structure.natural_length_m,
             self.rest.lengths(trial.structure, trial.rest_seconds) if trial.rest_seconds > 0 else None,
             settings.front_end,
+            1 / settings.frames.rate_hz,
         )
 
     def estimate(self, readings: Iterable[Reading], method: Method = "batch") -> Iterator[Shape]:
@@ -104,7 +110,8 @@ def reconstruct(
 
     Args:
         trial: an opened trial, or the path of its directory.
-        method: `batch` uses all frames for each, `live` only those up to it, `frame` that frame alone.
+        method: `batch` uses all frames for each, `live` only those up to it, `frame` that frame alone; of others,
+            `least-squares` is the paper's, `ukf` an unscented Kalman filter (both use the past only).
         settings: defaults if None.
         model: of the sensors; the one that ships with the package if None.
 

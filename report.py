@@ -1,9 +1,11 @@
 """What a run says of itself: the table on the screen, and run.toml."""
 
+import os
 import platform
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -56,10 +58,15 @@ class Run:
             table.add_row(name, error)
         return table
 
-    def as_table(self) -> dict[str, Any]:
-        """Return run.toml: every setting, versions, input hashes, what was not plain, timing."""
+    def as_table(self, path: Path) -> dict[str, Any]:
+        """Return run.toml: every setting, versions, input hashes, what was not plain, timing.
+
+        Args:
+            path: of the result directory, from which the trial is found again.
+        """
         return {
             "trial": self.trial.name,
+            "trial_path": way(path, self.trial.path),
             "method": self.method,
             "rest_shape": self.pipeline.rest.source,
             "frames": len(self.reconstruction),
@@ -99,6 +106,11 @@ def versions() -> dict[str, str]:
     """Return the versions of what made a result."""
     packages = ("tensegraph", "gtsam", "numpy", "scipy")
     return {"python": platform.python_version(), **{name: version(name) for name in packages}}
+
+
+def way(start: Path, end: Path) -> str:
+    """Return the way from one directory to another: relative, so that both may be moved together."""
+    return Path(os.path.relpath(end.resolve(), start.resolve())).as_posix()
 
 
 def training_table(model: SensorModel) -> Table:

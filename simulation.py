@@ -23,7 +23,8 @@ def simulate(plan: str | Path, out: str | Path, seed: int | None = None) -> Tria
 
     Raises:
         InputError: for a plan that can not be simulated, or when something stands at `out`.
-        IndeterminateError: when the structure finds no rest shape.
+        IndeterminateError: when the structure has no rest shape.
+        TensegraphError: when it does not come to rest, its motion runs away, or MuJoCo is not installed.
     """
     out = Path(out)
     check_trial_path(out)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ..factors.noise import tendon_sigma_m
+from ..models.errors import IndeterminateError
 from ..models.geometry import length_jacobian, member_length_m
 from ..models.readings import TendonLengths
 from ..models.rest import RestShape
@@ -20,7 +21,8 @@ from .graph import status_of
 class LeastSquares:
     """The paper's method: eqs. (5)-(7) solved frame by frame, started from the frame before.
 
-    No memory but the start, no prior; the covariance is (J^T W J)^-1 along the directions that lengths determine.
+    No memory but the start, no prior; the covariance is (J^T W J)^-1, with a sigma of one rod's length along the
+    directions that lengths do not determine.
     """
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
@@ -60,7 +62,9 @@ class LeastSquares:
     def _covariance(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
         free = (3 * self._free[:, None] + np.arange(3)).ravel()
         covariance = np.diag(np.full(3 * self._structure.node_count, self._noise.anchor_m**2))
-        covariance[np.ix_(free, free)] = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
+        information, motion = np.linalg.eigh(jacobian.T @ jacobian)
+        least = 1 / self._structure.rod_length_m.max() ** 2
+        covariance[np.ix_(free, free)] = (motion / np.maximum(information, least)) @ motion.T
         return covariance
 
 
@@ -91,7 +95,11 @@ class UnscentedKalman:
         return map(self.update, frames)
 
     def update(self, lengths: TendonLengths) -> Shape:
-        """Return the shape at one more frame."""
+        """Return the shape at one more frame.
+
+        Raises:
+            IndeterminateError: when rounding has cost the covariance its positive eigenvalues.
+        """
         step_s = lengths.t_s - self._last_s if self._last_s is not None else 0.02
         self._last_s = lengths.t_s
         sigma_m = tendon_sigma_m(lengths, self._noise)
@@ -101,10 +109,13 @@ class UnscentedKalman:
         length_m = np.where(usable, lengths.length_m, predicted)  # with a sigma of a metre: no measurement
         variance = np.where(usable, sigma_m, 1.0) ** 2
         self._filter.Q = np.eye(len(self._filter.x)) * (self._noise.motion_m_per_s15 * 0.2) ** 2 * step_s
-        self._filter.predict(dt=step_s)
         z = np.concatenate([self._fixed[:rods], length_m, self._fixed[rods:]])
         self._filter.R = np.diag(np.concatenate([self._variance[:rods], variance, self._variance[rods:]]))
-        self._filter.update(z)
+        try:
+            self._filter.predict(dt=step_s)
+            self._filter.update(z)
+        except np.linalg.LinAlgError as error:
+            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: the filter's covariance is no longer one") from error
         self._filter.P = 0.5 * (self._filter.P + self._filter.P.T) + 1e-12 * np.eye(len(self._filter.x))
         position = self._filter.x.reshape(-1, 3).copy()
         return Shape(lengths.t_s, position, self._filter.P.copy(), status_of(lengths, self._structure), lengths)

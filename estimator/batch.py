@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable, Iterator
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
+from ..factors.noise import tendon_sigma_m
 from ..models.errors import IndeterminateError
 from ..models.readings import TendonLengths
 from ..models.rest import RestShape
@@ -14,7 +14,7 @@ from ..models.shape import Shape, Status
 from ..models.structure import Structure
 from .graph import GraphBuilder, status_of
 from .live import LiveSmoother
-from .uncertainty import block_marginals, information_matrix
+from .uncertainty import FrameEvidence
 
 MAX_ITERATIONS = 50
 RELATIVE_DECREASE = 1e-3
@@ -25,6 +25,7 @@ class BatchOptimizer:
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._builder = GraphBuilder(structure, rest, settings.noise)
+        self._evidence = FrameEvidence(structure, rest, settings.noise)
         self._settings = settings
 
     def estimate(
@@ -44,15 +45,13 @@ class BatchOptimizer:
         try:
             optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, gtsam.LevenbergMarquardtParams())
             converged = _optimize(optimizer, progress)
-            values = optimizer.values()
-            covariances = self._covariances(graph.linearize(values), len(frames))
+            positions = np.array(gtsam.utilities.extractPoint3(optimizer.values())).reshape(len(frames), -1, 3)
+            for lengths, position in zip(frames, positions, strict=True):
+                covariance, loads = self._evidence.assess(position, tendon_sigma_m(lengths, self._builder.noise))
+                status = status_of(lengths, self._builder.structure) if converged else Status.NOT_CONVERGED
+                yield Shape(lengths.t_s, position, covariance, status, lengths, loads)
         except (RuntimeError, np.linalg.LinAlgError) as error:
-            missing = self._builder.missing_information(frames[0]) or str(error).splitlines()[0]
-            raise IndeterminateError(missing) from error
-        positions = np.array(gtsam.utilities.extractPoint3(values)).reshape(len(frames), -1, 3)
-        for lengths, position, covariance in zip(frames, positions, covariances, strict=True):
-            status = status_of(lengths, self._builder.structure) if converged else Status.NOT_CONVERGED
-            yield Shape(lengths.t_s, position, covariance, status, lengths)
+            raise IndeterminateError(str(error).splitlines()[0]) from error
 
     def _graph(self, frames: list[TendonLengths]) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
         """Return the graph of all frames, and the live estimate of each as the start."""
@@ -65,13 +64,6 @@ class BatchOptimizer:
             for key, position in zip(self._builder.keys(frame), shape.node_position_m, strict=True):
                 values.insertPoint3(key, position)
         return graph, values
-
-    def _covariances(self, linear: gtsam.GaussianFactorGraph, frames: int) -> NDArray[np.float64]:
-        """Return (frames, 3 nodes, 3 nodes); two frames a block, since motion ties each to the two before."""
-        size = 3 * self._builder.node_count
-        pairs = block_marginals(information_matrix(linear), 2 * size)
-        halves = np.stack([pairs[:, :size, :size], pairs[:, size:, size:]], axis=1)
-        return halves.reshape(-1, size, size)[:frames]
 
 
 def _optimize(optimizer: gtsam.LevenbergMarquardtOptimizer, progress: Callable[[int, float], None]) -> bool:

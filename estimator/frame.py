@@ -5,13 +5,14 @@ from collections.abc import Iterable, Iterator
 import gtsam
 import numpy as np
 
-from ..models.errors import IndeterminateError
+from ..factors.noise import tendon_sigma_m
 from ..models.readings import TendonLengths
 from ..models.rest import RestShape
 from ..models.settings import Settings
 from ..models.shape import Shape, Status
 from ..models.structure import Structure
 from .graph import GraphBuilder, status_of
+from .uncertainty import FrameEvidence
 
 MAX_ITERATIONS = 100
 
@@ -21,6 +22,7 @@ class FrameEstimator:
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._builder = GraphBuilder(structure, rest, settings.noise)
+        self._evidence = FrameEvidence(structure, rest, settings.noise)
 
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
         """Yield a shape for each frame."""
@@ -30,11 +32,8 @@ class FrameEstimator:
         """Return the shape of one frame.
 
         Raises:
-            IndeterminateError: when the shape prior is off and the lengths do not determine the shape.
+            IndeterminateError: when nothing holds some node.
         """
-        missing = self._builder.missing_information(lengths)
-        if missing:
-            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {missing}")
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._builder.add_frame(graph, 0, lengths)
         keys = list(self._builder.keys(0))
@@ -43,9 +42,8 @@ class FrameEstimator:
         parameters = gtsam.LevenbergMarquardtParams()
         parameters.setMaxIterations(MAX_ITERATIONS)
         optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
-        values = optimizer.optimize()
-        covariance = gtsam.Marginals(graph, values).jointMarginalCovariance(keys).fullMatrix()
+        position = np.array(gtsam.utilities.extractPoint3(optimizer.optimize()))
+        covariance, loads = self._evidence.assess(position, tendon_sigma_m(lengths, self._builder.noise))
         converged = optimizer.iterations() < MAX_ITERATIONS
         status = status_of(lengths, self._builder.structure) if converged else Status.NOT_CONVERGED
-        position = np.array(gtsam.utilities.extractPoint3(values))
-        return Shape(lengths.t_s, position, np.array(covariance), status, lengths)
+        return Shape(lengths.t_s, position, covariance, status, lengths, loads)

@@ -6,17 +6,20 @@ import gtsam
 import numpy as np
 
 from ..factors.anchor import anchor_factors
+from ..factors.equilibrium import equilibrium_factor
 from ..factors.keys import frame_keys
 from ..factors.motion import constant_velocity_factors, still_factors
 from ..factors.rod import rod_factors
 from ..factors.shape_prior import shape_prior_factors
 from ..factors.tendon import tendon_factors
+from ..models.errors import IndeterminateError
 from ..models.geometry import length_jacobian
 from ..models.readings import TendonLengths
 from ..models.rest import RestShape
 from ..models.rigidity import SINGULAR
 from ..models.settings import NoiseSettings
 from ..models.shape import Status
+from ..models.statics import Statics
 from ..models.structure import Structure
 
 
@@ -27,13 +30,21 @@ class GraphBuilder:
         self.structure, self.rest, self.noise = structure, rest, noise
         self.node_count = structure.node_count
         self._free = structure.free_nodes.tolist()
+        self._statics = Statics(structure, rest.mechanics) if rest.mechanics else None
 
     def keys(self, frame: int) -> range:
         """Return the keys of a frame's nodes."""
         return frame_keys(frame, self.node_count)
 
     def add_frame(self, graph: gtsam.NonlinearFactorGraph, frame: int, lengths: TendonLengths) -> None:
-        """Add what a frame says by itself: anchors, rods, tendons, and the weak shape prior."""
+        """Add what a frame says by itself: anchors, rods, tendons, equilibrium, and the weak shape prior.
+
+        Raises:
+            IndeterminateError: when that leaves some node undetermined.
+        """
+        missing = self._missing_information(lengths)
+        if missing:
+            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {missing}")
         keys = self.keys(frame)
         for factors in (
             anchor_factors(self.structure, keys, self.noise),
@@ -42,6 +53,8 @@ class GraphBuilder:
             shape_prior_factors(self._free, keys, self.rest.node_position_m, self.noise.shape_prior_m),
         ):
             _add(graph, factors)
+        if self._statics:
+            graph.add(equilibrium_factor(self._statics, keys, self.noise.force_n))
 
     def add_motion(self, graph: gtsam.NonlinearFactorGraph, frame: int, times_s: Sequence[float]) -> None:
         """Add what ties a frame to those before; the first one stands at the rest shape, the second starts from rest.
@@ -62,9 +75,9 @@ class GraphBuilder:
             steps_s = (times_s[-2] - times_s[-3], times_s[-1] - times_s[-2])
             _add(graph, constant_velocity_factors(self._free, frames, steps_s, q))
 
-    def missing_information(self, lengths: TendonLengths) -> str | None:
+    def _missing_information(self, lengths: TendonLengths) -> str | None:
         """Return which nodes a frame by itself leaves undetermined and why, or None when it determines all."""
-        if np.isfinite(self.noise.shape_prior_m):
+        if np.isfinite(self.noise.shape_prior_m) or self._statics:
             return None
         members = np.concatenate([self.structure.rods, self.structure.tendons[lengths.usable]])
         jacobian = length_jacobian(self.rest.node_position_m, members)[:, self._free].reshape(len(members), -1)
@@ -77,7 +90,7 @@ class GraphBuilder:
         left_out = ", ".join(map(str, np.flatnonzero(~lengths.usable))) or "none"
         return (
             f"nodes {nodes}: lengths leave {jacobian.shape[1] - rank} of their motions free (tendons left out: "
-            f"{left_out}); a finite noise.shape_prior_m, or the frames before, would hold them"
+            f"{left_out}); a finite noise.shape_prior_m, or [mechanics] in trial.toml, would hold them"
         )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.keys import key_list
+from ..factors.noise import tendon_sigma_m
 from ..models.errors import IndeterminateError
 from ..models.readings import TendonLengths
 from ..models.rest import RestShape
@@ -15,6 +16,8 @@ from ..models.settings import Settings
 from ..models.shape import Shape
 from ..models.structure import Structure
 from .graph import GraphBuilder, status_of
+from .health import SensorHealth
+from .uncertainty import FrameEvidence
 
 
 class LiveSmoother:
@@ -22,6 +25,8 @@ class LiveSmoother:
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._builder = GraphBuilder(structure, rest, settings.noise)
+        self._evidence = FrameEvidence(structure, rest, settings.noise)
+        self._health = SensorHealth(self._builder, settings.health) if rest.mechanics else None
         self._lag = settings.smoother.lag
         self._isam = gtsam.ISAM2(_isam2_parameters(settings.smoother.relinearize_m))
         self._frame = 0
@@ -38,6 +43,7 @@ class LiveSmoother:
         Raises:
             IndeterminateError: when nothing holds some node.
         """
+        read, lengths = lengths, self._health.admit(lengths) if self._health else lengths
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._times_s.append(lengths.t_s)
         self._builder.add_frame(graph, self._frame, lengths)
@@ -47,16 +53,18 @@ class LiveSmoother:
             values.insertPoint3(key, position)
         try:
             self._isam.update(graph, values, self._update_parameters())
-            position = gtsam.utilities.extractPoint3(self._isam.calculateEstimate(keys))
-            covariance = self._isam.jointMarginalCovariance(keys).fullMatrix()
-        except RuntimeError as error:
-            missing = self._builder.missing_information(lengths) or str(error).splitlines()[0]
-            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {missing}") from error
+            position = np.array(gtsam.utilities.extractPoint3(self._isam.calculateEstimate(keys)))
+            covariance, loads = self._evidence.assess(position, tendon_sigma_m(lengths, self._builder.noise))
+        except (RuntimeError, np.linalg.LinAlgError) as error:
+            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {str(error).splitlines()[0]}") from error
         self._forget()
         self._frame += 1
-        self._positions.append(np.array(position))
+        self._positions.append(position)
         status = status_of(lengths, self._builder.structure)
-        return Shape(lengths.t_s, self._positions[-1], np.array(covariance), status, lengths)
+        shape = Shape(lengths.t_s, position, covariance, status, lengths, loads)
+        if self._health:
+            self._health.observe(shape, read)
+        return shape
 
     def _predict(self) -> NDArray[np.float64]:
         """Return where the nodes are if they keep their velocity."""
@@ -69,8 +77,8 @@ class LiveSmoother:
     def _update_parameters(self) -> gtsam.ISAM2UpdateParams:
         """Eliminate frames in order of age.
 
-        The oldest is then a leaf to marginalise, the newest the root, where its covariance is at hand, and only the
-        frames that the newest one touches are eliminated anew.
+        The oldest is then a leaf to marginalise, the newest the root, and only the frames that the newest one touches
+        are eliminated anew.
         """
         groups = gtsam.KeyGroupMap()
         oldest = max(self._frame - self._lag, 0)

@@ -1,53 +1,70 @@
-"""Covariances of all frames at once, from the Gaussian at the optimum."""
+"""How sure a shape is, and what loads it shows: from the evidence of its own frame.
 
-import gtsam
+A sensor's error lasts for seconds, so frames 20 ms apart repeat each other's evidence rather than add to it. Smoothing
+uses them all for the estimate; the covariance counts each error once: it is the inverse of the information of the
+frame's own factors at the estimate,
+
+    P = (sum_rods + sum_tendons + sum_prior J^T J / sigma^2 + sum_g J_g^T J_g / (sigma_F (1 + q_g))^2)^-1 + C_rest
+
+Forces enter with weight 1 / (1 + q)^2, q = |r_g|^2 / sigma_F^2: Cauchy's kernel is curved by (1 - q) / (1 + q)^2, so
+that a node which carries a load says next to nothing. C_rest is the rest shape's own covariance: an error there moves
+every frame along. On the development trials 95 % ellipsoids of marginals over five frames covered 88 to 94 % (slack
+75 %), these cover 92 to 98 % (slack 86 to 92 %).
+"""
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import coo_matrix
+
+from ..factors.equilibrium import squared_norms
+from ..models.external_loads import ExternalLoads, external_loads
+from ..models.geometry import length_jacobian
+from ..models.rest import RestShape
+from ..models.settings import NoiseSettings
+from ..models.statics import Statics
+from ..models.structure import Structure
 
 
-def information_matrix(linear: gtsam.GaussianFactorGraph) -> coo_matrix:
-    """Return the sparse information matrix A^T A of a linearised graph, variables sorted by key."""
-    rows, columns, values = linear.sparseJacobian_()
-    jacobian = coo_matrix((values, (rows.astype(np.int64) - 1, columns.astype(np.int64) - 1))).tocsc()
-    variables = jacobian.shape[1] - 1  # the last column is the right-hand side
-    jacobian = jacobian[:, :variables]
-    return (jacobian.T @ jacobian).tocoo()
+class FrameEvidence:
+    """Covariances and loads of shapes, each from its own frame; all arguments may have leading axes."""
 
+    def __init__(self, structure: Structure, rest: RestShape, noise: NoiseSettings) -> None:
+        self._structure, self._noise = structure, noise
+        self._statics = Statics(structure, rest.mechanics) if rest.mechanics else None
+        self._columns = (3 * structure.free_nodes[:, None] + np.arange(3)).ravel()
+        self._members = np.concatenate([structure.rods, structure.tendons])
+        self._seen = np.isin(np.arange(len(structure.tendons)), structure.free_tendons)
+        self._held = rest.covariance_m2.copy()
+        anchored = np.setdiff1d(np.arange(3 * structure.node_count), self._columns)
+        self._held[anchored, anchored] += noise.anchor_m**2
 
-def block_marginals(information: coo_matrix, size: int) -> NDArray[np.float64]:
-    """Return the (blocks, size, size) diagonal blocks of the inverse of a block-tridiagonal information matrix.
+    def assess(
+        self, node_position_m: NDArray[np.float64], sigma_m: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], ExternalLoads | None]:
+        """Return the (..., 3 nodes, 3 nodes) covariance, and the loads where stiffness is known.
 
-    With information blocks D_k on and U_k right of the diagonal, forward S_k = D_k - U_{k-1}^T S_{k-1}^-1 U_{k-1},
-    backward P_k = S_k^-1 + G_k P_{k+1} G_k^T, G_k = S_k^-1 U_k (Rauch-Tung-Striebel in information form).
+        Args:
+            node_position_m: (..., nodes, 3) the estimate.
+            sigma_m: (..., tendons) of the lengths it was made from, see `tendon_sigma_m`; inf where there is none.
 
-    Args:
-        information: square sparse matrix; entries outside the block tridiagonal must be zero.
-        size: of a block; the last block may be smaller, and is padded with an identity in the result.
-    """
-    count = -(-information.shape[0] // size)
-    diagonal, upper = np.zeros((count, size, size)), np.zeros((count, size, size))
-    row_block, row = np.divmod(information.row, size)
-    column_block, column = np.divmod(information.col, size)
-    same, right = row_block == column_block, row_block + 1 == column_block
-    diagonal[row_block[same], row[same], column[same]] = information.data[same]
-    upper[row_block[right], row[right], column[right]] = information.data[right]
-    for k in range(information.shape[0] - (count - 1) * size, size):
-        diagonal[-1, k, k] = 1.0
-    factors, gains = [], []
-    schur = diagonal[0]
-    for k in range(count):
-        factor = cho_factor(schur, lower=True, check_finite=False)
-        gain = cho_solve(factor, upper[k], check_finite=False)
-        factors.append(factor)
-        gains.append(gain)
-        if k + 1 < count:
-            schur = diagonal[k + 1] - upper[k].T @ gain
-    marginals = np.empty_like(diagonal)
-    identity = np.eye(size)
-    for k in reversed(range(count)):
-        marginals[k] = cho_solve(factors[k], identity, check_finite=False)
-        if k + 1 < count:
-            marginals[k] += gains[k] @ marginals[k + 1] @ gains[k].T
-    return 0.5 * (marginals + marginals.swapaxes(-1, -2))
+        Raises:
+            LinAlgError: when the shape prior is off and nothing else holds some motion.
+        """
+        lead, columns = node_position_m.shape[:-2], self._columns
+        jacobian = length_jacobian(node_position_m, self._members).reshape(*lead, len(self._members), -1)[..., columns]
+        rod_weight = np.full((*lead, len(self._structure.rods)), 1 / self._noise.rod_m)
+        weighted = jacobian * np.concatenate([rod_weight, self._seen / sigma_m], axis=-1)[..., None]
+        information = np.swapaxes(weighted, -1, -2) @ weighted
+        information += np.eye(len(columns)) / self._noise.shape_prior_m**2
+        if self._statics:
+            r, by_position = self._statics.residual_and_jacobian(node_position_m)
+            by_position = by_position[..., columns]
+            weight = 1 / (1 + squared_norms(r / self._noise.force_n, self._statics.group)) / self._noise.force_n
+            weighted = by_position * weight[..., None]
+            information += np.swapaxes(weighted, -1, -2) @ weighted
+        own = np.linalg.inv(information)
+        covariance = np.zeros((*lead, *self._held.shape)) + self._held
+        covariance[..., columns[:, None], columns] += own
+        if not self._statics:
+            return covariance, None
+        variance = np.einsum("...rx,...rx->...r", by_position @ own, by_position)
+        return covariance, external_loads(self._statics, node_position_m, r, variance)

@@ -19,16 +19,25 @@ SIGMA_STEP = 0.01
 
 
 def tendon_sigma_m(lengths: TendonLengths, settings: NoiseSettings) -> NDArray[np.float64]:
-    """Return (tendons,): sigma^2 = (the mode's own)^2 + (the reading's)^2; inf for a tendon to leave out."""
+    """Return (tendons,): sigma^2 = (the mode's own)^2 + (the reading's)^2; inf for a tendon to leave out.
+
+    What the reading owes to the rest shape is not in it: that error is one and the same in every frame.
+    """
     own = np.where(lengths.mode == Mode.BENDING, settings.bending_m, settings.stretching_m)
     own = np.where(lengths.flags & Flag.AMBIGUOUS, settings.ambiguous_m, own)
-    return np.where(lengths.usable, np.hypot(own, lengths.sigma_m), np.inf)
+    return np.where(lengths.usable, np.sqrt(own**2 + lengths.sigma_m**2 - lengths.rest_sigma_m**2), np.inf)
 
 
 @cache
 def isotropic(dimension: int, sigma: float) -> gtsam.noiseModel.Isotropic:
     """Return the Gaussian model of a sigma."""
     return gtsam.noiseModel.Isotropic.Sigma(dimension, sigma)
+
+
+@cache
+def unit(dimension: int) -> gtsam.noiseModel.Unit:
+    """Return the model of what is already divided by its sigma."""
+    return gtsam.noiseModel.Unit.Create(dimension)
 
 
 def tendon_noises(sigma_m: NDArray[np.float64], robust: str) -> list[gtsam.noiseModel.Base]:

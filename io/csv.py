@@ -1,7 +1,7 @@
 """Comma-separated numbers with a header, row by row, with errors that name file, row and column."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -27,6 +27,8 @@ class CsvFile:
     """Columns that may be absent: nan then."""
     blank: Sequence[str] = ()
     """Columns in which a cell may be blank or nan."""
+    words: Mapping[str, Callable[[str], float]] = field(default_factory=dict)
+    """Columns of other cells than finite numbers, each with what makes a number of one, or raises a ValueError."""
     half_lines: int = field(default=0, init=False)
     """Lines that were left out because they had no end."""
 
@@ -68,6 +70,11 @@ class CsvFile:
                 ]
 
     def _number(self, cell: str, row: int, column: str, may_be_blank: bool) -> float:
+        if column in self.words:
+            try:
+                return self.words[column](cell)
+            except ValueError as error:
+                raise InputError(f"{self.path}: row {row}, column {column}: {error}, got '{cell.strip()}'") from error
         try:
             value = float(cell) if cell.strip() or not may_be_blank else math.nan
         except ValueError:

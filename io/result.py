@@ -2,30 +2,44 @@
 
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import tomli_w
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..models.errors import InputError
+from ..models.evaluation import Estimate
+from ..models.external_loads import ExternalLoads, observable_loads
 from ..models.readings import Flag, Mode
 from ..models.reconstruction import Reconstruction
+from ..models.structure import Structure
+from .csv import CsvFile
+from .positions import position_columns, read_positions
+from .toml import read_toml
 
 RUN_FILE = "run.toml"
+COVARIANCE_COLUMNS = ("cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2")
+"""The upper triangle, row by row; ten digits, since the inverse of a long, thin ellipsoid takes seven away."""
 
 
 @contextmanager
-def result_directory(path: Path) -> Iterator[Path]:
+def result_directory(path: Path, marker: str = RUN_FILE) -> Iterator[Path]:
     """Give a directory to write into; it takes the name `path` when the block ends without an error.
+
+    Args:
+        path: of the directory.
+        marker: the file by which an earlier one of the same kind is known, and may be replaced.
 
     Raises:
         InputError: when something else than an earlier result stands at `path`, or it can not be written.
     """
-    check_result_path(path)
+    check_result_path(path, marker)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
@@ -41,29 +55,87 @@ def result_directory(path: Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def check_result_path(path: Path) -> None:
+def check_result_path(path: Path, marker: str = RUN_FILE) -> None:
     """Refuse to replace anything but an earlier result.
 
     Raises:
         InputError: when `path` is something else.
     """
-    if path.exists() and not (path.is_dir() and ((path / RUN_FILE).is_file() or not any(path.iterdir()))):
-        raise InputError(
-            f"{path}: exists and is no earlier result: expected a new name, or a directory with {RUN_FILE}"
-        )
+    if path.exists() and not (path.is_dir() and ((path / marker).is_file() or not any(path.iterdir()))):
+        raise InputError(f"{path}: exists and is no earlier result: expected a new name, or a directory with {marker}")
 
 
 def append_tables(reconstruction: Reconstruction, probability: float, directory: Path) -> None:
-    """Write shape.csv, ellipsoids.csv, lengths.csv and status.csv, or go on with them: a live run comes in parts."""
+    """Write shape.csv, ellipsoids.csv, lengths.csv, status.csv, and estimated_loads.csv where there are loads.
+
+    Tables that are there already are gone on with: a live run comes in parts.
+    """
     _append(directory / "shape.csv", _shape_rows(reconstruction))
     _append(directory / "ellipsoids.csv", _ellipsoid_rows(reconstruction, probability))
     _append(directory / "lengths.csv", _length_rows(reconstruction))
     _append(directory / "status.csv", _status_rows(reconstruction))
+    if reconstruction.loads:
+        _append(directory / "estimated_loads.csv", _load_rows(reconstruction, reconstruction.loads))
 
 
 def write_run(run: Mapping[str, Any], directory: Path) -> None:
     """Write run.toml."""
     (directory / RUN_FILE).write_text(tomli_w.dumps(run), encoding="utf-8")
+
+
+def read_run(directory: Path) -> dict[str, Any]:
+    """Return run.toml of a result directory.
+
+    Raises:
+        InputError: when there is none.
+    """
+    if not (directory / RUN_FILE).is_file():
+        raise InputError(f"{directory}: is no result: expected a directory with {RUN_FILE}")
+    return read_toml(directory / RUN_FILE)
+
+
+def read_estimate(directory: Path, structure: Structure) -> Estimate:
+    """Return the shapes, covariances and lengths of a result directory.
+
+    Raises:
+        InputError: when a table can not be read, or does not go with shape.csv or the structure.
+    """
+    t_s, position_m = read_positions(directory / "shape.csv", structure.node_count)
+    if np.isnan(position_m).any():
+        raise InputError(f"{directory / 'shape.csv'}: expected the positions of all {structure.node_count} nodes")
+    ellipsoid = _read_blocks(directory / "ellipsoids.csv", "node", structure.node_count, t_s, COVARIANCE_COLUMNS)
+    covariance_m2 = np.empty((*ellipsoid.shape[:2], 3, 3))
+    row, column = np.triu_indices(3)
+    covariance_m2[..., row, column] = covariance_m2[..., column, row] = ellipsoid
+    columns = ("length_m", "sigma_m", "innovation_sigma_m", "flags")
+    words = {"length_m": _number, "sigma_m": _number, "innovation_sigma_m": _number, "flags": Flag.of_names}
+    lengths = _read_blocks(directory / "lengths.csv", "tendon", len(structure.tendons), t_s, columns, words)
+    length_m, sigma_m, innovation_sigma_m, flags = np.moveaxis(lengths, -1, 0)
+    return Estimate(t_s, position_m, covariance_m2, length_m, sigma_m, flags.astype(np.int64), innovation_sigma_m)
+
+
+def _read_blocks(
+    path: Path,
+    label: str,
+    count: int,
+    t_s: NDArray[np.float64],
+    columns: Sequence[str],
+    words: Mapping[str, Callable[[str], float]] = MappingProxyType({}),
+) -> NDArray[np.float64]:
+    """Return (frames, count, columns) of a table that has a row for each frame and each label from 0 on."""
+    rows = np.array(list(CsvFile(path, ["t_s", label, *columns], words=words)))
+    expected = np.stack([np.repeat(t_s, count), np.tile(np.arange(count), len(t_s))], axis=1)
+    if rows.shape[:1] != expected.shape[:1] or not np.array_equal(rows[:, :2], expected):
+        raise InputError(f"{path}: expected {count} rows ({label} 0 to {count - 1}) for each row of shape.csv")
+    return rows[:, 2:].reshape(len(t_s), count, len(columns))
+
+
+def _number(cell: str) -> float:
+    """Return a number that may be nan or inf."""
+    try:
+        return float(cell)
+    except ValueError as error:
+        raise ValueError("expected a number, nan or inf") from error
 
 
 def _append(path: Path, rows: Iterator[str]) -> None:
@@ -76,17 +148,13 @@ def _append(path: Path, rows: Iterator[str]) -> None:
 
 
 def _shape_rows(r: Reconstruction) -> Iterator[str]:
-    nodes = range(r.structure.node_count)
-    yield ",".join(["t_s", *(f"n{n}_{axis}_m" for n in nodes for axis in "xyz")])
+    yield ",".join(["t_s", *position_columns(r.structure.node_count)])
     for t_s, position in zip(r.t_s, r.node_position_m.reshape(len(r), -1), strict=True):
         yield f"{t_s:.4f}," + ",".join(f"{value:.6f}" for value in position)
 
 
 def _ellipsoid_rows(r: Reconstruction, probability: float) -> Iterator[str]:
-    yield (
-        "t_s,node,x_m,y_m,z_m,cxx_m2,cxy_m2,cxz_m2,cyy_m2,cyz_m2,czz_m2,"
-        "semi_a_m,semi_b_m,semi_c_m,qx,qy,qz,qw,probability"
-    )
+    yield (f"t_s,node,x_m,y_m,z_m,{','.join(COVARIANCE_COLUMNS)},semi_a_m,semi_b_m,semi_c_m,qx,qy,qz,qw,probability")
     regions = r.ellipsoids(probability)
     quaternion = Rotation.from_matrix(regions.axes.reshape(-1, 3, 3)).as_quat().reshape(*regions.axes.shape[:2], 4)
     upper = np.triu_indices(3)
@@ -96,7 +164,7 @@ def _ellipsoid_rows(r: Reconstruction, probability: float) -> Iterator[str]:
             yield (
                 f"{t_s:.4f},{node},"
                 + ",".join(f"{v:.6f}" for v in r.node_position_m[k, node])
-                + "," + ",".join(f"{v:.6e}" for v in covariance[k, node])
+                + "," + ",".join(f"{v:.9e}" for v in covariance[k, node])
                 + "," + ",".join(f"{v:.6f}" for v in regions.semi_axis_m[k, node])
                 + "," + ",".join(f"{v:.6f}" for v in quaternion[k, node])
                 + f",{probability:g}"
@@ -113,6 +181,15 @@ def _length_rows(r: Reconstruction) -> Iterator[str]:
                 f"{t_s:.4f},{e},{r.length_m[k, e]:.6f},{r.sigma_m[k, e]:.6f},{modes[int(r.mode[k, e])]},"
                 f"{names[int(r.flags[k, e])]},{r.predicted_m[k, e]:.6f},{r.innovation_sigma_m[k, e]:.6f}"
             )
+
+
+def _load_rows(r: Reconstruction, loads: ExternalLoads) -> Iterator[str]:
+    yield "t_s,node,fx_n,fy_n,fz_n,sigma_n,observable"
+    observable = observable_loads(r.structure)
+    for t_s, force, sigma in zip(r.t_s, loads.force_n, loads.sigma_n, strict=True):
+        for node in r.structure.free_nodes:
+            values = ",".join(f"{value:.4f}" for value in (*force[node], sigma[node]))
+            yield f"{t_s:.4f},{node},{values},{observable[node]}"
 
 
 def _status_rows(r: Reconstruction) -> Iterator[str]:

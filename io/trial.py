@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.errors import InputError
+from ..models.evaluation import Fault
 from ..models.readings import BoardReading, Flag, Mode, ResistanceReading, TendonLengths
-from ..models.trial import TrialDescription, TrialTable, describe_trial
+from ..models.trial import TrialDescription, TrialTable, describe_trial, known_faults
 from .csv import CsvFile
+from .positions import read_positions
 from .toml import read_toml
 
 Reading = BoardReading | ResistanceReading | TendonLengths
@@ -72,12 +74,13 @@ class Trial:
         """Return (frames,) t_s and (frames, nodes, 3) true positions, if the trial has them. Evaluation only."""
         if self.table.truth is None:
             return None
-        nodes = self.description.structure.node_count
-        columns = [f"n{n}_{axis}_m" for n in range(nodes) for axis in "xyz"]
-        rows = np.array(list(CsvFile(self.path / self.table.truth.file, ["t_s", *columns])))
-        if len(rows) == 0:
-            raise InputError(f"{self.path / self.table.truth.file}: holds no rows")
-        return rows[:, 0], rows[:, 1:].reshape(len(rows), nodes, 3)
+        return read_positions(self.path / self.table.truth.file, self.description.structure.node_count)
+
+    def faults(self) -> tuple[Fault, ...]:
+        """Return the faults that the trial is known to have. Evaluation only."""
+        if self.table.truth is None:
+            return ()
+        return known_faults(self.table.truth, self.description, str(self.path / "trial.toml"))
 
     def _rows(self) -> Iterator[BoardReading]:
         return heapq.merge(*(self._board(b) for b in range(len(self.table.board))), key=lambda row: row.host_s)

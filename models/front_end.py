@@ -51,9 +51,11 @@ class FrontEnd:
         natural_length_m: NDArray[np.float64],
         rest: RestLengths | None,
         settings: FrontEndSettings,
+        frame_step_s: float,
     ) -> None:
         count = len(natural_length_m)
         self._model, self._settings, self._gauge = model, settings, model.gauge
+        self._frame_step_s = frame_step_s
         self._R0, self._L0 = natural_resistance_ohm, natural_length_m
         self._bending = BendingCurve(settings.bending_abscissa)
         self._taring = Taring(self._gauge, self._bending, rest, natural_length_m)
@@ -69,7 +71,7 @@ class FrontEnd:
 
     def step(self, frame: ResistanceFrame) -> TendonLengths:
         """Return the lengths at one more frame."""
-        step_s = frame.t_s - self._last_s if np.isfinite(self._last_s) else 0.02
+        step_s = frame.t_s - self._last_s if np.isfinite(self._last_s) else self._frame_step_s
         self._last_s = frame.t_s
         change = self._taring.common_change(frame.t_s, frame.resistance_ohm / self._R0 - 1)  # eq. (8)
         change, rate, flags = self._hold_missing(frame, change)
@@ -86,7 +88,8 @@ class FrontEnd:
         missing = (flags & Flag.MISSING) != 0
         length = np.where(missing, np.nan, (1 + strain) * self._L0)  # eq. (4)
         sigma = np.where(missing, np.inf, np.sqrt(variance) * self._L0)
-        return TendonLengths(frame.t_s, length, sigma, self._mode, np.where(missing, frame.flags, flags))
+        rest_sigma = np.where(missing, 0.0, np.sqrt(1 - probability) * self._taring.rest_sigma * self._L0)
+        return TendonLengths(frame.t_s, length, sigma, self._mode, np.where(missing, frame.flags, flags), rest_sigma)
 
     def _decide_mode(self, lag_free: NDArray[np.float64], t_s: float) -> NDArray[np.float64]:
         """Return the probability that each tendon is bent, and set its mode, with hysteresis."""
@@ -106,7 +109,7 @@ class FrontEnd:
         fresh = seen & (frame.t_s - self._seen_s > self._settings.settle_after_s)
         change = np.where(seen, change, self._change)
         if fresh.any():
-            self._stretching.settle(change, fresh)
+            self._stretching.settle(change, fresh, self._frame_step_s)
             self._warm_s = np.where(fresh & ~self._rests(frame.t_s), frame.t_s, self._warm_s)
         step_s = frame.t_s - np.where(seen & ~fresh, self._seen_s, np.nan)
         rate = np.nan_to_num((change - self._change) / step_s)

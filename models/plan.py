@@ -104,18 +104,6 @@ class Plan:
         """How many steps the integration takes."""
         return round(self.duration_s / self.mechanics.step_s)
 
-    def nominal_structure(self) -> Structure:
-        """Return the structure before its tendons' natural lengths are drawn."""
-        s = self.structure
-        return Structure(
-            np.array(s.rods),
-            np.array(s.tendons),
-            np.array(s.rod_length_m),
-            np.array(s.natural_length_m),
-            np.array(s.anchors),
-            np.array(s.anchor_position_m),
-        )
-
 
 def problems(plan: Plan) -> Iterator[tuple[str, str]]:
     """Yield what can not be simulated: the dotted key, and what was expected and found."""
@@ -125,7 +113,7 @@ def problems(plan: Plan) -> Iterator[tuple[str, str]]:
         if not np.isfinite(value)
     )
     try:
-        structure = plan.nominal_structure()
+        structure = plan.structure.structure()
         Divider(plan.adc.bits, plan.adc.known_resistor_ohm, plan.adc.sensor_side)
     except InputError as error:
         key, _, text = str(error).partition(": ")
@@ -143,6 +131,12 @@ def _problems_of_structure(plan: Plan, structure: Structure) -> Iterator[tuple[s
     held = structure.anchors if plan.ground is None else np.empty(0, dtype=np.int64)
     for node in np.setdiff1d(np.setdiff1d(np.arange(structure.node_count), structure.rods), held):
         yield "structure.rods", f"node {node} is on no rod, and nothing holds it: expected a rod, for its mass"
+    position_m = dict(zip(held.tolist(), structure.anchor_position_m, strict=False))
+    for rod, ((a, b), length_m) in enumerate(zip(structure.rods.tolist(), structure.rod_length_m, strict=True)):
+        if a in position_m and b in position_m:
+            apart_m = float(np.linalg.norm(position_m[a] - position_m[b]))
+            if abs(apart_m - length_m) > 1e-4:
+                yield "structure.anchors", f"rod {rod} is {length_m:g} m long, its anchors {apart_m:g} m apart"
 
 
 def _problems_of_time(plan: Plan) -> Iterator[tuple[str, str]]:

@@ -34,9 +34,28 @@ class Flag(IntFlag):
     STUCK = 128
     """The same code for longer than noise allows: the tendon is left out."""
 
+    IMPLAUSIBLE = 256
+    """Without it all other sensors and the balance of forces agree, with it they do not: left out until it agrees."""
+    MISFIT = 512
+    """Reads at rest what no sensor on this tendon would (wrong natural resistance, or wiring): left out."""
+
     def names(self) -> str:
         """Return the names, joined by `|`, as in lengths.csv."""
         return "|".join((flag.name or "").lower() for flag in Flag if flag in self)
+
+    @classmethod
+    def of_names(cls, text: str) -> "Flag":
+        """Return the flags that `names` gave.
+
+        Raises:
+            ValueError: for a name that is none.
+        """
+        flags = cls(0)
+        for name in filter(None, text.strip().split("|")):
+            if name.upper() not in cls.__members__:
+                raise ValueError("expected names of flags joined by |")
+            flags |= cls[name.upper()]
+        return flags
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,6 +122,8 @@ class TendonLengths:
     """(tendons,) `Mode`."""
     flags: NDArray[np.int64]
     """(tendons,) `Flag` bits."""
+    rest_sigma_m: NDArray[np.float64] | float = 0.0
+    """(tendons,) the part of sigma_m that comes from the rest shape, to which the sensors were tared."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:

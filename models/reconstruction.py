@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
+from .external_loads import ExternalLoads
 from .geometry import length_jacobian
 from .readings import TendonLengths
 from .rigidity import free_length_jacobian
@@ -36,6 +37,8 @@ class Reconstruction:
     """(frames, tendons) `Mode`."""
     flags: NDArray[np.int64]
     """(frames, tendons) `Flag` bits."""
+    loads: ExternalLoads | None = None
+    """Of all frames; None where the stiffness of the tendons is not known."""
 
     @classmethod
     def of(cls, structure: Structure, shapes: Iterable[Shape]) -> "Reconstruction":
@@ -47,6 +50,8 @@ class Reconstruction:
         collected = list(shapes)
         if not collected:
             raise InputError("no frame could be made of the readings")
+        each = [shape.loads for shape in collected if shape.loads is not None]
+        loads = ExternalLoads(np.array([of.force_n for of in each]), np.array([of.sigma_n for of in each]))
         return cls(
             structure,
             np.array([shape.t_s for shape in collected]),
@@ -57,6 +62,7 @@ class Reconstruction:
             np.array([shape.lengths.sigma_m for shape in collected]),
             np.array([shape.lengths.mode for shape in collected]),
             np.array([shape.lengths.flags for shape in collected]),
+            loads if len(each) == len(collected) else None,
         )
 
     def __len__(self) -> int:
@@ -65,7 +71,8 @@ class Reconstruction:
     def __iter__(self) -> Iterator[Shape]:
         for k in range(len(self)):
             lengths = TendonLengths(self.t_s[k], self.length_m[k], self.sigma_m[k], self.mode[k], self.flags[k])
-            yield Shape(self.t_s[k], self.node_position_m[k], self.covariance_m2[k], self.status[k], lengths)
+            loads = ExternalLoads(self.loads.force_n[k], self.loads.sigma_n[k]) if self.loads else None
+            yield Shape(self.t_s[k], self.node_position_m[k], self.covariance_m2[k], self.status[k], lengths, loads)
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The rest shape: where the structure stands before anyone touches it, measured or found."""
+"""The rest shape: where the structure stands before anyone touches it, and what it says of the tendons."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import length_jacobian, member_length_m
-from .rigidity import find_rest_shape
+from .geometry import length_jacobian
+from .statics import Mechanics
 from .structure import Structure
 from .tables import Positive
 from .taring import RestLengths
@@ -15,23 +15,33 @@ from .taring import RestLengths
 
 @dataclass(frozen=True, slots=True)
 class RestSettings:
-    """How well a rest shape is known, per axis."""
+    """How well the structure at rest is known beforehand."""
 
     measured_sigma_m: Positive = 0.0003
-    """Of a shape measured by motion capture."""
+    """Of a node measured by motion capture, per axis."""
     found_sigma_m: Positive = 0.003
-    """Of a shape found from lengths alone: 10 % of spread in stiffness and gravity move nodes by so much."""
+    """Of a node found from lengths alone, per axis: 10 % of spread in stiffness and gravity move nodes by so much."""
+    stiffness_spread: Positive = 0.10
+    """By which share tendons of one make differ in stiffness."""
+    natural_length_sigma_m: Positive = 0.0003
+    """Of a natural length, as a ruler gives it."""
+    force_sigma_n: Positive = 0.02
+    """Of the balance of forces at rest: sway, creep and hysteresis of the rubber."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestShape:
-    """The unloaded shape, with its uncertainty."""
+    """The unloaded shape, with its uncertainty, and the mechanics that balance there."""
 
     node_position_m: NDArray[np.float64]
     """(nodes, 3)"""
     covariance_m2: NDArray[np.float64]
     """(3 nodes, 3 nodes)"""
     source: Literal["measured", "found"]
+    mechanics: Mechanics | None = None
+    """Tared at this shape; None where stiffness is not known."""
+    unbalanced_n: tuple[float, float] = (float("nan"), float("nan"))
+    """Root mean square of the unbalanced forces there, with nominal and with tared mechanics."""
 
     def lengths(self, structure: Structure, seconds: float) -> RestLengths:
         """Return the tendon lengths at rest with their sigma."""
@@ -39,27 +49,3 @@ class RestShape:
         variance = np.einsum("ij,jk,ik->i", jacobian, self.covariance_m2, jacobian)
         length_m = structure.tendon_length_m(self.node_position_m)
         return RestLengths(seconds, length_m, np.sqrt(np.maximum(variance, 1e-12)))
-
-
-def rest_shape(
-    structure: Structure, measured_position_m: NDArray[np.float64] | None, settings: RestSettings
-) -> RestShape:
-    """Return the rest shape nearest to the measured nodes, or else to the found one, that keeps rods and anchors.
-
-    The rods' lengths are taken as exact: x = m - C J^T (J C J^T)^-1 (l(m) - l_rod), and C shrinks alike.
-    """
-    source: Literal["measured", "found"] = "found" if measured_position_m is None else "measured"
-    position = find_rest_shape(structure) if measured_position_m is None else measured_position_m
-    sigma_m = settings.found_sigma_m if measured_position_m is None else settings.measured_sigma_m
-    position = structure.with_anchors_placed(position)
-    variance = np.full((structure.node_count, 3), sigma_m**2)
-    variance[structure.anchors] = 0.0
-    covariance = prior = np.diag(variance.ravel())
-    start = position
-    for _ in range(3):
-        jacobian = length_jacobian(position, structure.rods).reshape(len(structure.rods), -1)
-        gain = prior @ jacobian.T @ np.linalg.pinv(jacobian @ prior @ jacobian.T)
-        misfit = member_length_m(position, structure.rods) - structure.rod_length_m
-        position = start - (gain @ (misfit + jacobian @ (start - position).ravel())).reshape(-1, 3)
-        covariance = prior - gain @ jacobian @ prior
-    return RestShape(position, covariance, source)

@@ -13,6 +13,7 @@ from .stretching import LOG_VARIANCE_RANGE, STRAIN_SCALE, Lstm, LstmState, featu
 
 FORMAT = 1
 SPREAD_MEMORY_S = 30.0
+SETTLING_S = 10.0
 """How long a strip's past motion matters: relaxation takes seconds, hysteresis until it is wiped out."""
 LSTM_TENSORS = ("weight_ih", "weight_hh", "bias", "head_weight", "head_bias")
 
@@ -125,11 +126,14 @@ class StretchingSensors:
         strain, sigma, self._state = self._evaluate(change, rate_per_s, step_s, self._state)
         return strain, sigma
 
-    def settle(self, change: NDArray[np.float64], which: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Put some sensors into the state of having rested at a dR/R for 10 s; return the strain they then give."""
+    def settle(self, change: NDArray[np.float64], which: NDArray[np.bool_], step_s: float) -> NDArray[np.float64]:
+        """Put some sensors into the state of having rested at a dR/R for long; return the strain they then give.
+
+        In steps as long as those to come: settled in others, a sensor at rest would drift by 0.001 of strain in 10 s.
+        """
         state, still, strain = self._lstm.initial_state(len(change)), np.zeros(len(change)), np.zeros(len(change))
-        for _ in range(100):
-            strain, _, state = self._evaluate(change, still, 0.1, state)
+        for _ in range(round(SETTLING_S / step_s)):
+            strain, _, state = self._evaluate(change, still, step_s, state)
         keep = which[:, None]
         self._state = LstmState(np.where(keep, state.h, self._state.h), np.where(keep, state.c, self._state.c))
         return strain

@@ -10,7 +10,7 @@ from .frames import FrameSettings
 from .front_end import FrontEndSettings
 from .gate import GateSettings
 from .rest import RestSettings
-from .tables import Positive, Probability
+from .tables import AtLeastOne, Positive, Probability
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +25,13 @@ class NoiseSettings:
     """Of a stretched tendon as a straight line between its nodes; the reading's own sigma comes on top."""
     bending_m: Positive = 0.001
     """Of a bent one."""
-    ambiguous_m: Positive = 0.002
-    """Of one whose mode is not sure."""
+    ambiguous_m: Positive = 0.001
+    """Of one whose mode is not sure: it may be bent. That the reading spans both modes is in the reading's sigma."""
     unstated_m: Positive = 0.001
     """Of a length that a trial gives without its sigma."""
-    shape_prior_m: Positive = 0.02
+    force_n: Positive = 0.1
+    """Of the balance of forces at a node: inertia and damping of moving rods stay below."""
+    shape_prior_m: Positive = 0.06
     """Of a node about its rest position, in every frame: weak, but it keeps the motion that lengths do not see finite.
     Three times what presses move a node (7 mm rms); slack bodies, which move by 30 mm rms, want 0.03."""
     motion_m_per_s15: Positive = 0.3
@@ -49,6 +51,26 @@ class SmootherSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class HealthSettings:
+    """When a sensor is left out because the others do not bear it out, and when it is taken back."""
+
+    memory_s: Positive = 0.5
+    """Over which disagreement is averaged: a press comes and goes in less, a fault does not."""
+    suspect_sigma: Positive = 2.5
+    """Mean disagreement from which on a sensor is checked."""
+    check_every_s: Positive = 0.1
+    """Least time between two checks, which take as long as a frame each."""
+    log_ratio: Positive = 6.0
+    """Log of how many times better a frame must be explained without the sensor, ..."""
+    confirmations: AtLeastOne = 3
+    """... and in how many checks in a row: 24 sensors, checked 10 times a second, for hours."""
+    agree_sigma: Positive = 2.0
+    """Mean disagreement below which a sensor that was left out agrees again, ..."""
+    take_back_s: Positive = 1.0
+    """... and for how long it must before it is taken back."""
+
+
+@dataclass(frozen=True, slots=True)
 class Settings:
     """All settings of a run; each may be set in the file given by --config."""
 
@@ -61,3 +83,4 @@ class Settings:
     rest: RestSettings = field(default_factory=RestSettings)
     noise: NoiseSettings = field(default_factory=NoiseSettings)
     smoother: SmootherSettings = field(default_factory=SmootherSettings)
+    health: HealthSettings = field(default_factory=HealthSettings)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from .external_loads import ExternalLoads
 from .readings import TendonLengths
 
 
@@ -63,6 +64,8 @@ class Shape:
     status: Status
     lengths: TendonLengths
     """The measurement it was made from."""
+    loads: ExternalLoads | None = None
+    """External forces at the nodes; None where the stiffness of the tendons is not known."""
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:

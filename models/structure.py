@@ -62,6 +62,18 @@ class Structure:
         """The tendons that do not join two anchors: only these say anything of the shape."""
         return np.flatnonzero(~np.isin(self.tendons, self.anchors).all(axis=1))
 
+    @property
+    def faces(self) -> NDArray[np.int64]:
+        """(faces, 3) the triangles closed by three tendons, but for those between anchors."""
+        joined = {frozenset(pair) for pair in self.tendons.tolist()}
+        triangles = [
+            (a, b, c)
+            for a, b in sorted(sorted(pair) for pair in joined)
+            for c in range(b + 1, self.node_count)
+            if {a, b, c} - set(self.anchors.tolist()) and frozenset((a, c)) in joined and frozenset((b, c)) in joined
+        ]
+        return np.array(triangles, dtype=np.int64).reshape(-1, 3)
+
     def tendon_length_m(self, node_position_m: ArrayLike) -> NDArray[np.float64]:
         """(..., tendons) tendon lengths at (..., nodes, 3) positions."""
         return member_length_m(node_position_m, self.tendons)

@@ -55,6 +55,11 @@ class Taring:
         """(tendons,) which sensors have been read at rest."""
         return self._count > 0
 
+    @property
+    def rest_sigma(self) -> NDArray[np.float64]:
+        """(tendons,) the strain sigma that the rest shape leaves in tared sensors."""
+        return np.where(self.tared, self._rest_sigma, 0.0)
+
     def is_resting(self, t_s: float) -> bool:
         """Whether the structure still stands at its rest shape; the first frame asked for starts the clock."""
         if self._first_s is None:
@@ -71,7 +76,7 @@ class Taring:
         """Return (tendons,) the strain sigma that gain, offset and rest shape leave at a strain with its dR/R."""
         slope = self._gauge.slope(np.maximum(strain, 0))
         untared = np.hypot(self._gauge.gain_sigma * change, self._gauge.offset_sigma) / slope
-        tared = np.hypot(self._gain_sigma_left * (change - self.rest_change) / slope, self._rest_sigma)
+        tared = np.hypot(self._gain_sigma_left * (change - self.rest_change) / slope, self.rest_sigma)
         return np.where(self.tared, tared, untared)
 
     def _learn(self, change: NDArray[np.float64]) -> None:

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from .divider import Divider
 from .errors import InputError
+from .evaluation import Fault
+from .statics import Mechanics
 from .structure import Structure
 from .tables import AtLeastOne, NotNegative, Positive, parse_table, unknown_keys
 
@@ -24,6 +26,21 @@ class StructureTable:
     anchors: list[int]
     anchor_position_m: list[tuple[float, float, float]]
 
+    def structure(self) -> Structure:
+        """Return the structure.
+
+        Raises:
+            InputError: when it is none.
+        """
+        return Structure(
+            np.array(self.rods),
+            np.array(self.tendons),
+            np.array(self.rod_length_m),
+            np.array(self.natural_length_m),
+            np.array(self.anchors),
+            np.array(self.anchor_position_m),
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class MechanicsTable:
@@ -31,6 +48,8 @@ class MechanicsTable:
 
     tendon_stiffness_n_per_m: Positive | list[Positive]
     rod_mass_kg: NotNegative
+    push_back: NotNegative = 0.02
+    """Stiffness of a bent tendon over that of a stretched one: a strip that bows out pushes with a few per cent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +150,8 @@ class TrialDescription:
     """What is known of a trial before its first reading."""
 
     structure: Structure
+    mechanics: Mechanics | None
+    """Nominal, where the trial gives it: without it the balance of forces is not used."""
     rest_seconds: float
     rest_position_m: NDArray[np.float64] | None
     """(nodes, 3) the measured rest shape, if there is one."""
@@ -163,16 +184,34 @@ def describe_trial(table: Mapping[str, Any], where: str) -> tuple[TrialTable, Tr
         raise InputError(f"{where}: {error}") from error
 
 
+def known_faults(truth: TruthTable, trial: TrialDescription, where: str) -> tuple[Fault, ...]:
+    """Return the faults that a trial names, with the tendons they spoil. Evaluation only.
+
+    Raises:
+        InputError: for a tendon or board that is not there, or an interval that ends before it begins.
+    """
+    tendons, boards = len(trial.structure.tendons), len(trial.tendons_of_board)
+    faults = []
+    for index, fault in enumerate(truth.fault):
+        name = f"{where}: truth.fault[{index}]"
+        if fault.until_s < fault.from_s:
+            raise InputError(f"{name}: expected until_s at from_s = {fault.from_s} or later, got {fault.until_s}")
+        if fault.tendon is not None and fault.board is None:
+            if not 0 <= fault.tendon < tendons:
+                raise InputError(f"{name}.tendon: expected a tendon from 0 to {tendons - 1}, got {fault.tendon}")
+            place, spoilt = f"tendon {fault.tendon}", np.array([fault.tendon])
+        elif fault.board is not None and fault.tendon is None:
+            if not 0 <= fault.board < boards:
+                raise InputError(f"{name}.board: expected one of the trial's {boards} boards, got {fault.board}")
+            place, spoilt = f"board {fault.board}", trial.tendons_of_board[fault.board]
+        else:
+            raise InputError(f"{name}: expected either tendon or board")
+        faults.append(Fault(fault.kind, place, spoilt, fault.from_s, fault.until_s))
+    return tuple(faults)
+
+
 def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescription:
-    s = table.structure
-    structure = Structure(
-        np.array(s.rods),
-        np.array(s.tendons),
-        np.array(s.rod_length_m),
-        np.array(s.natural_length_m),
-        np.array(s.anchors),
-        np.array(s.anchor_position_m),
-    )
+    structure = table.structure.structure()
     given = [name for name in ("board", "resistance", "lengths") if getattr(table, name)]
     if len(given) != 1:
         raise InputError(f"expected one of [[board]], [resistance], [lengths], got {', '.join(given) or 'none'}")
@@ -181,6 +220,7 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
         source = "resistance" if table.resistance else "lengths"
     return TrialDescription(
         structure,
+        _mechanics(table.mechanics, structure) if table.mechanics else None,
         table.rest.seconds,
         _rest_position(table.rest, structure),
         source,
@@ -189,6 +229,16 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
         _wiring(table.board, len(structure.tendons)) if source == "counts" else (),
         ignored_keys,
     )
+
+
+def _mechanics(table: MechanicsTable, structure: Structure) -> Mechanics:
+    stiffness, tendons = np.array(table.tendon_stiffness_n_per_m), len(structure.tendons)
+    if stiffness.shape not in ((), (tendons,)) or not np.isfinite(stiffness).all():
+        raise InputError(
+            f"mechanics.tendon_stiffness_n_per_m: expected one finite number or {tendons}, got {stiffness.size}"
+        )
+    stiffness = np.broadcast_to(stiffness, (tendons,)).copy()
+    return Mechanics(stiffness, structure.natural_length_m, table.rod_mass_kg, table.push_back)
 
 
 def _rest_position(rest: RestTable, structure: Structure) -> NDArray[np.float64] | None:

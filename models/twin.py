@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import IndeterminateError, TensegraphError
+from .errors import TensegraphError
 from .loads import Loads
 from .mjcf import Body, mjcf
 from .rigidity import find_rest_shape
@@ -14,7 +14,7 @@ from .rigidity import find_rest_shape
 SETTLED_M_PER_S = 1e-6
 """A structure at rest: a node that still moves this fast for the rest seconds moves by a few micrometres."""
 SETTLING_S = 300.0
-"""How long to wait for that; the slack example takes 40 s, the prestressed ones 2 s."""
+"""How long to wait for that; the examples take 2 to 4 s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,9 +61,9 @@ class Twin:
         """Wait, without loads, until nothing moves.
 
         Raises:
-            IndeterminateError: when it does not come to rest.
+            TensegraphError: when it does not come to rest.
         """
-        period = round(0.1 / self._step_s)
+        period = max(round(0.1 / self._step_s), 1)
         before = self.node_position_m
         for _ in range(round(SETTLING_S / self._step_s / period)):
             self._engine.mj_step(self._model, self._data, period)
@@ -73,7 +73,7 @@ class Twin:
                 break
             before = now
         else:
-            raise IndeterminateError(f"the structure does not come to rest in {SETTLING_S:g} s: try more drag")
+            raise TensegraphError(f"the structure does not come to rest in {SETTLING_S:g} s: try more drag")
         self._data.qvel[:] = 0.0
         self._engine.mj_forward(self._model, self._data)
 
@@ -93,12 +93,12 @@ class Twin:
         """Refuse what the engine would only log: it starts anew when the numbers run away.
 
         Raises:
-            IndeterminateError: when they did.
+            TensegraphError: when they did.
         """
         kinds = self._engine.mjtWarning
         bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
         if any(self._data.warning[kind].number for kind in bad):
-            raise IndeterminateError("the motion runs away from the integration: expected a smaller step_s")
+            raise TensegraphError("the motion runs away from the integration: expected a smaller step_s")
 
     def _push(self, force_n: NDArray[np.float64], position_m: NDArray[np.float64]) -> None:
         """Apply node forces as MuJoCo takes them: force and moment about each body's centre of mass."""

@@ -46,8 +46,8 @@ def simulate(plan: Plan, provenance: str) -> VirtualTrial:
         provenance: what trial.toml says of where it comes from.
 
     Raises:
-        IndeterminateError: when the structure finds no rest shape.
-        TensegraphError: when MuJoCo is not installed.
+        IndeterminateError: when the structure has no rest shape.
+        TensegraphError: when it does not come to rest, its motion runs away, or MuJoCo is not installed.
     """
     # one stream of random numbers each, so that another load, say, leaves the sensors what they are
     seeds = np.random.SeedSequence(plan.seed).spawn(5 + len(plan.boards.tendon_of_channel))
@@ -74,7 +74,7 @@ def simulate(plan: Plan, provenance: str) -> VirtualTrial:
 
 def _body(plan: Plan, rng: np.random.Generator) -> Body:
     """Draw what differs from tendon to tendon."""
-    m, structure = plan.mechanics, plan.nominal_structure()
+    m, structure = plan.mechanics, plan.structure.structure()
     count = len(structure.tendons)
     natural_m = structure.natural_length_m + m.natural_length_spread_m * rng.normal(size=count)
     stiffness = m.tendon_stiffness_n_per_m * np.maximum(1 + m.tendon_stiffness_spread * rng.normal(size=count), 0.1)

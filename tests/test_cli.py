@@ -1,7 +1,10 @@
 """The command line as a user types it: a process, files, exit codes."""
 
+import csv
 import filecmp
+import json
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -143,13 +146,122 @@ def test_a_config_file_is_used(trial_copy) -> None:
     assert written["frames"] < 25
 
 
+@pytest.fixture(scope="module")
+def evaluated(done):
+    """Both runs evaluated: the batch one as a table, both as JSON."""
+    folder, *_ = done
+    table = run("evaluate", "results/press", cwd=folder)
+    numbers = run("evaluate", "results/press", "live", "--json", "--out", "scores", cwd=folder)
+    return folder, table, numbers
+
+
+def test_evaluate_prints_tables_or_json(evaluated) -> None:
+    folder, table, numbers = evaluated
+    assert table.returncode == 0, table.stderr
+    for words in (
+        "press_01, batch",
+        "displacement of faces",
+        "worst node",
+        "NEES",
+        "NIS",
+        "false alarms",
+        "median sigma",
+    ):
+        assert words in table.stdout
+    batch, live = json.loads(numbers.stdout)
+    assert (batch["method"], live["method"]) == ("batch", "live")
+    assert f"{1e3 * batch['absolute']['nodes']['rmse_m']:.2f}" in table.stdout
+    for name in ("results/evaluation/press", "scores/press", "scores/live"):
+        assert sorted(p.name for p in (folder / name).iterdir()) == ["errors.png", "evaluation.json", "heights.png"]
+    assert json.loads((folder / "scores/live/evaluation.json").read_text()) == live
+
+
+def test_evaluate_agrees_with_what_reconstruct_said(done, evaluated) -> None:
+    batch, live = json.loads(evaluated[2].stdout)
+    for said, numbers in zip(done[1:], (batch, live), strict=True):
+        row = next(line for line in said.stdout.splitlines() if "node RMSE" in line)
+        assert float(row.split()[4]) == pytest.approx(1e3 * numbers["absolute"]["nodes"]["rmse_m"], abs=0.006)
+
+
+def test_evaluate_with_truth_from_elsewhere(done, tmp_path) -> None:
+    """A result as its own truth is exact; turned and shifted it is again exact once aligned."""
+    folder = done[0]
+    own = run("evaluate", "live", "--truth", "live/shape.csv", "--json", "--out", tmp_path / "own", cwd=folder)
+    assert json.loads(own.stdout)[0]["absolute"]["nodes"]["rmse_m"] == 0
+    rows = np.genfromtxt(folder / "live/shape.csv", delimiter=",", skip_header=1)
+    header = (folder / "live/shape.csv").read_text().splitlines()[0]
+    positions = rows[:, 1:].reshape(-1, 12, 3)[..., [1, 2, 0]] + 0.5  # z of the camera is x of the anchors
+    moved = np.column_stack([rows[:, 0], positions.reshape(len(rows), -1)])[:, :-3]  # node 11 has no marker
+    names = ",".join(header.split(",")[:-3])
+    np.savetxt(tmp_path / "mocap.csv", moved, delimiter=",", header=names, comments="", fmt="%.6f")
+    arguments = ("evaluate", "live", "--truth", tmp_path / "mocap.csv", "--json", "--out", tmp_path / "aligned")
+    runs = [run(*arguments, *more, cwd=folder) for more in ([], ["--align"])]
+    assert [result.stderr for result in runs] == ["", ""]
+    plain, aligned = (json.loads(result.stdout)[0] for result in runs)
+    assert aligned["node_rmse_m"][-1] is None
+    assert plain["absolute"]["nodes"]["rmse_m"] > 0.5
+    assert aligned["absolute"]["nodes"]["rmse_m"] < 1e-5
+    assert aligned["rotation_deg"] == pytest.approx(120, abs=1e-3)
+
+
+def test_a_result_finds_its_trial_when_both_are_moved(done, tmp_path) -> None:
+    for name in ("press", "live"):
+        shutil.copytree(done[0] / name, tmp_path / name)
+    assert tomllib.loads((tmp_path / "live/run.toml").read_text())["trial_path"] == "../press"
+    assert run("evaluate", "live", cwd=tmp_path).returncode == 0
+    (tmp_path / "press").rename(tmp_path / "elsewhere")
+    lost = run("evaluate", "live", cwd=tmp_path)
+    assert lost.returncode == 2
+    assert "press/trial.toml: no such file" in lost.stderr
+    assert run("evaluate", "live", "--trial", "elsewhere", cwd=tmp_path).returncode == 0
+    rows = (tmp_path / "elsewhere/board0.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "elsewhere/board0.csv").write_text("".join(rows[:-1]))
+    other = run("evaluate", "live", "--trial", "elsewhere", cwd=tmp_path)
+    assert other.returncode == 2
+    assert "board0.csv: is not what live was made from" in other.stderr
+
+
+def test_compare_runs_every_method(trial_copy) -> None:
+    """With truth, without, and with a truth that is gone; what it says of the UKF is what evaluate says."""
+    seen = trial_copy(rows=60, name="seen")
+    blind = trial_copy(rows=60, name="blind", trial=lambda text: text[: text.index("[truth]")])
+    lost = trial_copy(rows=60, name="lost")
+    (lost / "truth.csv").unlink()
+    result = run("compare", seen, blind, lost, cwd=seen.parent)
+    assert result.returncode == 0, result.stderr
+    for words in (
+        "seen, rest shape held: node RMSE",
+        "seen, UKF: node RMSE",
+        "blind, graph, batch:",
+        "(no truth)",
+        "(truth not used: ",
+    ):
+        assert words in result.stdout
+    folder = seen.parent / "results/comparison"
+    assert sorted(p.name for p in folder.iterdir()) == ["comparison.csv", "comparison.md", "comparison.png"]
+    with (folder / "comparison.csv").open() as file:
+        rows = {(row["trial"], row["method"]): row for row in csv.DictReader(file)}
+    assert len(rows) == 3 + 4 * 6
+    assert rows["blind", "UKF"]["nodes_rmse_m"] == ""
+    assert float(rows["blind", "UKF"]["ms_per_frame"]) > 0
+    assert "(ukf)" in run("reconstruct", seen, "--method", "ukf", cwd=seen.parent).stdout
+    (alone,) = json.loads(run("evaluate", "results/seen", "--json", cwd=seen.parent).stdout)
+    assert float(rows["seen", "UKF"]["nodes_rmse_m"]) == pytest.approx(alone["absolute"]["nodes"]["rmse_m"], rel=1e-3)
+    assert float(rows["seen", "UKF"]["coverage_95"]) == pytest.approx(alone["consistency"]["coverage_95"], abs=0.02)
+
+
 REFUSED = [
     (["reconstruct", "nothing"], "nothing/trial.toml: no such file"),
     (["reconstruct", "trial", "--config", "bad.toml"], "bad.toml: noise.rodd_m: is no setting"),
     (["reconstruct", "trial", "--out", "trial"], "trial: exists and is no earlier result"),
     (["reconstruct", "trial", "--out", "bad.toml"], "bad.toml: exists and is no earlier result"),
-    (["reconstruct", "trial", "trial"], "two trials are named trial"),
+    (["reconstruct", "trial", "trial"], "two of these are named trial"),
     (["reconstruct", "trial"], "board1.csv: row 30, column adc3: expected a finite number, got 'x'"),
+    (["evaluate", "trial"], "trial: is no result: expected a directory with run.toml"),
+    (["evaluate", "trial", "--out", "trial"], "trial: exists and is no earlier result"),
+    (["compare", "nothing"], "nothing/trial.toml: no such file"),
+    (["compare", "trial", "trial"], "two of these are named trial"),
+    (["compare", "trial", "--out", "trial"], "expected a new name, or a directory with comparison.csv"),
     (["calibrate", "trial", "--out", "m"], "row 1: expected '# natural_resistance_ohm = NUMBER'"),
 ]
 
@@ -202,6 +314,5 @@ def test_a_bad_plan_is_one_line_and_nothing_is_written(tmp_path) -> None:
 def test_help_names_the_commands(tmp_path) -> None:
     result = run("--help", cwd=tmp_path)
     assert result.returncode == 0
-    assert "reconstruct" in result.stdout
-    assert "calibrate" in result.stdout
-    assert "simulate" in result.stdout
+    for command in ("reconstruct", "evaluate", "compare", "calibrate", "simulate"):
+        assert command in result.stdout

@@ -6,15 +6,15 @@ import gtsam
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from scipy.sparse import coo_matrix
 from scipy.stats import chi2
 
 from tensegraph import IndeterminateError, Reconstruction, Settings, Status, three_strut
+from tensegraph.estimator.baselines import LeastSquares, UnscentedKalman
 from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.evaluation import interpolated, node_rmse_m
 from tensegraph.estimator.frame import FrameEstimator
+from tensegraph.estimator.graph import GraphBuilder
 from tensegraph.estimator.live import LiveSmoother
-from tensegraph.estimator.uncertainty import block_marginals, information_matrix
 from tensegraph.models.geometry import length_jacobian, member_length_m
 from tensegraph.models.rest import RestShape
 from tensegraph.models.rigidity import find_rest_shape
@@ -22,6 +22,7 @@ from tensegraph.models.settings import NoiseSettings, SmootherSettings
 from tensegraph.models.shape import ellipsoids
 
 ESTIMATORS = [FrameEstimator, LiveSmoother, BatchOptimizer]
+BASELINES = [LeastSquares, UnscentedKalman]
 
 
 def with_noise(**changes) -> Settings:
@@ -51,7 +52,7 @@ def test_exact_lengths_give_the_exact_shape(estimator, example_structure, presse
     assert np.median(np.sqrt((error**2).sum(-1))) < 0.0002
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("estimator", ESTIMATORS + BASELINES)
 def test_all_give_the_same_kind_of_shape(estimator, structure, rest, lengths_of) -> None:
     frames = [lengths_of(structure, rest.node_position_m, 0.02 * k) for k in range(12)]
     shapes = list(estimator(structure, rest, Settings()).estimate(frames))
@@ -90,7 +91,7 @@ def test_frame_agrees_with_scipy(example_structure, pressed, lengths_of) -> None
         )
 
     solution = least_squares(residual, shape.node_position_m.ravel(), xtol=1e-14, ftol=1e-14)
-    covariance = np.linalg.inv(solution.jac.T @ solution.jac)
+    covariance = np.linalg.inv(solution.jac.T @ solution.jac) + rest.covariance_m2
     apart = (shape.node_position_m.ravel() - solution.x) / np.sqrt(np.diag(covariance))
     assert np.abs(apart).max() < 0.1
     ratio = np.sqrt(np.diag(shape.covariance_m2) / np.diag(covariance))
@@ -171,14 +172,6 @@ def test_lengths_alone_do_not_hold_the_rest_shape(structure, rest, lengths_of) -
         estimator.update(lengths_of(structure, rest.node_position_m))
 
 
-def test_memory_holds_what_single_frames_do_not(structure, rest, lengths_of) -> None:
-    """Without a shape prior, the live smoother is held by its first frame's rest shape and the motion."""
-    frames = [lengths_of(structure, rest.node_position_m, 0.02 * k) for k in range(20)]
-    shapes = list(LiveSmoother(structure, rest, with_noise(shape_prior_m=np.inf)).estimate(frames))
-    sigma = [np.sqrt(np.trace(shape.covariance_m2)) for shape in shapes]
-    assert sigma[-1] > 3 * sigma[0]
-
-
 def test_any_structure_runs(lengths_of) -> None:
     prism = three_strut(0.3, 0.18)
     variance = np.full((6, 3), 0.0003**2)
@@ -200,50 +193,24 @@ def test_live_memory_is_bounded(structure, rest, lengths_of) -> None:
 
 
 class TestCovariance:
-    def test_two_scalars_by_hand(self) -> None:
-        """Information [[2, -1], [-1, 2]]: its inverse is [[2, 1], [1, 2]] / 3."""
-        marginals = block_marginals(coo_matrix(np.array([[2.0, -1.0], [-1.0, 2.0]])), 1)
-        np.testing.assert_allclose(marginals.ravel(), [2 / 3, 2 / 3])
-
-    @pytest.mark.parametrize("variables", [6, 7, 8, 13])
-    def test_is_the_inverse_s_diagonal(self, variables) -> None:
-        rng = np.random.default_rng(0)
-        block = np.arange(variables) // 3
-        matrix = rng.standard_normal((variables, variables))
-        matrix = matrix @ matrix.T + 20 * np.eye(variables)
-        matrix[np.abs(block[:, None] - block) > 1] = 0
-        marginals = block_marginals(coo_matrix(matrix), 3)
-        inverse = np.linalg.inv(matrix)
-        for k, marginal in enumerate(marginals):
-            size = min(3, variables - 3 * k)
-            np.testing.assert_allclose(
-                marginal[:size, :size], inverse[3 * k : 3 * k + size, 3 * k : 3 * k + size], atol=1e-10
-            )
-
-    def test_batch_agrees_with_gtsam_marginals(self, structure, rest, lengths_of) -> None:
-        rng = np.random.default_rng(1)
-        frames = [
-            lengths_of(structure, rest.node_position_m, 0.02 * k, noise=1e-4 * rng.standard_normal(24))
-            for k in range(7)
-        ]
-        batch = BatchOptimizer(structure, rest, Settings())
-        shapes = list(batch.estimate(frames))
-        graph, _ = batch._graph(frames)
-        values = gtsam.Values()
-        for k, shape in enumerate(shapes):
-            for node, x in enumerate(shape.node_position_m):
-                values.insertPoint3(12 * k + node, x)
-        reference = gtsam.Marginals(graph, values)
-        for k in (0, 3, 6):
-            expected = reference.jointMarginalCovariance(list(range(12 * k, 12 * k + 12))).fullMatrix()
-            np.testing.assert_allclose(shapes[k].covariance_m2, expected, rtol=1e-6, atol=1e-12)
-        assert information_matrix(graph.linearize(values)).shape == (7 * 36, 7 * 36)
+    def test_is_the_inverse_of_the_frame_s_information(self, structure, rest, lengths_of) -> None:
+        """gtsam's own linearisation of the frame's factors, plus the rest shape's covariance, is the same."""
+        lengths = lengths_of(structure, rest.node_position_m, noise=1e-4)
+        settings = with_noise(anchor_m=1e-6)
+        shape = FrameEstimator(structure, rest, settings).update(lengths)
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        GraphBuilder(structure, rest, settings.noise).add_frame(graph, 0, lengths)
+        for node, x in enumerate(shape.node_position_m):
+            values.insertPoint3(node, x)
+        expected = np.linalg.inv(graph.linearize(values).hessian()[0]) + rest.covariance_m2
+        np.testing.assert_allclose(shape.covariance_m2[9:, 9:], expected[9:, 9:], rtol=1e-4, atol=1e-10)
 
     def test_nees_of_a_linear_gaussian_toy(self, structure, rest, lengths_of) -> None:
         """Where the problem is linear (tight prior, noise drawn as assumed), NEES is chi-square with 3 per node."""
         rng = np.random.default_rng(2)
         settings, free = with_noise(shape_prior_m=0.0005), structure.free_nodes
-        estimator, nees = FrameEstimator(structure, rest, settings), []
+        exact = replace(rest, covariance_m2=np.zeros((36, 36)))
+        estimator, nees = FrameEstimator(structure, exact, settings), []
         sigma_m = np.hypot(0.0005, NoiseSettings().stretching_m)
         rods = length_jacobian(rest.node_position_m, structure.rods).reshape(6, -1)
         keep = np.eye(36) - rods.T @ np.linalg.pinv(rods.T)
@@ -257,6 +224,60 @@ class TestCovariance:
             nees.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error).mean())
         low, high = chi2.ppf([0.001, 0.999], 3 * 150 * 3) / (150 * 3)  # nodes of a frame are not independent
         assert 0.8 * low < np.mean(nees) < 1.2 * high
+
+
+class TestBaselines:
+    def test_least_squares_solves_the_paper_s_equations(self, example_structure, pressed, lengths_of) -> None:
+        """As many lengths as unknowns: at the solution every rod and tendon has its length."""
+        t_s, positions, rest = pressed
+        frames = [lengths_of(example_structure, x, t) for t, x in zip(t_s[:60], positions[:60], strict=True)]
+        for shape, frame in zip(
+            LeastSquares(example_structure, rest, Settings()).estimate(frames), frames, strict=True
+        ):
+            found_m = example_structure.tendon_length_m(shape.node_position_m)[example_structure.free_tendons]
+            np.testing.assert_allclose(found_m, frame.length_m[example_structure.free_tendons], atol=5e-5)
+
+    def test_least_squares_does_not_claim_what_lengths_do_not_see(self, structure, rest, lengths_of) -> None:
+        """At rest the twist is unseen: its sigma is a rod's length; with a board gone, more motions are."""
+        frame = lengths_of(structure, rest.node_position_m)
+        shape = LeastSquares(structure, rest, Settings()).update(frame)
+        assert np.sqrt(np.linalg.eigvalsh(shape.covariance_m2)[-1]) == pytest.approx(0.3, rel=0.05)
+        half = replace(frame, length_m=np.where(np.arange(24) < 12, frame.length_m, np.nan))
+        half = replace(half, sigma_m=np.where(np.arange(24) < 12, frame.sigma_m, np.inf))
+        shape = LeastSquares(structure, rest, Settings()).update(half)
+        assert (np.sqrt(np.linalg.eigvalsh(shape.covariance_m2)) > 0.29).sum() == 12
+        assert shape.status == Status.PARTIAL
+
+    def test_the_ukf_is_the_kalman_filter_where_all_is_linear(self, structure, rest, lengths_of) -> None:
+        """One update by hand from a prior so tight that lengths are straight lines: x + K (z - h), (1 - K H) P."""
+        settings = with_noise(motion_m_per_s15=1e-6)
+        tight = RestShape(rest.node_position_m, 1e-4 * rest.covariance_m2, "measured")
+        settings = replace(settings, noise=replace(settings.noise, anchor_m=1e-6))
+        noise = 1e-5 * np.random.default_rng(3).standard_normal(24)
+        shape = UnscentedKalman(structure, tight, settings).update(
+            lengths_of(structure, rest.node_position_m, sigma_m=1e-5, noise=noise)
+        )
+        members = np.concatenate([structure.rods, structure.tendons])
+        H = np.zeros((39, 36))
+        H[:30] = length_jacobian(rest.node_position_m, members).reshape(30, -1)
+        H[30:, :9] = np.eye(9)
+        P = tight.covariance_m2 + (1e-12 + (1e-6 * 0.2) ** 2 * 0.02) * np.eye(36)
+        tendon = np.full(24, np.hypot(1e-5, NoiseSettings().stretching_m))
+        R = np.diag(np.concatenate([np.full(6, NoiseSettings().rod_m), tendon, np.full(9, 1e-6)]) ** 2)
+        z = np.concatenate([structure.rod_length_m, structure.tendon_length_m(rest.node_position_m) + noise])
+        innovation = np.concatenate([z - member_length_m(rest.node_position_m, members), np.zeros(9)])
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+        moved = (shape.node_position_m - rest.node_position_m).ravel()
+        np.testing.assert_allclose(moved, K @ innovation, atol=2e-8)
+        np.testing.assert_allclose(
+            shape.covariance_m2, (np.eye(36) - K @ H) @ P + 1e-12 * np.eye(36), rtol=1e-3, atol=1e-14
+        )
+
+    def test_a_filter_that_breaks_says_so(self, structure, rest, lengths_of) -> None:
+        filter_ = UnscentedKalman(structure, rest, Settings())
+        filter_._filter.P = -np.eye(36)
+        with pytest.raises(IndeterminateError, match=r"t = 1\.500 s: the filter's covariance is no longer one"):
+            filter_.update(lengths_of(structure, rest.node_position_m, 1.5))
 
 
 class TestEllipsoids:

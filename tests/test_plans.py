@@ -70,6 +70,7 @@ REFUSED = [
     ("[12, 13, 14,", "[11, 13, 14,", r"boards.tendon_of_channel\[1\]: tendon 11 is wired already"),
     ("[12, 13, 14,", "[24, 13, 14,", r"boards.tendon_of_channel\[1\]: expected tendons from 0 to 23, got 24"),
     ("lost_rows = 0.004", "lost_rows = 1.0", r"boards.lost_rows: .*less than 1, got 1.0"),
+    ("anchors = [0, 1, 2] ", "anchors = [0, 1, 3] ", r"structure.anchors: rod 0 is 0.3 m long, its anchors 0.183\d+ m apart"),
     ("rod_length_m = 0.3", "rod_length_m = -0.3", r"structure.rod_length_m\[0\]: expected a positive, finite length"),
 ]  # fmt: skip
 

@@ -175,7 +175,7 @@ class TestSensorModel:
 
     def test_settled_sensors_stay(self, model: SensorModel) -> None:
         sensors, change = StretchingSensors(model, 2), np.array([0.05, 0.12])
-        settled = sensors.settle(change, np.array([True, True]))
+        settled = sensors.settle(change, np.array([True, True]), 0.1)
         for _ in range(200):
             strain, sigma = sensors.step(change, np.zeros(2), 0.1)
         np.testing.assert_allclose(strain, settled, atol=5e-4)
@@ -186,7 +186,7 @@ class TestSensorModel:
         ends = []
         for rate_hz in (10, 25, 100):
             sensors, step_s = StretchingSensors(model, 1), 1 / rate_hz
-            sensors.settle(np.array([0.05]), np.array([True]))
+            sensors.settle(np.array([0.05]), np.array([True]), step_s)
             for t_s in np.arange(0, 4, step_s):
                 strain, _ = sensors.step(np.array([0.05 + 0.015 * t_s]), np.array([0.015]), step_s)
             ends.append(strain[0])
@@ -237,7 +237,7 @@ def front_end(model: SensorModel, count: int = 4, rest_strain: float | None = 0.
         if rest_strain is None
         else RestLengths(1.0, np.full(count, 0.17 * (1 + rest_strain)), np.full(count, 3e-4))
     )
-    return FrontEnd(model, np.full(count, 6e6), np.full(count, 0.17), rest, FrontEndSettings(**kwargs))
+    return FrontEnd(model, np.full(count, 6e6), np.full(count, 0.17), rest, FrontEndSettings(**kwargs), 0.02)
 
 
 def frame(k: int, change, flags=0) -> ResistanceFrame:

@@ -29,7 +29,6 @@ from tensegraph.models.twin_boards import (
     board_rows,
 )
 
-NO_LOADS = Loads([], 12)
 SHAPES = {s.node_count: (s, find_rest_shape(s)) for s in (six_strut(0.3), three_strut(0.3, 0.15))}
 
 
@@ -177,8 +176,8 @@ def test_rods_keep_their_length_and_energy_never_grows(c) -> None:
         rod_mass_kg=c["mass"],
         rod_drag_n_s_per_m=c["drag"],
     )
-    step_s = 2.5e-4
-    x = Twin(made, step_s, shape_m).run(NO_LOADS if c["nodes"] == 12 else Loads([], 6), 1600).node_position_m
+    step_s = 5e-5  # the integration's own error of energy is of first order in the step, 2 % of kinetic at 0.25 ms
+    x = Twin(made, step_s, shape_m).run(Loads([], c["nodes"]), 4000).node_position_m
     length = np.linalg.norm(x[:, structure.rods[:, 0]] - x[:, structure.rods[:, 1]], axis=2)
     np.testing.assert_allclose(length, np.broadcast_to(structure.rod_length_m, length.shape), atol=1e-9)
     np.testing.assert_array_equal(x[:, structure.anchors], x[:1, structure.anchors].repeat(len(x), axis=0))

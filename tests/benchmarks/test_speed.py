@@ -8,13 +8,16 @@ import resource
 import numpy as np
 import pytest
 
-from tensegraph import Settings, open_trial
+from tensegraph import Reconstruction, Settings, open_trial
 from tensegraph.estimator.baselines import LeastSquares, UnscentedKalman
 from tensegraph.estimator.batch import BatchOptimizer
+from tensegraph.estimator.evaluation import evaluate
 from tensegraph.estimator.live import LiveSmoother
+from tensegraph.models.evaluation import Estimate, Truth
 from tensegraph.models.readings import TendonLengths
 from tensegraph.models.sensor_model import StretchingSensors
 from tensegraph.pipeline import Pipeline
+from tensegraph.simulation import simulate
 
 
 @pytest.fixture(scope="module")
@@ -77,3 +80,21 @@ def test_readings_to_lengths(benchmark, example, model) -> None:
     frames = benchmark.pedantic(run, rounds=3)
     assert frames > 1400
     benchmark.extra_info["us_per_frame"] = 1e6 * benchmark.stats.stats.median / frames
+
+
+def test_evaluation_of_a_trial(benchmark, measured, example) -> None:
+    """All numbers of 1500 frames against the truth."""
+    pipeline, frames = measured
+    structure, rest = pipeline.trial.structure, pipeline.rest
+    shapes = LiveSmoother(structure, rest, Settings()).estimate(frames)
+    estimate, trial = Estimate.of(Reconstruction.of(structure, shapes)), open_trial(example)
+    truth = Truth(*trial.truth(), trial.description.rest_seconds, trial.faults())
+    result = benchmark(evaluate, structure, rest.node_position_m, estimate, truth)
+    assert result.frames > 1400
+
+
+@pytest.mark.parametrize("plan", ["press", "slack", "prism"])
+def test_thirty_simulated_seconds(benchmark, tmp_path, example, plan) -> None:
+    """A plan to its trial on disk: should take less than the 30 s that it lasts."""
+    path = example.parent / "plans" / f"{plan}.toml"
+    benchmark.pedantic(simulate, setup=lambda: ((path, tmp_path / "trial"), {}), rounds=1)

@@ -1,0 +1,47 @@
+"""Static equilibrium: the forces at each node balance, but for a load that is zero at most nodes most of the time.
+
+With the residual r of `Statics` in groups g (a node's three rows, a floating rod's one) and q_g = |r_g|^2 / sigma^2,
+the error is Cauchy's, group by group: 1/2 sum_g log(1 + q_g). One node that is pressed is excused without its
+neighbours; a robust noise model would weigh the whole factor at once.
+"""
+
+from collections.abc import Sequence
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.statics import Statics
+from .noise import unit
+
+
+def equilibrium_factor(statics: Statics, keys: Sequence[int], sigma_n: float) -> gtsam.CustomFactor:
+    """Return the factor of a frame.
+
+    Linearised, it is weighted by 1 / (1 + q_g) as gtsam's own robust models are; its error is that of the kernel.
+    """
+    keys = list(keys)
+
+    def error(
+        factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[NDArray[np.float64]] | None
+    ) -> NDArray[np.float64]:
+        position = np.array([values.atPoint3(key) for key in keys])
+        if jacobians is None:
+            r = statics.residual_n(position) / sigma_n
+            q = squared_norms(r, statics.group)
+            # log(1 + q) / q, whose limit at 0 is 1
+            return np.asarray(r * np.sqrt(np.log1p(q) / np.maximum(q, 1e-12)))
+        r, jacobian = statics.residual_and_jacobian(position)
+        weight = np.sqrt(1 / (1 + squared_norms(r / sigma_n, statics.group))) / sigma_n
+        jacobian *= weight[:, None]
+        for n in range(len(keys)):
+            jacobians[n] = jacobian[:, 3 * n : 3 * n + 3]
+        return np.asarray(r * weight)
+
+    return gtsam.CustomFactor(unit(len(statics.group)), keys, error)
+
+
+def squared_norms(r: NDArray[np.float64], group: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return (..., rows), the squared norm of each row's group; groups are numbered in order."""
+    starts = np.flatnonzero(np.diff(group, prepend=-1))
+    return np.asarray(np.add.reduceat(r * r, starts, axis=-1)[..., group])

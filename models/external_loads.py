@@ -1,0 +1,76 @@
+"""External loads as estimated: what the balance of forces leaves over, node by node."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .statics import Statics
+from .structure import Structure
+
+
+class Observable(StrEnum):
+    """Which part of the load at a node the balance of forces shows."""
+
+    ALL = "all"
+    ACROSS_ROD = "across_rod"
+    """The part along its rod goes into the anchor at the rod's other end."""
+    NONE = "none"
+    """An anchor takes any force."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExternalLoads:
+    """Estimated external forces at the nodes; leading axes are frames."""
+
+    force_n: NDArray[np.float64]
+    """(..., nodes, 3) nan at anchors; zero along the rod where that part is not observable."""
+    sigma_n: NDArray[np.float64]
+    """(..., nodes) root mean square over the observable directions; inf at anchors."""
+
+
+def observable_loads(structure: Structure) -> tuple[Observable, ...]:
+    """Return (nodes,) what is seen of the load at each node."""
+    seen = [Observable.ALL] * structure.node_count
+    for i, j in structure.rods.tolist():
+        for node, other in ((i, j), (j, i)):
+            if other in structure.anchors:
+                seen[node] = Observable.ACROSS_ROD
+    for node in structure.anchors:
+        seen[node] = Observable.NONE
+    return tuple(seen)
+
+
+def external_loads(
+    statics: Statics,
+    node_position_m: NDArray[np.float64],
+    residual_n: NDArray[np.float64],
+    residual_variance_n2: NDArray[np.float64],
+) -> ExternalLoads:
+    """Return the loads that would balance the residual of `Statics`: F = -r across rods, -s w along floating ones.
+
+    Which end of a floating rod is pushed along it can not be told; it is taken to be the one pushed more across it.
+
+    Args:
+        statics: of the structure.
+        node_position_m: (..., nodes, 3).
+        residual_n: (..., rows) of `Statics.residual_n` there.
+        residual_variance_n2: (..., rows) of it.
+    """
+    lead, count = node_position_m.shape[:-2], statics.structure.node_count
+    nodes, rods = statics.nodes, statics.floating_rods
+    across, axial = residual_n[..., : 3 * len(nodes)], residual_n[..., 3 * len(nodes) :]
+    force = np.full((*lead, count, 3), np.nan)
+    force[..., nodes, :] = -across.reshape(*lead, -1, 3)
+    variance = np.full((*lead, count), np.inf)
+    variance[..., nodes] = residual_variance_n2[..., : 3 * len(nodes)].reshape(*lead, -1, 3).sum(axis=-1)
+    along = node_position_m[..., rods[:, 1], :] - node_position_m[..., rods[:, 0], :]
+    along = along / np.linalg.norm(along, axis=-1, keepdims=True)
+    pushed = np.sum(force[..., rods, :] ** 2, axis=-1)
+    first = (pushed[..., 0] >= pushed[..., 1])[..., None]
+    force[..., rods[:, 0], :] -= np.where(first, axial[..., None] * along, 0.0)
+    force[..., rods[:, 1], :] -= np.where(first, 0.0, axial[..., None] * along)
+    variance[..., rods.ravel()] += np.repeat(residual_variance_n2[..., 3 * len(nodes) :], 2, axis=-1)
+    directions = np.where(np.isin(np.arange(count), rods), 3.0, 2.0)
+    return ExternalLoads(force, np.sqrt(variance / directions))

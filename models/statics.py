@@ -1,0 +1,148 @@
+"""Static equilibrium: tendon tensions, gravity and loads balance at every node, but for the force along its rod.
+
+Tendon e = a-b with l = |x_a - x_b|, u = (x_a - x_b) / l: tension T = kappa (l - L0), kappa = k when stretched and p k
+when bent (p small: a bent strip pushes back a little). Force at the nodes f = -B T u - m g / 2 per rod end.
+A rod i-j along w takes any force along itself, so that at each free node
+
+    r_n = (I - w w^T) f_n                            (for a node on no rod r_n = f_n)
+
+and along each rod that floats, both of whose ends are free, s = w^T (f_i + f_j). Without load both are zero; a load F_n
+makes them r_n = -(I - w w^T) F_n, s = -w^T (F_i + F_j). Along a rod that stands on an anchor a load is not seen: the
+anchor takes it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .structure import Structure
+
+GRAVITY_M_PER_S2 = 9.81
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mechanics:
+    """What the balance of forces needs to know of a structure."""
+
+    stiffness_n_per_m: NDArray[np.float64]
+    """(tendons,) k of each tendon when stretched."""
+    natural_length_m: NDArray[np.float64]
+    """(tendons,) L0."""
+    rod_mass_kg: float
+    """Of each rod, uniform along it."""
+    push_back: float
+    """Stiffness of a bent tendon over that of a stretched one."""
+
+
+class Statics:
+    """The balance of forces of one structure as residuals in newtons, with their derivatives.
+
+    Rows: three for each free node in order, then one for each floating rod. All positions may have leading axes.
+    """
+
+    def __init__(self, structure: Structure, mechanics: Mechanics) -> None:
+        self.structure, self.mechanics = structure, mechanics
+        count = structure.node_count
+        self._a, self._b = structure.tendons.T
+        tendons = np.arange(len(structure.tendons))
+        self._incidence = np.zeros((count, len(tendons)))
+        self._incidence[self._a, tendons], self._incidence[self._b, tendons] = 1.0, -1.0
+        self._pairs = -(self._incidence[:, None] * self._incidence[None]).reshape(count * count, -1)
+        weight_n = np.zeros((count, 3))
+        np.add.at(weight_n[:, 2], structure.rods.ravel(), -0.5 * mechanics.rod_mass_kg * GRAVITY_M_PER_S2)
+        self._weight_n = weight_n
+        self.nodes = structure.free_nodes
+        partner = np.arange(count)
+        partner[structure.rods], partner[structure.rods[:, ::-1]] = structure.rods[:, ::-1], structure.rods
+        self._partner = partner[self.nodes]
+        self._on_rod = (self._partner != self.nodes)[:, None]
+        self.floating_rods = structure.rods[np.isin(structure.rods, self.nodes).all(axis=1)]
+        self.group = np.concatenate(
+            [np.repeat(np.arange(len(self.nodes)), 3), len(self.nodes) + np.arange(len(self.floating_rods))]
+        )
+        """(rows,) which rows are excused together: those of a node, and each rod's."""
+
+    def node_force_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., nodes, 3), what tendons and gravity pull at each node."""
+        unit, _, _, tension = self._tensions(node_position_m)
+        return np.asarray(self._weight_n - self._incidence @ (tension[..., None] * unit))
+
+    def residual_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., rows), what the rods can not balance."""
+        force = self.node_force_n(node_position_m)
+        along, _, along_floating, _ = self._rods(node_position_m)
+        across = force[..., self.nodes, :]
+        across = across - along * np.sum(along * across, axis=-1, keepdims=True)
+        axial = np.sum(along_floating * force[..., self.floating_rods, :].sum(axis=-2), axis=-1)
+        return np.concatenate([across.reshape(*across.shape[:-2], -1), axial], axis=-1)
+
+    def residual_and_jacobian(
+        self, node_position_m: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (..., rows) and its derivative (..., rows, 3 nodes) by all coordinates.
+
+        With S_e = kappa u u^T + (T / l) (I - u u^T), K = df/dx = -B S B^T, P = I - w w^T, dw/dx_n = P / ell:
+
+            dr_n/dx = P K_n - ((w . f_n) I + w f_n^T) (P / ell) at n, + the same at its partner
+            ds/dx   = w^T (K_i + K_j) -+ (f_i + f_j)^T P / ell at i and j
+        """
+        x, nodes, rods = node_position_m, self.nodes, self.floating_rods
+        lead, count, eye = x.shape[:-2], self.structure.node_count, np.eye(3)
+        unit, length, stiffness, tension = self._tensions(x)
+        force = self._weight_n - self._incidence @ (tension[..., None] * unit)
+        uu = unit[..., :, None] * unit[..., None, :]
+        tangent = stiffness[..., None, None] * uu + (tension / length)[..., None, None] * (eye - uu)
+        K = (self._pairs @ tangent.reshape(*lead, -1, 9)).reshape(*lead, count, count, 3, 3)
+        w, ell, w_floating, ell_floating = self._rods(x)
+
+        f = force[..., nodes, :]
+        wf = np.sum(w * f, axis=-1, keepdims=True)
+        P = eye - w[..., :, None] * w[..., None, :]
+        turn = (wf[..., None] * eye + w[..., :, None] * f[..., None, :]) @ (P / ell[..., None])
+        across = P[..., None, :, :] @ K[..., nodes, :, :, :]
+        index = np.arange(len(nodes))
+        across[..., index, nodes, :, :] -= turn
+        across[..., index, self._partner, :, :] += turn
+        across = np.swapaxes(across, -3, -2).reshape(*lead, -1, 3 * count)
+
+        f_rod = force[..., rods, :].sum(axis=-2)
+        K_rod = K[..., rods[:, 0], :, :, :] + K[..., rods[:, 1], :, :, :]
+        axial = np.einsum("...rk,...rmkj->...rmj", w_floating, K_rod)
+        turn = (f_rod - w_floating * np.sum(w_floating * f_rod, axis=-1, keepdims=True)) / ell_floating
+        index = np.arange(len(rods))
+        axial[..., index, rods[:, 1], :] += turn
+        axial[..., index, rods[:, 0], :] -= turn
+        axial = axial.reshape(*lead, len(rods), 3 * count)
+
+        r = np.concatenate([(f - w * wf).reshape(*lead, -1), np.sum(w_floating * f_rod, axis=-1)], axis=-1)
+        return r, np.concatenate([across, axial], axis=-2)
+
+    def mechanics_jacobian(self, node_position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return the derivatives (..., rows, tendons) of the residual by log k and by L0, which enter by tension."""
+        unit, _, stiffness, tension = self._tensions(node_position_m)
+        pull = -self._incidence[:, :, None] * unit[..., None, :, :]  # (..., nodes, tendons, 3) per unit of tension
+        w, _, w_floating, _ = self._rods(node_position_m)
+        across = pull[..., self.nodes, :, :]
+        across = across - np.einsum("...nk,...nek,...nj->...nej", w, across, w)
+        across = np.swapaxes(across, -1, -2).reshape(*across.shape[:-3], -1, across.shape[-2])
+        axial = np.einsum("...rk,...rek->...re", w_floating, pull[..., self.floating_rods, :, :].sum(axis=-3))
+        by_tension = np.concatenate([across, axial], axis=-2)
+        return by_tension * tension[..., None, :], -by_tension * stiffness[..., None, :]
+
+    def _tensions(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return unit vectors, lengths, stiffnesses kappa and tensions T of all tendons."""
+        difference = x[..., self._a, :] - x[..., self._b, :]
+        length = np.sqrt(np.einsum("...k,...k->...", difference, difference))
+        extension = length - self.mechanics.natural_length_m
+        k = self.mechanics.stiffness_n_per_m
+        stiffness = np.where(extension > 0, k, self.mechanics.push_back * k)
+        return difference / length[..., None], length, stiffness, stiffness * extension
+
+    def _rods(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return w and ell at each free node (w = 0 on no rod), and of each floating rod from its first end on."""
+        difference = np.where(self._on_rod, x[..., self.nodes, :] - x[..., self._partner, :], 0.0)
+        ell = np.where(self._on_rod, np.sqrt(np.sum(difference**2, axis=-1, keepdims=True)), 1.0)
+        floating = x[..., self.floating_rods[:, 1], :] - x[..., self.floating_rods[:, 0], :]
+        ell_floating = np.sqrt(np.sum(floating**2, axis=-1, keepdims=True))
+        return difference / ell, ell, floating / ell_floating, ell_floating
