@@ -19,7 +19,7 @@ import numpy as np
 from .feeds import Feed, Source
 from .io.figures import write_lengths_figure, write_shape_figure
 from .io.replay import arrival_s
-from .io.result import append_tables, result_directory, write_run
+from .io.result import result_directory, write_run, write_tables
 from .io.trial import Reading
 from .models.readings import BoardReading, TendonLengths
 from .models.reconstruction import Reconstruction
@@ -152,7 +152,7 @@ class LiveResult:
 
     def _write_chunk(self) -> None:
         if self._chunk:
-            append_tables(Reconstruction.of(self._structure, self._chunk), self._probability, self._directory)
+            write_tables(Reconstruction.of(self._structure, self._chunk), self._probability, self._directory)
             self._chunk.clear()
 
 

@@ -14,7 +14,7 @@ from .estimator.live import LiveSmoother
 from .estimator.rest import rest_step
 from .io.figures import write_lengths_figure, write_shape_figure
 from .io.model_file import read_sensor_model
-from .io.result import append_tables, result_directory, write_run
+from .io.result import result_directory, write_run, write_tables
 from .io.trial import Reading, Trial, open_trial
 from .models.boards import Boards
 from .models.frames import FrameAssembler
@@ -169,7 +169,7 @@ def write_result(
 ) -> None:
     """Write a result directory with its run.toml, whole or not at all."""
     with result_directory(path) as directory:
-        append_tables(reconstruction, settings.probability, directory)
+        write_tables(reconstruction, settings.probability, directory)
         write_lengths_figure(reconstruction, title, directory / "lengths.png")
         write_shape_figure(reconstruction, settings.probability, title, directory / "shape.png")
         write_run(run, directory)

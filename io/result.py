@@ -65,7 +65,7 @@ def check_result_path(path: Path, marker: str = RUN_FILE) -> None:
         raise InputError(f"{path}: exists and is no earlier result: expected a new name, or a directory with {marker}")
 
 
-def append_tables(reconstruction: Reconstruction, probability: float, directory: Path) -> None:
+def write_tables(reconstruction: Reconstruction, probability: float, directory: Path) -> None:
     """Write shape.csv, ellipsoids.csv, lengths.csv, status.csv, and estimated_loads.csv where there are loads.
 
     Tables that are there already are gone on with: a live run comes in parts.

@@ -21,7 +21,7 @@ from tensegraph import TendonLengths, open_trial
 from tensegraph.cli import main
 from tensegraph.feeds import Rig
 from tensegraph.io.replay import Replay
-from tensegraph.io.result import append_tables
+from tensegraph.io.result import write_tables
 from tensegraph.live import Activity, NewestFrames
 from tensegraph.models.boards import Boards
 from tensegraph.models.stillness import StillnessWatch
@@ -66,7 +66,7 @@ def test_a_replay_is_the_offline_result_to_the_last_digit(trial_copy, typed) -> 
     path = trial_copy(rows=150)
     folder = path.parent
     (folder / "offline").mkdir()
-    append_tables(tensegraph.reconstruct(path, "live"), 0.95, folder / "offline")
+    write_tables(tensegraph.reconstruct(path, "live"), 0.95, folder / "offline")
     code, said, error = typed(
         "live", "--replay", path, "--speed", 1000, "--out", "replay", "--record", "again", cwd=folder
     )
@@ -131,7 +131,7 @@ def test_ctrl_c_leaves_a_whole_result_and_trial(tmp_path, rig, emulated) -> None
     assert np.isin(shapes[:, 0], np.round(offline.t_s, 4)).all()
     if live["skipped_frames"] == 0:
         (tmp_path / "offline").mkdir()
-        append_tables(offline, 0.95, tmp_path / "offline")
+        write_tables(offline, 0.95, tmp_path / "offline")
         _, different, _ = filecmp.cmpfiles(tmp_path / "live", tmp_path / "offline", TABLES, shallow=False)
         assert not different
 
