@@ -158,7 +158,12 @@ def test_one_board_and_no_disk_are_enough_to_go_on_with(tmp_path, rig, pty_board
     status = (tmp_path / "out" / "status.csv").read_text().splitlines()[1:]
     assert float(status[-1].split(",")[0]) > 2.0
     assert len(status) > 60
-    assert all(",partial," in line for line in status)
+    lengths = [line.split(",") for line in (tmp_path / "out" / "lengths.csv").read_text().splitlines()[1:]]
+    missing = {int(tendon) for _, tendon, _, _, _, flags, *_ in lengths if "missing" in flags}
+    assert missing >= set(range(12, 24))
+    assert all("missing" in flags for _, tendon, _, _, _, flags, *_ in lengths if int(tendon) >= 12)
+    assert not all("missing" in flags for _, tendon, _, _, _, flags, *_ in lengths if int(tendon) < 12)
+    assert not any(",ok," in line for line in status)
 
 
 def test_record_and_ports(tmp_path, rig, pty_boards, typed) -> None:
