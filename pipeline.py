@@ -59,7 +59,7 @@ class Pipeline:
         self._frames = FrameAssembler(
             trial.natural_resistance_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate
         )
-        self._front_end = FrontEnd(
+        self.front_end = FrontEnd(
             model,
             trial.natural_resistance_ohm,
             trial.structure.natural_length_m,
@@ -84,9 +84,9 @@ class Pipeline:
                 continue
             resistance = self._resistance(reading)  # eq. (1), at its time on the host clock
             for frame in self._frames.add(resistance) if resistance else ():  # one instant of all sensors
-                yield self._front_end.step(frame)  # strain and length, eqs. (2)-(4)
+                yield self.front_end.step(frame)  # strain and length, eqs. (2)-(4)
         for frame in self._frames.finish():
-            yield self._front_end.step(frame)
+            yield self.front_end.step(frame)
 
     def _resistance(self, reading: BoardReading | ResistanceReading) -> ResistanceReading | None:
         if isinstance(reading, ResistanceReading):

@@ -19,7 +19,16 @@ from .models.reconstruction import Reconstruction
 from .models.settings import Settings
 from .pipeline import Method, Pipeline
 
-BAD = Flag.MISSING | Flag.SATURATED | Flag.OUTLIER | Flag.STUCK | Flag.OUT_OF_RANGE | Flag.TOO_FAST
+BAD = (
+    Flag.MISSING
+    | Flag.SATURATED
+    | Flag.OUTLIER
+    | Flag.STUCK
+    | Flag.OUT_OF_RANGE
+    | Flag.TOO_FAST
+    | Flag.IMPLAUSIBLE
+    | Flag.MISFIT
+)
 """Flags that tell of a sensor, not of a moment."""
 
 
@@ -53,6 +62,8 @@ class Run:
             table.add_row(f"status {status}", f"{frames} frames: {status.advice}")
         for line in flagged_sensors(r):
             table.add_row("flagged", line)
+        for a, b in self.pipeline.front_end.exchanged:
+            table.add_row("wiring", f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel")
         for name, error in self._against_truth().items():
             table.add_row(name, error)
         return table

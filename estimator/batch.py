@@ -1,6 +1,7 @@
 """A whole trial at once: all frames in one graph, Levenberg-Marquardt, covariances of every frame."""
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 
 import gtsam
 import numpy as np
@@ -43,7 +44,7 @@ class BatchOptimizer:
         Raises:
             IndeterminateError: when nothing holds some node.
         """
-        frames = list(frames)
+        frames = _without_lag(list(frames))
         graph, values = self._graph(frames)
         try:
             values, converged = _optimize(graph, values, progress)
@@ -67,6 +68,16 @@ class BatchOptimizer:
             for key, position in zip(self._builder.keys(frame), shape.node_position_m, strict=True):
                 values.insertPoint3(key, position)
         return graph, values
+
+
+def _without_lag(frames: list[TendonLengths]) -> list[TendonLengths]:
+    """Return the frames, each with the lengths of the one that is later by the sensors' lag: nobody waits here."""
+    t_s = np.array([lengths.t_s for lengths in frames])
+    wanted_s = t_s + [lengths.lag_s for lengths in frames]
+    after = np.minimum(np.searchsorted(t_s, wanted_s), len(t_s) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(wanted_s - t_s[before] < t_s[after] - wanted_s, before, after)
+    return [replace(frames[later], t_s=lengths.t_s) for lengths, later in zip(frames, nearest, strict=True)]
 
 
 def _optimize(

@@ -14,7 +14,7 @@ from ..models.readings import Flag, Mode
 from ..models.reconstruction import Reconstruction
 
 BLUE, ORANGE, GREEN, RED, GREY, BLACK = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#999999", "#000000"
-BAD = Flag.MISSING | Flag.OUTLIER
+BAD = Flag.MISSING | Flag.OUTLIER | Flag.IMPLAUSIBLE | Flag.MISFIT
 """Flags for which a reading was left out."""
 
 

@@ -52,7 +52,8 @@ def calibrate_model(
     whole = tare_strips(NetworkEstimator(model), split.validation, trained.gauge, signed, seconds=np.inf)
     exact = {name: Tare(tare.own, left) for name, tare in whole.items()}
     validation = run_strips(NetworkEstimator(model), split.validation, trained.gauge, exact | known, signed)
-    model = replace(model, metadata=dict(model.metadata) | {"sigma_scale": list(fit_sigma_scale(validation))})
+    learned = {"sigma_scale": list(fit_sigma_scale(validation)), "lag_s": lag_s(validation)}
+    model = replace(model, metadata=dict(model.metadata) | learned)
     estimators: dict[str, StrainEstimator] = {
         LSTM: NetworkEstimator(model),
         STATIC: StaticEstimator.fit(common, signed),
@@ -82,6 +83,13 @@ def _with_spread(
     found = float(np.sqrt(np.var(gains) + np.mean(left))) if len(gains) > 1 else 0.0  # one strip has no spread
     own = dict(trained.own) | {name: tare.own for name, tare in tares.items()}
     return replace(trained, gauge=replace(trained.gauge, gain_sigma=max(found, LEAST_GAIN_SIGMA)), own=own)
+
+
+def lag_s(runs: Sequence[StripRun]) -> float:
+    """Return by how much estimates lag behind strain: -sum e v / sum v^2, e the error about its mean, v the rate."""
+    parts = [(run.error - run.error.mean(), run.rate_per_s) for run in runs]
+    moved = sum(float(np.nansum(rate**2)) for _, rate in parts)
+    return max(-sum(float(np.nansum(error * rate)) for error, rate in parts) / moved, 0.0) if moved else 0.0
 
 
 def fit_sigma_scale(runs: Sequence[StripRun]) -> tuple[float, float]:

@@ -86,11 +86,18 @@ class FrontEnd:
         ambiguous = np.minimum(probability, 1 - probability) > self._settings.ambiguous_probability
         flags |= np.where(ambiguous, Flag.AMBIGUOUS, 0)
         flags |= np.where(frame.t_s - self._warm_s < self._settings.warm_up_s, Flag.WARMING_UP, 0)
-        missing = (flags & Flag.MISSING) != 0
+        flags |= np.where(self._taring.misfit, Flag.MISFIT, 0)
+        missing = (flags & (Flag.MISSING | Flag.MISFIT)) != 0
         length = np.where(missing, np.nan, (1 + strain) * self._L0)  # eq. (4)
         sigma = np.where(missing, np.inf, np.sqrt(variance) * self._L0)
         rest_sigma = np.where(missing, 0.0, np.sqrt(1 - probability) * self._taring.rest_sigma * self._L0)
-        return TendonLengths(frame.t_s, length, sigma, self._mode, np.where(missing, frame.flags, flags), rest_sigma)
+        flags = np.where(missing, frame.flags | (flags & Flag.MISFIT), flags)
+        return TendonLengths(frame.t_s, length, sigma, self._mode, flags, rest_sigma, self._model.lag_s)
+
+    @property
+    def exchanged(self) -> list[tuple[int, int]]:
+        """Pairs of tendons whose sensors look exchanged, by what they read at rest."""
+        return self._taring.exchanged(self._R0)
 
     def _decide_mode(self, lag_free: NDArray[np.float64], t_s: float) -> NDArray[np.float64]:
         """Return the probability that each tendon is bent, and set its mode, with hysteresis."""

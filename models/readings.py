@@ -124,6 +124,8 @@ class TendonLengths:
     """(tendons,) `Flag` bits."""
     rest_sigma_m: NDArray[np.float64] | float = 0.0
     """(tendons,) the part of sigma_m that comes from the rest shape, to which the sensors were tared."""
+    lag_s: float = 0.0
+    """By how much the lengths lag behind t_s, for those who can wait for later ones."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:

@@ -76,6 +76,11 @@ class SensorModel:
         return Scaling(**self.metadata.get("scaling", {}))
 
     @property
+    def lag_s(self) -> float:
+        """By how much the strain that it gives lags behind."""
+        return float(self.metadata.get("lag_s", 0.0))
+
+    @property
     def memory_s(self) -> NDArray[np.float64]:
         """Time constants of the running means among the network's inputs."""
         return np.array(self.metadata.get("memory_s", []), dtype=np.float64)

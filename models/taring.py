@@ -1,12 +1,19 @@
 """Taring: what each sensor's readings at the rest shape say of its own gain and offset."""
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .bending import BendingCurve
 from .gauge import StaticGauge
+
+CURVE_SIGMA, FOLD_SIGMA, FOLD_STRAIN = 0.004, 0.01, 0.02
+"""Error of the gauge curve in dR/R, and of eq. (9), which may hold for strains below the last one."""
+MISFIT_SIGMA = 5.0
+"""Beyond this a rest reading is no matter of gain and offset: a natural resistance wrong by 4 %. The 192 sensors of the
+development trials stay below 2.2."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,11 +51,37 @@ class Taring:
         self._rest_sigma = rest.sigma_m / natural_length_m if rest else np.full(count, np.nan)
         gain_variance = (gauge.gain_sigma * self.rest_change) ** 2
         strain_variance = (gauge.slope(self.rest_strain) * self._rest_sigma) ** 2
+        curve_sigma = np.where(self.rest_strain < FOLD_STRAIN, FOLD_SIGMA, CURVE_SIGMA)
+        self._rest_change_sigma = np.sqrt(gain_variance + gauge.offset_sigma**2 + strain_variance + curve_sigma**2)
         self._gain_share = gain_variance / (gain_variance + gauge.offset_sigma**2 + strain_variance)
         self._gain_sigma_left = gauge.gain_sigma * np.sqrt(1 - self._gain_share)
         self._sum, self._count = np.zeros(count), np.zeros(count)
         self._first_s: float | None = None
         self.gain, self.offset = np.ones(count), np.zeros(count)
+
+    @property
+    def misfit(self) -> NDArray[np.bool_]:
+        """(tendons,) which sensors read at rest what no sensor on that tendon would."""
+        return self.tared & ~self._fits(self._sum / np.maximum(self._count, 1))
+
+    def exchanged(self, natural_resistance_ohm: NDArray[np.float64]) -> list[tuple[int, int]]:
+        """Return pairs of misfit sensors that would fit if their channels were exchanged.
+
+        Args:
+            natural_resistance_ohm: (tendons,) by which their dR/R was formed.
+        """
+        resistance_ohm = (1 + self._sum / np.maximum(self._count, 1)) * natural_resistance_ohm
+        pairs = []
+        for a, b in combinations(np.flatnonzero(self.misfit).tolist(), 2):
+            change = self.rest_change.copy()
+            change[[a, b]] = resistance_ohm[[b, a]] / natural_resistance_ohm[[a, b]] - 1
+            if self._fits(change).all():
+                pairs.append((a, b))
+        return pairs
+
+    def _fits(self, change: NDArray[np.float64]) -> NDArray[np.bool_]:
+        away = np.abs(change - self.rest_change)
+        return ~(away > MISFIT_SIGMA * self._rest_change_sigma)
 
     @property
     def tared(self) -> NDArray[np.bool_]:
