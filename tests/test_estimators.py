@@ -114,6 +114,17 @@ def test_live_with_a_long_lag_ends_where_batch_ends(structure, rest, lengths_of)
         np.testing.assert_allclose(live.covariance_m2, batch.covariance_m2, rtol=0.02, atol=1e-10)
 
 
+def test_batch_takes_lengths_without_their_lag(structure, rest, lengths_of) -> None:
+    """Lengths that come two frames late are used two frames earlier; the last ones stand in for what never came."""
+    frames = [
+        replace(lengths_of(structure, rest.node_position_m, 0.02 * k, noise=1e-5 * k), lag_s=0.038) for k in range(9)
+    ]
+    shapes = list(BatchOptimizer(structure, rest, Settings()).estimate(frames))
+    assert [shape.t_s for shape in shapes] == [frame.t_s for frame in frames]
+    for shape, later in zip(shapes, [2, 3, 4, 5, 6, 7, 8, 8, 8], strict=True):
+        np.testing.assert_array_equal(shape.lengths.length_m, frames[later].length_m)
+
+
 def test_live_uses_the_past_only(structure, rest, lengths_of) -> None:
     rng = np.random.default_rng(3)
     frames = [

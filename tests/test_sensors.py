@@ -238,6 +238,19 @@ class TestTaring:
         assert tared.sigma(strain, change)[0] < untared.sigma(strain, change)[0]
         assert untared.sigma(strain, change)[0] == pytest.approx(np.hypot(0.006, 0.003) / 2)
 
+    def test_exchanged_sensors_are_named_with_their_pair(self) -> None:
+        """Natural resistances 5, 6 and 7 MOhm, all at strain 0.1; the channels of the last two are exchanged."""
+        rest = RestLengths(1.0, np.full(3, 1.1), np.full(3, 1e-4))
+        taring, natural_ohm = Taring(a_gauge(), BendingCurve(), rest, np.ones(3)), np.array([5e6, 6e6, 7e6])
+        read_ohm = 1.1 * natural_ohm[[0, 2, 1]]
+        taring.common_change(0.0, read_ohm / natural_ohm - 1)
+        assert taring.misfit.tolist() == [False, True, True]
+        assert taring.exchanged(natural_ohm) == [(1, 2)]
+        taring = Taring(a_gauge(), BendingCurve(), rest, np.ones(3))
+        taring.common_change(0.0, np.array([0.1, 0.3, 0.09]))  # 1.3 of 6 MOhm is not 1.1 of 7
+        assert taring.misfit.tolist() == [False, True, False]
+        assert taring.exchanged(natural_ohm) == []
+
 
 def front_end(model: SensorModel, count: int = 4, rest_strain: float | None = 0.08, **kwargs) -> FrontEnd:
     rest = (
