@@ -62,6 +62,8 @@ class Run:
             table.add_row(f"status {status}", f"{frames} frames: {status.advice}")
         for line in flagged_sensors(r):
             table.add_row("flagged", line)
+        if self.pipeline.front_end.rest_in_doubt:
+            table.add_row("rest in doubt", "most sensors do not fit the rest shape: was it still, and this structure?")
         for a, b in self.pipeline.front_end.exchanged:
             table.add_row("wiring", f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel")
         for name, error in self._against_truth().items():

@@ -99,6 +99,11 @@ class FrontEnd:
         """Pairs of tendons whose sensors look exchanged, by what they read at rest."""
         return self._taring.exchanged(self._R0)
 
+    @property
+    def rest_in_doubt(self) -> bool:
+        """Whether most sensors do not fit the rest shape."""
+        return self._taring.in_doubt
+
     def _decide_mode(self, lag_free: NDArray[np.float64], t_s: float) -> NDArray[np.float64]:
         """Return the probability that each tendon is bent, and set its mode, with hysteresis."""
         probability = expit(self._model.mode_log_odds(lag_free) + logit(self._settings.bending_share))

@@ -61,7 +61,16 @@ class Taring:
 
     @property
     def misfit(self) -> NDArray[np.bool_]:
-        """(tendons,) which sensors read at rest what no sensor on that tendon would."""
+        """(tendons,) which sensors read at rest what no sensor on that tendon would; none when the rest is in doubt."""
+        return np.zeros_like(self._odd) if self.in_doubt else self._odd
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether half of the sensors are odd at rest: then it is the rest shape that is wrong, or it was no rest."""
+        return bool(2 * self._odd.sum() >= max(self.tared.sum(), 1))
+
+    @property
+    def _odd(self) -> NDArray[np.bool_]:
         return self.tared & ~self._fits(self._sum / np.maximum(self._count, 1))
 
     def exchanged(self, natural_resistance_ohm: NDArray[np.float64]) -> list[tuple[int, int]]:

@@ -239,17 +239,24 @@ class TestTaring:
         assert untared.sigma(strain, change)[0] == pytest.approx(np.hypot(0.006, 0.003) / 2)
 
     def test_exchanged_sensors_are_named_with_their_pair(self) -> None:
-        """Natural resistances 5, 6 and 7 MOhm, all at strain 0.1; the channels of the last two are exchanged."""
-        rest = RestLengths(1.0, np.full(3, 1.1), np.full(3, 1e-4))
-        taring, natural_ohm = Taring(a_gauge(), BendingCurve(), rest, np.ones(3)), np.array([5e6, 6e6, 7e6])
-        read_ohm = 1.1 * natural_ohm[[0, 2, 1]]
+        """Natural resistances of 5 to 7 MOhm, all at strain 0.1; the channels of tendons 1 and 2 are exchanged."""
+        rest = RestLengths(1.0, np.full(5, 1.1), np.full(5, 1e-4))
+        taring, natural_ohm = Taring(a_gauge(), BendingCurve(), rest, np.ones(5)), 1e6 * np.array([5, 6, 7, 6, 5])
+        read_ohm = 1.1 * natural_ohm[[0, 2, 1, 3, 4]]
         taring.common_change(0.0, read_ohm / natural_ohm - 1)
-        assert taring.misfit.tolist() == [False, True, True]
+        assert np.flatnonzero(taring.misfit).tolist() == [1, 2]
         assert taring.exchanged(natural_ohm) == [(1, 2)]
-        taring = Taring(a_gauge(), BendingCurve(), rest, np.ones(3))
-        taring.common_change(0.0, np.array([0.1, 0.3, 0.09]))  # 1.3 of 6 MOhm is not 1.1 of 7
-        assert taring.misfit.tolist() == [False, True, False]
+        taring = Taring(a_gauge(), BendingCurve(), rest, np.ones(5))
+        taring.common_change(0.0, np.array([0.1, 0.3, 0.09, 0.1, 0.1]))  # 1.3 of 6 MOhm is not 1.1 of 7
+        assert np.flatnonzero(taring.misfit).tolist() == [1]
         assert taring.exchanged(natural_ohm) == []
+
+    def test_a_structure_that_did_not_rest_names_no_sensor(self) -> None:
+        rest = RestLengths(1.0, np.full(4, 1.1), np.full(4, 1e-4))
+        taring = Taring(a_gauge(), BendingCurve(), rest, np.ones(4))
+        taring.common_change(0.0, np.array([0.1, 0.3, 0.3, 0.02]))
+        assert taring.in_doubt
+        assert not taring.misfit.any()
 
 
 def front_end(model: SensorModel, count: int = 4, rest_strain: float | None = 0.08, **kwargs) -> FrontEnd:
