@@ -71,7 +71,7 @@ class Taring:
 
     @property
     def _odd(self) -> NDArray[np.bool_]:
-        return self.tared & ~self._fits(self._sum / np.maximum(self._count, 1))
+        return np.asarray(self.tared & ~self._fits(self._sum / np.maximum(self._count, 1)))
 
     def exchanged(self, natural_resistance_ohm: NDArray[np.float64]) -> list[tuple[int, int]]:
         """Return pairs of misfit sensors that would fit if their channels were exchanged.

@@ -4,6 +4,7 @@ pytest tests/benchmarks --benchmark-only
 """
 
 import resource
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from tensegraph.estimator.evaluation import evaluate
 from tensegraph.estimator.live import LiveSmoother
 from tensegraph.models.evaluation import Estimate, Truth
 from tensegraph.models.readings import TendonLengths
+from tensegraph.models.rest import RestShape
 from tensegraph.models.sensor_model import StretchingSensors
 from tensegraph.pipeline import Pipeline
 from tensegraph.simulation import simulate
@@ -28,21 +30,32 @@ def measured(example, model):
     return pipeline, list(pipeline.lengths(trial.readings()))
 
 
-@pytest.mark.parametrize("estimator", [LiveSmoother, UnscentedKalman, LeastSquares])
-def test_one_live_frame(benchmark, measured, estimator) -> None:
+PLAIN, WHOLE = "lengths alone", "with equilibrium"
+
+
+def rest_of(pipeline: Pipeline, what: str) -> RestShape:
+    """With lengths alone, no forces, loads or health."""
+    return replace(pipeline.rest, mechanics=None) if what == PLAIN else pipeline.rest
+
+
+@pytest.mark.parametrize(
+    ("estimator", "what"),
+    [(LiveSmoother, PLAIN), (LiveSmoother, WHOLE), (UnscentedKalman, PLAIN), (LeastSquares, PLAIN)],
+)
+def test_one_live_frame(benchmark, measured, estimator, what) -> None:
     """Estimate and covariances of one frame of the example, lag of 5, against a UKF and scipy's least squares."""
     pipeline, frames = measured
-    running, coming = estimator(pipeline.trial.structure, pipeline.rest, Settings()), iter(frames)
+    running, coming = estimator(pipeline.trial.structure, rest_of(pipeline, what), Settings()), iter(frames)
     benchmark.pedantic(running.update, setup=lambda: ((next(coming),), {}), rounds=len(frames))
     benchmark.extra_info["p99_ms"] = 1e3 * float(np.quantile(benchmark.stats.stats.data, 0.99))
 
 
-@pytest.mark.parametrize("frames", [375, 750, 1500])
-def test_batch_with_all_covariances(benchmark, measured, frames) -> None:
+@pytest.mark.parametrize(("frames", "what"), [(375, WHOLE), (750, WHOLE), (1500, WHOLE), (1500, PLAIN)])
+def test_batch_with_all_covariances(benchmark, measured, frames, what) -> None:
     pipeline, lengths = measured
     part = (lengths * 2)[:frames] if frames > len(lengths) else lengths[:frames]
     part = [TendonLengths(0.02 * k, f.length_m, f.sigma_m, f.mode, f.flags) for k, f in enumerate(part)]
-    batch = BatchOptimizer(pipeline.trial.structure, pipeline.rest, Settings())
+    batch = BatchOptimizer(pipeline.trial.structure, rest_of(pipeline, what), Settings())
     benchmark.pedantic(lambda: list(batch.estimate(part)), rounds=1)
     benchmark.extra_info["ms_per_frame"] = 1e3 * benchmark.stats.stats.mean / frames
 
