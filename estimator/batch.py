@@ -12,6 +12,7 @@ from ..models.rest import RestShape
 from ..models.settings import Settings
 from ..models.shape import Shape, Status
 from ..models.structure import Structure
+from .branches import OtherBranch
 from .graph import GraphBuilder, status_of
 from .live import LiveSmoother
 from .uncertainty import FrameEvidence
@@ -45,11 +46,12 @@ class BatchOptimizer:
         try:
             optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, gtsam.LevenbergMarquardtParams())
             converged = _optimize(optimizer, progress)
+            branches = OtherBranch(self._builder, self._settings.branch)
             positions = np.array(gtsam.utilities.extractPoint3(optimizer.values())).reshape(len(frames), -1, 3)
             for lengths, position in zip(frames, positions, strict=True):
                 covariance, loads = self._evidence.assess(position, tendon_sigma_m(lengths, self._builder.noise))
                 status = status_of(lengths, self._builder.structure) if converged else Status.NOT_CONVERGED
-                yield Shape(lengths.t_s, position, covariance, status, lengths, loads)
+                yield branches.told(Shape(lengths.t_s, position, covariance, status, lengths, loads))
         except (RuntimeError, np.linalg.LinAlgError) as error:
             raise IndeterminateError(str(error).splitlines()[0]) from error
 

@@ -22,7 +22,7 @@ from ..models.evaluation import (
 )
 from ..models.readings import Flag
 from ..models.reconstruction import Reconstruction
-from ..models.rigidity import free_length_jacobian
+from ..models.rigidity import branch
 from ..models.structure import Structure
 
 GOOD_M = 0.005
@@ -129,15 +129,6 @@ def compare_frames(
         frame_error_m=frame_error_m,
         wrong_branch=other_sign & (frame_error_m > GOOD_M),
     )
-
-
-def branch(structure: Structure, position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (frames,) the sign of det J, J the square length Jacobian of the free nodes; 0 where it is not known."""
-    jacobian = free_length_jacobian(structure, position_m)
-    if jacobian.shape[-1] != jacobian.shape[-2]:
-        return np.zeros(len(position_m))
-    whole = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)))
-    return np.where(whole, np.linalg.slogdet(np.where(whole[:, None, None], jacobian, 0.0)).sign, 0.0)
 
 
 def shape_errors(node_error_m: NDArray[np.float64], face_error_m: NDArray[np.float64]) -> ShapeErrors:

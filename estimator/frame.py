@@ -2,9 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 
-import gtsam
-import numpy as np
-
 from ..factors.noise import tendon_sigma_m
 from ..models.readings import TendonLengths
 from ..models.rest import RestShape
@@ -13,8 +10,6 @@ from ..models.shape import Shape, Status
 from ..models.structure import Structure
 from .graph import GraphBuilder, status_of
 from .uncertainty import FrameEvidence
-
-MAX_ITERATIONS = 100
 
 
 class FrameEstimator:
@@ -34,16 +29,8 @@ class FrameEstimator:
         Raises:
             IndeterminateError: when nothing holds some node.
         """
-        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        self._builder.add_frame(graph, 0, lengths)
-        keys = list(self._builder.keys(0))
-        for key, position in zip(keys, self._builder.rest.node_position_m, strict=True):
-            values.insertPoint3(key, position)
-        parameters = gtsam.LevenbergMarquardtParams()
-        parameters.setMaxIterations(MAX_ITERATIONS)
-        optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
-        position = np.array(gtsam.utilities.extractPoint3(optimizer.optimize()))
+        found = self._builder.minimum(lengths, self._builder.rest.node_position_m)
+        position = found.node_position_m
         covariance, loads = self._evidence.assess(position, tendon_sigma_m(lengths, self._builder.noise))
-        converged = optimizer.iterations() < MAX_ITERATIONS
-        status = status_of(lengths, self._builder.structure) if converged else Status.NOT_CONVERGED
+        status = status_of(lengths, self._builder.structure) if found.converged else Status.NOT_CONVERGED
         return Shape(lengths.t_s, position, covariance, status, lengths, loads)

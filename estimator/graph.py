@@ -1,9 +1,11 @@
 """The factor graph of a frame, and of its place among the frames before it."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
 from ..factors.anchor import anchor_factors
 from ..factors.equilibrium import equilibrium_factor
@@ -21,6 +23,21 @@ from ..models.settings import NoiseSettings
 from ..models.shape import Status
 from ..models.statics import Statics
 from ..models.structure import Structure
+
+MAX_ITERATIONS = 100
+ERROR_TOLERANCE = 1e-2
+"""Of a frame's error, half a sum of squares: a seventh of one sigma of one length."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameMinimum:
+    """What one frame says by itself."""
+
+    node_position_m: NDArray[np.float64]
+    """(nodes, 3)"""
+    error: float
+    """Half the sum of squares: minus the log of the likelihood, but for a constant."""
+    converged: bool
 
 
 class GraphBuilder:
@@ -55,6 +72,19 @@ class GraphBuilder:
             _add(graph, factors)
         if self._statics:
             graph.add(equilibrium_factor(self._statics, keys, self.noise.force_n))
+
+    def minimum(self, lengths: TendonLengths, start_m: NDArray[np.float64]) -> FrameMinimum:
+        """Return where a frame's own factors have their least error next to (nodes, 3) positions."""
+        graph, values, keys = gtsam.NonlinearFactorGraph(), gtsam.Values(), self.keys(0)
+        self.add_frame(graph, 0, lengths)
+        for key, position in zip(keys, start_m, strict=True):
+            values.insertPoint3(key, position)
+        parameters = gtsam.LevenbergMarquardtParams()
+        parameters.setMaxIterations(MAX_ITERATIONS)
+        parameters.setAbsoluteErrorTol(ERROR_TOLERANCE)
+        optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
+        position = np.array(gtsam.utilities.extractPoint3(optimizer.optimize()))
+        return FrameMinimum(position, optimizer.error(), optimizer.iterations() < MAX_ITERATIONS)
 
     def add_motion(self, graph: gtsam.NonlinearFactorGraph, frame: int, times_s: Sequence[float]) -> None:
         """Add what ties a frame to those before; the first one stands at the rest shape, the second starts from rest.

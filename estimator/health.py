@@ -12,7 +12,6 @@ a wrong length of 5 mm needs a residual and a phantom load at either end, one pr
 
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
@@ -89,19 +88,11 @@ class SensorHealth:
         self._checked_s = lengths.t_s
         admitted = self.admit(lengths)
         without = replace(admitted, sigma_m=np.where(np.arange(len(self._out)) == suspect, np.inf, admitted.sigma_m))
-        gain = self._least_error(admitted, shape) - self._least_error(without, shape)
+        start_m = shape.node_position_m
+        gain = self._builder.minimum(admitted, start_m).error - self._builder.minimum(without, start_m).error
         worse = gain > self._settings.log_ratio
         self._confirmed = np.where(np.arange(len(self._out)) == suspect, self._confirmed + 1, 0) * worse
         if self._confirmed[suspect] >= self._settings.confirmations:
             self._out[suspect] = True
             self._agrees_since_s[suspect] = np.inf
             self._confirmed[suspect] = 0
-
-    def _least_error(self, lengths: TendonLengths, shape: Shape) -> float:
-        """Return the error of a frame's own graph at its minimum next to a shape."""
-        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        self._builder.add_frame(graph, 0, lengths)
-        for key, position in zip(self._builder.keys(0), shape.node_position_m, strict=True):
-            values.insertPoint3(key, position)
-        optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, gtsam.LevenbergMarquardtParams())
-        return float(graph.error(optimizer.optimize()))

@@ -15,6 +15,7 @@ from ..models.rest import RestShape
 from ..models.settings import Settings
 from ..models.shape import Shape
 from ..models.structure import Structure
+from .branches import OtherBranch
 from .graph import GraphBuilder, status_of
 from .health import SensorHealth
 from .uncertainty import FrameEvidence
@@ -27,6 +28,7 @@ class LiveSmoother:
         self._builder = GraphBuilder(structure, rest, settings.noise)
         self._evidence = FrameEvidence(structure, rest, settings.noise)
         self._health = SensorHealth(self._builder, settings.health) if rest.mechanics else None
+        self._branches = OtherBranch(self._builder, settings.branch)
         self._lag = settings.smoother.lag
         self._isam = gtsam.ISAM2(_isam2_parameters(settings.smoother.relinearize_m))
         self._frame = 0
@@ -64,7 +66,7 @@ class LiveSmoother:
         shape = Shape(lengths.t_s, position, covariance, status, lengths, loads)
         if self._health:
             self._health.observe(shape, read)
-        return shape
+        return self._branches.told(shape)
 
     def _predict(self) -> NDArray[np.float64]:
         """Return where the nodes are if they keep their velocity."""

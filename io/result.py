@@ -66,11 +66,13 @@ def check_result_path(path: Path, marker: str = RUN_FILE) -> None:
 
 
 def write_tables(reconstruction: Reconstruction, probability: float, directory: Path) -> None:
-    """Write shape.csv, ellipsoids.csv, lengths.csv and status.csv, and estimated_loads.csv where there are loads."""
+    """Write shape.csv, ellipsoids.csv, lengths.csv, status.csv; estimated_loads.csv, other_shape.csv if there are any."""
     _write(directory / "shape.csv", _shape_rows(reconstruction))
     _write(directory / "ellipsoids.csv", _ellipsoid_rows(reconstruction, probability))
     _write(directory / "lengths.csv", _length_rows(reconstruction))
     _write(directory / "status.csv", _status_rows(reconstruction))
+    if any(reconstruction.others):
+        _write(directory / "other_shape.csv", _other_rows(reconstruction))
     if reconstruction.loads:
         _write(directory / "estimated_loads.csv", _load_rows(reconstruction, reconstruction.loads))
 
@@ -186,8 +188,15 @@ def _load_rows(r: Reconstruction, loads: ExternalLoads) -> Iterator[str]:
 
 
 def _status_rows(r: Reconstruction) -> Iterator[str]:
-    yield "t_s,status,smallest_singular_value,mechanism_sigma_m"
-    for t_s, status, value, sigma_m in zip(
-        r.t_s, r.status, r.smallest_singular_value, r.mechanism_sigma_m, strict=True
-    ):
-        yield f"{t_s:.4f},{status},{value:.6f},{sigma_m:.6f}"
+    yield "t_s,status,smallest_singular_value,mechanism_sigma_m,branch,other_log_ratio"
+    columns = (r.t_s, r.status, r.smallest_singular_value, r.mechanism_sigma_m, r.branch, r.others)
+    for t_s, status, value, sigma_m, side, other in zip(*columns, strict=True):
+        log_ratio = f"{other.log_ratio:.2f}" if other else "nan"
+        yield f"{t_s:.4f},{status},{value:.6f},{sigma_m:.6f},{side:.0f},{log_ratio}"
+
+
+def _other_rows(r: Reconstruction) -> Iterator[str]:
+    yield ",".join(["t_s", *position_columns(r.structure.node_count)])
+    for t_s, other in zip(r.t_s, r.others, strict=True):
+        if other:
+            yield f"{t_s:.4f}," + ",".join(f"{value:.6f}" for value in other.node_position_m.ravel())

@@ -11,8 +11,8 @@ from .errors import InputError
 from .external_loads import ExternalLoads
 from .geometry import length_jacobian
 from .readings import TendonLengths
-from .rigidity import free_length_jacobian
-from .shape import Ellipsoids, Shape, Status, ellipsoids, node_blocks
+from .rigidity import branch, free_length_jacobian
+from .shape import Ellipsoids, OtherShape, Shape, Status, ellipsoids, node_blocks
 from .structure import Structure
 
 
@@ -39,6 +39,8 @@ class Reconstruction:
     """(frames, tendons) `Flag` bits."""
     loads: ExternalLoads | None = None
     """Of all frames; None where the stiffness of the tendons is not known."""
+    others: tuple[OtherShape | None, ...] = ()
+    """(frames,) the second shape of frames with status `two_shapes`."""
 
     @classmethod
     def of(cls, structure: Structure, shapes: Iterable[Shape]) -> "Reconstruction":
@@ -63,6 +65,7 @@ class Reconstruction:
             np.array([shape.lengths.mode for shape in collected]),
             np.array([shape.lengths.flags for shape in collected]),
             loads if len(each) == len(collected) else None,
+            tuple(shape.other for shape in collected),
         )
 
     def __len__(self) -> int:
@@ -72,7 +75,15 @@ class Reconstruction:
         for k in range(len(self)):
             lengths = TendonLengths(self.t_s[k], self.length_m[k], self.sigma_m[k], self.mode[k], self.flags[k])
             loads = ExternalLoads(self.loads.force_n[k], self.loads.sigma_n[k]) if self.loads else None
-            yield Shape(self.t_s[k], self.node_position_m[k], self.covariance_m2[k], self.status[k], lengths, loads)
+            yield Shape(
+                self.t_s[k],
+                self.node_position_m[k],
+                self.covariance_m2[k],
+                self.status[k],
+                lengths,
+                loads,
+                self.others[k],
+            )
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:
@@ -118,6 +129,11 @@ class Reconstruction:
     def smallest_singular_value(self) -> NDArray[np.float64]:
         """(frames,) of the length Jacobian of the free nodes: near zero, lengths do not see the mechanism."""
         return self._weakest[0]
+
+    @cached_property
+    def branch(self) -> NDArray[np.float64]:
+        """(frames,) on which side of det J = 0 the shape stands, 1 or -1; 0 where J is not square."""
+        return branch(self.structure, self.node_position_m)
 
     @cached_property
     def mechanism_sigma_m(self) -> NDArray[np.float64]:

@@ -52,6 +52,15 @@ def rigidity(structure: Structure, node_position_m: NDArray[np.float64]) -> Rigi
     return Rigidity(rank, columns - rank, rows - rank, smallest, mechanism)
 
 
+def branch(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (...,) the sign of det J, J the square length Jacobian of the free nodes; 0 where it is not known."""
+    jacobian = free_length_jacobian(structure, node_position_m)
+    if jacobian.shape[-1] != jacobian.shape[-2]:
+        return np.zeros(node_position_m.shape[:-2])
+    whole = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)))
+    return np.where(whole, np.linalg.slogdet(np.where(whole[..., None, None], jacobian, 0.0)).sign, 0.0)
+
+
 def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
     """Return (nodes, 3), the shape in which equally stiff tendons store least energy, anchors and rods held.
 

@@ -71,6 +71,16 @@ class HealthSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class BranchSettings:
+    """When the other shape with these lengths is told of."""
+
+    look_every_s: Positive = 0.5
+    """Least time between two looks, which take as long as two frames each; in between the last one holds."""
+    log_ratio: Positive = 3.0
+    """Log of how many times better the shape must explain its frame (20 times) for the other not to be told of."""
+
+
+@dataclass(frozen=True, slots=True)
 class Settings:
     """All settings of a run; each may be set in the file given by --config."""
 
@@ -84,3 +94,4 @@ class Settings:
     noise: NoiseSettings = field(default_factory=NoiseSettings)
     smoother: SmootherSettings = field(default_factory=SmootherSettings)
     health: HealthSettings = field(default_factory=HealthSettings)
+    branch: BranchSettings = field(default_factory=BranchSettings)

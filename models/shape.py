@@ -16,6 +16,7 @@ class Status(StrEnum):
 
     OK = "ok"
     PARTIAL = "partial"
+    TWO_SHAPES = "two_shapes"
     PRIOR_ONLY = "prior_only"
     NOT_CONVERGED = "not_converged"
 
@@ -28,6 +29,7 @@ class Status(StrEnum):
 ADVICE = {
     Status.OK: "every tendon was measured",
     Status.PARTIAL: "some tendons were left out, see lengths.csv: mend the sensors named there",
+    Status.TWO_SHAPES: "another shape explains the readings about as well, see other_shape.csv: decide by what you saw",
     Status.PRIOR_ONLY: "no tendon was measured: the shape is carried on from the frames before and the rest shape",
     Status.NOT_CONVERGED: "the optimiser stopped before its minimum: take this frame with care, or raise noise.*",
 }
@@ -53,6 +55,16 @@ def ellipsoids(covariance_m2: NDArray[np.float64], probability: float) -> Ellips
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class OtherShape:
+    """A second shape, on the other side of det J = 0, that explains a frame about as well."""
+
+    node_position_m: NDArray[np.float64]
+    """(nodes, 3)"""
+    log_ratio: float
+    """Log of how many times better the first shape explains the frame; negative when the other does."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Shape:
     """The node positions at one instant, in the frame of the anchors."""
 
@@ -66,6 +78,8 @@ class Shape:
     """The measurement it was made from."""
     loads: ExternalLoads | None = None
     """External forces at the nodes; None where the stiffness of the tendons is not known."""
+    other: OtherShape | None = None
+    """With status `two_shapes`."""
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:
