@@ -66,7 +66,7 @@ def check_result_path(path: Path, marker: str = RUN_FILE) -> None:
 
 
 def write_tables(reconstruction: Reconstruction, probability: float, directory: Path) -> None:
-    """Write shape.csv, ellipsoids.csv, lengths.csv, status.csv; estimated_loads.csv, other_shape.csv if there are any."""
+    """Write shape, ellipsoids, lengths, status; estimated_loads.csv and other_shape.csv where there are such."""
     _write(directory / "shape.csv", _shape_rows(reconstruction))
     _write(directory / "ellipsoids.csv", _ellipsoid_rows(reconstruction, probability))
     _write(directory / "lengths.csv", _length_rows(reconstruction))

@@ -58,6 +58,7 @@ def test_the_result_is_whole(done, name: str) -> None:
     folder = done[0] / name
     assert sorted(p.name for p in folder.iterdir()) == [
         "ellipsoids.csv",
+        "estimated_loads.csv",
         "lengths.csv",
         "lengths.png",
         "run.toml",
@@ -68,15 +69,16 @@ def test_the_result_is_whole(done, name: str) -> None:
     assert not [p for p in folder.parent.iterdir() if p.name.startswith(".")]
     run_toml = tomllib.loads((folder / "run.toml").read_text())
     frames = run_toml["frames"]
-    assert run_toml["settings"]["noise"]["shape_prior_m"] == 0.02
+    assert run_toml["settings"]["noise"]["shape_prior_m"] == 0.06
     assert set(run_toml["inputs"]) == {"trial.toml", "board0.csv", "board1.csv"}
     shape = np.genfromtxt(folder / "shape.csv", delimiter=",", names=True)
     assert len(shape) == frames
     assert len(shape.dtype.names) == 1 + 36
     assert (folder / "ellipsoids.csv").read_text().count("\n") == 1 + 12 * frames
     assert (folder / "lengths.csv").read_text().count("\n") == 1 + 24 * frames
+    assert (folder / "estimated_loads.csv").read_text().count("\n") == 1 + 9 * frames
     header, first, *_ = (folder / "status.csv").read_text().splitlines()
-    assert header == "t_s,status,smallest_singular_value,mechanism_sigma_m"
+    assert header == "t_s,status,smallest_singular_value,mechanism_sigma_m,branch,other_log_ratio"
     assert first.startswith("0.0000,ok,")
     for figure in ("lengths.png", "shape.png"):
         assert (folder / figure).read_bytes().startswith(b"\x89PNG")

@@ -213,7 +213,8 @@ def test_lengths_stand_in_for_counts(trial_copy) -> None:
     text = (path / "trial.toml").read_text()
     (path / "trial.toml").write_text(text[: text.index("[adc]")] + '[lengths]\nfile = "lengths.csv"\n')
     lengths = reconstruct(path, "live")
-    np.testing.assert_array_equal(lengths.node_position_m, counts.node_position_m)
+    # what part of sigma is the rest shape's is not in the file, so weights differ a little
+    np.testing.assert_allclose(lengths.node_position_m, counts.node_position_m, atol=0.0015)
 
 
 def test_lengths_without_sigma_with_gaps_and_with_stamps_that_go_back(trial_copy) -> None:
