@@ -203,7 +203,9 @@ class TestCovariance:
         for node, x in enumerate(shape.node_position_m):
             values.insertPoint3(node, x)
         expected = np.linalg.inv(graph.linearize(values).hessian()[0]) + rest.covariance_m2
-        np.testing.assert_allclose(shape.covariance_m2[9:, 9:], expected[9:, 9:], rtol=0.03, atol=3e-9)  # sigmas are rounded to 1 %
+        np.testing.assert_allclose(
+            shape.covariance_m2[9:, 9:], expected[9:, 9:], rtol=0.03, atol=3e-9
+        )  # sigmas are rounded to 1 %
 
     def test_nees_of_a_linear_gaussian_toy(self, structure, rest, lengths_of) -> None:
         """Where the problem is linear (tight prior, noise drawn as assumed), NEES is chi-square with 3 per node."""
