@@ -165,7 +165,11 @@ def _load_facts(e: Evaluation) -> list[tuple[str, str]]:
         f"RMSE of loads above {score.threshold_n:g} N": _cell(score.loaded_rmse_n, "{:.3f} N"),
         "  of the others": _cell(score.unloaded_rmse_n, "{:.3f} N"),
         f"loads above {score.threshold_n:g} N that are seen": _cell(score.recall, "{:.1%}"),
-        "  that are seen and true": _cell(score.precision, "{:.1%}"),
+        "  seen, and true": _cell(score.precision, "{:.1%}"),
+        "  unloaded, called loaded": (
+            f"{_cell(score.false_alarm_share, '{:.1%}')}; "
+            f"{_cell(score.quiet_false_alarm_share, '{:.1%}')} while no node is loaded"
+        ),
         f"most loaded node (above {CLEAR_LOAD_N:g} N)": (
             _cell(score.most_loaded_share, f"the right one in {{:.1%}} of {score.clear_frames} frames")
         ),

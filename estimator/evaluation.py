@@ -242,16 +242,19 @@ def score_loads(compared: ComparedFrames, threshold_n: float) -> LoadScore | Non
     estimated_n = np.linalg.norm(compared.estimated_load_n, axis=-1)
     known = np.isfinite(error_n)
     loaded, called = known & (true_n > threshold_n), known & (estimated_n > threshold_n)
+    quiet = known & ~loaded.any(axis=1)[:, None]
     clear = np.where(known, true_n, 0.0).max(axis=1) > CLEAR_LOAD_N
     true_n, estimated_n = (np.where(known, n, -np.inf)[clear] for n in (true_n, estimated_n))
     return LoadScore(
         threshold_n,
         loaded_rmse_n=_root_mean_square(error_n[loaded]),
         unloaded_rmse_n=_root_mean_square(error_n[known & ~loaded]),
-        recall=_of_known(np.mean, called[loaded].astype(np.float64)),
-        precision=_of_known(np.mean, loaded[called].astype(np.float64)),
+        recall=_share(called[loaded]),
+        precision=_share(loaded[called]),
+        false_alarm_share=_share(called[known & ~loaded]),
+        quiet_false_alarm_share=_share(called[quiet]),
         clear_frames=int(clear.sum()),
-        most_loaded_share=_of_known(np.mean, (true_n.argmax(axis=1) == estimated_n.argmax(axis=1)).astype(np.float64)),
+        most_loaded_share=_share(true_n.argmax(axis=1) == estimated_n.argmax(axis=1)),
     )
 
 
@@ -352,6 +355,10 @@ def mean_over_frames(values: NDArray[np.float64]) -> NDArray[np.float64]:
     known = ~np.isnan(values)
     count = known.sum(axis=0)
     return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
+
+
+def _share(cases: NDArray[np.bool_]) -> float:
+    return float(cases.mean()) if len(cases) else np.nan
 
 
 def _root_mean_square(values: NDArray[np.float64]) -> float:

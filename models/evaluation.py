@@ -155,6 +155,10 @@ class LoadScore:
     """Share of the truly loaded (frame, free node) that are called loaded."""
     precision: float
     """Share of those called loaded that are."""
+    false_alarm_share: float
+    """Of the (frame, free node) that truly are not loaded, the share called loaded."""
+    quiet_false_alarm_share: float
+    """The same in frames in which no node is loaded."""
     clear_frames: int
     """Frames with a true load above 0.3 N."""
     most_loaded_share: float
