@@ -14,11 +14,13 @@ from scipy.stats import chi2
 
 from ..models.comparison import ComparisonRow
 from ..models.evaluation import Evaluation
-from .figures import BLACK, BLUE, GREEN, GREY, ORANGE, RED
+from .figures import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED
 
 BAND = 1.96
 """Sigmas of a 95 % band."""
-METHOD_COLORS = (GREY, ORANGE, GREEN, "#56B4E9", BLUE, "#CC79A7", RED, BLACK)
+NODE_COLORS = (BLUE, ORANGE, GREEN, PURPLE, BLACK)
+"""One a loaded node, again from the first when they run out."""
+METHOD_COLORS = (GREY, ORANGE, GREEN, "#56B4E9", BLUE, PURPLE, RED, BLACK)
 """One a method, in the table's order; Okabe and Ito's, again from the first when they run out."""
 
 
@@ -83,11 +85,11 @@ def write_loads_figure(e: Evaluation, title: str, path: Path) -> None:
     time.set(xlabel="time [s]", ylabel="|F| at the most loaded node [N]", xlim=(c.t_s[0], c.t_s[-1]), ylim=(0, top))
     time.set_title("over time", fontsize=10)
     pairs.plot([0, top], [0, top], color=GREY, lw=1, ls="--", label="as it should be")
-    for k, node in enumerate(e.structure.free_nodes):
-        loaded = true_n[:, k] > score.threshold_n
-        if loaded.any():
-            style = {"color": METHOD_COLORS[k % len(METHOD_COLORS)], "marker": ".os^vDP*X"[k % 9]}
-            pairs.plot(true_n[loaded, k], estimated_n[loaded, k], ls="", ms=3, alpha=0.5, label=f"node {node}", **style)
+    loaded = true_n > score.threshold_n
+    for place, k in enumerate(np.flatnonzero(loaded.any(axis=0))):
+        style = {"color": NODE_COLORS[place % len(NODE_COLORS)], "label": f"node {e.structure.free_nodes[k]}"}
+        marker = "os^vD"[place % 5]
+        pairs.plot(true_n[loaded[:, k], k], estimated_n[loaded[:, k], k], marker, ms=3, alpha=0.5, **style)
     pairs.axhline(score.threshold_n, color=GREY, lw=1, ls=":")
     pairs.set(xlabel="true |F| [N]", ylabel="estimated |F| [N]", xlim=(0, top), ylim=(0, top), aspect="equal")
     pairs.set_title("frame by frame at the loaded nodes", fontsize=10)

@@ -87,7 +87,7 @@ def write_shape_figure(r: Reconstruction, probability: float, load_threshold_n: 
     """
     frames = interesting_frames(r)
     figure = Figure(figsize=(11, 11.5 if len(frames) > 2 else 6.5), layout="constrained")
-    arrows = [_load_arrows_mm(r, k, load_threshold_n) for k in frames]
+    arrows = [load_arrows_mm(r, k, load_threshold_n) for k in frames]
     limits = _limits_mm(r, np.concatenate([tails for tails, _ in arrows]))
     for panel, (k, (tails_mm, pushes_mm)) in enumerate(zip(frames, arrows, strict=True)):
         axis = figure.add_subplot(-(-len(frames) // 2), min(len(frames), 2), panel + 1, projection="3d")
@@ -121,7 +121,7 @@ def interesting_frames(r: Reconstruction, count: int = 4) -> list[int]:
     return sorted({0, *(int(part[np.argmax(moved[part])]) for part in parts if len(part))})
 
 
-def _load_arrows_mm(
+def load_arrows_mm(
     r: Reconstruction, k: int, load_threshold_n: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (loads, 3) tails and (loads, 3) arrows of a frame's loads: each ends at the node that it pushes."""
