@@ -11,20 +11,23 @@ from rich.console import Console
 from rich.markdown import Markdown
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from .calibration import calibrate_folder
 from .comparison import COMPARISON_FILE, comparison_rows, measure, write_comparison
-from .io.calibration import read_recordings
+from .io.calibration import read_rig
+from .io.calibration_output import CalibrationPaths
 from .io.comparison import as_markdown
-from .io.model_file import read_sensor_model, write_sensor_model
+from .io.model_file import read_sensor_model
 from .io.result import RUN_FILE, check_result_path
 from .io.toml import read_settings
 from .io.trial import Trial, open_trial
 from .models.errors import TensegraphError
 from .models.readings import TendonLengths
+from .models.recipe import TrainingSettings
 from .models.reconstruction import Reconstruction
 from .models.sensor_model import SensorModel
 from .models.settings import Settings
 from .pipeline import Method, Pipeline, write_result
-from .report import Run, training_table
+from .report import Run
 from .score import EVALUATION_FILE, as_text, score_result, write_score
 from .simulation import simulate as simulate_trial
 
@@ -53,6 +56,9 @@ def reconstruct(
         typer.Option(help="Result directory; of several trials the one that holds theirs. [default: results/TRIAL]"),
     ] = None,
     config: Annotated[Path | None, typer.Option(help="Settings that differ from the defaults, as TOML.")] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="Sensor model that `calibrate` wrote. [default: the one that ships]")
+    ] = None,
 ) -> None:
     r"""Reconstruct recorded trials: shapes with ellipsoids, lengths, status, figures.
 
@@ -61,12 +67,12 @@ def reconstruct(
     tensegraph reconstruct examples/press_01 --live --out results/press_01_live
     tensegraph reconstruct examples/press_01 --method ukf --out results/press_01_ukf
     """
-    settings, model = read_settings(config), read_sensor_model()
+    settings, sensor_model = read_settings(config), read_sensor_model(model)
     chosen: Method = method if method != "graph" else "live" if live else "batch"
     opened = [open_trial(path) for path in trials]
     results = _result_paths(trials, out, Path("results"), RUN_FILE)
     for trial, path in zip(opened, results, strict=True):
-        run = _run(trial, chosen, settings, model)
+        run = _run(trial, chosen, settings, sensor_model)
         write_result(run.reconstruction, path, f"{trial.name}, {run.method}", run.as_table(path), settings)
         console.print(run.summary())
         console.print(f"written to {path}", highlight=False)
@@ -142,21 +148,36 @@ def compare(
 @app.command()
 def calibrate(
     folder: Annotated[Path, typer.Argument(help="Folder of calibration recordings (*.csv).")],
-    out: Annotated[Path, typer.Option(help="Model file to write (*.safetensors).")],
+    out: Annotated[Path, typer.Option(help="Model file to write (*.safetensors); card and figures go beside it.")],
+    rig: Annotated[Path | None, typer.Option(help="Which columns are what, in which units, as TOML.")] = None,
+    hold_out: Annotated[
+        list[str] | None, typer.Option(help="Recordings to test with, by name (*_0.05_*); may be repeated.")
+    ] = None,
+    hold_out_tail: Annotated[
+        float | None, typer.Option(help="Test with this last share of each recording.", min=0.05, max=0.9)
+    ] = None,
+    unified: Annotated[bool, typer.Option("--unified", help="One signed network for bending and stretching.")] = False,
+    sweep: Annotated[bool, typer.Option("--sweep", help="Try learning rates first, and draw the losses.")] = False,
+    epochs: Annotated[int, typer.Option(help="Most epochs of the training.", min=1)] = TrainingSettings().epochs,
+    learning_rate: Annotated[float, typer.Option(help="Peak of the schedule.")] = TrainingSettings().learning_rate,
     seed: Annotated[int, typer.Option(help="Of the training's random numbers.")] = 0,
 ) -> None:
-    """Train the stretching network on calibration recordings."""
-    from .models.training import TrainingSettings, train  # torch takes seconds to import
+    r"""Calibrate the sensors from recordings of strips: model file, model card, figures.
 
-    recordings, settings = read_recordings(folder), TrainingSettings(seed=seed)
-    with Progress(*COLUMNS, TextColumn("{task.fields[loss]}"), console=console) as progress:
-        task = progress.add_task("training", total=settings.epochs, loss="")
-        model = train(
-            recordings, settings, lambda epoch, loss: progress.update(task, completed=epoch, loss=f"loss {loss:.3f}")
+    \b
+    tensegraph calibrate examples/calibration --out rubber.safetensors
+    tensegraph reconstruct examples/press_01 --model rubber.safetensors
+    """
+    if hold_out and hold_out_tail is not None:
+        raise TensegraphError("--hold-out and --hold-out-tail: expected one of them, got both")
+    settings = TrainingSettings(epochs=epochs, learning_rate=learning_rate, unified=unified, seed=seed)
+    try:
+        calibrate_folder(
+            folder, CalibrationPaths(out), read_rig(rig), settings, hold_out, hold_out_tail, sweep, console
         )
-    write_sensor_model(model, out)
-    console.print(training_table(model))
-    console.print(f"written to {out}", highlight=False)
+    except KeyboardInterrupt:
+        console.print("interrupted: the same command goes on from where it was")
+        raise typer.Exit(130) from None
 
 
 @app.command()

@@ -18,7 +18,6 @@ from .models.external_loads import false_alarm_bound
 from .models.readings import Flag
 from .models.reconstruction import Reconstruction
 from .models.rest import RestShape
-from .models.sensor_model import SensorModel
 from .models.settings import Settings
 from .pipeline import Method, Pipeline
 
@@ -112,16 +111,6 @@ class Run:
 def _way(start: Path, end: Path) -> str:
     """Return the way from one directory to another: relative, so that both may be moved together."""
     return Path(os.path.relpath(end.resolve(), start.resolve())).as_posix()
-
-
-def training_table(model: SensorModel) -> Table:
-    """Return the errors of a trained model on the recordings that were held out."""
-    table = Table("held out", "RMSE, strain", "of the static curve", "68 % band", "95 % band", title_justify="left")
-    for name, scores in model.metadata["held_out"].items():
-        rmse, static = scores["rmse_strain"], scores["static_rmse_strain"]
-        coverage = f"{scores['coverage_68']:.0%}", f"{scores['coverage_95']:.0%}"
-        table.add_row(name, f"{rmse:.4f}", f"{static:.4f}", *coverage)
-    return table
 
 
 def rest_balance(rest: RestShape) -> list[tuple[str, str]]:

@@ -65,7 +65,7 @@ class SensorHealth:
         sigma_m = tendon_sigma_m(lengths, self._builder.noise)
         jacobian = length_jacobian(shape.node_position_m, structure.tendons).reshape(len(sigma_m), -1)
         own = shape.covariance_m2 - self._held_m2
-        predicted = np.einsum("ei,ij,ej->e", jacobian, own, jacobian, optimize=True)
+        predicted = np.sum((jacobian @ own) * jacobian, axis=-1)
         variance = np.where(np.isfinite(sigma_m), sigma_m, 1.0) ** 2
         least = LEAST_REDUNDANCY * variance
         variance = np.where(self._out, variance + predicted, np.maximum(variance - predicted, least))

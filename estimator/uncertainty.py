@@ -58,7 +58,7 @@ class FrameEvidence:
         if self._statics:
             r, by_position = self._statics.residual_and_jacobian(node_position_m)
             by_position = by_position[..., columns]
-            weight = 1 / (1 + squared_norms(r / self._noise.force_n, self._statics.group)) / self._noise.force_n
+            weight = 1 / (1 + squared_norms(r / self._noise.force_n, self._statics)) / self._noise.force_n
             weighted = by_position * weight[..., None]
             information += np.swapaxes(weighted, -1, -2) @ weighted
         own = np.linalg.inv(information)
@@ -66,5 +66,5 @@ class FrameEvidence:
         covariance[..., columns[:, None], columns] += own
         if not self._statics:
             return covariance, None
-        variance = np.einsum("...rx,...rx->...r", by_position @ own, by_position)
+        variance = np.sum((by_position @ own) * by_position, axis=-1)
         return covariance, external_loads(self._statics, node_position_m, r, variance)

@@ -10,7 +10,6 @@ import numpy as np
 
 from tensegraph import Settings, open_trial
 from tensegraph.io.model_file import read_sensor_model
-from tensegraph.models.bending import BendingCurve
 from tensegraph.models.frames import FrameAssembler
 from tensegraph.models.taring import Taring
 from tensegraph.pipeline import Pipeline
@@ -19,7 +18,7 @@ from tensegraph.pipeline import Pipeline
 def static_lengths(trial, pipeline: Pipeline, model) -> np.ndarray:
     """Return (frames, tendons) lengths by the gauge curve alone."""
     description, settings = trial.description, pipeline.settings
-    structure, bending = description.structure, BendingCurve()
+    structure, bending = description.structure, model.bending_curve("strain")
     rest = pipeline.rest.lengths(structure, description.rest_seconds)
     taring = Taring(model.gauge, bending, rest, structure.natural_length_m)
     frames = FrameAssembler(

@@ -28,11 +28,11 @@ def equilibrium_factor(statics: Statics, keys: Sequence[int], sigma_n: float) ->
         position = np.array([values.atPoint3(key) for key in keys])
         if jacobians is None:
             r = statics.residual_n(position) / sigma_n
-            q = squared_norms(r, statics.group)
+            q = squared_norms(r, statics)
             # log(1 + q) / q, whose limit at 0 is 1
             return np.asarray(r * np.sqrt(np.log1p(q) / np.maximum(q, 1e-12)))
         r, jacobian = statics.residual_and_jacobian(position)
-        weight = np.sqrt(1 / (1 + squared_norms(r / sigma_n, statics.group))) / sigma_n
+        weight = np.sqrt(1 / (1 + squared_norms(r / sigma_n, statics))) / sigma_n
         jacobian *= weight[:, None]
         for n in range(len(keys)):
             jacobians[n] = jacobian[:, 3 * n : 3 * n + 3]
@@ -41,7 +41,6 @@ def equilibrium_factor(statics: Statics, keys: Sequence[int], sigma_n: float) ->
     return gtsam.CustomFactor(unit(len(statics.group)), keys, error)
 
 
-def squared_norms(r: NDArray[np.float64], group: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return (..., rows), the squared norm of each row's group; groups are numbered in order."""
-    starts = np.flatnonzero(np.diff(group, prepend=-1))
-    return np.asarray(np.add.reduceat(r * r, starts, axis=-1)[..., group])
+def squared_norms(r: NDArray[np.float64], statics: Statics) -> NDArray[np.float64]:
+    """Return (..., rows), the squared norm of each row's group."""
+    return np.asarray(np.add.reduceat(r * r, statics.group_start, axis=-1)[..., statics.group])

@@ -29,6 +29,8 @@ class CsvFile:
     """Columns in which a cell may be blank or nan."""
     words: Mapping[str, Callable[[str], float]] = field(default_factory=dict)
     """Columns of other cells than finite numbers, each with what makes a number of one, or raises a ValueError."""
+    numbered: bool = False
+    """Whether the file has no header: its columns are called 1, 2, ... then."""
     half_lines: int = field(default=0, init=False)
     """Lines that were left out because they had no end."""
 
@@ -50,10 +52,13 @@ class CsvFile:
 
     def __iter__(self) -> Iterator[list[float]]:
         pairs, header = self.head()
-        first = len(pairs) + 2
+        first = len(pairs) + (1 if self.numbered else 2)
+        if self.numbered:
+            header = [str(k + 1) for k in range(len(header))]
         for name in self.columns:
             if name not in header:
-                raise InputError(f"{self.path}: row {first - 1}: column '{name}' is missing")
+                row = len(pairs) + 1
+                raise InputError(f"{self.path}: row {row}: column '{name}' is missing: got {', '.join(header)[:80]}")
         index = [header.index(name) if name in header else None for name in (*self.columns, *self.optional)]
         names, may_be_blank = (*self.columns, *self.optional), frozenset(self.blank)
         with self.path.open(encoding="utf-8-sig", newline="", errors="replace") as file:

@@ -11,27 +11,35 @@ strains have the same f, so it is inverted on [-1, x_c] only. The constant term 
 or bending and stretching would not join), and is left out: y_c = 0.0080 then.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
+from .mode import LagFree
+from .recordings import Recording
+
 COEFFICIENTS = (-4.7589, -16.521, -20.239, -9.9675, -0.5464, -0.0016)
 """Of eq. (9), highest power first."""
 
 
 class FoldedPolynomial:
-    """A polynomial that rises on [x_min, x_c] and folds over at x_c < 0; f(0) = 0.
+    """A polynomial that rises on [x_min, x_c] and folds over at x_c <= 0; f(0) = 0.
+
+    x_c is its last maximum below 0 (0 without one), x_min the minimum before that, where there is one.
 
     Inverted as x(s), s = sqrt(y_c - y): that is smooth at the fold, where x(y) has infinite slope.
     """
 
     def __init__(self, coefficients: ArrayLike = COEFFICIENTS, x_min: float = -1.0) -> None:
         self._f = np.poly1d(np.append(np.asarray(coefficients, dtype=np.float64)[:-1], 0.0))
-        critical = self._f.deriv().roots
-        self.x_min = x_min
-        self.x_fold = float(max(root.real for root in critical if abs(root.imag) < 1e-9 and x_min < root.real < 0))
+        critical = [float(x.real) for x in self._f.deriv().roots if abs(x.imag) < 1e-9 and x_min < x.real < 0]
+        maxima = [x for x in critical if self._f.deriv(2)(x) < 0]
+        self.x_fold = max(maxima, default=0.0)
+        self.x_min = max((x for x in critical if x < self.x_fold), default=x_min)
         self.y_fold = float(self._f(self.x_fold))
         self.y_min = float(self._f(x_min))
         self._curvature = abs(float(self._f.deriv(2)(self.x_fold)))
@@ -88,3 +96,74 @@ class BendingCurve:
         """Return where a dR/R is one the curve can give."""
         low = self.polynomial.y_min if self.abscissa == "strain" else self.polynomial.x_min
         return np.asarray(np.asarray(change) >= low)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BendingFit:
+    """Eq. (9) fitted anew, with x = strain."""
+
+    coefficients: NDArray[np.float64]
+    """(6,) highest power first, of dR/R."""
+    covariance: NDArray[np.float64]
+    """(6, 6) of these; residuals last for seconds, and count as many fewer."""
+    r2: float
+    """Share of the variance of dR/R explained, on the recordings fitted, ..."""
+    held_out_r2: float
+    """... and on those held out; nan without any."""
+    residual_sigma: float
+    """Standard deviation of dR/R about the curve."""
+    lowest_strain: float
+    """As far as the recordings go."""
+
+    def curve(self) -> BendingCurve:
+        """Return the curve, for use."""
+        return BendingCurve("strain", self.coefficients)
+
+
+def fit_bending(recordings: Sequence[Recording], held_out: Sequence[Recording]) -> BendingFit | None:
+    """Return the polynomial of degree five through the bent samples, their lag undone; None when there are too few.
+
+    The covariance is sigma^2 (X'X)^-1 times the residuals' time of correlation in samples, 1 + 2 sum of their positive
+    autocorrelation.
+    """
+    bent = [_lag_free_bending(r) for r in recordings if r.stretched_share < 0.5]
+    if not bent or min(x.min() for x, _ in bent) > -0.1:
+        return None
+    x, y = (np.concatenate(column) for column in zip(*bent, strict=True))
+    basis = np.vander(x, 6)
+    coefficients = np.linalg.lstsq(basis, y, rcond=None)[0]
+    residual = y - basis @ coefficients
+    sigma = float(residual.std())
+    correlated = [correlation_samples(part_y - np.polyval(coefficients, part_x)) for part_x, part_y in bent]
+    covariance = sigma**2 * np.linalg.inv(basis.T @ basis) * float(np.mean(correlated))
+    tested = [_lag_free_bending(r) for r in held_out if r.stretched_share < 0.5]
+    held_out_r2 = float("nan")
+    if tested:
+        test_x, test_y = (np.concatenate(column) for column in zip(*tested, strict=True))
+        held_out_r2 = 1 - float(np.var(test_y - np.polyval(coefficients, test_x)) / np.var(test_y))
+    r2 = 1 - sigma**2 / float(np.var(y))
+    return BendingFit(coefficients, covariance, r2, held_out_r2, sigma, float(x.min()))
+
+
+def correlation_samples(residual: NDArray[np.float64]) -> float:
+    """Return how many samples in a row tell about the same: 1 + 2 sum of the autocorrelation while it is positive."""
+    autocorrelation = autocorrelation_of(residual)
+    negative = np.flatnonzero(autocorrelation <= 0)
+    end = int(negative[0]) if len(negative) else len(autocorrelation)
+    return float(1 + 2 * autocorrelation[1:end].sum())
+
+
+def autocorrelation_of(residual: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the autocorrelation at lags of 0, 1, ... samples, about zero: a constant error is correlated, too."""
+    padded = np.fft.rfft(residual, 2 * len(residual))
+    power = np.fft.irfft(np.abs(padded) ** 2)[: len(residual)]
+    return np.asarray(power / power[0])
+
+
+def _lag_free_bending(recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return strain and lag-free dR/R of the settled bent samples."""
+    lag_free, step_s = LagFree(1), np.diff(recording.t_s, prepend=2 * recording.t_s[0] - recording.t_s[1])
+    pairs = zip(recording.change, step_s, strict=True)
+    change = np.array([lag_free.step(np.array([y]), float(dt))[0][0] for y, dt in pairs])
+    chosen = recording.settled & (recording.strain < 0) & (recording.t_s > recording.scored_from_s)
+    return recording.strain[chosen], change[chosen]

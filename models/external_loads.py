@@ -114,5 +114,6 @@ def external_loads(
     force[..., rods[:, 0], :] -= np.where(first, axial[..., None] * along, 0.0)
     force[..., rods[:, 1], :] -= np.where(first, 0.0, axial[..., None] * along)
     variance[..., rods.ravel()] += np.repeat(residual_variance_n2[..., 3 * len(nodes) :], 2, axis=-1)
-    directions = np.where(np.isin(np.arange(count), rods), 3.0, 2.0)
+    directions = np.full(count, 2.0)
+    directions[rods] = 3.0
     return ExternalLoads(force, np.sqrt(variance / directions))

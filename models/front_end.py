@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from .bending import BendingCurve
 from .mode import LagFree
 from .readings import Flag, Mode, ResistanceFrame, TendonLengths
-from .sensor_model import SensorModel, StrainSpread, StretchingSensors
+from .sensor_model import Extrapolation, SensorModel, StrainSpread, StretchingSensors
 from .tables import Positive, Probability
 from .taring import RestLengths, RestTare, Taring
 
@@ -57,11 +56,11 @@ class FrontEnd:
         self._model, self._settings, self._gauge = model, settings, model.gauge
         self._frame_step_s = frame_step_s
         self._R0, self._L0 = natural_resistance_ohm, natural_length_m
-        self._bending = BendingCurve(settings.bending_abscissa)
+        self._bending = model.bending_curve(settings.bending_abscissa)
         self._taring = Taring(self._gauge, self._bending, rest, natural_length_m)
         self._mode = np.full(count, int(Mode.STRETCHING))
         self._stretching = StretchingSensors(model, count)
-        self._spread = StrainSpread(count)
+        self._spread, self._extrapolation = StrainSpread(count), Extrapolation(model, count)
         self._rest_tare = RestTare(self._taring.rest_strain)
         self._change = np.zeros(count)
         self._seen_s = np.full(count, -np.inf)
@@ -78,6 +77,8 @@ class FrontEnd:
         lag_free, lag = self._lag_free.step(change, step_s)
         stretched, stretched_sigma = self._stretched(change, rate, frame.t_s, step_s)  # f_3
         bent, bent_sigma = self._bending.strain(lag_free, np.hypot(self._settings.bending_sigma, 0.5 * lag))  # f_4
+        if self._model.unified:  # one network for both
+            bent, bent_sigma = stretched, stretched_sigma
         probability = self._decide_mode(lag_free, frame.t_s)
         strain = np.where(self._mode == Mode.BENDING, bent, stretched)  # eq. (3)
         variance = (1 - probability) * (stretched_sigma**2 + (stretched - strain) ** 2)
@@ -127,9 +128,8 @@ class FrontEnd:
         """Return strain and sigma of a stretched tendon, f_3 of eq. (3)."""
         strain, sigma = self._stretching.step(change, rate, step_s)
         strain = self._rest_tare.corrected(strain, self._taring.is_resting(t_s) & (self._seen_s == t_s))
-        sigma = sigma * np.maximum(1.0, np.abs(rate) / self._model.max_rate_per_s)
-        sigma *= self._model.sigma_scale(self._spread.step(strain, step_s))
-        beyond = np.maximum(change - self._model.max_change, 0) / self._gauge.slope(strain)
+        widening, beyond, _ = self._extrapolation.step(change, rate, strain, step_s)
+        sigma = sigma * widening * self._model.sigma_scale(self._spread.step(strain, step_s))
         warm_for_s = np.nan_to_num(t_s - self._warm_s, nan=np.inf)
         warm_up = self._settings.warm_up_sigma * np.exp(-warm_for_s / self._settings.warm_up_s)
         parts = (sigma, self._taring.sigma(strain, change), self._settings.drift_sigma, beyond, warm_up)

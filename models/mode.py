@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from .gauge import SETTLING_SAMPLES, Recording
+from .recordings import Recording
 
 LAG_S = (0.124, 0.236)
 """Time constants of a bent sensor, bending and straightening: the paper's 286 and 544 ms to 90 %, over ln 10."""
@@ -47,7 +47,7 @@ def fit_mode(recordings: Sequence[Recording]) -> tuple[NDArray[np.float64], NDAr
         lag_free, step_s = LagFree(1), np.diff(recording.t_s, prepend=recording.t_s[0] - 0.05)
         pairs = zip(recording.change, step_s, strict=True)
         change, lag = np.array([lag_free.step(np.array([y]), float(dt)) for y, dt in pairs])[..., 0].T
-        settled = (np.arange(len(change)) >= SETTLING_SAMPLES) & (np.abs(lag) < KERNEL)
+        settled = recording.settled & (np.abs(lag) < KERNEL)
         for mode, chosen in enumerate((recording.strain >= 0, recording.strain < 0)):
             chosen = chosen & settled & (np.abs(recording.strain) < 0.3)
             counts[mode] += np.histogram(np.clip(change[chosen], edges[0], edges[-1] - 1e-9), edges)[0]

@@ -62,6 +62,8 @@ class Statics:
             [np.repeat(np.arange(len(self.nodes)), 3), len(self.nodes) + np.arange(len(self.floating_rods))]
         )
         """(rows,) which rows are excused together: those of a node, and each rod's."""
+        self.group_start = np.flatnonzero(np.diff(self.group, prepend=-1))
+        """(groups,) the first row of each."""
 
     def node_force_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., nodes, 3), what tendons and gravity pull at each node."""

@@ -1,8 +1,9 @@
 """The stretching sensor at run time: the paper's LSTM, eqs. (10)-(15), with a Gaussian head, in numpy.
 
 The network corrects a static gauge curve: strain = gauge^-1(dR/R) + SCALE * W_y h_t, and a second output is the log
-variance of that. Its input X_t is dR/R, its rate per second, and the log of the time step, so one network serves
-10 to 100 Hz.
+variance of that. Its input X_t is dR/R, its rate per second, the log of the time step, so that one network serves 10
+to 100 Hz, and how far dR/R is from its running means over `MEMORY_S`: rubber relaxes for longer than back-propagation
+reaches.
 """
 
 from dataclasses import dataclass
@@ -13,14 +14,57 @@ from numpy.typing import NDArray
 STRAIN_SCALE = 0.05
 """The network's outputs are in units of this strain."""
 LOG_VARIANCE_RANGE = (-10.0, 4.0)
+MEMORY_S = (2.0, 10.0, 50.0)
+"""Time constants of the running means."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scaling:
+    """What brings the network's inputs to about 1."""
+
+    change_middle: float = 0.15
+    """Subtracted from dR/R, ..."""
+    change: float = 0.3
+    """... which is then divided by this."""
+    rate_per_s: float = 0.3
+    """By which the rate of dR/R is divided."""
+    step_s: float = 0.03
+    """A time step whose input is 0; others are its natural logarithm away."""
 
 
 def features(
-    change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: float | NDArray[np.float64]
+    change: NDArray[np.float64],
+    rate_per_s: NDArray[np.float64],
+    step_s: float | NDArray[np.float64],
+    means: NDArray[np.float64],
+    scaling: Scaling,
 ) -> NDArray[np.float64]:
-    """Return the network's input X_t, (..., 3), from dR/R, its rate and the time step, each scaled to about 1."""
-    step = np.broadcast_to(np.log(np.asarray(step_s) / 0.03), change.shape)
-    return np.stack([(change - 0.15) / 0.3, rate_per_s / 0.3, step], axis=-1)
+    """Return the network's input X_t, (..., 3 + memories), from dR/R, its rate, the time step and running means."""
+    step = np.broadcast_to(np.log(np.asarray(step_s) / scaling.step_s), change.shape)
+    now = [(change - scaling.change_middle) / scaling.change, rate_per_s / scaling.rate_per_s, step]
+    return np.concatenate([np.stack(now, axis=-1), (change[..., None] - means) / scaling.change], axis=-1)
+
+
+def next_means(
+    means: NDArray[np.float64],
+    change: NDArray[np.float64],
+    step_s: float | NDArray[np.float64],
+    memory_s: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return (sensors, memories) running means after one more dR/R: m += (y - m) (1 - exp(-dt / tau))."""
+    weight = 1 - np.exp(-np.asarray(step_s)[..., None] / memory_s)
+    return np.asarray(means + (change[:, None] - means) * weight)
+
+
+def running_means(
+    change: NDArray[np.float64], step_s: NDArray[np.float64], memory_s: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (samples, sensors, memories) running means of (samples, sensors) dR/R, from its first value on."""
+    result = np.empty((*change.shape, len(memory_s)))
+    means = np.repeat(change[0][:, None], len(memory_s), axis=1)
+    for k, (value, step) in enumerate(zip(change, step_s, strict=True)):
+        result[k] = means = next_means(means, value, step, memory_s)
+    return result
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,7 +11,7 @@ from .errors import InputError
 from .geometry import member_length_m
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Structure:
     """A tensegrity of rigid rods and elastic tendons; nodes are the rod ends, numbered from 0.
 
@@ -47,17 +48,17 @@ class Structure:
             value.setflags(write=False)
             object.__setattr__(self, name, value)
 
-    @property
+    @cached_property
     def node_count(self) -> int:
         """How many nodes there are."""
         return int(self.rods.max()) + 1
 
-    @property
+    @cached_property
     def free_nodes(self) -> NDArray[np.int64]:
         """(free,) the nodes that are not anchors."""
         return np.setdiff1d(np.arange(self.node_count), self.anchors)
 
-    @property
+    @cached_property
     def free_tendons(self) -> NDArray[np.int64]:
         """The tendons that do not join two anchors: only these say anything of the shape."""
         return np.flatnonzero(~np.isin(self.tendons, self.anchors).all(axis=1))

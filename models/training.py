@@ -1,150 +1,72 @@
 """Training of the stretching network, eqs. (10)-(15), on calibration recordings. The one module that imports torch."""
 
-from collections.abc import Callable, Sequence
+import hashlib
+import io
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from .bending import BendingCurve
-from .errors import InputError
-from .gauge import SETTLING_SAMPLES, Recording, StaticGauge, fit_gauge
-from .mode import fit_mode
-from .sensor_model import FORMAT, SensorModel, StrainSpread, StretchingSensors, run_lstm
-from .stretching import LOG_VARIANCE_RANGE, STRAIN_SCALE, Lstm, features
-
-WORKING_STRAIN = 0.3
-"""Tendons of a tensegrity are strained by 0.08 at rest, and by less than this when pressed hard."""
-
-
-@dataclass(frozen=True, slots=True)
-class TrainingSettings:
-    """The training recipe; defaults were chosen on held-out calibration recordings."""
-
-    epochs: int = 400
-    learning_rate: float = 0.01
-    """Peak of a one-cycle schedule, Adam."""
-    hidden: int = 16
-    sequences: int = 32
-    """Random sequences an epoch, each with its own time step."""
-    steps: int = 2400
-    """Time steps a sequence."""
-    chunk: int = 200
-    """Steps of truncated back-propagation; the state is carried from chunk to chunk."""
-    burn_in: int = 20
-    """First steps of a sequence that do not count: the sensor's past is unknown there."""
-    squared_error_share: float = 0.3
-    """First part of the training with squared error instead of Gaussian likelihood: sigma learns last."""
-    step_s: tuple[float, float] = (0.01, 0.1)
-    """Range of time steps, drawn evenly in their logarithm: 100 to 10 Hz."""
-    noise: tuple[float, float] = (0.0, 0.002)
-    """Range of the relative white noise added to the resistance: up to that of a 10-bit divider."""
-    seed: int = 0
-
-
-def is_held_out(name: str) -> bool:
-    """Whether a recording is kept from training: one whole speed, and the last specimen of each random motion."""
-    return "_0.05_" in name or (name.startswith("random") and name.endswith("_s5"))
+from .gauge import INDEPENDENT, fit_gauge
+from .recipe import CHECK_EVERY, Checkpoint, History, NoCheckpoint, Trained, TrainingSettings
+from .recordings import Recording, Split
+from .stretching import LOG_VARIANCE_RANGE, MEMORY_S, STRAIN_SCALE, Scaling, running_means
 
 
 def train(
-    recordings: Sequence[Recording],
+    split: Split,
+    bending: BendingCurve,
     settings: TrainingSettings,
     progress: Callable[[int, float], None] = lambda epoch, loss: None,
-) -> SensorModel:
-    """Fit the gauge curve, train the network on recordings in which strain is mostly tensile, and score both.
+    checkpoint: Checkpoint | None = None,
+) -> Trained:
+    """Fit the gauge curve, then the network on recordings in which strain is mostly tensile.
 
-    Every recording is first brought to the common curve by its own gain and offset, as the taring does at run time;
-    the spread of those is kept in the model. The loss counts samples with strain >= 0 only, but bending passes
-    through the input, so that the network knows a strip that comes back from it.
+    Each strip's own gain and offset are unknown; they are learned along with the network, with their spread over
+    strips as prior. The loss counts samples with strain >= 0 only, but bending passes through the input, so that the
+    network knows a strip that comes back from it; a unified network counts all.
 
     Args:
-        recordings: calibration recordings; `is_held_out` ones serve for scores alone.
+        split: what to train on, and what to validate with.
+        bending: the curve of bent strips.
         settings: the recipe.
         progress: called after each epoch with its number and mean loss.
+        checkpoint: where to go on from, and to keep the state; one of other data or settings is not used.
 
     Raises:
         InputError: when there is nothing to train on.
     """
-    bending = BendingCurve()
-    gauge, own = fit_gauge([r for r in recordings if not is_held_out(r.name)], bending)
-    _, own_of_all = fit_gauge(recordings, bending)
-    own = own_of_all | own
-    common = [Recording(r.name, r.t_s, r.strain, (r.change - own[r.name][1]) / own[r.name][0]) for r in recordings]
-    training = [r for r in common if not is_held_out(r.name)]
-    held_out = [r for r in common if is_held_out(r.name) and (r.strain >= 0).mean() > 0.3]
-    if not training:
-        raise InputError("no recording of stretching to train on")
-    lstm = _train_lstm(training, gauge, settings, progress)
-    model = _as_model(lstm, gauge, training, settings, sigma_scale=(1.0, 0.0), scores={})
-    sigma_scale = _fit_sigma_scale([_run(model, r) for r in (*training, *held_out) if _in_working_range(r)])
-    model = _as_model(lstm, gauge, training, settings, sigma_scale, scores={})
-    scores = {r.name: _run(model, r).scores(model) for r in held_out}
-    return _as_model(lstm, gauge, training, settings, sigma_scale, scores)
+    with _one_thread():
+        training = _Training(split, bending, settings)
+        training.run(progress, checkpoint or NoCheckpoint())
+        return training.result()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Run:
-    """The network's output on one recording, where the tendon is stretched and the start has settled."""
-
-    spread: NDArray[np.float64]
-    error: NDArray[np.float64]
-    static_error: NDArray[np.float64]
-    sigma: NDArray[np.float64]
-
-    def scores(self, model: SensorModel) -> dict[str, float]:
-        z = self.error / (self.sigma * model.sigma_scale(self.spread))
-        return {
-            "rmse_strain": float(np.sqrt(np.mean(self.error**2))),
-            "static_rmse_strain": float(np.sqrt(np.mean(self.static_error**2))),
-            "coverage_68": float(np.mean(np.abs(z) < 1)),
-            "coverage_95": float(np.mean(np.abs(z) < 1.96)),
-        }
-
-
-def _run(model: SensorModel, recording: Recording, step_s: float = 0.02) -> _Run:
-    t_s = np.arange(recording.t_s[0], recording.t_s[-1], step_s)
-    strain = np.interp(t_s, recording.t_s, recording.strain)
-    change = np.interp(t_s, recording.t_s, recording.change)
-    sensors, rate = StretchingSensors(model, 1), np.diff(change, prepend=change[0]) / step_s
-    output = [sensors.step(change[k, None], rate[k, None], step_s) for k in range(len(t_s))]
-    estimate, sigma = np.array(output)[..., 0].T
-    running = StrainSpread(1)
-    spread = np.array([running.step(estimate[k, None], step_s)[0] for k in range(len(t_s))])
-    settled = (strain >= 0) & (t_s - t_s[0] > SETTLING_SAMPLES * 0.05)
-    static = model.gauge.stretched_strain(change) - strain
-    return _Run(spread[settled], (estimate - strain)[settled], static[settled], sigma[settled])
-
-
-def _in_working_range(recording: Recording) -> bool:
-    """Whether a recording's strains are those of a tensegrity: there sigma has to be right first."""
-    strain = np.abs(recording.strain)
-    return bool(np.quantile(strain, 0.95) < WORKING_STRAIN and (recording.strain >= 0).mean() > 0.3)
-
-
-def _fit_sigma_scale(runs: Sequence[_Run]) -> tuple[float, float]:
-    """Return (b, p) of sigma scale = b spread^p that make the errors of these runs most likely."""
-    if not runs:
-        return 1.0, 0.0
-    z = np.concatenate([run.error / run.sigma for run in runs])
-    log_spread = np.log(np.concatenate([run.spread for run in runs]))
-
-    def negative_log_likelihood(parameters: NDArray[np.float64]) -> float:
-        log_scale = parameters[0] + parameters[1] * log_spread
-        return float(np.mean(0.5 * (z / np.exp(log_scale)) ** 2 + log_scale))
-
-    log_b, p = minimize(negative_log_likelihood, [0.0, 0.0], method="Nelder-Mead").x
-    return float(np.exp(log_b)), float(p)
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Sums in one order, however many cores there are; networks this small gain nothing from a second one."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 class _Network(torch.nn.Module):
-    def __init__(self, inputs: int, hidden: int) -> None:
+    """The LSTM with its head, and the gain and offset of each strip, in units of their spread."""
+
+    def __init__(self, inputs: int, hidden: int, own: NDArray[np.float64]) -> None:
         super().__init__()
         self.lstm = torch.nn.LSTM(inputs, hidden, batch_first=True)
         self.head = torch.nn.Linear(hidden, 2)
+        self.own = torch.nn.Parameter(torch.tensor(own, dtype=torch.float32))
         with torch.no_grad():
             forget_bias = dict(self.lstm.named_parameters())["bias_ih_l0"][hidden : 2 * hidden]
             forget_bias += 1.0  # remember, to begin with
@@ -156,105 +78,250 @@ class _Network(torch.nn.Module):
         return mean, log_variance.clamp(*LOG_VARIANCE_RANGE), state
 
 
-def _train_lstm(
-    recordings: Sequence[Recording],
-    gauge: StaticGauge,
-    settings: TrainingSettings,
-    progress: Callable[[int, float], None],
-) -> _Network:
-    torch.manual_seed(settings.seed)
-    rng = np.random.default_rng(settings.seed)
-    network = _Network(features(np.zeros(1), np.zeros(1), 0.02).shape[-1], settings.hidden)
-    optimizer = torch.optim.Adam(network.parameters(), lr=settings.learning_rate)
-    chunks = range(0, settings.steps, settings.chunk)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, settings.learning_rate, total_steps=settings.epochs * len(chunks), pct_start=0.1
-    )
-    for epoch in range(settings.epochs):
-        x, target, counted = _draw_sequences(recordings, gauge, settings, rng)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Batch:
+    """Pieces of recordings: (sequences, steps) each."""
+
+    strip: torch.Tensor
+    """(sequences,) which strip."""
+    change: torch.Tensor
+    means: torch.Tensor
+    """(sequences, steps, memories) running means of the same, without noise."""
+    step_s: torch.Tensor
+    """(sequences, 1)"""
+    strain: torch.Tensor
+    counted: torch.Tensor
+
+
+class _Training:
+    """The state of a training, epoch by epoch."""
+
+    def __init__(self, split: Split, bending: BendingCurve, settings: TrainingSettings) -> None:
+        self._settings = settings
+        self._gauge, own = fit_gauge(split.training, bending)
+        _, own_of_validation = fit_gauge([*split.training, *split.validation], bending)
+        self._recordings, self._spread = split.training, np.array([self._gauge.gain_sigma, self._gauge.offset_sigma])
+        self._names = [r.name for r in split.training]
+        own_of_all = own_of_validation | own
+        units, validation_units = (
+            np.array([(np.array(own_of_all[r.name]) - [1, 0]) / self._spread for r in recordings])
+            for recordings in (split.training, split.validation)
+        )
+        self._scaling, self._step_s = _scaling(split.training), _step_range(split.training, settings.relative_step)
+        torch.manual_seed(settings.seed)
+        self._rng = np.random.default_rng(settings.seed)
+        self._means = {(r.name, len(r.t_s)): _running_means(r) for r in (*split.training, *split.validation)}
+        self._network = _Network(3 + len(MEMORY_S), settings.hidden, units)
+        self._own_of_validation = torch.tensor(validation_units, dtype=torch.float32, requires_grad=True)
+        self._tare = torch.optim.Adam([self._own_of_validation], lr=0.1)
+        shared = [p for p in self._network.parameters() if p is not self._network.own]
+        groups: list[dict[str, Any]] = [
+            {"params": shared, "weight_decay": settings.weight_decay},
+            {"params": [self._network.own], "weight_decay": 0.0},
+        ]
+        self._optimizer = torch.optim.AdamW(groups, lr=settings.learning_rate)
+        self._chunks = [slice(k, k + settings.chunk) for k in range(0, settings.steps, settings.chunk)]
+        self._schedule = torch.optim.lr_scheduler.OneCycleLR(
+            self._optimizer, settings.learning_rate, total_steps=settings.epochs * len(self._chunks), pct_start=0.1
+        )
+        self.history = History(likelihood_from=int(settings.squared_error_share * settings.epochs))
+        self._best = self._copy()
+        self._validation = self._draw(split.validation, np.random.default_rng(settings.seed + 1))
+        samples = sum(len(r.t_s) for r in split.training)
+        self._prior_weight = 0.5 * INDEPENDENT / samples
+        self._fingerprint = _fingerprint(split, settings)
+
+    def run(self, progress: Callable[[int, float], None], checkpoint: Checkpoint) -> None:
+        self._resume(checkpoint.load())
+        while len(self.history.training_loss) < self._settings.epochs and not self._stalled():
+            self.history.training_loss.append(self._epoch(len(self.history.training_loss)))
+            epoch = len(self.history.training_loss)
+            progress(epoch, self.history.training_loss[-1])
+            if epoch % CHECK_EVERY == 0 or epoch == self._settings.epochs:
+                self._validate(epoch)
+                checkpoint.save(self._state())
+
+    def _stalled(self) -> bool:
+        history = self.history
+        return bool(history.best_epoch) and len(history.training_loss) - history.best_epoch >= self._settings.patience
+
+    def _epoch(self, epoch: int) -> float:
+        batch = self._draw(self._recordings, self._rng)
         state, losses = None, []
-        for start in chunks:
-            chunk = slice(start, start + settings.chunk)
-            mean, log_variance, state = network(x[:, chunk], state)
+        likelihood = epoch >= self.history.likelihood_from
+        for chunk in self._chunks:
+            x, static = self._inputs(batch, self._network.own, chunk)
+            mean, log_variance, state = self._network(x, state)
             state = tuple(s.detach() for s in state)
-            error = mean - target[:, chunk]
-            if epoch < settings.squared_error_share * settings.epochs:
-                loss = error**2
-            else:
-                loss = 0.5 * (error**2 * torch.exp(-log_variance) + log_variance)
-            mean_loss = (loss * counted[:, chunk]).sum() / counted[:, chunk].sum().clamp(min=1)
-            optimizer.zero_grad()
-            mean_loss.backward()
-            torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
-            optimizer.step()
-            schedule.step()
-            losses.append(mean_loss.item())
-        progress(epoch + 1, float(np.mean(losses)))
-    return network
+            error = mean + (static - batch.strain[:, chunk]) / STRAIN_SCALE
+            loss = _loss(error, log_variance, batch.counted[:, chunk], likelihood)
+            prior = self._prior_weight * (self._network.own**2).sum() if likelihood else 0.0
+            self._optimizer.zero_grad()
+            (loss + prior).backward()  # type: ignore[no-untyped-call]
+            if not likelihood:  # squared error knows no scale to weigh the prior against
+                self._network.own.grad = None
+            torch.nn.utils.clip_grad_norm_(self._network.parameters(), 1.0)
+            self._optimizer.step()
+            self._schedule.step()
+            losses.append(loss.item())
+        return float(np.mean(losses))
+
+    def _validate(self, epoch: int) -> None:
+        """Check the loss on strips not trained on; only their gain and offset are fitted, a step a check."""
+        likelihood, history = epoch > self.history.likelihood_from, self.history
+        own = self._own_of_validation
+        x, static = self._inputs(self._validation, own, slice(0, self._settings.steps))
+        mean, log_variance, _ = self._network(x, None)
+        error, counted = mean + (static - self._validation.strain) / STRAIN_SCALE, self._validation.counted
+        loss = _scaled_loss(error, log_variance, counted) if likelihood else _loss(error, log_variance, counted, False)
+        if likelihood:
+            self._tare.zero_grad()
+            (loss + self._prior_weight * (own**2).sum()).backward()  # type: ignore[no-untyped-call]
+            self._tare.step()
+        history.validation_epoch.append(epoch)
+        history.validation_loss.append(loss.item())
+        if likelihood and loss.item() < history.best_loss:
+            history.best_epoch, history.best_loss, self._best = epoch, loss.item(), self._copy()
+
+    def _copy(self) -> dict[str, torch.Tensor]:
+        return {name: value.detach().clone() for name, value in self._network.state_dict().items()}
+
+    def _draw(self, recordings: Sequence[Recording], rng: np.random.Generator) -> _Batch:
+        """Return random pieces of recordings, each with its own time step and noise."""
+        count, steps = self._settings.sequences, self._settings.steps
+        strain, change, means = (
+            np.empty((count, steps)),
+            np.empty((count, steps)),
+            np.empty((count, steps, len(MEMORY_S))),
+        )
+        low, high = self._step_s
+        step_s, strip = np.exp(rng.uniform(np.log(low), np.log(high), count)), np.empty(count, dtype=np.int64)
+        counts = np.zeros((count, steps), dtype=np.bool_)
+        for k in range(count):
+            strip[k] = rng.integers(len(recordings))
+            r = recordings[strip[k]]
+            step_s[k] = min(step_s[k], r.duration_s / steps)
+            t_s = rng.uniform(r.t_s[0], r.t_s[-1] - step_s[k] * (steps - 1)) + step_s[k] * np.arange(steps)
+            strain[k], change[k] = np.interp(t_s, r.t_s, r.strain), np.interp(t_s, r.t_s, r.change)
+            means[k] = np.stack([np.interp(t_s, r.t_s, column) for column in self._means[r.name, len(r.t_s)].T], axis=1)
+            counts[k] = t_s > r.scored_from_s
+        noise = rng.uniform(*self._settings.noise, (count, 1)) * rng.standard_normal((count, steps))
+        counts &= np.arange(steps) >= self._settings.burn_in
+        if not self._settings.unified:
+            counts &= strain >= 0
+        noisy = (1 + change) * (1 + noise) - 1
+        return _Batch(
+            torch.tensor(strip),
+            *(torch.tensor(a, dtype=torch.float32) for a in (noisy, means, step_s[:, None], strain, counts)),
+        )
+
+    def _inputs(self, batch: _Batch, own_units: torch.Tensor, chunk: slice) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the network's input (sequences, chunk, 3), and the strain of the static curve that it corrects."""
+        own = own_units[batch.strip] * torch.tensor(self._spread, dtype=torch.float32)
+        common = (batch.change[:, max(chunk.start - 1, 0) : chunk.stop] - own[:, 1:]) / (1 + own[:, :1])
+        before = common[:, :1]
+        common = common[:, 1:] if chunk.start else common
+        rate = torch.diff(common, dim=1, prepend=before) / batch.step_s
+        s = self._scaling
+        step = torch.log(batch.step_s / s.step_s).expand_as(common)
+        means = (batch.means[:, chunk] - own[:, None, 1:]) / (1 + own[:, None, :1])
+        now = torch.stack([(common - s.change_middle) / s.change, rate / s.rate_per_s, step], dim=-1)
+        x = torch.cat([now, (common[..., None] - means) / s.change], dim=-1)
+        return x, self._static_strain(common)
+
+    def _static_strain(self, common: torch.Tensor) -> torch.Tensor:
+        """Return `StaticGauge.stretched_strain` as a sum of ramps, which torch can differentiate."""
+        slopes = np.diff(self._gauge.strain_knots) / np.diff(self._gauge.change_knots)
+        strain = float(slopes[0]) * common
+        for knot, bend in zip(self._gauge.change_knots[1:-1].tolist(), np.diff(slopes).tolist(), strict=True):
+            strain = strain + bend * torch.relu(common - knot)
+        return strain.clamp(max=self._gauge.most_strain)
+
+    def _state(self) -> bytes:
+        buffer = io.BytesIO()
+        torch.save(
+            {
+                "fingerprint": self._fingerprint,
+                "network": self._network.state_dict(),
+                "optimizer": self._optimizer.state_dict(),
+                "schedule": self._schedule.state_dict(),
+                "own_of_validation": self._own_of_validation.detach(),
+                "tare": self._tare.state_dict(),
+                "best": self._best,
+                "history": json.dumps(asdict(self.history)),
+                "rng": json.dumps(self._rng.bit_generator.state),
+            },
+            buffer,
+        )
+        return buffer.getvalue()
+
+    def _resume(self, saved: bytes | None) -> None:
+        if saved is None:
+            return
+        state = torch.load(io.BytesIO(saved), weights_only=True)
+        if state["fingerprint"] != self._fingerprint:
+            return
+        self._network.load_state_dict(state["network"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        self._schedule.load_state_dict(state["schedule"])
+        self._own_of_validation.data.copy_(state["own_of_validation"])
+        self._tare.load_state_dict(state["tare"])
+        self._best = state["best"]
+        self.history = History(**json.loads(state["history"]))
+        self._rng.bit_generator.state = json.loads(state["rng"])
+
+    def result(self) -> Trained:
+        """Return the best network, in numpy."""
+        p = {name: value.numpy().astype(np.float64) for name, value in self._best.items()}
+        own = np.array([1.0, 0.0]) + p["own"] * self._spread
+        weights = {
+            "weight_ih": p["lstm.weight_ih_l0"],
+            "weight_hh": p["lstm.weight_hh_l0"],
+            "bias": p["lstm.bias_ih_l0"] + p["lstm.bias_hh_l0"],
+            "head_weight": p["head.weight"],
+            "head_bias": p["head.bias"],
+        }
+        named = dict(zip(self._names, own, strict=True))
+        return Trained(weights, self._gauge, named, self._scaling, self._step_s, self.history)
 
 
-def _draw_sequences(
-    recordings: Sequence[Recording], gauge: StaticGauge, settings: TrainingSettings, rng: np.random.Generator
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Return inputs (sequences, steps, 3), targets and which of them count, of random pieces."""
-    count, steps = settings.sequences, settings.steps
-    strain, change = np.empty((count, steps)), np.empty((count, steps))
-    step_s = np.exp(rng.uniform(np.log(settings.step_s[0]), np.log(settings.step_s[1]), count))
-    for k in range(count):
-        r = recordings[int(rng.integers(len(recordings)))]
-        step_s[k] = min(step_s[k], (r.t_s[-1] - r.t_s[0]) / steps)
-        t_s = rng.uniform(r.t_s[0], r.t_s[-1] - step_s[k] * (steps - 1)) + step_s[k] * np.arange(steps)
-        strain[k], change[k] = np.interp(t_s, r.t_s, r.strain), np.interp(t_s, r.t_s, r.change)
-    noise = rng.uniform(*settings.noise, (count, 1)) * rng.standard_normal((count, steps))
-    change = (1 + change) * (1 + noise) - 1
-    rate = np.diff(change, axis=1, prepend=change[:, :1]) / step_s[:, None]
-    x = features(change, rate, step_s[:, None])
-    target = (strain - gauge.stretched_strain(change)) / STRAIN_SCALE
-    counted = (strain >= 0) & (np.arange(steps) >= settings.burn_in)
-    return tuple(torch.tensor(a, dtype=torch.float32) for a in (x, target, counted))  # type: ignore[return-value]
+def _loss(error: torch.Tensor, log_variance: torch.Tensor, counted: torch.Tensor, likelihood: bool) -> torch.Tensor:
+    loss = 0.5 * (error**2 * torch.exp(-log_variance) + log_variance) if likelihood else error**2
+    return (loss * counted).sum() / counted.sum().clamp(min=1)
 
 
-def _as_model(
-    network: _Network,
-    gauge: StaticGauge,
-    recordings: Sequence[Recording],
-    settings: TrainingSettings,
-    sigma_scale: tuple[float, float],
-    scores: dict[str, dict[str, float]],
-) -> SensorModel:
-    parameters = {name: p.detach().numpy().astype(np.float64) for name, p in network.named_parameters()}
-    mode_change, mode_log_odds = fit_mode(recordings)
-    tensors: dict[str, NDArray[np.float64]] = {
-        "weight_ih": parameters["lstm.weight_ih_l0"],
-        "weight_hh": parameters["lstm.weight_hh_l0"],
-        "bias": parameters["lstm.bias_ih_l0"] + parameters["lstm.bias_hh_l0"],
-        "head_weight": parameters["head.weight"],
-        "head_bias": parameters["head.bias"],
-        "strain_knots": gauge.strain_knots,
-        "change_knots": gauge.change_knots,
-        "mode_change": mode_change,
-        "mode_log_odds": mode_log_odds,
-    }
-    t = np.arange(20) * 0.02
-    tensors["golden_input"] = features(0.1 + 0.05 * np.sin(5 * t), 0.25 * np.cos(5 * t), 0.02)
-    lstm = Lstm(*(tensors[name] for name in ("weight_ih", "weight_hh", "bias", "head_weight", "head_bias")))
-    tensors["golden_output"] = run_lstm(lstm, tensors["golden_input"])
+def _scaled_loss(error: torch.Tensor, log_variance: torch.Tensor, counted: torch.Tensor) -> torch.Tensor:
+    """Return the Gaussian loss with sigma multiplied by what makes it least: sigma is scaled after the training."""
+    count = counted.sum().clamp(min=1)
+    mean_square = (error**2 * torch.exp(-log_variance) * counted).sum() / count
+    return 0.5 * ((log_variance * counted).sum() / count + torch.log(mean_square + 1e-12) + 1)
+
+
+def _scaling(recordings: Sequence[Recording]) -> Scaling:
+    """Return scales of the inputs that suit recordings, to two digits."""
     change = np.concatenate([r.change for r in recordings])
     rate = np.concatenate([np.diff(r.change) / np.diff(r.t_s) for r in recordings])
-    metadata = {
-        "format": FORMAT,
-        "units": {"change": "dR/R, fraction", "strain": "fraction of L0", "rate": "1/s", "step": "s"},
-        "gates": "i f g o",
-        "ranges": {
-            "change": [float(change.min()), float(change.max())],
-            "rate_per_s": float(np.quantile(np.abs(rate), 0.999)),
-            "strain": [0.0, float(max(r.strain.max() for r in recordings))],
-            "step_s": list(settings.step_s),
-        },
-        "spread": {"gain_sigma": gauge.gain_sigma, "offset_sigma": gauge.offset_sigma},
-        "sigma_scale": list(sigma_scale),
-        "recipe": asdict(settings),
-        "trained_on": sorted(r.name for r in recordings),
-        "held_out": scores,
-    }
-    return SensorModel(tensors, metadata)
+    values = (np.median(change), np.std(change), np.sqrt(np.mean(rate**2)))
+    return Scaling(*(float(f"{value:.2g}") for value in values))
+
+
+def _step_range(recordings: Sequence[Recording], relative: tuple[float, float]) -> tuple[float, float]:
+    """Return a range of time steps about the recordings' own."""
+    own = float(np.median([np.median(np.diff(r.t_s)) for r in recordings]))
+    return float(f"{relative[0] * own:.2g}"), float(f"{relative[1] * own:.2g}")
+
+
+def _running_means(recording: Recording) -> NDArray[np.float64]:
+    """Return (samples, memories) running means of dR/R."""
+    step_s = np.diff(recording.t_s, prepend=2 * recording.t_s[0] - recording.t_s[1])
+    return running_means(recording.change[:, None], step_s[:, None], np.array(MEMORY_S))[:, 0]
+
+
+def _fingerprint(split: Split, settings: TrainingSettings) -> str:
+    digest = hashlib.sha256(json.dumps([asdict(settings), torch.__version__], sort_keys=True).encode())
+    for recordings in (split.training, split.validation):
+        for r in recordings:
+            digest.update(f"|{r.name}|{r.scored_from_s}".encode())
+            for values in (r.t_s, r.strain, r.change):
+                digest.update(values.tobytes())
+    return digest.hexdigest()

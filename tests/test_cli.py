@@ -2,11 +2,14 @@
 
 import csv
 import filecmp
+import hashlib
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import time
 import tomllib
 from pathlib import Path
 
@@ -279,7 +282,12 @@ REFUSED = [
     (["compare", "nothing"], "nothing/trial.toml: no such file"),
     (["compare", "trial", "trial"], "two of these are named trial"),
     (["compare", "trial", "--out", "trial"], "expected a new name, or a directory with comparison.csv"),
-    (["calibrate", "trial", "--out", "m"], "row 1: expected '# natural_resistance_ohm = NUMBER'"),
+    (["calibrate", "trial", "--out", "m.safetensors"], "row 1: expected '# natural_resistance_ohm = NUMBER'"),
+    (["calibrate", "trial", "--out", "m"], "m: expected a name that ends in .safetensors"),
+    (["calibrate", ".", "--out", "m.safetensors"], ".: holds no recordings: expected files *.csv"),
+    (["calibrate", "trial", "--out", "m.safetensors", "--rig", "bad.toml"], "bad.toml: noise: is no key of a rig"),
+    (["calibrate", "trial", "--out", "m.safetensors", "--hold-out", "a", "--hold-out-tail", "0.4"], "expected one of"),
+    (["reconstruct", "trial", "--model", "bad.toml"], "bad.toml: is no model file"),
 ]
 
 
@@ -326,6 +334,75 @@ def test_a_bad_plan_is_one_line_and_nothing_is_written(tmp_path) -> None:
     line = 1 + text[: text.index("push_back")].count("\n")
     assert f"bad.toml: line {line}: mechanics.push_bak: is no key of a plan" in result.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["bad.toml"]
+
+
+@pytest.fixture(scope="module")
+def rig_folder(tmp_path_factory):
+    """Seven recordings of strips at one speed each, and one file that is none."""
+    folder = tmp_path_factory.mktemp("rig")
+    (folder / "strips").mkdir()
+    rng = np.random.default_rng(5)
+    for k, speed in enumerate((0.01, 0.01, 0.03, 0.03, 0.09, 0.09, 0.09)):
+        t_s = np.arange(0, 60, 0.1)
+        strain = np.abs((speed * t_s + 0.2) % 0.4 - 0.2)
+        ohm = 1e6 * (1 + (1 + 0.02 * k) * 1.3 * strain + 1e-3 * rng.standard_normal(len(t_s)))
+        rows = [f"{t:.2f},{e:.6f},{r:.0f}" for t, e, r in zip(t_s, strain, ohm, strict=True)]
+        text = "\n".join(["# natural_resistance_ohm = 1000000", "t_s,strain,resistance_ohm", *rows, ""])
+        (folder / "strips" / f"s{k}.csv").write_text(text)
+    (folder / "strips" / "bad.csv").write_text("# natural_resistance_ohm = 1\nt_s,strain,resistance_ohm\n0,0,x\n")
+    return folder
+
+
+CALIBRATE = ("calibrate", "strips", "--epochs", "20", "--out")
+
+
+@pytest.fixture(scope="module")
+def calibrated(rig_folder):
+    return run(*CALIBRATE, "m.safetensors", "--sweep", cwd=rig_folder)
+
+
+def test_calibrate_writes_model_card_and_figures(rig_folder, calibrated) -> None:
+    assert calibrated.returncode == 0, calibrated.stderr
+    assert "left out: strips/bad.csv: row 3, column resistance_ohm: expected a finite number, got 'x'" in (
+        calibrated.stdout
+    )
+    assert "speed 0.03 /s" in calibrated.stdout
+    assert "The LSTM" in calibrated.stdout
+    figures = {path.name: path.read_bytes() for path in (rig_folder / "m_figures").iterdir()}
+    assert sorted(figures) == ["curves.png", "errors.png", "losses.png", "predictions.png", "sweep.png"]
+    assert all(content.startswith(b"\x89PNG") for content in figures.values())
+    card = (rig_folder / "m.md").read_text()
+    digest = hashlib.sha256((rig_folder / "strips" / "s2.csv").read_bytes()).hexdigest()
+    assert f"| s2.csv | test | `{digest}` |" in card
+    assert "Left out:" in card
+    assert "the paper's eq. (9) stands in" in card
+    assert not list(rig_folder.glob("*.checkpoint"))
+
+
+def test_reconstruct_uses_the_model_it_is_given(rig_folder, calibrated, trial_copy) -> None:
+    path = trial_copy(rows=40)
+    other = run("reconstruct", path, "--live", "--model", rig_folder / "m.safetensors", "--out", "o", cwd=path.parent)
+    shipped = run("reconstruct", path, "--live", "--out", "s", cwd=path.parent)
+    assert other.returncode == shipped.returncode == 0, other.stderr
+    assert not filecmp.cmp(path.parent / "o" / "lengths.csv", path.parent / "s" / "lengths.csv", shallow=False)
+
+
+def test_ctrl_c_and_the_same_command_again_give_the_same_bytes(rig_folder, calibrated) -> None:
+    command = [sys.executable, "-m", "tensegraph", *CALIBRATE, "again.safetensors"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+
+    def heed_ctrl_c() -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a job in the background is started deaf to it
+
+    with subprocess.Popen(command, cwd=rig_folder, preexec_fn=heed_ctrl_c, **quiet) as process:
+        until = time.monotonic() + 60
+        while not (rig_folder / "again.checkpoint").exists() and time.monotonic() < until:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=60) == 130
+    assert not (rig_folder / "again.safetensors").exists()
+    assert run(*CALIBRATE, "again.safetensors", cwd=rig_folder).returncode == 0
+    assert filecmp.cmp(rig_folder / "again.safetensors", rig_folder / "m.safetensors", shallow=False)
 
 
 def test_help_names_the_commands(tmp_path) -> None:

@@ -1,6 +1,9 @@
 """The sensor equations: divider, eq. (9), the LSTM of eqs. (10)-(15), taring, and the front end as a whole."""
 
+import hashlib
 import json
+from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,11 +18,13 @@ from tensegraph.models.divider import Divider
 from tensegraph.models.front_end import FrontEnd, FrontEndSettings
 from tensegraph.models.gauge import StaticGauge
 from tensegraph.models.readings import ResistanceFrame
+from tensegraph.models.recipe import TrainingSettings
 from tensegraph.models.sensor_model import SensorModel, StrainSpread, StretchingSensors
 from tensegraph.models.stretching import Lstm, LstmState
 from tensegraph.models.taring import RestLengths, Taring
 
 KNOWN_OHM = 5.8e6
+CALIBRATION = Path(__file__).parents[1] / "examples" / "calibration"
 
 
 class TestDivider:
@@ -140,6 +145,9 @@ class TestSensorModel:
         assert model.metadata["units"]["change"] == "dR/R, fraction"
         assert model.metadata["recipe"]["seed"] == 0
         assert "random_small_s5" in model.metadata["held_out"]
+        for path in sorted(CALIBRATION.glob("*.csv")):  # it is made of what examples/ holds
+            assert model.metadata["data_sha256"][path.name] == hashlib.sha256(path.read_bytes()).hexdigest()
+        assert model.metadata["recipe"] == json.loads(json.dumps(asdict(TrainingSettings())))
         assert "random_small_s5" not in model.metadata["trained_on"]
 
     def test_a_changed_weight_is_noticed(self, model: SensorModel) -> None:
@@ -323,6 +331,24 @@ class TestFrontEnd:
         assert (first.flags & Flag.WARMING_UP).all()
         assert not (last.flags & Flag.WARMING_UP).any()
         assert (last.sigma_m < first.sigma_m).all()
+
+    def test_a_unified_network_measures_bent_tendons_too(self, model: SensorModel) -> None:
+        """The same weights called unified: bent, the length is no longer the polynomial's; stretched it is the same."""
+        unified = replace(model, metadata=dict(model.metadata) | {"unified": True})
+        split_end, unified_end = front_end(model), front_end(unified)
+        for k, y in enumerate(np.linspace(0.08, -0.4, 200)):
+            split, one = split_end.step(frame(k, y)), unified_end.step(frame(k, y))
+            if k == 20:
+                np.testing.assert_array_equal(split.length_m, one.length_m)
+        assert (one.mode == Mode.BENDING).all()
+        assert (np.abs(split.length_m - one.length_m) > 1e-3).all()
+
+    def test_a_model_without_bending_recordings_uses_the_paper_s_curve(self, model: SensorModel) -> None:
+        bare = replace(model, tensors={k: v for k, v in model.tensors.items() if not k.startswith("bending")})
+        paper, own = bare.bending_curve("strain"), model.bending_curve("strain")
+        assert paper.change(-0.4) == BendingCurve().change(-0.4)
+        assert own.change(-0.4) != paper.change(-0.4)
+        np.testing.assert_allclose(own.change([-0.2, -0.4, -0.7]), paper.change([-0.2, -0.4, -0.7]), atol=0.02)
 
     def test_both_readings_of_eq_9_run(self, model: SensorModel) -> None:
         ends = []

@@ -5,16 +5,26 @@ import pytest
 
 from tensegraph import InputError
 from tensegraph.models.bending import BendingCurve
-from tensegraph.models.gauge import Recording, fit_gauge
-from tensegraph.models.training import TrainingSettings, is_held_out, train
+from tensegraph.models.calibration import LSTM, STATIC, calibrate_model
+from tensegraph.models.gauge import fit_gauge
+from tensegraph.models.recipe import CHECK_EVERY, TrainingSettings
+from tensegraph.models.recordings import Recording, Split
+from tensegraph.models.scores import Score
+from tensegraph.models.sensor_model import StretchingSensors
+from tensegraph.models.stretching import MEMORY_S
+from tensegraph.models.training import train
+
+QUICK = TrainingSettings(epochs=60, sequences=12, steps=600, hidden=8)
+GAINS = (1.1, 0.9, 1.05, 0.95, 1.0, 0.97)
+TINY = TrainingSettings(epochs=20, sequences=4, steps=200, chunk=50, hidden=4)
 
 
-def lagging_sensor(name: str, seed: int, *, gain=1.0, offset=0.0, lag_s=0.3, seconds=60.0, high=0.2) -> Recording:
+def lagging_sensor(name: str, seed: int, *, gain=1.0, offset=0.0, lag_s=0.3, seconds=60.0, low=0.0, high=0.2):
     """Random motion of a sensor y = offset + gain 1.3 strain behind a first-order lag, read at 20 Hz."""
     rng = np.random.default_rng(seed)
     t_s = np.arange(0, seconds, 0.05)
-    corners = np.cumsum(rng.uniform(0.2, 1.5, 200))
-    strain = np.interp(t_s, np.concatenate([[0], corners]), np.concatenate([[0], rng.uniform(0, high, 200)]))
+    corners = np.cumsum(rng.uniform(0.2, 1.5, int(2 * seconds)))
+    strain = np.interp(t_s, np.concatenate([[0], corners]), np.append(0, rng.uniform(low, high, len(corners))))
     lagged = np.empty_like(strain)
     lagged[0] = strain[0]
     for k in range(1, len(strain)):
@@ -22,16 +32,21 @@ def lagging_sensor(name: str, seed: int, *, gain=1.0, offset=0.0, lag_s=0.3, sec
     return Recording(name, t_s, strain, offset + gain * 1.3 * lagged + 5e-4 * rng.standard_normal(len(t_s)))
 
 
-@pytest.fixture(scope="module")
-def recordings():
-    return [lagging_sensor(f"random_small_s{k}", k, gain=1 + 0.05 * (k - 2.5)) for k in range(6)]
+def fit(split: Split, settings: TrainingSettings, **kwargs):
+    return train(split, BendingCurve(), settings, **kwargs)
 
 
 @pytest.fixture(scope="module")
-def trained(recordings):
+def split():
+    recordings = [lagging_sensor(f"random_s{k}", k, gain=gain) for k, gain in enumerate(GAINS)]
+    return Split.by_recordings(recordings)
+
+
+@pytest.fixture(scope="module")
+def calibrated(split):
     epochs = []
-    settings = TrainingSettings(epochs=60, sequences=16, steps=800, hidden=8)
-    return train(recordings, settings, lambda epoch, loss: epochs.append((epoch, loss))), epochs
+    trained = fit(split, QUICK, progress=lambda epoch, loss: epochs.append(epoch))
+    return calibrate_model(split, trained, None, QUICK), epochs
 
 
 def test_gauge_of_a_static_sensor_is_recovered() -> None:
@@ -44,28 +59,146 @@ def test_gauge_of_a_static_sensor_is_recovered() -> None:
     np.testing.assert_allclose(gains / gains.mean(), [0.9, 1.0, 1.1], rtol=0.02)
 
 
-def test_the_network_undoes_a_lag_that_the_curve_can_not(trained) -> None:
-    model, epochs = trained
-    (scores,) = model.metadata["held_out"].values()
-    assert scores["rmse_strain"] < 0.6 * scores["static_rmse_strain"]
-    assert 0.85 < scores["coverage_95"] <= 1.0
-    assert [epoch for epoch, _ in epochs] == list(range(1, 61))
+def test_gauge_rises_even_where_the_readings_do_not() -> None:
+    """A reading that stays level above 0.1 strain: the curve keeps a slope, so that it can be inverted."""
+    t_s = np.arange(0, 60, 0.05)
+    strain = 0.1 - 0.1 * np.cos(t_s)
+    gauge, _ = fit_gauge([Recording("level", t_s, strain, np.minimum(strain, 0.1))], BendingCurve())
+    assert (np.diff(gauge.change_knots) > 0).all()
 
 
-def test_held_out_recordings_are_kept_out(trained) -> None:
-    model, _ = trained
-    assert model.metadata["trained_on"] == [f"random_small_s{k}" for k in range(5)]
-    assert list(model.metadata["held_out"]) == ["random_small_s5"]
-    assert is_held_out("stretch_0.05_s1")
-    assert not is_held_out("stretch_0.10_s2")
+def test_a_sensor_whose_resistance_falls_is_refused() -> None:
+    t_s = np.arange(0, 60, 0.05)
+    strain = 0.1 - 0.1 * np.cos(t_s)
+    with pytest.raises(InputError, match="does not rise with strain"):
+        fit_gauge([Recording("falls", t_s, strain, -strain)], BendingCurve())
 
 
-def test_the_same_seed_gives_the_same_model(recordings) -> None:
-    settings = TrainingSettings(epochs=2, sequences=4, steps=200, chunk=50)
-    one, other = train(recordings, settings), train(recordings, settings)
-    np.testing.assert_array_equal(one.tensors["weight_ih"], other.tensors["weight_ih"])
+def test_the_network_undoes_a_lag_that_the_curve_can_not(calibrated) -> None:
+    calibration, epochs = calibrated
+    scores = {name: Score.of(runs) for name, runs in calibration.runs.items()}
+    assert scores[LSTM].rmse < 0.6 * scores[STATIC].rmse
+    assert 0.85 < scores[LSTM].coverage_95 <= 1.0
+    assert epochs == list(range(1, QUICK.epochs + 1))
 
 
-def test_nothing_to_train_on_is_refused(recordings) -> None:
-    with pytest.raises(InputError, match="no recording"):
-        train([recordings[5]], TrainingSettings(epochs=1))
+def test_gains_are_found_along_with_the_network(calibrated) -> None:
+    """In proportion: one gain for all is the curve's. The last two strips validate and test."""
+    own = calibrated[0].trained.own
+    gains = np.array([own[f"random_s{k}"][0] for k in range(4)])
+    np.testing.assert_allclose(gains / gains.mean(), np.array(GAINS[:4]), rtol=0.03)
+    assert 0.03 < calibrated[0].trained.gauge.gain_sigma < 0.1
+
+
+def test_held_out_recordings_are_kept_out(calibrated) -> None:
+    calibration, _ = calibrated
+    assert calibration.model.metadata["trained_on"] == [f"random_s{k}" for k in range(4)]
+    assert [r.name for r in calibration.split.validation] == ["random_s4"]
+    assert [run.name for run in calibration.runs[LSTM]] == ["random_s5"]
+
+
+def test_running_needs_no_torch_and_gives_what_torch_gives(calibrated) -> None:
+    """`SensorModel` in numpy against torch's LSTM with the same weights, over 200 steps of 24 sensors: 1e-6."""
+    import torch
+
+    model = calibrated[0].model
+    weights = {name: torch.tensor(model.tensors[name]) for name in model.tensors}
+    reference, head = (
+        torch.nn.LSTM(3 + len(MEMORY_S), QUICK.hidden, batch_first=True).double(),
+        torch.nn.Linear(QUICK.hidden, 2).double(),
+    )
+    with torch.no_grad():
+        for name, value in {
+            "weight_ih_l0": weights["weight_ih"],
+            "weight_hh_l0": weights["weight_hh"],
+            "bias_ih_l0": weights["bias"],
+            "bias_hh_l0": torch.zeros_like(weights["bias"]),
+        }.items():
+            getattr(reference, name).copy_(value)
+        head.weight.copy_(weights["head_weight"])
+        head.bias.copy_(weights["head_bias"])
+    weight = 1 - np.exp(-0.02 / np.array(MEMORY_S))
+    change = 0.1 + np.cumsum(0.01 * np.random.default_rng(1).standard_normal((200, 24)), axis=0)
+    rate = np.diff(change, axis=0, prepend=change[:1]) / 0.02
+    sensors, s = StretchingSensors(model, 24), model.scaling
+    strain = np.array([sensors.step(y, v, 0.02)[0] for y, v in zip(change, rate, strict=True)])
+    step = np.full_like(change, np.log(0.02 / s.step_s))
+    means = np.zeros((24, len(MEMORY_S)))  # as those of a sensor never read
+    away = [change[k, :, None] - (means := means + (change[k, :, None] - means) * weight) for k in range(200)]
+    now = np.stack([(change - s.change_middle) / s.change, rate / s.rate_per_s, step], axis=-1)
+    x = np.concatenate([now, np.array(away) / s.change], axis=-1)
+    with torch.no_grad():
+        output = head(reference(torch.tensor(x.swapaxes(0, 1)))[0]).numpy().swapaxes(0, 1)
+    expected = model.gauge.stretched_strain(change) + 0.05 * output[..., 0]
+    np.testing.assert_allclose(strain, expected, atol=1e-6)
+
+
+class Kept:
+    """A checkpoint in memory."""
+
+    def __init__(self) -> None:
+        self.state: bytes | None = None
+
+    def load(self) -> bytes | None:
+        return self.state
+
+    def save(self, state: bytes) -> None:
+        self.state = state
+
+
+def test_the_same_seed_gives_the_same_model(split) -> None:
+    one, other, third = (fit(split, TINY), fit(split, TINY), fit(split, TrainingSettings(**{**_dict(TINY), "seed": 1})))
+    np.testing.assert_array_equal(one.weights["weight_ih"], other.weights["weight_ih"])
+    assert not np.array_equal(one.weights["weight_ih"], third.weights["weight_ih"])
+
+
+@pytest.mark.parametrize("epoch", [CHECK_EVERY, 2 * CHECK_EVERY + 3])
+def test_an_interrupted_training_goes_on_to_the_same_model(split, epoch: int) -> None:
+    whole, kept, seen = fit(split, TINY), Kept(), []
+
+    def interrupt(now: int, loss: float) -> None:
+        if now == epoch + 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fit(split, TINY, progress=interrupt, checkpoint=kept)
+    resumed = fit(split, TINY, progress=lambda now, loss: seen.append(now), checkpoint=kept)
+    assert seen[0] == epoch // CHECK_EVERY * CHECK_EVERY + 1
+    for name, value in whole.weights.items():
+        np.testing.assert_array_equal(resumed.weights[name], value)
+    assert resumed.history == whole.history
+
+
+def test_a_checkpoint_of_other_settings_is_not_used(split) -> None:
+    kept, seen = Kept(), []
+    fit(split, TINY, checkpoint=kept)
+    other = TrainingSettings(**{**_dict(TINY), "seed": 1})
+    fit(split, other, progress=lambda now, loss: seen.append(now), checkpoint=kept)
+    assert seen[0] == 1
+
+
+def test_training_stops_when_validation_gets_no_better(split) -> None:
+    impatient = TrainingSettings(**{**_dict(TINY), "epochs": 400, "patience": 10})
+    history = fit(split, impatient).history
+    assert len(history.training_loss) < 400
+    assert len(history.training_loss) - history.best_epoch >= 10
+
+
+def test_one_network_for_both_modes() -> None:
+    """Strain of either sign from a sensor that is linear through zero: what the split network never scores on."""
+    recordings = [lagging_sensor(f"random_s{k}", k, low=-0.2) for k in range(5)]
+    recordings.append(lagging_sensor("random_s5", 5, low=-0.2))
+    recordings[0] = lagging_sensor("random_s0", 0)
+    split = Split.by_recordings(recordings)
+    settings = TrainingSettings(**{**_dict(QUICK), "unified": True})
+    calibration = calibrate_model(split, fit(split, settings), None, settings)
+    (run,) = calibration.runs[LSTM]
+    assert (run.strain < -0.1).any()
+    assert calibration.model.unified
+    assert Score.of([run]).rmse < 0.02
+
+
+def _dict(settings: TrainingSettings) -> dict:
+    from dataclasses import asdict
+
+    return asdict(settings)

@@ -7,6 +7,7 @@ from tensegraph import Flag, InputError, Settings, open_trial
 from tensegraph.io.calibration import read_recording, read_recordings
 from tensegraph.io.csv import CsvFile
 from tensegraph.io.toml import read_settings
+from tensegraph.models.rig import Rig
 from tensegraph.pipeline import Pipeline, reconstruct
 
 
@@ -309,8 +310,8 @@ class TestCalibrationRecordings:
         return folder / name
 
     def test_are_read(self, tmp_path) -> None:
-        self.write(tmp_path, "# natural_resistance_ohm = 100\nt_s,strain,resistance_ohm\n0.0,0.0,100\n0.1,0.1,112\n")
-        (recording,) = read_recordings(tmp_path)
+        self.write(tmp_path, "# natural_resistance_ohm = 100\nt_s,strain,resistance_ohm\n0.0,0.0,100\n40,0.1,112\n")
+        (recording,) = read_recordings(tmp_path, Rig()).recordings
         assert recording.name == "a"
         np.testing.assert_allclose(recording.change, [0, 0.12])
 
@@ -326,8 +327,8 @@ class TestCalibrationRecordings:
     )
     def test_bad_ones_are_refused_by_row_and_column(self, tmp_path, text, message) -> None:
         with pytest.raises(InputError, match=message):
-            read_recording(self.write(tmp_path, text))
+            read_recording(self.write(tmp_path, text), Rig())
 
     def test_an_empty_folder_is_refused(self, tmp_path) -> None:
         with pytest.raises(InputError, match="holds no recordings"):
-            read_recordings(tmp_path)
+            read_recordings(tmp_path, Rig())

@@ -1,0 +1,91 @@
+"""What a calibration writes: the model file, its card, its figures; and the checkpoint while it runs."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..models.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationPaths:
+    """The three outputs of a calibration, side by side."""
+
+    model: Path
+    """*.safetensors"""
+
+    @property
+    def card(self) -> Path:
+        """The model card."""
+        return self.model.with_suffix(".md")
+
+    @property
+    def figures(self) -> Path:
+        """The directory of figures."""
+        return self.model.with_name(f"{self.model.stem}_figures")
+
+    @property
+    def checkpoint(self) -> Path:
+        """The state of an unfinished training."""
+        return self.model.with_suffix(".checkpoint")
+
+    def check(self) -> None:
+        """Refuse, before any work, what could not be written.
+
+        Raises:
+            InputError: when something else stands in the place of an output.
+        """
+        if self.model.suffix != ".safetensors":
+            raise InputError(f"{self.model}: expected a name that ends in .safetensors")
+        if not self.model.parent.is_dir():
+            raise InputError(f"{self.model.parent}: no such directory")
+        for path in (self.model, self.card, self.checkpoint):
+            if path.is_dir():
+                raise InputError(f"{path}: is a directory: expected a new name, or an earlier file")
+        if self.figures.exists() and not (self.figures.is_dir() and all(_is_figure(p) for p in self.figures.iterdir())):
+            raise InputError(f"{self.figures}: exists and holds more than an earlier run's figures")
+
+    @contextmanager
+    def written_whole(self) -> Iterator["CalibrationPaths"]:
+        """Give paths to write to; they take their places when the block ends without an error, the model last."""
+        temporary = Path(tempfile.mkdtemp(prefix=f".{self.model.stem}-", dir=self.model.parent))
+        inside = CalibrationPaths(temporary / self.model.name)
+        inside.figures.mkdir()
+        try:
+            yield inside
+            if self.figures.exists():
+                shutil.rmtree(self.figures)
+            for written, path in zip(inside._all(), self._all(), strict=True):
+                os.replace(written, path)
+            self.checkpoint.unlink(missing_ok=True)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+    def _all(self) -> tuple[Path, Path, Path]:
+        return self.figures, self.card, self.model
+
+
+def _is_figure(path: Path) -> bool:
+    return path.suffix == ".png"
+
+
+@dataclass(frozen=True, slots=True)
+class CheckpointFile:
+    """A training's state on disk."""
+
+    path: Path
+    """Where."""
+
+    def load(self) -> bytes | None:
+        """Return what was saved last."""
+        return self.path.read_bytes() if self.path.is_file() else None
+
+    def save(self, state: bytes) -> None:
+        """Keep a state in place of the last, whole or not at all."""
+        written = self.path.with_suffix(".checkpoint-new")
+        written.write_bytes(state)
+        os.replace(written, self.path)
