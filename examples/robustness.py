@@ -51,21 +51,20 @@ def open_circuit(trial: Trial, dead: Sequence[int]) -> Iterator[BoardReading]:
 
 def dead_sensors(trial: Trial, draws: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return (draws, dead) node RMSE and median sigma [mm] with 0, 1, 2 ... sensors dead, each one more than before."""
-    rng, truth = np.random.default_rng(seed), trial.truth()
-    free_nodes, free_tendons = trial.description.structure.free_nodes, trial.description.structure.free_tendons
-    orders = [rng.permutation(free_tendons)[:MOST_DEAD].tolist() for _ in range(draws)]
-    result = np.empty((2, draws, MOST_DEAD + 1))
-    whole = None
-    for draw, order in enumerate(orders):
-        for count in range(MOST_DEAD + 1):
-            if count == 0 and whole is not None:
-                result[:, draw, 0] = whole
-                continue
-            shapes = estimated(trial, trial.description, "live", order[:count])
-            sigma_m = np.median(shapes.node_sigma_m[:, free_nodes])
-            result[:, draw, count] = 1e3 * node_rmse_m(shapes, *truth), 1e3 * sigma_m
-            whole = result[:, draw, 0]
-    return result[0], result[1]
+    rng, truth, structure = np.random.default_rng(seed), trial.truth(), trial.description.structure
+
+    def measured_mm(dead: Sequence[int]) -> tuple[float, float]:
+        shapes = estimated(trial, trial.description, "live", dead)
+        sigma_m = np.median(shapes.node_sigma_m[:, structure.free_nodes])
+        return 1e3 * node_rmse_m(shapes, *truth), 1e3 * float(sigma_m)
+
+    whole = measured_mm([])
+    result = []
+    for _ in range(draws):
+        order = rng.permutation(structure.free_tendons)[:MOST_DEAD].tolist()
+        result.append([whole, *(measured_mm(order[: count + 1]) for count in range(MOST_DEAD))])
+    rmse_mm, sigma_mm = np.moveaxis(np.array(result), -1, 0)
+    return rmse_mm, sigma_mm
 
 
 def held_rmse_mm(trial: Trial) -> float:
@@ -86,10 +85,14 @@ def draw_dead_sensors(results: dict[str, tuple[np.ndarray, np.ndarray, float]], 
             axis.plot(count, values.T, color=color, lw=0.6, alpha=0.5, ls=style)
             axis.plot(count, np.median(values, axis=0), color=color, lw=2, ls=style, marker="o", ms=4)
         axis.axhline(held_mm, color=GREY, lw=1, ls=":")
-        axis.set(xlabel="dead sensors", xticks=count, ylim=(0, 1.08 * max(held_mm, rmse_mm.max(), sigma_mm.max())))
+        axis.set(
+            xlabel="dead sensors",
+            xticks=count,
+            ylim=(0, 1.08 * max(held_mm, rmse_mm.max(), sigma_mm.max())),
+            ylabel="[mm]",
+        )
         axis.set_title(name, fontsize=10)
         axis.grid(alpha=0.3, lw=0.4)
-    axes[0].set_ylabel("[mm]")
     draws = len(rmse_mm)
     figure.suptitle(f"live estimate with dead sensors: median of {draws} random draws, and each (own scales)")
     figure.legend(
