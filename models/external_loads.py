@@ -11,8 +11,8 @@ from .statics import Statics
 from .structure import Structure
 
 LOAD_THRESHOLD_N = 0.2
-"""Above it a node is called loaded. On the development trials unloaded nodes show 0.02 to 0.05 N rms while nothing is
-pressed, and 0.3 to 2 % of them more than this."""
+"""Above it a node is called loaded. On the development trials unloaded nodes show 0.03 to 0.06 N rms while nothing is
+pressed, and 0.5 to 2 % of them more than this."""
 
 
 class Observable(StrEnum):
