@@ -1,8 +1,11 @@
 """The command line: `tensegraph --help`."""
 
+import math
 import sys
 import time
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,19 +16,27 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from .calibration import calibrate_folder
 from .comparison import COMPARISON_FILE, comparison_rows, measure, write_comparison
+from .feeds import Feed, Rig, boards_feed, replay_feed, twin_feed
 from .io.calibration import read_rig
 from .io.calibration_output import CalibrationPaths
 from .io.comparison import as_markdown
 from .io.model_file import read_sensor_model
+from .io.recorder import check_trial_path
 from .io.result import RUN_FILE, check_result_path
+from .io.serial_port import ask, usb_ports
 from .io.toml import read_settings
 from .io.trial import Trial, open_trial
-from .models.errors import TensegraphError
-from .models.readings import TendonLengths
+from .live import Activity, LiveResult, Session, stopped_by_signals
+from .models.boards import Boards
+from .models.errors import RecordingError, TensegraphError
+from .models.link import LinkState
+from .models.readings import BoardReading, TendonLengths
 from .models.recipe import TrainingSettings
 from .models.reconstruction import Reconstruction
 from .models.sensor_model import SensorModel
 from .models.settings import Settings
+from .models.trial import LinkTable
+from .panel import BesideTheRig, Panel, ports_table, shown
 from .pipeline import Method, Pipeline, write_result
 from .report import Run
 from .score import EVALUATION_FILE, as_text, score_result, write_score
@@ -180,6 +191,101 @@ def calibrate(
         raise typer.Exit(130) from None
 
 
+PORTS = Annotated[
+    list[str] | None, typer.Option("--port", help="Serial port; may be repeated. [default: the rig's, or all]")
+]
+SECONDS = Annotated[float, typer.Option(min=0, help="End by itself after so long. [default: at Ctrl-C]")]
+
+
+@app.command()
+def ports(
+    ports: Annotated[list[str] | None, typer.Argument(help="Ports to ask. [default: all USB serial ports]")] = None,
+    baud: Annotated[int, typer.Option(help="Of the boards' firmware.")] = LinkTable().baud,
+    seconds: Annotated[float, typer.Option(help="To listen at most; a Mega takes two to start.")] = 4.0,
+) -> None:
+    """List serial ports, and the boards that answer on them."""
+    found = usb_ports()
+    asked = {port: found.get(port, "") for port in ports} if ports else found
+    if not asked:
+        raise TensegraphError("no USB serial port: is a board plugged in?")
+    with ThreadPoolExecutor(len(asked)) as pool:  # each waits for its own board
+        answers = list(pool.map(lambda port: ask(port, asked[port], baud, seconds), asked))
+    console.print(ports_table(answers))
+
+
+@app.command()
+def record(
+    rig: Annotated[Path, typer.Option(help="Description of structure, sensors and boards, as examples/rig.toml.")],
+    out: Annotated[Path, typer.Option(help="Trial directory to write; must not exist.")],
+    port: PORTS = None,
+    seconds: SECONDS = math.inf,
+) -> None:
+    r"""Record the boards into a trial directory; Ctrl-C ends it.
+
+    \b
+    tensegraph record --rig examples/rig.toml --out trials/first
+    """
+    check_trial_path(out)
+    setup, settings = Rig.read(rig), Settings()
+    boards, activity = Boards(setup.description, settings.clock), Activity(len(setup.table.board))
+    with boards_feed(setup, port or [], out, settings, read_sensor_model(), BesideTheRig(console)) as feed:
+        screen = Panel(f"recording {out}, Ctrl-C ends it", activity, lambda: boards.counts, feed.state)
+        with stopped_by_signals(feed.source), shown(screen, console):
+            for row in feed.rows:
+                assert isinstance(row, BoardReading)
+                activity.count(row, feed.source.late_s())
+                boards.reading(row)  # for the clocks' counts
+                if row.host_s > seconds or feed.state().recording_error:
+                    feed.source.stop()
+    _end_recording(out, feed.state())
+
+
+@app.command()
+def live(
+    rig: Annotated[Path | None, typer.Option(help="As for record: the shape from the boards.")] = None,
+    replay: Annotated[Path | None, typer.Option(help="Instead: the shape from a recorded trial.")] = None,
+    twin: Annotated[Path | None, typer.Option(help="Or: from the simulation of a plan, at its pace ...")] = None,
+    speed: Annotated[float, typer.Option(min=1e-3, help="... or so many times faster.")] = 1.0,
+    record: Annotated[Path | None, typer.Option(help="Trial directory to record into; must not exist.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Result directory. [default: results/NAME]")] = None,
+    config: Annotated[Path | None, typer.Option(help="Settings that differ from the defaults, as TOML.")] = None,
+    view: Annotated[bool, typer.Option("--view", help="Show the shape in a window.")] = False,
+    port: PORTS = None,
+    seconds: SECONDS = math.inf,
+) -> None:
+    r"""Show the shape while it moves, and keep it: from the boards or from a trial; Ctrl-C ends it.
+
+    \b
+    tensegraph live --rig examples/rig.toml --record trials/first
+    tensegraph live --replay examples/press_01 --speed 4
+    tensegraph live --twin examples/plans/press.toml
+    """
+    if sum(given is not None for given in (rig, replay, twin)) != 1:
+        raise TensegraphError("expected one of --rig, --replay and --twin")
+    if (rig is not None and speed != 1) or (rig is None and port):
+        raise TensegraphError("--speed goes with --replay and --twin, --port with --rig")
+    settings, model = read_settings(config), read_sensor_model()
+    named = record or replay or (twin and twin.with_suffix(""))
+    path = out or Path("results") / (named.resolve().name if named else "live")
+    check_result_path(path)
+    if record is not None:
+        check_trial_path(record)
+    with ExitStack() as stack:
+        if rig is not None:
+            people = BesideTheRig(console)
+            feed = stack.enter_context(boards_feed(Rig.read(rig), port or [], record, settings, model, people))
+        elif replay is not None:
+            feed = stack.enter_context(replay_feed(replay, speed, record))
+        else:
+            assert twin is not None
+            feed = stack.enter_context(twin_feed(twin, speed, record))
+        session = Session(feed, Pipeline(feed.description, settings, model), seconds)
+        _show_session(session, feed, path, view)
+    console.print(f"written to {path}", highlight=False)
+    if record is not None:
+        _end_recording(record, feed.state())
+
+
 @app.command()
 def simulate(
     plan: Annotated[Path, typer.Argument(help="Plan (*.toml), such as those in examples/plans.")],
@@ -191,6 +297,34 @@ def simulate(
     trial = simulate_trial(plan, out, seed)
     seconds = time.perf_counter() - start
     console.print(f"{trial.name}: {trial.row_count()} rows in {seconds:.1f} s, written to {out}", highlight=False)
+
+
+def _show_session(session: Session, feed: Feed, path: Path, view: bool) -> None:
+    """Run a session to its end, on the screen and into a result directory."""
+    pipeline = session.pipeline
+    structure, probability = pipeline.trial.structure, pipeline.settings.probability
+    clocks = pipeline.boards.counts if pipeline.boards else []
+    screen = Panel(f"live, from {feed.origin}; Ctrl-C ends it", session.activity, lambda: clocks, feed.state)
+    with LiveResult(path, structure, pipeline.settings) as result:
+        with ExitStack() as stack:
+            window = None
+            if view:
+                from .io.live_view import LiveView  # pyplot takes a second to import
+
+                window = stack.enter_context(LiveView(structure, pipeline.rest.node_position_m, probability))
+            stack.enter_context(stopped_by_signals(feed.source))
+            stack.enter_context(shown(screen, console))
+            for shape in session.shapes():
+                result.add(shape)
+                if window is not None:
+                    window.show(shape)
+        result.finish(f"{feed.name}, live", session.as_table(path))
+
+
+def _end_recording(path: Path, state: LinkState) -> None:
+    if state.recording_error:
+        raise RecordingError(state.recording_error)
+    console.print(f"{state.recorded_rows} rows recorded in {path}", highlight=False)
 
 
 def _result_paths(sources: list[Path], out: Path | None, default: Path, marker: str) -> list[Path]:

@@ -70,8 +70,11 @@ class Pipeline:
 
     def estimate(self, readings: Iterable[Reading], method: Method = "batch") -> Iterator[Shape]:
         """Yield the shape of every frame, live ones as soon as they can be known."""
-        estimator = ESTIMATORS[method](self.trial.structure, self.rest, self.settings)
-        return estimator.estimate(self.lengths(readings))
+        return self.shapes(self.lengths(readings), method)
+
+    def shapes(self, frames: Iterable[TendonLengths], method: Method) -> Iterator[Shape]:
+        """Yield the shape of every frame of lengths."""
+        return ESTIMATORS[method](self.trial.structure, self.rest, self.settings).estimate(frames)
 
     def lengths(self, readings: Iterable[Reading]) -> Iterator[TendonLengths]:
         """Yield all tendon lengths, frame by frame."""

@@ -69,14 +69,13 @@ class Run:
         Args:
             path: of the result directory, from which the trial is found again.
         """
-        packages = ("tensegraph", "gtsam", "numpy", "scipy")
         return {
             "trial": self.trial.name,
-            "trial_path": _way(path, self.trial.path),
+            "trial_path": way(path, self.trial.path),
             "method": self.method,
             "rest_shape": self.pipeline.rest.source,
             "frames": len(self.reconstruction),
-            "versions": {"python": platform.python_version(), **{name: version(name) for name in packages}},
+            "versions": versions(),
             "inputs": self.trial.hashes(),
             "rows": self._rows_not_plain(),
             "settings": asdict(self.settings),
@@ -108,7 +107,13 @@ class Run:
         return {name: n for name, n in counts.items() if n}
 
 
-def _way(start: Path, end: Path) -> str:
+def versions() -> dict[str, str]:
+    """Return the versions of what made a result."""
+    packages = ("tensegraph", "gtsam", "numpy", "scipy")
+    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
+
+
+def way(start: Path, end: Path) -> str:
     """Return the way from one directory to another: relative, so that both may be moved together."""
     return Path(os.path.relpath(end.resolve(), start.resolve())).as_posix()
 

@@ -9,6 +9,7 @@ from .io.plan import read_plan
 from .io.recorder import Recorder, check_trial_path
 from .io.trial import Trial, open_trial
 from .models.errors import InputError
+from .models.virtual_trial import VirtualTrial
 from .models.virtual_trial import simulate as simulate_plan
 
 
@@ -25,12 +26,9 @@ def simulate(plan: str | Path, out: str | Path, seed: int | None = None) -> Tria
         IndeterminateError: when the structure has no rest shape.
         TensegraphError: when it does not come to rest, its motion runs away, or MuJoCo is not installed.
     """
-    plan, out = Path(plan), Path(out)
+    out = Path(out)
     check_trial_path(out)
-    parsed = read_plan(plan)
-    parsed = parsed if seed is None else replace(parsed, seed=seed)
-    provenance = f"simulated: tensegraph {version('tensegraph')}, plan {plan.name}, seed {parsed.seed}"
-    trial = simulate_plan(parsed, provenance)
+    trial = virtual_trial(plan, seed)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         folder = TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent)
@@ -43,3 +41,11 @@ def simulate(plan: str | Path, out: str | Path, seed: int | None = None) -> Tria
             recorder.add_truth(trial.t_s, trial.node_position_m, trial.load_n)
         (Path(temporary) / out.name).rename(out)
     return open_trial(out)
+
+
+def virtual_trial(plan: str | Path, seed: int | None = None) -> VirtualTrial:
+    """Simulate a plan; see `simulate`."""
+    parsed = read_plan(Path(plan))
+    parsed = parsed if seed is None else replace(parsed, seed=seed)
+    provenance = f"simulated: tensegraph {version('tensegraph')}, plan {Path(plan).name}, seed {parsed.seed}"
+    return simulate_plan(parsed, provenance)

@@ -2,7 +2,7 @@
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
@@ -67,15 +67,18 @@ def check_result_path(path: Path, marker: str = RUN_FILE) -> None:
 
 
 def write_tables(reconstruction: Reconstruction, probability: float, directory: Path) -> None:
-    """Write shape, ellipsoids, lengths, status; estimated_loads.csv and other_shape.csv where there are such."""
-    _write(directory / "shape.csv", _shape_rows(reconstruction))
-    _write(directory / "ellipsoids.csv", _ellipsoid_rows(reconstruction, probability))
-    _write(directory / "lengths.csv", _length_rows(reconstruction))
-    _write(directory / "status.csv", _status_rows(reconstruction))
+    """Write shape, ellipsoids, lengths, status; estimated_loads.csv and other_shape.csv where there are such.
+
+    Tables that are there already are gone on with: a live run comes in parts.
+    """
+    _append(directory / "shape.csv", _shape_rows(reconstruction))
+    _append(directory / "ellipsoids.csv", _ellipsoid_rows(reconstruction, probability))
+    _append(directory / "lengths.csv", _length_rows(reconstruction))
+    _append(directory / "status.csv", _status_rows(reconstruction))
     if any(reconstruction.others):
-        _write(directory / "other_shape.csv", _other_rows(reconstruction))
+        _append(directory / "other_shape.csv", _other_rows(reconstruction))
     if reconstruction.loads:
-        _write(directory / LOADS_FILE, _load_rows(reconstruction, reconstruction.loads))
+        _append(directory / LOADS_FILE, _load_rows(reconstruction, reconstruction.loads))
 
 
 def write_run(run: Mapping[str, Any], directory: Path) -> None:
@@ -172,8 +175,12 @@ def _mode(cell: str) -> float:
         raise ValueError(f"expected {' or '.join(mode.name.lower() for mode in Mode)}") from error
 
 
-def _write(path: Path, rows: Iterable[str]) -> None:
-    with path.open("w", encoding="utf-8", newline="\n") as file:
+def _append(path: Path, rows: Iterator[str]) -> None:
+    """Add rows to a table; the first, its header, only where there is none yet."""
+    header = next(rows)
+    with path.open("a", encoding="utf-8", newline="\n") as file:
+        if file.tell() == 0:
+            file.write(f"{header}\n")
         file.writelines(f"{row}\n" for row in rows)
 
 

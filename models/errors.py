@@ -2,6 +2,7 @@
 
 TensegraphError
 ├── InputError           a file, a value or a setting is not what it must be
+├── RecordingError       a recording that had begun can not go on
 └── IndeterminateError   the measurements and priors do not determine the shape
 """
 
@@ -12,6 +13,10 @@ class TensegraphError(Exception):
 
 class InputError(TensegraphError):
     """A file, a value or a setting is not what it must be: says where, what was expected, and what was found."""
+
+
+class RecordingError(TensegraphError):
+    """A recording that had begun can not go on: names the trial and the system's reason."""
 
 
 class IndeterminateError(TensegraphError):

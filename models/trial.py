@@ -12,7 +12,7 @@ from .errors import InputError
 from .evaluation import Fault
 from .statics import Mechanics
 from .structure import Structure
-from .tables import NotNegative, Positive, parse_table, unknown_keys
+from .tables import AtLeastOne, NotNegative, Positive, parse_table, unknown_keys
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +88,16 @@ class BoardTable:
 
 
 @dataclass(frozen=True, slots=True)
+class LinkTable:
+    """`[link]`: how the boards are read."""
+
+    baud: AtLeastOne = 500_000
+    """That of our firmware."""
+    ports: list[str] = field(default_factory=list)
+    """Where to look for boards; none: on every USB serial port."""
+
+
+@dataclass(frozen=True, slots=True)
 class FileTable:
     """`[resistance]` or `[lengths]`: one file that stands in for the boards."""
 
@@ -123,11 +133,13 @@ class TrialTable:
     name: str | None = None
     kind: str | None = None
     provenance: str | None = None
+    recorded_utc: str | None = None
     mechanics: MechanicsTable | None = None
     rest: RestTable = field(default_factory=RestTable)
     adc: AdcTable | None = None
     sensors: SensorsTable | None = None
     board: list[BoardTable] = field(default_factory=list)
+    link: LinkTable = field(default_factory=LinkTable)
     resistance: FileTable | None = None
     lengths: FileTable | None = None
     truth: TruthTable | None = None

@@ -1,0 +1,52 @@
+"""A recorded trial at the pace at which it came, or some times faster."""
+
+import threading
+import time
+from collections.abc import Iterable, Iterator
+
+from ..models.readings import BoardReading, TendonLengths
+from .trial import Reading
+
+
+class Replay:
+    """Yields readings when they are due; stands in for the boards."""
+
+    def __init__(self, readings: Iterable[Reading], speed: float) -> None:
+        self._readings, self._speed = readings, speed
+        self._due_s = self._next_due_s = time.perf_counter()
+        self._stopped = threading.Event()
+
+    def rows(self) -> Iterator[Reading]:
+        """Yield the readings, until the last one or `stop`."""
+        start_s, first_s = time.perf_counter(), None
+        held: Reading | None = None
+        for reading in self._readings:  # one is held back, to know when the next is due
+            first_s = arrival_s(reading) if first_s is None else first_s
+            self._next_due_s = start_s + (arrival_s(reading) - first_s) / self._speed
+            if held is not None:
+                yield held
+            if self._stopped.wait(max(self._next_due_s - time.perf_counter(), 0.0)):
+                return
+            self._due_s, held = self._next_due_s, reading
+        self._next_due_s = float("inf")
+        if held is not None:
+            yield held
+
+    def waiting(self) -> int:
+        """Return 1 if the next reading is due already, else 0."""
+        return int(self._next_due_s <= time.perf_counter())
+
+    def late_s(self) -> float:
+        """Return how long ago the reading that was yielded last was due."""
+        return time.perf_counter() - self._due_s
+
+    def stop(self) -> None:
+        """Yield no more."""
+        self._stopped.set()
+
+
+def arrival_s(reading: Reading) -> float:
+    """Return when a reading reached the host."""
+    if isinstance(reading, BoardReading):
+        return reading.host_s
+    return reading.t_s if isinstance(reading, TendonLengths) else reading.arrival_s

@@ -1,0 +1,106 @@
+"""Boards on real ptys, read in a process of its own, and everything that happens to cables."""
+
+import time
+
+import numpy as np
+import pytest
+
+from tensegraph.io.serial_link import LinkPlan, SerialLink
+
+
+def taken(link: SerialLink, until, timeout_s: float = 20.0) -> list:
+    """Return the rows that come until a condition on them holds."""
+    rows, until_s = [], time.monotonic() + timeout_s
+    for row in link.rows():
+        rows.append(row)
+        if until(rows):
+            return rows
+        assert time.monotonic() < until_s, [(r.board, r.boot, r.seq) for r in rows[-5:]]
+    return rows
+
+
+def of(board: int, rows: list) -> list[tuple[int, int]]:
+    return [(row.boot, row.seq) for row in rows if row.board == board]
+
+
+def settled(link: SerialLink, condition, timeout_s: float = 10.0):
+    """Return the link's state once a condition on it holds."""
+    until_s = time.monotonic() + timeout_s
+    while not condition(link.state):
+        assert time.monotonic() < until_s, link.state
+        time.sleep(0.02)
+        link.waiting()
+    return link.state
+
+
+def test_swapped_ports_garbage_and_a_cable_that_was_out(tmp_path, pty_boards) -> None:
+    """Boards are told by their id; every row comes, once, in one order of arrival; a board comes back by itself."""
+    one, zero = pty_boards("a", 1), pty_boards("b", 0)
+    plan = LinkPlan((0, 1), (12, 12), (str(one.port), str(zero.port)), 500_000)
+    with SerialLink(plan) as link:
+        rows = taken(link, lambda rows: len(of(0, rows)) > 25 and len(of(1, rows)) > 25)
+        zero.interfere = b"\x07garbage\x00\x03\x01"
+        rows += taken(link, lambda rows: len(of(0, rows)) > 25)
+        one.unplug()
+        state = settled(link, lambda state: not state.ports[0].connected)
+        assert state.ports[0].complaint in ("not there", "the device is gone")
+        alone = taken(link, lambda rows: len(of(0, rows)) > 75)
+        assert of(1, alone[-50:]) == []
+        one.plug()
+        rows += alone + taken(link, lambda rows: len(of(1, rows)) > 25)
+        state = settled(link, lambda state: state.ports[0].connected)
+        sent_by = {0: list(zero.sent), 1: list(one.sent)}
+        link.stop()
+        rows += list(link.rows())
+        state = link.state
+    assert (np.diff([row.host_s for row in rows]) > 0).all()
+    for board, boot in ((0, 0), (1, 0), (1, 1)):
+        came = [seq for b, seq in of(board, rows) if b == boot]
+        missing = {seq for b, seq in sent_by[board] if b == boot and seq >= came[0]} - set(came)
+        assert len(came) == len(set(came))
+        assert len(missing) <= (4 if (board, boot) == (1, 0) else 0), missing  # on the wire while the cable went
+    assert {boot for boot, _ in of(1, rows)} == {0, 1}
+    counts = {port.board: port.counts for port in state.ports}
+    assert counts[0].garbage + counts[0].bad_crc >= 1
+    assert counts[1].bad_crc == counts[1].garbage == 0
+    assert {port.board: port.hello.firmware for port in state.ports} == {0: "pty 1", 1: "pty 1"}
+
+
+def test_a_stranger_a_double_and_a_wrong_number_of_channels(pty_boards) -> None:
+    good, double = pty_boards("good", 0), pty_boards("double", 0)
+    stranger, narrow = pty_boards("stranger", 9), pty_boards("narrow", 1, channels=8)
+    ports = tuple(str(board.port) for board in (good, double, stranger, narrow))
+    with SerialLink(LinkPlan((0, 1), (12, 12), (*ports, ports[0] + "-absent"), 500_000)) as link:
+        rows = taken(link, lambda rows: len(rows) > 100)
+        state = settled(link, lambda state: sum(bool(port.complaint) for port in state.ports) == 4)
+    assert of(1, rows) == []
+    assert all(late > early for early, late in zip(of(0, rows), of(0, rows)[1:], strict=False))
+    complaints = {port.port: port.complaint for port in state.ports}
+    first, second = sorted((ports[0], ports[1]), key=lambda port: bool(complaints[port]))
+    assert complaints[second] == f"board 0 is on {first} too: flash one with another BOARD_ID"
+    assert complaints[ports[2]] == "board 9 is not in the rig: expected 0, 1"
+    assert complaints[ports[3]] == "board 1 sends 8 channels, the rig has 12"
+    assert complaints[ports[0] + "-absent"] == "not there"
+
+
+@pytest.mark.long
+def test_an_estimator_that_sleeps_skips_and_a_recorder_never(tmp_path, example, pty_boards) -> None:
+    """A reader that stands still for 40 s gets the newest rows and a count of the others; the disk has them all."""
+    from tensegraph import open_trial
+
+    boards = [pty_boards("a", 0), pty_boards("b", 1)]
+    plan = LinkPlan((0, 1), (12, 12), tuple(str(board.port) for board in boards), 500_000)
+    with SerialLink(plan) as link:
+        taken(link, lambda rows: len(of(0, rows)) > 5 and len(of(1, rows)) > 5)
+        link.begin(time.perf_counter(), tmp_path / "trial", open_trial(example).toml)
+        time.sleep(60)
+        rows = taken(link, lambda rows: time.perf_counter() - rows[-1].host_s < 0.1)
+        link.stop()
+        rows += list(link.rows())
+        state = link.state
+    assert state.skipped_rows > 1000
+    assert state.recorded_rows >= len(rows) + state.skipped_rows - 20
+    for board in (0, 1):
+        seqs = [row.seq for row in open_trial(tmp_path / "trial").readings() if row.board == board]
+        assert (np.diff(seqs) == 1).all()
+        assert len(seqs) > 2900
