@@ -104,6 +104,7 @@ def held(pipeline: Pipeline, frames: Sequence[TendonLengths]) -> Estimate:
         node_covariance_m2=np.full((count, len(rest_m), 3, 3), np.nan),
         length_m=np.array([frame.length_m for frame in frames]),
         sigma_m=sigma_m,
+        mode=np.array([frame.mode for frame in frames]),
         flags=np.array([frame.flags for frame in frames]),
         innovation_sigma_m=np.full(sigma_m.shape, np.nan),
     )

@@ -113,7 +113,7 @@ class LiveResult:
     """A result directory that grows with the session, in bounded memory; whole when the block ends."""
 
     def __init__(self, path: Path, structure: Structure, settings: Settings) -> None:
-        self._structure, self._probability = structure, settings.probability
+        self._structure, self._settings = structure, settings
         self._directory_of, self._chunk = result_directory(path), list[Shape]()
         self._kept, self._every, self._frames = list[Shape](), 1, 0
 
@@ -147,12 +147,13 @@ class LiveResult:
         kept = Reconstruction.of(self._structure, self._kept)
         self._write_chunk()
         write_lengths_figure(kept, title, self._directory / "lengths.png")
-        write_shape_figure(kept, self._probability, title, self._directory / "shape.png")
+        probability, threshold_n = self._settings.probability, self._settings.load_threshold_n
+        write_shape_figure(kept, probability, threshold_n, title, self._directory / "shape.png")
         write_run(run, self._directory)
 
     def _write_chunk(self) -> None:
         if self._chunk:
-            write_tables(Reconstruction.of(self._structure, self._chunk), self._probability, self._directory)
+            write_tables(Reconstruction.of(self._structure, self._chunk), self._settings.probability, self._directory)
             self._chunk.clear()
 
 

@@ -171,5 +171,6 @@ def write_result(
     with result_directory(path) as directory:
         write_tables(reconstruction, settings.probability, directory)
         write_lengths_figure(reconstruction, title, directory / "lengths.png")
-        write_shape_figure(reconstruction, settings.probability, title, directory / "shape.png")
+        path = directory / "shape.png"
+        write_shape_figure(reconstruction, settings.probability, settings.load_threshold_n, title, path)
         write_run(run, directory)

@@ -14,11 +14,15 @@ from rich.table import Table
 from .estimator.evaluation import node_rmse_m
 from .io.trial import Trial
 from .models.errors import InputError
+from .models.external_loads import false_alarm_bound
 from .models.readings import Flag
 from .models.reconstruction import Reconstruction
+from .models.rest import RestShape
 from .models.settings import Settings
 from .pipeline import Method, Pipeline
 
+LONG_S = 1.0
+"""A node that carries a load for longer, in all, is named."""
 BAD = (
     Flag.MISSING
     | Flag.SATURATED
@@ -54,6 +58,8 @@ class Run:
         table.add_row("time", f"{1e3 * self.seconds / len(r):.2f} ms per frame")
         table.add_row("rest shape", self.pipeline.rest.source)
         table.add_row("mean sigma of a node", f"{1e3 * r.node_sigma_m[:, free].mean():.2f} mm")
+        for name, text in [*rest_balance(self.pipeline.rest), *load_rows(r, self.settings.load_threshold_n)]:
+            table.add_row(name, text)
         for name, rows in self._rows_not_plain().items():
             table.add_row(name, str(rows))
         for key in self.trial.description.ignored_keys:
@@ -123,6 +129,31 @@ def versions() -> dict[str, str]:
 def way(start: Path, end: Path) -> str:
     """Return the way from one directory to another: relative, so that both may be moved together."""
     return Path(os.path.relpath(end.resolve(), start.resolve())).as_posix()
+
+
+def rest_balance(rest: RestShape) -> list[tuple[str, str]]:
+    """Return how well forces balance at rest, where stiffness is known."""
+    if rest.mechanics is None:
+        return []
+    nominal_n, tared_n = rest.unbalanced_n
+    return [("forces at rest", f"{nominal_n:.3f} N rms unbalanced as given, {tared_n:.3f} N after taring")]
+
+
+def load_rows(r: Reconstruction, threshold_n: float) -> list[tuple[str, str]]:
+    """Return the largest load, the nodes that were loaded for long, and how far a load may be noise."""
+    if r.loads is None:
+        return []
+    load_n = np.nan_to_num(np.linalg.norm(r.loads.force_n, axis=-1))
+    k, node = np.unravel_index(load_n.argmax(), load_n.shape)
+    step_s = float(np.median(np.diff(r.t_s))) if len(r) > 1 else 0.0
+    loaded_s = step_s * (load_n > threshold_n).sum(axis=0)
+    long = [f"{node} ({loaded_s[node]:.1f} s)" for node in np.flatnonzero(loaded_s > LONG_S)]
+    bound = false_alarm_bound(r.structure, r.loads, threshold_n)
+    return [
+        ("largest load", f"{load_n[k, node]:.2f} N at node {node}, t = {r.t_s[k]:.2f} s"),
+        (f"nodes above {threshold_n:g} N for {LONG_S:g} s", ", ".join(long) or "none"),
+        ("  by noise alone", f"at most {bound:.0%} of the time, for an unloaded node" if np.isfinite(bound) else "-"),
+    ]
 
 
 def flagged_sensors(r: Reconstruction) -> list[str]:

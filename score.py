@@ -9,14 +9,14 @@ import numpy as np
 from rich.console import Group
 from rich.table import Table
 
-from .estimator.evaluation import evaluate
+from .estimator.evaluation import CLEAR_LOAD_N, evaluate
 from .estimator.rest import rest_step
-from .io.evaluation_figures import write_errors_figure, write_heights_figure
+from .io.evaluation_figures import write_errors_figure, write_heights_figure, write_loads_figure
 from .io.positions import read_positions
 from .io.result import RUN_FILE, read_estimate, read_run, result_directory
 from .io.trial import Trial, open_trial
 from .models.errors import InputError
-from .models.evaluation import Errors, Evaluation, FaultScore, Truth
+from .models.evaluation import Errors, Evaluation, FaultScore, Regime, Truth
 from .models.settings import Settings
 from .models.tables import parse_table
 
@@ -43,10 +43,13 @@ class Score:
         for kind, of in (("", e.absolute), ("displacement of ", e.displacement)):
             for name in ("nodes", "faces", "system") if of is not None else ():
                 errors.add_row(kind + name, *_millimetres(getattr(of, name)))
+        regimes = Table("frames", "", "RMSE, mm", "NEES", "in 68 %", "in 95 %", "median sigma, mm")
+        for regime in e.regimes:
+            regimes.add_row(regime.name, str(regime.frames), *_regime_cells(regime))
         facts = Table(show_header=False)
         for name, text in _facts(e):
             facts.add_row(name, text)
-        return Group(errors, facts)
+        return Group(errors, regimes, facts)
 
     def as_json(self) -> dict[str, Any]:
         """Return all numbers of the evaluation; what is not known is null."""
@@ -63,6 +66,8 @@ def write_score(score: Score, path: Path) -> None:
         (directory / EVALUATION_FILE).write_text(as_text(score.as_json()), encoding="utf-8")
         write_heights_figure(score.evaluation, score.title(), directory / "heights.png")
         write_errors_figure(score.evaluation, score.title(), directory / "errors.png")
+        if score.evaluation.loads:
+            write_loads_figure(score.evaluation, score.title(), directory / "loads.png")
 
 
 def as_text(numbers: object) -> str:
@@ -91,10 +96,17 @@ def score_result(path: Path, truth: Path | None, trial: Path | None, *, align: b
     settings = parse_table(Settings, run.get("settings", {}), str(path / RUN_FILE))
     description = opened.description
     rest = rest_step(structure, description.mechanics, description.rest_position_m, settings.rest)
-    known = Truth(*times_and_positions, opened.description.rest_seconds, opened.faults())
+    known = Truth(*times_and_positions, description.rest_seconds, opened.faults(), opened.true_loads())
     estimate = read_estimate(path, structure)
     try:
-        evaluation = evaluate(structure, rest.node_position_m, estimate, known, align=align)
+        evaluation = evaluate(
+            structure,
+            rest.node_position_m,
+            estimate,
+            known,
+            align=align,
+            load_threshold_n=settings.load_threshold_n,
+        )
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     return Score(path, opened.name, str(run.get("method", "method not stated")), evaluation)
@@ -139,9 +151,44 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
     if np.isfinite(c.nis):
         band = f"95 % band {c.nis_band[0]:.2f} to {c.nis_band[1]:.2f}"
         rows.append(("NIS of the lengths (1 is right)", f"{c.nis:.2f}; {band}"))
+    rows += _load_facts(e)
     rows += [(f"fault: {fault.kind}, {fault.where}", _seen(fault)) for fault in e.faults]
     rows.append(("false alarms", f"{e.false_alarm_share:.2%} of the healthy readings"))
     return rows
+
+
+def _load_facts(e: Evaluation) -> list[tuple[str, str]]:
+    score = e.loads
+    if score is None:
+        return []
+    facts = {
+        f"RMSE of loads above {score.threshold_n:g} N": _cell(score.loaded_rmse_n, "{:.3f} N"),
+        "  of the others": _cell(score.unloaded_rmse_n, "{:.3f} N"),
+        f"loads above {score.threshold_n:g} N that are seen": _cell(score.recall, "{:.1%}"),
+        "  seen, and true": _cell(score.precision, "{:.1%}"),
+        "  unloaded, called loaded": (
+            f"{_cell(score.false_alarm_share, '{:.1%}')}; "
+            f"{_cell(score.quiet_false_alarm_share, '{:.1%}')} while no node is loaded"
+        ),
+        f"most loaded node (above {CLEAR_LOAD_N:g} N)": (
+            _cell(score.most_loaded_share, f"the right one in {{:.1%}} of {score.clear_frames} frames")
+        ),
+    }
+    return list(facts.items())
+
+
+def _regime_cells(regime: Regime) -> list[str]:
+    return [
+        _cell(1e3 * regime.node_rmse_m, "{:.2f}"),
+        _cell(regime.nees, "{:.2f}"),
+        _cell(regime.coverage_68, "{:.1%}"),
+        _cell(regime.coverage_95, "{:.1%}"),
+        _cell(1e3 * regime.median_sigma_m, "{:.2f}"),
+    ]
+
+
+def _cell(value: float, form: str) -> str:
+    return form.format(value) if np.isfinite(value) else "-"
 
 
 def _seen(fault: FaultScore) -> str:
@@ -152,10 +199,8 @@ def _seen(fault: FaultScore) -> str:
 
 
 def _millimetres(errors: Errors) -> list[str]:
-    return [
-        f"{1e3 * value:.2f}" if np.isfinite(value) else "-"
-        for value in (errors.rmse_m, errors.height_rmse_m, errors.median_m, errors.percentile_95_m)
-    ]
+    values = (errors.rmse_m, errors.height_rmse_m, errors.median_m, errors.percentile_95_m)
+    return [_cell(1e3 * value, "{:.2f}") for value in values]
 
 
 def _plain(value: object) -> object:

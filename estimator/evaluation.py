@@ -17,10 +17,14 @@ from ..models.evaluation import (
     Evaluation,
     Fault,
     FaultScore,
+    LoadScore,
+    Regime,
     ShapeErrors,
+    TrueLoads,
     Truth,
 )
-from ..models.readings import Flag
+from ..models.external_loads import LOAD_THRESHOLD_N, observable_part
+from ..models.readings import Flag, Mode
 from ..models.reconstruction import Reconstruction
 from ..models.rigidity import branch
 from ..models.structure import Structure
@@ -31,6 +35,8 @@ MAX_HOLE = 3.0
 """Truth is not interpolated across holes of more than so many of its own median steps."""
 REDUNDANT = 0.1
 """A length whose innovation has less than this share of its own sigma was taken by the shape as it came: no check."""
+CLEAR_LOAD_N = 0.3
+"""A true load above it is large enough to ask which node carries it."""
 NO_FAULT = Flag.TOO_FAST | Flag.WARMING_UP | Flag.AMBIGUOUS
 """Flags that tell of a moment, not of a sensor; any other one names a fault."""
 
@@ -42,6 +48,7 @@ def evaluate(
     truth: Truth,
     *,
     align: bool = False,
+    load_threshold_n: float = LOAD_THRESHOLD_N,
 ) -> Evaluation:
     """Compare an estimate with the truth.
 
@@ -50,7 +57,9 @@ def evaluate(
         rest_position_m: (nodes, 3) the rest shape that the estimate started from.
         estimate: in the anchors' frame.
         truth: in the same frame, unless aligned.
-        align: turn and shift the truth as a whole so that it fits best over all frames and free nodes.
+        align: turn and shift the truth as a whole so that it fits best over all frames and free nodes; its
+            loads are in the anchors' frame as they stand.
+        load_threshold_n: a node with a larger load is loaded.
 
     Raises:
         InputError: when they have no frame in common.
@@ -72,7 +81,7 @@ def evaluate(
         )
         true_m, true_rest_m = true_m @ rotation.as_matrix().T + shift_m, true_rest_m @ rotation.as_matrix().T + shift_m
         rotation_deg = float(np.rad2deg(rotation.magnitude()))
-    compared = compare_frames(structure, estimate, true_m, known)
+    compared = compare_frames(structure, estimate, true_m, known, truth.loads)
     moved = compared.node_error_m - (rest_position_m - true_rest_m)[free]
     faces = structure.faces
     moved_faces = compared.face_error_m - (rest_position_m - true_rest_m)[faces].mean(axis=1)
@@ -90,6 +99,8 @@ def evaluate(
         node_height_rmse_m=node_height_rmse_m,
         worst_node=int(free[np.nanargmax(node_rmse_m)]),
         consistency=consistency(structure, estimate, compared),
+        regimes=regimes(compared, slack_frames(structure, estimate)[known], load_threshold_n),
+        loads=score_loads(compared, load_threshold_n),
         first_good_s=float(compared.t_s[good[0]] - compared.t_s[0]) if len(good) else None,
         wrong_branch_frames=int(compared.wrong_branch.sum()) if square else None,
         faults=tuple(score_fault(fault, estimate) for fault in truth.faults),
@@ -100,7 +111,11 @@ def evaluate(
 
 
 def compare_frames(
-    structure: Structure, estimate: Estimate, true_m: NDArray[np.float64], known: NDArray[np.bool_]
+    structure: Structure,
+    estimate: Estimate,
+    true_m: NDArray[np.float64],
+    known: NDArray[np.bool_],
+    loads: TrueLoads | None = None,
 ) -> ComparedFrames:
     """Return what can be said frame by frame.
 
@@ -109,6 +124,7 @@ def compare_frames(
         estimate: of the whole run.
         true_m: (frames, nodes, 3) truth at the estimate's frames.
         known: (frames,) which of them to compare.
+        loads: true ones, if they are known.
     """
     free = structure.free_nodes
     estimated_m, true_m = estimate.node_position_m[known], true_m[known]
@@ -116,6 +132,11 @@ def compare_frames(
     error_m = estimated_m - true_m
     node_error_m = error_m[:, free]
     frame_error_m = np.sqrt(np.nanmean((node_error_m**2).sum(axis=-1), axis=1))
+    true_load_n = estimated_load_n = None
+    if loads:
+        force_n = interpolated(estimate.t_s[known], loads.t_s, loads.force_n)
+        true_load_n = observable_part(structure, force_n, true_m)[:, free]
+        estimated_load_n = estimate.loads.force_n[known][:, free] if estimate.loads else None
     other_sign = branch(structure, estimated_m) * branch(structure, true_m) < 0
     return ComparedFrames(
         t_s=estimate.t_s[known],
@@ -128,6 +149,8 @@ def compare_frames(
         face_error_m=error_m[:, structure.faces].mean(axis=-2),
         frame_error_m=frame_error_m,
         wrong_branch=other_sign & (frame_error_m > GOOD_M),
+        estimated_load_n=estimated_load_n,
+        true_load_n=true_load_n,
     )
 
 
@@ -181,6 +204,57 @@ def consistency(structure: Structure, estimate: Estimate, compared: ComparedFram
         median_sigma_m=_of_known(np.median, compared.node_sigma_m),
         nis=_of_known(np.mean, nis),
         nis_band=mean_band(1, sum(independent_count(column) for column in nis.T)),
+    )
+
+
+def slack_frames(structure: Structure, estimate: Estimate) -> NDArray[np.bool_]:
+    """Return (frames,) in which some tendon, as measured, is bent or may be."""
+    slack = (estimate.mode == Mode.BENDING) | ((estimate.flags & Flag.AMBIGUOUS) != 0)
+    return np.asarray((slack & np.isfinite(estimate.length_m))[:, structure.free_tendons].any(axis=1))
+
+
+def regimes(compared: ComparedFrames, slack: NDArray[np.bool_], load_threshold_n: float) -> tuple[Regime, ...]:
+    """Return errors and consistency of quiet, loaded and slack frames, see `Regime`."""
+    masks = {"slack": slack}
+    if compared.true_load_n is not None:
+        loaded = (np.linalg.norm(compared.true_load_n, axis=-1) > load_threshold_n).any(axis=1)
+        masks = {"quiet": ~loaded, "loaded": loaded} | masks
+    return tuple(
+        Regime(
+            name,
+            int(mask.sum()),
+            errors_of(compared.node_error_m[mask].reshape(-1, 3)).rmse_m,
+            _of_known(np.mean, compared.nees[mask]),
+            coverage(compared.nees[mask], 0.68),
+            coverage(compared.nees[mask], 0.95),
+            _of_known(np.median, compared.node_sigma_m[mask]),
+        )
+        for name, mask in masks.items()
+    )
+
+
+def score_loads(compared: ComparedFrames, threshold_n: float) -> LoadScore | None:
+    """Return how far the estimated loads are from the true ones, if both are there."""
+    if compared.estimated_load_n is None or compared.true_load_n is None:
+        return None
+    error_n = np.linalg.norm(compared.estimated_load_n - compared.true_load_n, axis=-1)
+    true_n = np.linalg.norm(compared.true_load_n, axis=-1)
+    estimated_n = np.linalg.norm(compared.estimated_load_n, axis=-1)
+    known = np.isfinite(error_n)
+    loaded, called = known & (true_n > threshold_n), known & (estimated_n > threshold_n)
+    quiet = known & ~loaded.any(axis=1)[:, None]
+    clear = np.where(known, true_n, 0.0).max(axis=1) > CLEAR_LOAD_N
+    true_n, estimated_n = (np.where(known, n, -np.inf)[clear] for n in (true_n, estimated_n))
+    return LoadScore(
+        threshold_n,
+        loaded_rmse_n=_root_mean_square(error_n[loaded]),
+        unloaded_rmse_n=_root_mean_square(error_n[known & ~loaded]),
+        recall=_share(called[loaded]),
+        precision=_share(loaded[called]),
+        false_alarm_share=_share(called[known & ~loaded]),
+        quiet_false_alarm_share=_share(called[quiet]),
+        clear_frames=int(clear.sum()),
+        most_loaded_share=_share(true_n.argmax(axis=1) == estimated_n.argmax(axis=1)),
     )
 
 
@@ -281,6 +355,14 @@ def mean_over_frames(values: NDArray[np.float64]) -> NDArray[np.float64]:
     known = ~np.isnan(values)
     count = known.sum(axis=0)
     return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
+
+
+def _share(cases: NDArray[np.bool_]) -> float:
+    return float(cases.mean()) if len(cases) else np.nan
+
+
+def _root_mean_square(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(_of_known(np.mean, values**2)))
 
 
 def _of_known(statistic: Callable[[NDArray[np.float64]], Any], values: NDArray[np.float64]) -> float:

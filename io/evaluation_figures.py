@@ -14,11 +14,13 @@ from scipy.stats import chi2
 
 from ..models.comparison import ComparisonRow
 from ..models.evaluation import Evaluation
-from .figures import BLACK, BLUE, GREEN, GREY, ORANGE, RED
+from .figures import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED
 
 BAND = 1.96
 """Sigmas of a 95 % band."""
-METHOD_COLORS = (GREY, ORANGE, GREEN, "#56B4E9", BLUE, "#CC79A7", RED, BLACK)
+NODE_COLORS = (BLUE, ORANGE, GREEN, PURPLE, BLACK)
+"""One a loaded node, again from the first when they run out."""
+METHOD_COLORS = (GREY, ORANGE, GREEN, "#56B4E9", BLUE, PURPLE, RED, BLACK)
 """One a method, in the table's order; Okabe and Ito's, again from the first when they run out."""
 
 
@@ -65,6 +67,44 @@ def write_errors_figure(e: Evaluation, title: str, path: Path) -> None:
     _draw_nodes(axes["nodes"], e)
     figure.suptitle(f"{title}: errors against the truth")
     figure.savefig(path, dpi=110)
+
+
+def write_loads_figure(e: Evaluation, title: str, path: Path) -> None:
+    """Draw the largest load over time and each loaded node's load, estimated against true."""
+    c, score = e.compared, e.loads
+    assert score is not None, "nothing to draw"
+    assert c.true_load_n is not None
+    assert c.estimated_load_n is not None
+    true_n, estimated_n = np.linalg.norm(c.true_load_n, axis=-1), np.linalg.norm(c.estimated_load_n, axis=-1)
+    figure = Figure(figsize=(13, 4.8), layout="constrained")
+    time, pairs = figure.subplots(1, 2, width_ratios=(1.7, 1))
+    top = 1.08 * max(float(np.nanmax(true_n)), float(np.nanmax(estimated_n)), score.threshold_n)
+    time.plot(c.t_s, _largest(estimated_n), color=BLUE, lw=0.9, label="largest estimated load")
+    time.plot(c.t_s, _largest(true_n), color=BLACK, lw=0.9, ls="--", label="largest true load")
+    time.axhline(score.threshold_n, color=GREY, lw=1, ls=":", label=f"threshold, {score.threshold_n:g} N")
+    time.set(xlabel="time [s]", ylabel="|F| at the most loaded node [N]", xlim=(c.t_s[0], c.t_s[-1]), ylim=(0, top))
+    time.set_title("over time", fontsize=10)
+    pairs.plot([0, top], [0, top], color=GREY, lw=1, ls="--", label="as it should be")
+    loaded = true_n > score.threshold_n
+    for place, k in enumerate(np.flatnonzero(loaded.any(axis=0))):
+        style = {"color": NODE_COLORS[place % len(NODE_COLORS)], "label": f"node {e.structure.free_nodes[k]}"}
+        marker = "os^vD"[place % 5]
+        pairs.plot(true_n[loaded[:, k], k], estimated_n[loaded[:, k], k], marker, ms=3, alpha=0.5, **style)
+    pairs.axhline(score.threshold_n, color=GREY, lw=1, ls=":")
+    pairs.set(xlabel="true |F| [N]", ylabel="estimated |F| [N]", xlim=(0, top), ylim=(0, top), aspect="equal")
+    pairs.set_title("frame by frame at the loaded nodes", fontsize=10)
+    pairs.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False)
+    time.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0, -0.11), ncols=3, frameon=False)
+    for axis in (time, pairs):
+        axis.grid(alpha=0.3, lw=0.4)
+    figure.suptitle(f"{title}: external loads, as far as the balance of forces shows them")
+    figure.savefig(path, dpi=110)
+
+
+def _largest(load_n: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (frames,) the largest of (frames, nodes), nan where none is known."""
+    largest = np.where(np.isnan(load_n), -np.inf, load_n).max(axis=1)
+    return np.where(np.isfinite(largest), largest, np.nan)
 
 
 def _draw_height(

@@ -14,6 +14,11 @@ from ..models.readings import Flag, Mode
 from ..models.reconstruction import Reconstruction
 
 BLUE, ORANGE, GREEN, RED, GREY, BLACK = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#999999", "#000000"
+PURPLE = "#CC79A7"
+LOAD_MM_PER_N = 30.0
+"""Length of a load's arrow."""
+SURE = 2.0
+"""Sigmas above which a load is drawn."""
 BAD = Flag.MISSING | Flag.OUTLIER | Flag.IMPLAUSIBLE | Flag.MISFIT
 """Flags for which a reading was left out."""
 
@@ -70,16 +75,27 @@ def _draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
     axis.margins(x=0)
 
 
-def write_shape_figure(r: Reconstruction, probability: float, title: str, path: Path) -> None:
-    """Draw the structure at the start and when it was farthest from there, with its confidence ellipsoids."""
+def write_shape_figure(r: Reconstruction, probability: float, load_threshold_n: float, title: str, path: Path) -> None:
+    """Draw the structure at the start and when it was farthest from there, with ellipsoids and loads.
+
+    Args:
+        r: all frames.
+        probability: of the ellipsoids.
+        load_threshold_n: loads are drawn that are larger, and larger than two of their sigmas.
+        title: what was reconstructed.
+        path: of the PNG.
+    """
     frames = interesting_frames(r)
     figure = Figure(figsize=(11, 11.5 if len(frames) > 2 else 6.5), layout="constrained")
-    limits = _limits_mm(r)
-    for panel, k in enumerate(frames):
+    arrows = [load_arrows_mm(r, k, load_threshold_n) for k in frames]
+    limits = _limits_mm(r, np.concatenate([tails for tails, _ in arrows]))
+    for panel, (k, (tails_mm, pushes_mm)) in enumerate(zip(frames, arrows, strict=True)):
         axis = figure.add_subplot(-(-len(frames) // 2), min(len(frames), 2), panel + 1, projection="3d")
         _draw_structure(axis, r, k, probability, limits)
+        axis.quiver(*tails_mm.T, *pushes_mm.T, color=PURPLE, lw=2, arrow_length_ratio=0.2)
         axis.set_title(f"t = {r.t_s[k]:.2f} s", fontsize=10)
     figure.suptitle(f"{title}: shape with {100 * probability:g} % ellipsoids, drawn to scale")
+    load_label = f"load over {load_threshold_n:g} N, {LOAD_MM_PER_N:g} mm per N"
     figure.legend(
         handles=[
             Line2D([], [], color=BLACK, lw=3, label="rod"),
@@ -89,6 +105,7 @@ def write_shape_figure(r: Reconstruction, probability: float, title: str, path: 
             Patch(color=RED, alpha=0.4, label="ellipsoid"),
             Line2D([], [], color=GREEN, marker="^", ls="", label="anchor"),
             Line2D([], [], color=GREY, lw=1, label="at the start"),
+            *([Line2D([], [], color=PURPLE, lw=2, label=load_label)] if r.loads else []),
         ],
         loc="outside lower center",
         ncols=4,
@@ -104,9 +121,22 @@ def interesting_frames(r: Reconstruction, count: int = 4) -> list[int]:
     return sorted({0, *(int(part[np.argmax(moved[part])]) for part in parts if len(part))})
 
 
-def _limits_mm(r: Reconstruction) -> NDArray[np.float64]:
-    """Return (3, 2) limits of a cube that holds every node of every frame."""
-    low, high = 1e3 * r.node_position_m.min(axis=(0, 1)), 1e3 * r.node_position_m.max(axis=(0, 1))
+def load_arrows_mm(
+    r: Reconstruction, k: int, load_threshold_n: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (loads, 3) tails and (loads, 3) arrows of a frame's loads: each ends at the node that it pushes."""
+    if r.loads is None:
+        return np.empty((0, 3)), np.empty((0, 3))
+    force_n = np.nan_to_num(r.loads.force_n[k])
+    drawn = np.linalg.norm(force_n, axis=-1) > np.maximum(load_threshold_n, SURE * r.loads.sigma_n[k])
+    pushes_mm = LOAD_MM_PER_N * force_n[drawn]
+    return 1e3 * r.node_position_m[k, drawn] - pushes_mm, pushes_mm
+
+
+def _limits_mm(r: Reconstruction, more_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (3, 2) limits of a cube that holds every node of every frame, and some points more."""
+    points_mm = np.concatenate([1e3 * r.node_position_m.reshape(-1, 3), more_mm])
+    low, high = points_mm.min(axis=0), points_mm.max(axis=0)
     middle, half = 0.5 * (low + high), 0.52 * float(np.max(high - low))
     return np.stack([middle - half, middle + half], axis=1)
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ..models.errors import InputError, RecordingError
 from ..models.readings import BoardReading
+from .positions import force_columns, position_columns
 
 COMMENTS = {
     "structure.natural_length_m": "L0 of each tendon, unstretched",
@@ -119,10 +120,10 @@ class Recorder:
             node_position_m: (rows, nodes, 3) where the nodes are.
             load_n: (rows, nodes, 3) external force at each.
         """
-        nodes = range(node_position_m.shape[1])
+        count = node_position_m.shape[1]
         tables = {
-            "file": ([f"n{n}_{axis}_m" for n in nodes for axis in "xyz"], node_position_m, ".6f"),
-            "loads": ([f"n{n}_f{axis}_n" for n in nodes for axis in "xyz"], load_n, ".4f"),
+            "file": (position_columns(count), node_position_m, ".6f"),
+            "loads": (force_columns(count), load_n, ".4f"),
         }
         for key, (columns, values, digits) in tables.items():
             with (self._path / self._metadata["truth"][key]).open("w", encoding="utf-8", newline="\r\n") as file:

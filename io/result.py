@@ -24,6 +24,7 @@ from .positions import position_columns, read_positions
 from .toml import read_toml
 
 RUN_FILE = "run.toml"
+LOADS_FILE = "estimated_loads.csv"
 COVARIANCE_COLUMNS = ("cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2")
 """The upper triangle, row by row; ten digits, since the inverse of a long, thin ellipsoid takes seven away."""
 
@@ -77,7 +78,7 @@ def write_tables(reconstruction: Reconstruction, probability: float, directory: 
     if any(reconstruction.others):
         _append(directory / "other_shape.csv", _other_rows(reconstruction))
     if reconstruction.loads:
-        _append(directory / "estimated_loads.csv", _load_rows(reconstruction, reconstruction.loads))
+        _append(directory / LOADS_FILE, _load_rows(reconstruction, reconstruction.loads))
 
 
 def write_run(run: Mapping[str, Any], directory: Path) -> None:
@@ -97,7 +98,7 @@ def read_run(directory: Path) -> dict[str, Any]:
 
 
 def read_estimate(directory: Path, structure: Structure) -> Estimate:
-    """Return the shapes, covariances and lengths of a result directory.
+    """Return the shapes, covariances, lengths and, where there are any, loads of a result directory.
 
     Raises:
         InputError: when a table can not be read, or does not go with shape.csv or the structure.
@@ -105,31 +106,58 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
     t_s, position_m = read_positions(directory / "shape.csv", structure.node_count)
     if np.isnan(position_m).any():
         raise InputError(f"{directory / 'shape.csv'}: expected the positions of all {structure.node_count} nodes")
-    ellipsoid = _read_blocks(directory / "ellipsoids.csv", "node", structure.node_count, t_s, COVARIANCE_COLUMNS)
+    nodes, tendons = np.arange(structure.node_count), np.arange(len(structure.tendons))
+    ellipsoid = _read_blocks(directory / "ellipsoids.csv", "node", nodes, t_s, COVARIANCE_COLUMNS)
     covariance_m2 = np.empty((*ellipsoid.shape[:2], 3, 3))
     row, column = np.triu_indices(3)
     covariance_m2[..., row, column] = covariance_m2[..., column, row] = ellipsoid
-    columns = ("length_m", "sigma_m", "innovation_sigma_m", "flags")
-    words = {"length_m": _number, "sigma_m": _number, "innovation_sigma_m": _number, "flags": Flag.of_names}
-    lengths = _read_blocks(directory / "lengths.csv", "tendon", len(structure.tendons), t_s, columns, words)
-    length_m, sigma_m, innovation_sigma_m, flags = np.moveaxis(lengths, -1, 0)
-    return Estimate(t_s, position_m, covariance_m2, length_m, sigma_m, flags.astype(np.int64), innovation_sigma_m)
+    words = {
+        "length_m": _number,
+        "sigma_m": _number,
+        "innovation_sigma_m": _number,
+        "mode": _mode,
+        "flags": Flag.of_names,
+    }
+    lengths = _read_blocks(directory / "lengths.csv", "tendon", tendons, t_s, list(words), words)
+    length_m, sigma_m, innovation_sigma_m, mode, flags = np.moveaxis(lengths, -1, 0)
+    return Estimate(
+        t_s,
+        position_m,
+        covariance_m2,
+        length_m,
+        sigma_m,
+        mode.astype(np.int64),
+        flags.astype(np.int64),
+        innovation_sigma_m,
+        _read_loads(directory / LOADS_FILE, structure, t_s),
+    )
+
+
+def _read_loads(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> ExternalLoads | None:
+    if not path.is_file():
+        return None
+    rows = _read_blocks(path, "node", structure.free_nodes, t_s, ("fx_n", "fy_n", "fz_n", "sigma_n"))
+    force_n = np.full((len(t_s), structure.node_count, 3), np.nan)
+    sigma_n = np.full(force_n.shape[:2], np.inf)
+    force_n[:, structure.free_nodes], sigma_n[:, structure.free_nodes] = rows[..., :3], rows[..., 3]
+    return ExternalLoads(force_n, sigma_n)
 
 
 def _read_blocks(
     path: Path,
     label: str,
-    count: int,
+    labels: NDArray[np.int64],
     t_s: NDArray[np.float64],
     columns: Sequence[str],
     words: Mapping[str, Callable[[str], float]] = MappingProxyType({}),
 ) -> NDArray[np.float64]:
-    """Return (frames, count, columns) of a table that has a row for each frame and each label from 0 on."""
+    """Return (frames, labels, columns) of a table that has a row for each frame and each label, in order."""
     rows = np.array(list(CsvFile(path, ["t_s", label, *columns], words=words)))
-    expected = np.stack([np.repeat(t_s, count), np.tile(np.arange(count), len(t_s))], axis=1)
+    expected = np.stack([np.repeat(t_s, len(labels)), np.tile(labels, len(t_s))], axis=1)
     if rows.shape[:1] != expected.shape[:1] or not np.array_equal(rows[:, :2], expected):
-        raise InputError(f"{path}: expected {count} rows ({label} 0 to {count - 1}) for each row of shape.csv")
-    return rows[:, 2:].reshape(len(t_s), count, len(columns))
+        which = f"{len(labels)} rows ({label} {labels[0]} to {labels[-1]})"
+        raise InputError(f"{path}: expected {which} for each row of shape.csv")
+    return rows[:, 2:].reshape(len(t_s), len(labels), len(columns))
 
 
 def _number(cell: str) -> float:
@@ -138,6 +166,13 @@ def _number(cell: str) -> float:
         return float(cell)
     except ValueError as error:
         raise ValueError("expected a number, nan or inf") from error
+
+
+def _mode(cell: str) -> float:
+    try:
+        return float(Mode[cell.upper()])
+    except KeyError as error:
+        raise ValueError(f"expected {' or '.join(mode.name.lower() for mode in Mode)}") from error
 
 
 def _append(path: Path, rows: Iterator[str]) -> None:

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.errors import InputError
-from ..models.evaluation import Fault
+from ..models.evaluation import Fault, TrueLoads
 from ..models.readings import BoardReading, Flag, Mode, ResistanceReading, TendonLengths
 from ..models.trial import TrialDescription, TrialTable, describe_trial, known_faults
 from .csv import CsvFile
-from .positions import read_positions
+from .positions import read_forces, read_positions
 from .toml import read_toml
 
 Reading = BoardReading | ResistanceReading | TendonLengths
@@ -75,6 +75,12 @@ class Trial:
         if self.table.truth is None:
             return None
         return read_positions(self.path / self.table.truth.file, self.description.structure.node_count)
+
+    def true_loads(self) -> TrueLoads | None:
+        """Return the external forces that the trial is known to have, if it names them. Evaluation only."""
+        if self.table.truth is None or self.table.truth.loads is None:
+            return None
+        return TrueLoads(*read_forces(self.path / self.table.truth.loads, self.description.structure.node_count))
 
     def faults(self) -> tuple[Fault, ...]:
         """Return the faults that the trial is known to have. Evaluation only."""

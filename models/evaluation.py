@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .external_loads import ExternalLoads
 from .reconstruction import Reconstruction
 from .structure import Structure
 
@@ -23,15 +24,20 @@ class Estimate:
     """(frames, tendons) as measured, nan where not."""
     sigma_m: NDArray[np.float64]
     """(frames, tendons) of the measurement, inf where there is none."""
+    mode: NDArray[np.int64]
+    """(frames, tendons) `Mode`."""
     flags: NDArray[np.int64]
     """(frames, tendons) `Flag` bits."""
     innovation_sigma_m: NDArray[np.float64]
     """(frames, tendons) sigma of measured minus predicted length; nan from a method that gives no covariance."""
+    loads: ExternalLoads | None = None
+    """Of all frames; None from a method that gives none."""
 
     @classmethod
     def of(cls, r: Reconstruction) -> "Estimate":
         """Return what a result directory would keep of a reconstruction."""
-        return cls(r.t_s, r.node_position_m, r.node_covariance_m2, r.length_m, r.sigma_m, r.flags, r.innovation_sigma_m)
+        lengths = (r.length_m, r.sigma_m, r.mode, r.flags, r.innovation_sigma_m)
+        return cls(r.t_s, r.node_position_m, r.node_covariance_m2, *lengths, r.loads)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +54,16 @@ class Fault:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TrueLoads:
+    """External forces that are known to act."""
+
+    t_s: NDArray[np.float64]
+    """(times,) increasing, host clock."""
+    force_n: NDArray[np.float64]
+    """(times, nodes, 3) in the anchors' frame; nan where it was not measured."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Truth:
     """Where the nodes were, by another measurement."""
 
@@ -58,6 +74,7 @@ class Truth:
     rest_seconds: float = 0.0
     """The structure stood at its rest shape for so long from the estimate's first frame on."""
     faults: tuple[Fault, ...] = ()
+    loads: TrueLoads | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +126,46 @@ class Consistency:
 
 
 @dataclass(frozen=True, slots=True)
+class Regime:
+    """Errors, and whether they are as large as the covariances say, in frames of one kind; nan of no frames."""
+
+    name: str
+    """`quiet`: no true load above the threshold at any node; `loaded`: the others; `slack`: some tendon, as measured,
+    is bent or may be, loaded or not."""
+    frames: int
+    node_rmse_m: float
+    nees: float
+    """Mean over frames and free nodes: 3 is right."""
+    coverage_68: float
+    coverage_95: float
+    median_sigma_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class LoadScore:
+    """Estimated loads against true ones, as far as the balance of forces shows these; nan of no loads."""
+
+    threshold_n: float
+    """A node with a larger load is loaded."""
+    loaded_rmse_n: float
+    """Root of the mean of |error|^2 (3-D) over (frame, free node) that truly are loaded."""
+    unloaded_rmse_n: float
+    """Over all others."""
+    recall: float
+    """Share of the truly loaded (frame, free node) that are called loaded."""
+    precision: float
+    """Share of those called loaded that are."""
+    false_alarm_share: float
+    """Of the (frame, free node) that truly are not loaded, the share called loaded."""
+    quiet_false_alarm_share: float
+    """The same in frames in which no node is loaded."""
+    clear_frames: int
+    """Frames with a true load above 0.3 N."""
+    most_loaded_share: float
+    """Of these, in how many the largest estimated load is at the truly most loaded node."""
+
+
+@dataclass(frozen=True, slots=True)
 class FaultScore:
     """Whether a fault was seen in its interval, by a flag or an infinite sigma of its tendons."""
 
@@ -147,6 +204,10 @@ class ComparedFrames:
     """(frames,) root of the mean of |error|^2 over the free nodes."""
     wrong_branch: NDArray[np.bool_]
     """(frames,) det J has the other sign than at truth, and the frame's error is above 5 mm."""
+    estimated_load_n: NDArray[np.float64] | None
+    """(frames, free nodes, 3); None where loads were not estimated, or are not known."""
+    true_load_n: NDArray[np.float64] | None
+    """(frames, free nodes, 3) what the balance of forces shows of it; None where it is not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,6 +230,10 @@ class Evaluation:
     worst_node: int
     """The free node with the largest RMSE."""
     consistency: Consistency
+    regimes: tuple[Regime, ...]
+    """Quiet and loaded only where true loads are known."""
+    loads: LoadScore | None
+    """None where loads were not estimated, or are not known."""
     first_good_s: float | None
     """From the first compared frame to the first one whose error is at most 5 mm; None when there is none."""
     wrong_branch_frames: int | None

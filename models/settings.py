@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge
 
 from .clock import ClockSettings
+from .external_loads import LOAD_THRESHOLD_N
 from .frames import FrameSettings
 from .front_end import FrontEndSettings
 from .gate import GateSettings
@@ -86,6 +87,8 @@ class Settings:
 
     probability: Probability = 0.95
     """Of the ellipsoids."""
+    load_threshold_n: Positive = LOAD_THRESHOLD_N
+    """Above it a node is called loaded, in tables and figures; no estimate depends on it."""
     clock: ClockSettings = field(default_factory=ClockSettings)
     gate: GateSettings = field(default_factory=GateSettings)
     frames: FrameSettings = field(default_factory=FrameSettings)

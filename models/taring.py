@@ -62,7 +62,8 @@ class Taring:
     @property
     def misfit(self) -> NDArray[np.bool_]:
         """(tendons,) which sensors read at rest what no sensor on that tendon would; none when the rest is in doubt."""
-        return np.zeros_like(self._odd) if self.in_doubt else self._odd
+        odd = self._odd
+        return np.zeros_like(odd) if self.in_doubt else odd
 
     @property
     def in_doubt(self) -> bool:

@@ -50,6 +50,10 @@ def test_it_ends_well_with_a_table(done) -> None:
             "mean sigma of a node",
             "node RMSE",
             "holding the rest shape",
+            "forces at rest",
+            "largest load",
+            "nodes above 0.2 N for 1 s",
+            "by noise alone",
         ):
             assert words in result.stdout
     assert "(batch)" in batch.stdout
@@ -160,6 +164,9 @@ def evaluated(done):
     return folder, table, numbers
 
 
+EVALUATED = ["errors.png", "evaluation.json", "heights.png", "loads.png"]
+
+
 def test_evaluate_prints_tables_or_json(evaluated) -> None:
     folder, table, numbers = evaluated
     assert table.returncode == 0, table.stderr
@@ -171,14 +178,22 @@ def test_evaluate_prints_tables_or_json(evaluated) -> None:
         "NIS",
         "false alarms",
         "median sigma",
+        "RMSE of loads above 0.2 N",
+        "quiet",
+        "loaded",
+        "slack",
     ):
         assert words in table.stdout
     batch, live = json.loads(numbers.stdout)
     assert (batch["method"], live["method"]) == ("batch", "live")
     assert f"{1e3 * batch['absolute']['nodes']['rmse_m']:.2f}" in table.stdout
     for name in ("results/evaluation/press", "scores/press", "scores/live"):
-        assert sorted(p.name for p in (folder / name).iterdir()) == ["errors.png", "evaluation.json", "heights.png"]
+        assert sorted(p.name for p in (folder / name).iterdir()) == EVALUATED
     assert json.loads((folder / "scores/live/evaluation.json").read_text()) == live
+    assert [regime["name"] for regime in live["regimes"]] == ["quiet", "loaded", "slack"]
+    assert sum(regime["frames"] for regime in live["regimes"][:2]) == live["frames"]
+    assert live["loads"]["threshold_n"] == 0.2
+    assert 0 < live["loads"]["loaded_rmse_n"] < 2
 
 
 def test_evaluate_agrees_with_what_reconstruct_said(done, evaluated) -> None:

@@ -21,11 +21,15 @@ from tensegraph.estimator.evaluation import (
     mean_band,
     rigid_alignment,
     score_fault,
+    score_loads,
+    slack_frames,
 )
 from tensegraph.io.comparison import as_markdown, write_comparison_csv
 from tensegraph.io.positions import read_positions
 from tensegraph.io.result import read_estimate, write_tables
-from tensegraph.models.evaluation import Estimate, Fault, Truth
+from tensegraph.models.evaluation import Estimate, Fault, TrueLoads, Truth
+from tensegraph.models.external_loads import ExternalLoads, false_alarm_bound, observable_part
+from tensegraph.models.readings import Mode
 from tensegraph.score import Score
 
 TRUE_M = np.array([[0, 0, 0], [0.2, 0, 0], [0, 0.2, 0], [0.05, 0.05, 0.1]])
@@ -48,6 +52,7 @@ def estimate_of(structure, position_m, variance_m2=(1e-6, 4e-6, 4e-6), t_s=None,
         node_covariance_m2=covariance,
         length_m=structure.tendon_length_m(position_m) + 0.001,
         sigma_m=sigma_m,
+        mode=np.full((count, tendons), int(Mode.STRETCHING)),
         flags=np.zeros((count, tendons), dtype=np.int64) if flags is None else flags,
         innovation_sigma_m=0.5 * sigma_m,
     )
@@ -429,6 +434,8 @@ class TestResultsAreReadBack:
             ),
             ("lengths.csv", ",stretching,", ",x,stretching,", "row 2: expected 8 fields, got 9"),
             ("ellipsoids.csv", "0.0000,3,", "0.0000,4,", "expected 12 rows (node 0 to 11) for each row of shape.csv"),
+            ("lengths.csv", ",stretching,", ",flying,", "column mode: expected stretching or bending, got 'flying'"),
+            ("estimated_loads.csv", "0.0000,3,", "0.0000,2,", "expected 9 rows (node 3 to 11) for each row of"),
             ("shape.csv", "n11_z_m", "n12_z_m", "shape.csv: expected the positions of all 12 nodes"),
         ],
     )
@@ -440,6 +447,16 @@ class TestResultsAreReadBack:
         with pytest.raises(InputError) as error:
             read_estimate(path, result.structure)
         assert message in str(error.value)
+
+    def test_with_loads(self, saved) -> None:
+        result, path = saved
+        read = read_estimate(path, result.structure).loads
+        free = result.structure.free_nodes
+        np.testing.assert_allclose(read.force_n[:, free], result.loads.force_n[:, free], atol=1e-4)
+        np.testing.assert_allclose(read.sigma_n[:, free], result.loads.sigma_n[:, free], atol=1e-4)
+        assert np.isnan(read.force_n[:, result.structure.anchors]).all()
+        (path / "estimated_loads.csv").unlink()  # as a result without [mechanics]
+        assert read_estimate(path, result.structure).loads is None
 
     def test_flags_by_name(self) -> None:
         for flags in (Flag(0), Flag.STUCK, Flag.MISSING | Flag.OUTLIER | Flag.AMBIGUOUS):
@@ -478,6 +495,121 @@ class TestComparison:
         assert len({line.count(",") for line in lines}) == 1
         assert lines[1].startswith("published,,Caluwaerts et al.,,,0.0456,")
         assert lines[-1].startswith("measured,three,any,0,4,,")
+
+
+class TestLoads:
+    """Node 3 of `four_nodes` is on a rod that stands on anchor 0, along (1, 1, 2) / sqrt(6)."""
+
+    def test_the_observable_part_by_hand(self) -> None:
+        """Of (6, 0, 0), w w^T F = 6 / 6 (1, 1, 2): (5, -1, -2) is left; anchors show nothing."""
+        force = np.tile([6.0, 0, 0], (4, 1))
+        part = observable_part(four_nodes(), force, TRUE_M)
+        np.testing.assert_allclose(part[3], [5, -1, -2], atol=1e-12)
+        assert np.isnan(part[:3]).all()
+        np.testing.assert_array_equal(force[3], [6, 0, 0])
+
+    def test_all_of_it_on_a_floating_rod(self, structure, rest) -> None:
+        """Of the six-strut, rods 4-5, 7-8 and 10-11 float."""
+        force = np.random.default_rng(0).standard_normal((12, 3))
+        part = observable_part(structure, force, rest.node_position_m)
+        np.testing.assert_array_equal(part[[4, 5, 7, 8, 10, 11]], force[[4, 5, 7, 8, 10, 11]])
+        for anchor, node in ((0, 3), (1, 6), (2, 9)):
+            along = rest.node_position_m[node] - rest.node_position_m[anchor]
+            assert part[node] @ along == pytest.approx(0, abs=1e-12)
+
+    def scored(self, result):
+        """Two nodes in four frames, along x, in newtons.
+
+        True 1 0 | 0.25 0 | 0 0.1 | 0.5 0.4; estimated 0.7 0 | 0.1 0.3 | 0 0.3 | 0.2 0.6. Truly loaded are (1, 0.25,
+        0.5, 0.4), of which 0.7 and 0.6 are called so (0.2 is not above 0.2); so are 0.3 and 0.3 of the four unloaded.
+        """
+        true, estimated = np.zeros((4, 2, 3)), np.zeros((4, 2, 3))
+        true[..., 0] = [[1, 0], [0.25, 0], [0, 0.1], [0.5, 0.4]]
+        estimated[..., 0] = [[0.7, 0], [0.1, 0.3], [0, 0.3], [0.2, 0.6]]
+        return score_loads(replace(result.compared, true_load_n=true, estimated_load_n=estimated), 0.2)
+
+    def test_a_score_by_hand(self, result) -> None:
+        score = self.scored(result)
+        assert score.loaded_rmse_n == pytest.approx(np.sqrt((0.3**2 + 0.15**2 + 0.3**2 + 0.2**2) / 4))
+        assert score.unloaded_rmse_n == pytest.approx(np.sqrt((0 + 0.3**2 + 0 + 0.2**2) / 4))
+        assert (score.recall, score.precision, score.false_alarm_share) == (2 / 4, 2 / 4, 2 / 4)
+        assert score.quiet_false_alarm_share == 1 / 2  # the third frame: 0 and 0.3
+        assert (score.clear_frames, score.most_loaded_share) == (2, 1 / 2)  # 1 N at the first: right; 0.5 N: not
+
+    def test_without_loads_on_either_side_there_is_none(self, result) -> None:
+        assert result.loads is None
+        assert score_loads(replace(result.compared, true_load_n=np.zeros((3, 1, 3))), 0.2) is None
+
+    def test_nothing_loaded_nothing_found(self, result) -> None:
+        nothing = np.zeros((3, 1, 3))
+        score = score_loads(replace(result.compared, true_load_n=nothing, estimated_load_n=nothing), 0.2)
+        assert np.isnan([score.loaded_rmse_n, score.recall, score.precision, score.most_loaded_share]).all()
+        assert (score.unloaded_rmse_n, score.false_alarm_share, score.clear_frames) == (0, 0, 0)
+
+    def test_evaluate_compares_them_along_the_true_rod_at_the_frames(self) -> None:
+        """True 0 at 0 s and (6, 0, 0) at 0.04 s: at 0.02 s (3, 0, 0), of which (2.5, -0.5, -1) is observable."""
+        structure = four_nodes()
+        force = np.full((3, 4, 3), np.nan)
+        force[:, 3] = [2.5, -0.5, 0]
+        loads = ExternalLoads(force, np.full((3, 4), 0.1))
+        true_n = np.zeros((2, 4, 3))
+        true_n[1, 3] = [6, 0, 0]
+        estimate = replace(estimate_of(structure, moved([[0, 0, 0]] * 3)), loads=loads)
+        truth = truth_of(3, loads=TrueLoads(np.array([0.0, 0.04]), true_n))
+        compared = evaluate(structure, TRUE_M, estimate, truth).compared
+        np.testing.assert_allclose(compared.true_load_n[:, 0], [[0, 0, 0], [2.5, -0.5, -1], [5, -1, -2]], atol=1e-12)
+        np.testing.assert_allclose(compared.estimated_load_n[1, 0] - compared.true_load_n[1, 0], [0, 0, 1], atol=1e-12)
+
+    def test_the_bound_on_false_alarms_by_hand(self) -> None:
+        """Two degrees across an anchored rod: P(|F| > t) = exp(-t^2 / (2 sigma^2)); frames above t do not count."""
+        loads = ExternalLoads(np.full((3, 4, 3), np.nan), np.full((3, 4), np.inf))
+        loads.force_n[:, 3], loads.sigma_n[:, 3] = 0.0, [0.1, 0.05, 9.0]
+        loads.force_n[2, 3, 0] = 0.3
+        expected = (np.exp(-2) + np.exp(-8)) / 2
+        assert false_alarm_bound(four_nodes(), loads, 0.2) == pytest.approx(expected, rel=1e-9)
+        assert np.isnan(false_alarm_bound(four_nodes(), loads, -1.0))
+
+    def test_it_is_a_bound_on_an_estimate_that_is_drawn_to_zero(self, structure) -> None:
+        """Measured with noise s, drawn to zero by sigma_F = 0.1: v = 1 / (1/s^2 + 1/sigma_F^2), F = v / s^2 noise."""
+        rng, s, sigma_f = np.random.default_rng(1), 0.15, 0.1
+        v = 1 / (1 / s**2 + 1 / sigma_f**2)
+        force = v / s**2 * s * rng.standard_normal((4000, 12, 3))
+        loads = ExternalLoads(force, np.full((4000, 12), np.sqrt(v)))
+        free = structure.free_nodes
+        bound = false_alarm_bound(structure, loads, 0.2)
+        assert (np.linalg.norm(force[:, free], axis=-1) > 0.2).mean() < bound
+        assert force[:, free].std() == pytest.approx(np.sqrt(v * (1 - v / sigma_f**2)), rel=0.02)
+
+
+class TestRegimes:
+    def test_by_hand(self) -> None:
+        """Errors of 3, 6 and 9 mm along x (sigma 1 mm) in a quiet, a loaded and a loaded frame; the last one slack."""
+        structure = four_nodes()
+        estimate = estimate_of(structure, moved([[3, 0, 0], [1, 0, 0], [0, 0, 2]]))
+        estimate.mode[2, 3] = int(Mode.BENDING)
+        true_n = np.zeros((3, 4, 3))
+        true_n[1:, 3] = [0.5, -0.5, 0]  # across the rod
+        truth = truth_of(3, loads=TrueLoads(np.arange(3) / 50, true_n))
+        quiet, loaded, slack = evaluate(structure, TRUE_M, estimate, truth).regimes
+        assert [r.name for r in (quiet, loaded, slack)] == ["quiet", "loaded", "slack"]
+        assert [r.frames for r in (quiet, loaded, slack)] == [1, 2, 1]
+        assert (quiet.nees, loaded.nees, slack.nees) == pytest.approx((9, 1, 1))
+        assert (quiet.coverage_95, loaded.coverage_95) == (0, 1)
+        assert (quiet.node_rmse_m, slack.node_rmse_m) == pytest.approx((0.003, 0.002))
+        assert loaded.node_rmse_m == pytest.approx(np.sqrt(2.5) / 1e3)
+
+    def test_without_known_loads_only_slack(self, result) -> None:
+        (slack,) = result.regimes
+        assert (slack.name, slack.frames) == ("slack", 0)
+        assert np.isnan([slack.nees, slack.coverage_95]).all()
+
+    def test_ambiguous_is_slack_and_a_tendon_between_anchors_or_without_reading_is_not(self) -> None:
+        structure = four_nodes()
+        flags = np.zeros((3, 4), dtype=np.int64)
+        flags[:, :] = [[int(Flag.AMBIGUOUS), 0, 0, 0], [0, 0, int(Flag.AMBIGUOUS), 0], [0, 0, 0, int(Flag.AMBIGUOUS)]]
+        estimate = estimate_of(structure, moved([[0, 0, 0]] * 3), flags=flags)
+        estimate.length_m[2, 3] = np.nan
+        assert slack_frames(structure, estimate).tolist() == [False, True, False]
 
 
 def test_a_score_is_json_without_holes() -> None:
