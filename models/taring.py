@@ -62,8 +62,7 @@ class Taring:
     @property
     def misfit(self) -> NDArray[np.bool_]:
         """(tendons,) which sensors read at rest what no sensor on that tendon would; none when the rest is in doubt."""
-        odd = self._odd
-        return np.zeros_like(odd) if self.in_doubt else odd
+        return np.zeros(len(self._sum), dtype=np.bool_) if self.in_doubt else self._odd
 
     @property
     def in_doubt(self) -> bool:
