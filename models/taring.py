@@ -71,7 +71,7 @@ class Taring:
 
     @property
     def _odd(self) -> NDArray[np.bool_]:
-        return np.asarray(self.tared & ~self._fits(self._sum / np.maximum(self._count, 1)))
+        return self.tared & ~self._fits(self._sum / np.maximum(self._count, 1))
 
     def exchanged(self, natural_resistance_ohm: NDArray[np.float64]) -> list[tuple[int, int]]:
         """Return pairs of misfit sensors that would fit if their channels were exchanged.
@@ -90,7 +90,7 @@ class Taring:
 
     def _fits(self, change: NDArray[np.float64]) -> NDArray[np.bool_]:
         away = np.abs(change - self.rest_change)
-        return ~(away > MISFIT_SIGMA * self._rest_change_sigma)
+        return np.asarray(~(away > MISFIT_SIGMA * self._rest_change_sigma))
 
     @property
     def tared(self) -> NDArray[np.bool_]:
