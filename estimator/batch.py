@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import gtsam
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from ..factors.noise import tendon_sigma_m
 from ..models.errors import IndeterminateError
+from ..models.external_loads import ExternalLoads
 from ..models.readings import TendonLengths
 from ..models.rest import RestShape
 from ..models.settings import Settings
@@ -20,6 +22,8 @@ from .uncertainty import FrameEvidence
 
 MAX_ITERATIONS = 50
 RELATIVE_DECREASE = 1e-3
+PUSH_S = 0.12
+"""Standard deviation of the Gaussian that averages loads: 0.3 s at half its height, as a push takes to build up."""
 MIN_DAMPING, MAX_DAMPING = 1e2, 1e10
 """In 1 / m^2: from a prior of 0.1 m to one of 0.01 mm."""
 
@@ -44,30 +48,46 @@ class BatchOptimizer:
         Raises:
             IndeterminateError: when nothing holds some node.
         """
-        frames = _without_lag(list(frames))
-        graph, values = self._graph(frames)
+        graph, values, admitted = self._graph(_without_lag(list(frames)))
         try:
             values, converged = _optimize(graph, values, progress)
-            branches = OtherBranch(self._builder, self._settings.branch)
-            positions = np.array(gtsam.utilities.extractPoint3(values)).reshape(len(frames), -1, 3)
-            for lengths, position in zip(frames, positions, strict=True):
-                covariance, loads = self._evidence.assess(position, tendon_sigma_m(lengths, self._builder.noise))
-                status = status_of(lengths, self._builder.structure) if converged else Status.NOT_CONVERGED
-                yield branches.told(Shape(lengths.t_s, position, covariance, status, lengths, loads))
+            positions = np.array(gtsam.utilities.extractPoint3(values)).reshape(len(admitted), -1, 3)
+            assessed = [
+                self._evidence.assess(position, tendon_sigma_m(lengths, self._builder.noise))
+                for lengths, position in zip(admitted, positions, strict=True)
+            ]
         except (RuntimeError, np.linalg.LinAlgError) as error:
             raise IndeterminateError(str(error).splitlines()[0]) from error
+        branches = OtherBranch(self._builder, self._settings.branch)
+        all_loads = _over_pushes([loads for _, loads in assessed], admitted)
+        for lengths, position, (covariance, _), loads in zip(admitted, positions, assessed, all_loads, strict=True):
+            status = status_of(lengths, self._builder.structure) if converged else Status.NOT_CONVERGED
+            yield branches.told(Shape(lengths.t_s, position, covariance, status, lengths, loads))
 
-    def _graph(self, frames: list[TendonLengths]) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-        """Return the graph of all frames, and the live estimate of each as the start."""
-        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    def _graph(
+        self, frames: list[TendonLengths]
+    ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, list[TendonLengths]]:
+        """Return the graph of all frames, the live estimate of each as the start, and the lengths that it admitted."""
+        graph, values, admitted = gtsam.NonlinearFactorGraph(), gtsam.Values(), []
         times_s = [lengths.t_s for lengths in frames]
         live = LiveSmoother(self._builder.structure, self._builder.rest, self._settings)
         for frame, shape in enumerate(live.estimate(frames)):
+            admitted.append(shape.lengths)
             self._builder.add_frame(graph, frame, shape.lengths)
             self._builder.add_motion(graph, frame, times_s[max(frame - 2, 0) : frame + 1])
             for key, position in zip(self._builder.keys(frame), shape.node_position_m, strict=True):
                 values.insertPoint3(key, position)
-        return graph, values
+        return graph, values, admitted
+
+
+def _over_pushes(loads: list[ExternalLoads | None], frames: list[TendonLengths]) -> list[ExternalLoads | None]:
+    """Return the loads averaged over the time in which a hand builds up a push."""
+    known = [of for of in loads if of is not None]
+    if len(known) < 2 or len(known) < len(loads):
+        return loads
+    step_s = float(np.median(np.diff([lengths.t_s for lengths in frames])))
+    force_n = gaussian_filter1d(np.array([of.force_n for of in known]), PUSH_S / step_s, axis=0, mode="nearest")
+    return [replace(of, force_n=force) for of, force in zip(known, force_n, strict=True)]
 
 
 def _without_lag(frames: list[TendonLengths]) -> list[TendonLengths]:
