@@ -14,7 +14,6 @@ from rich.table import Table
 from .estimator.evaluation import node_rmse_m
 from .io.trial import Trial
 from .models.errors import InputError
-from .models.external_loads import false_alarm_bound
 from .models.readings import Flag
 from .models.reconstruction import Reconstruction
 from .models.rest import RestShape
@@ -140,7 +139,7 @@ def rest_balance(rest: RestShape) -> list[tuple[str, str]]:
 
 
 def load_rows(r: Reconstruction, threshold_n: float) -> list[tuple[str, str]]:
-    """Return the largest load, the nodes that were loaded for long, and how far a load may be noise."""
+    """Return the largest load, and the nodes that were loaded for long."""
     if r.loads is None:
         return []
     load_n = np.nan_to_num(np.linalg.norm(r.loads.force_n, axis=-1))
@@ -148,11 +147,9 @@ def load_rows(r: Reconstruction, threshold_n: float) -> list[tuple[str, str]]:
     step_s = float(np.median(np.diff(r.t_s))) if len(r) > 1 else 0.0
     loaded_s = step_s * (load_n > threshold_n).sum(axis=0)
     long = [f"{node} ({loaded_s[node]:.1f} s)" for node in np.flatnonzero(loaded_s > LONG_S)]
-    bound = false_alarm_bound(r.structure, r.loads, threshold_n)
     return [
         ("largest load", f"{load_n[k, node]:.2f} N at node {node}, t = {r.t_s[k]:.2f} s"),
         (f"nodes above {threshold_n:g} N for {LONG_S:g} s", ", ".join(long) or "none"),
-        ("  by noise alone", f"at most {bound:.0%} of the time, for an unloaded node" if np.isfinite(bound) else "-"),
     ]
 
 

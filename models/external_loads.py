@@ -5,7 +5,6 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from .statics import Statics
 from .structure import Structure
@@ -67,21 +66,6 @@ def observable_part(
             if seen[node] == Observable.ACROSS_ROD:
                 part[..., node, :] -= along * np.sum(along * force_n[..., node, :], axis=-1, keepdims=True)
     return part
-
-
-def false_alarm_bound(structure: Structure, loads: ExternalLoads, threshold_n: float) -> float:
-    """Return how often, at most, noise alone lifts the load of an unloaded node above a threshold: mean of P(|F| > t).
-
-    |F|^2 / sigma^2 is taken as chi-square with 3 degrees, or 2 where the part along the rod is not observable. That is
-    a bound: the balance's own sigma_F draws the estimate to zero, so that about a true zero it scatters by the root of
-    sigma^2 (1 - sigma^2 / sigma_F^2) only. The mean is over frames and those nodes that are below the threshold: a node
-    that carries a load is excused, and its sigma says nothing of an unloaded one. Not of a number: there is none.
-    """
-    nodes = structure.free_nodes
-    degrees = np.array([3 if seen == Observable.ALL else 2 for seen in observable_loads(structure)])[nodes]
-    rate = chi2.sf((threshold_n / loads.sigma_n[..., nodes]) ** 2, degrees)
-    below = np.linalg.norm(loads.force_n[..., nodes, :], axis=-1) <= threshold_n
-    return float(rate[below].mean()) if below.any() else np.nan
 
 
 def external_loads(

@@ -53,7 +53,6 @@ def test_it_ends_well_with_a_table(done) -> None:
             "forces at rest",
             "largest load",
             "nodes above 0.2 N for 1 s",
-            "by noise alone",
         ):
             assert words in result.stdout
     assert "(batch)" in batch.stdout

@@ -28,7 +28,7 @@ from tensegraph.io.comparison import as_markdown, write_comparison_csv
 from tensegraph.io.positions import read_positions
 from tensegraph.io.result import read_estimate, write_tables
 from tensegraph.models.evaluation import Estimate, Fault, TrueLoads, Truth
-from tensegraph.models.external_loads import ExternalLoads, false_alarm_bound, observable_part
+from tensegraph.models.external_loads import ExternalLoads, observable_part
 from tensegraph.models.readings import Mode
 from tensegraph.score import Score
 
@@ -559,26 +559,6 @@ class TestLoads:
         compared = evaluate(structure, TRUE_M, estimate, truth).compared
         np.testing.assert_allclose(compared.true_load_n[:, 0], [[0, 0, 0], [2.5, -0.5, -1], [5, -1, -2]], atol=1e-12)
         np.testing.assert_allclose(compared.estimated_load_n[1, 0] - compared.true_load_n[1, 0], [0, 0, 1], atol=1e-12)
-
-    def test_the_bound_on_false_alarms_by_hand(self) -> None:
-        """Two degrees across an anchored rod: P(|F| > t) = exp(-t^2 / (2 sigma^2)); frames above t do not count."""
-        loads = ExternalLoads(np.full((3, 4, 3), np.nan), np.full((3, 4), np.inf))
-        loads.force_n[:, 3], loads.sigma_n[:, 3] = 0.0, [0.1, 0.05, 9.0]
-        loads.force_n[2, 3, 0] = 0.3
-        expected = (np.exp(-2) + np.exp(-8)) / 2
-        assert false_alarm_bound(four_nodes(), loads, 0.2) == pytest.approx(expected, rel=1e-9)
-        assert np.isnan(false_alarm_bound(four_nodes(), loads, -1.0))
-
-    def test_it_is_a_bound_on_an_estimate_that_is_drawn_to_zero(self, structure) -> None:
-        """Measured with noise s, drawn to zero by sigma_F = 0.1: v = 1 / (1/s^2 + 1/sigma_F^2), F = v / s^2 noise."""
-        rng, s, sigma_f = np.random.default_rng(1), 0.15, 0.1
-        v = 1 / (1 / s**2 + 1 / sigma_f**2)
-        force = v / s**2 * s * rng.standard_normal((4000, 12, 3))
-        loads = ExternalLoads(force, np.full((4000, 12), np.sqrt(v)))
-        free = structure.free_nodes
-        bound = false_alarm_bound(structure, loads, 0.2)
-        assert (np.linalg.norm(force[:, free], axis=-1) > 0.2).mean() < bound
-        assert force[:, free].std() == pytest.approx(np.sqrt(v * (1 - v / sigma_f**2)), rel=0.02)
 
 
 class TestRegimes:
