@@ -6,8 +6,8 @@ A length l is judged by what the shape would be without it. To first order that 
                                                                    then that of l - l_hat)
 
 which is about a standard normal for a healthy sensor. Where the mean of z over half a second stands out, the frame is
-estimated with and without the sensor, and the sensor is left out when doing without explains the rest e^6 times better:
-a wrong length of 5 mm needs a residual and a phantom load at either end, one pressed node needs no wrong length.
+estimated with and without the sensor, and it is left out when doing without explains several frames much better: a
+wrong length of 5 mm needs a residual and a phantom load at either end, one pressed node needs no wrong length.
 """
 
 from dataclasses import replace
@@ -38,8 +38,8 @@ class SensorHealth:
         self._mean_z = np.zeros(count)
         self._out = np.zeros(count, dtype=np.bool_)
         self._agrees_since_s = np.full(count, np.inf)
-        self._last_s, self._checked_s = np.nan, -np.inf
-        self._confirmed = np.zeros(count, dtype=np.int64)
+        self._last_s, self._checked_s = np.nan, np.full(count, -np.inf)
+        self._against = np.zeros(count)
 
     def admit(self, lengths: TendonLengths) -> TendonLengths:
         """Return the lengths without those of sensors that are left out."""
@@ -57,7 +57,7 @@ class SensorHealth:
         weight = -np.expm1(-step_s / self._settings.memory_s)
         self._mean_z += np.where(seen, weight * (np.nan_to_num(z) - self._mean_z), 0.0)
         self._take_back(lengths.t_s, seen)
-        if lengths.t_s - self._checked_s >= self._settings.check_every_s:
+        if lengths.t_s - self._checked_s.max() >= self._settings.check_every_s:
             self._check(shape, lengths)
 
     def _studentised(self, shape: Shape, lengths: TendonLengths) -> NDArray[np.float64]:
@@ -80,19 +80,23 @@ class SensorHealth:
         self._out &= ~(t_s - self._agrees_since_s >= self._settings.take_back_s)
 
     def _check(self, shape: Shape, lengths: TendonLengths) -> None:
-        """Estimate the frame without the sensor that stands out most, if one does."""
-        standing_out = np.where(self._out, 0.0, np.abs(self._mean_z))
-        suspect = int(np.argmax(standing_out))
-        if standing_out[suspect] < self._settings.suspect_sigma or not np.isfinite(lengths.sigma_m[suspect]):
+        """Estimate the frame without a sensor that stands out, if one does: the one not checked for longest.
+
+        What speaks against it adds up (Page's cumulative sum): each check adds its log ratio less what is expected.
+        """
+        settings = self._settings
+        stands_out = (np.abs(self._mean_z) > settings.suspect_sigma) & ~self._out & np.isfinite(lengths.sigma_m)
+        self._against *= stands_out
+        if not stands_out.any():
             return
-        self._checked_s = lengths.t_s
+        suspect = int(np.argmin(np.where(stands_out, self._checked_s, np.inf)))
+        self._checked_s[suspect] = lengths.t_s
         admitted = self.admit(lengths)
         without = replace(admitted, sigma_m=np.where(np.arange(len(self._out)) == suspect, np.inf, admitted.sigma_m))
         start_m = shape.node_position_m
         gain = self._builder.minimum(admitted, start_m).error - self._builder.minimum(without, start_m).error
-        worse = gain > self._settings.log_ratio
-        self._confirmed = np.where(np.arange(len(self._out)) == suspect, self._confirmed + 1, 0) * worse
-        if self._confirmed[suspect] >= self._settings.confirmations:
+        self._against[suspect] = max(self._against[suspect] + gain - settings.expected_log_ratio, 0.0)
+        if self._against[suspect] >= settings.log_ratio:
             self._out[suspect] = True
             self._agrees_since_s[suspect] = np.inf
-            self._confirmed[suspect] = 0
+            self._against[suspect] = 0.0

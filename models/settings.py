@@ -11,7 +11,7 @@ from .frames import FrameSettings
 from .front_end import FrontEndSettings
 from .gate import GateSettings
 from .rest import RestSettings
-from .tables import AtLeastOne, Positive, Probability
+from .tables import Positive, Probability
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +61,10 @@ class HealthSettings:
     """Mean disagreement from which on a sensor is checked."""
     check_every_s: Positive = 0.1
     """Least time between two checks, which take as long as a frame each."""
-    log_ratio: Positive = 6.0
-    """Log of how many times better a frame must be explained without the sensor, ..."""
-    confirmations: AtLeastOne = 3
-    """... and in how many checks in a row: 24 sensors, checked 10 times a second, for hours."""
+    expected_log_ratio: Positive = 3.0
+    """Log of how many times better a frame is explained without a sensor that is merely unlucky, ..."""
+    log_ratio: Positive = 9.0
+    """... and how far the checks must add up to more: 24 sensors, checked 10 times a second, for hours."""
     agree_sigma: Positive = 2.0
     """Mean disagreement below which a sensor that was left out agrees again, ..."""
     take_back_s: Positive = 1.0
