@@ -52,6 +52,9 @@ console = Console()
 COLUMNS = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
 
 
+MODEL = Annotated[Path | None, typer.Option(help="Sensor model that `calibrate` wrote. [default: the one that ships]")]
+
+
 @app.command()
 def reconstruct(
     trials: Annotated[list[Path], typer.Argument(help="Trial directories, each with a trial.toml.")],
@@ -67,9 +70,7 @@ def reconstruct(
         typer.Option(help="Result directory; of several trials the one that holds theirs. [default: results/TRIAL]"),
     ] = None,
     config: Annotated[Path | None, typer.Option(help="Settings that differ from the defaults, as TOML.")] = None,
-    model: Annotated[
-        Path | None, typer.Option(help="Sensor model that `calibrate` wrote. [default: the one that ships]")
-    ] = None,
+    model: MODEL = None,
 ) -> None:
     r"""Reconstruct recorded trials: shapes with ellipsoids, lengths, status, figures.
 
@@ -125,6 +126,7 @@ def compare(
     trials: Annotated[list[Path], typer.Argument(help="Trial directories, with truth.")],
     out: Annotated[Path, typer.Option(help="Where the table and the figure go.")] = Path("results/comparison"),
     config: Annotated[Path | None, typer.Option(help="Settings that differ from the defaults, as TOML.")] = None,
+    model: MODEL = None,
 ) -> None:
     r"""Compare all methods on the same lengths: the paper's Table I, measured here.
 
@@ -133,7 +135,7 @@ def compare(
     """
     _distinct_names(trials)
     check_result_path(out, COMPARISON_FILE)
-    settings, model = read_settings(config), read_sensor_model()
+    settings, sensor_model = read_settings(config), read_sensor_model(model)
     opened = [open_trial(path) for path in trials]
     measured = []
     with Progress(*COLUMNS, console=console, transient=True) as progress:
@@ -146,7 +148,7 @@ def compare(
             progress.remove_task(task)  # its line stays, with what came out
 
         for trial in opened:
-            for one in measure(trial, settings, model, track):
+            for one in measure(trial, settings, sensor_model, track):
                 measured.append(one)
                 progress.console.print(one.line(), highlight=False)
     rows = comparison_rows(measured)
@@ -217,6 +219,7 @@ def ports(
 def record(
     rig: Annotated[Path, typer.Option(help="Description of structure, sensors and boards, as examples/rig.toml.")],
     out: Annotated[Path, typer.Option(help="Trial directory to write; must not exist.")],
+    model: MODEL = None,
     port: PORTS = None,
     seconds: SECONDS = math.inf,
 ) -> None:
@@ -228,7 +231,7 @@ def record(
     check_trial_path(out)
     setup, settings = Rig.read(rig), Settings()
     boards, activity = Boards(setup.description, settings.clock), Activity(len(setup.table.board))
-    with boards_feed(setup, port or [], out, settings, read_sensor_model(), BesideTheRig(console)) as feed:
+    with boards_feed(setup, port or [], out, settings, read_sensor_model(model), BesideTheRig(console)) as feed:
         screen = Panel(f"recording {out}, Ctrl-C ends it", activity, lambda: boards.counts, feed.state)
         with stopped_by_signals(feed.source), shown(screen, console):
             for row in feed.rows:
@@ -250,6 +253,7 @@ def live(
     out: Annotated[Path | None, typer.Option(help="Result directory. [default: results/NAME]")] = None,
     config: Annotated[Path | None, typer.Option(help="Settings that differ from the defaults, as TOML.")] = None,
     view: Annotated[bool, typer.Option("--view", help="Show the shape in a window.")] = False,
+    model: MODEL = None,
     port: PORTS = None,
     seconds: SECONDS = math.inf,
 ) -> None:
@@ -264,7 +268,7 @@ def live(
         raise TensegraphError("expected one of --rig, --replay and --twin")
     if (rig is not None and speed != 1) or (rig is None and port):
         raise TensegraphError("--speed goes with --replay and --twin, --port with --rig")
-    settings, model = read_settings(config), read_sensor_model()
+    settings, sensor_model = read_settings(config), read_sensor_model(model)
     named = record or replay or (twin and twin.with_suffix(""))
     path = out or Path("results") / (named.resolve().name if named else "live")
     check_result_path(path)
@@ -273,13 +277,13 @@ def live(
     with ExitStack() as stack:
         if rig is not None:
             people = BesideTheRig(console)
-            feed = stack.enter_context(boards_feed(Rig.read(rig), port or [], record, settings, model, people))
+            feed = stack.enter_context(boards_feed(Rig.read(rig), port or [], record, settings, sensor_model, people))
         elif replay is not None:
             feed = stack.enter_context(replay_feed(replay, speed, record))
         else:
             assert twin is not None
             feed = stack.enter_context(twin_feed(twin, speed, record))
-        session = Session(feed, Pipeline(feed.description, settings, model), seconds)
+        session = Session(feed, Pipeline(feed.description, settings, sensor_model), seconds)
         _show_session(session, feed, path, view)
     console.print(f"written to {path}", highlight=False)
     if record is not None:

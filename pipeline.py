@@ -54,7 +54,8 @@ class Pipeline:
 
     def __init__(self, trial: TrialDescription, settings: Settings, model: SensorModel) -> None:
         self.trial, self.settings = trial, settings
-        self.rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, settings.rest)
+        rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, settings.rest)
+        self.rest = replace(rest, at_start=trial.rest_seconds > 0)
         self.boards = Boards(trial, settings.clock) if trial.source == "counts" else None
         self._frames = FrameAssembler(
             trial.natural_resistance_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate

@@ -14,7 +14,7 @@ from rich.table import Table
 from .estimator.evaluation import node_rmse_m
 from .io.trial import Trial
 from .models.errors import InputError
-from .models.readings import Flag
+from .models.readings import LEFT_OUT, MOMENTARY, Flag
 from .models.reconstruction import Reconstruction
 from .models.rest import RestShape
 from .models.settings import Settings
@@ -22,16 +22,7 @@ from .pipeline import Method, Pipeline
 
 LONG_S = 1.0
 """A node that carries a load for longer, in all, is named."""
-BAD = (
-    Flag.MISSING
-    | Flag.SATURATED
-    | Flag.OUTLIER
-    | Flag.STUCK
-    | Flag.OUT_OF_RANGE
-    | Flag.TOO_FAST
-    | Flag.IMPLAUSIBLE
-    | Flag.MISFIT
-)
+BAD = ~MOMENTARY
 """Flags that tell of a sensor, not of a moment."""
 
 
@@ -163,7 +154,7 @@ def flagged_sensors(r: Reconstruction) -> list[str]:
             for flag, frames in seen.items()
             if len(frames) and flag != Flag.MISSING
         ]
-        left_out = seen[Flag.MISSING]
+        left_out = np.flatnonzero(r.flags[:, e] & LEFT_OUT)
         if len(left_out):
             parts.append(f"left out of {len(left_out)} frames from {r.t_s[left_out[0]]:.2f} s")
         tendons.setdefault(", ".join(parts), []).append(str(e))

@@ -51,12 +51,12 @@ class BatchOptimizer:
         graph, values, admitted = self._graph(_without_lag(list(frames)))
         try:
             values, converged = _optimize(graph, values, progress)
-            positions = np.array(gtsam.utilities.extractPoint3(values)).reshape(len(admitted), -1, 3)
+            positions = np.array(gtsam.utilities.extractPoint3(values)).reshape(-1, self._builder.node_count, 3)
             assessed = [
                 self._evidence.assess(position, tendon_sigma_m(lengths, self._builder.noise))
                 for lengths, position in zip(admitted, positions, strict=True)
             ]
-        except (RuntimeError, np.linalg.LinAlgError) as error:
+        except RuntimeError as error:
             raise IndeterminateError(str(error).splitlines()[0]) from error
         branches = OtherBranch(self._builder, self._settings.branch)
         all_loads = _over_pushes([loads for _, loads in assessed], admitted)

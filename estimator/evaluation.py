@@ -24,7 +24,7 @@ from ..models.evaluation import (
     Truth,
 )
 from ..models.external_loads import LOAD_THRESHOLD_N, observable_part
-from ..models.readings import Flag, Mode
+from ..models.readings import MOMENTARY, Flag, Mode
 from ..models.reconstruction import Reconstruction
 from ..models.rigidity import branch
 from ..models.structure import Structure
@@ -37,8 +37,6 @@ REDUNDANT = 0.1
 """A length whose innovation has less than this share of its own sigma was taken by the shape as it came: no check."""
 CLEAR_LOAD_N = 0.3
 """A true load above it is large enough to ask which node carries it."""
-NO_FAULT = Flag.TOO_FAST | Flag.WARMING_UP | Flag.AMBIGUOUS
-"""Flags that tell of a moment, not of a sensor; any other one names a fault."""
 
 
 def evaluate(
@@ -288,7 +286,7 @@ def independent_count(series: NDArray[np.float64]) -> float:
 
 def named_as_fault(estimate: Estimate) -> NDArray[np.bool_]:
     """Return (frames, tendons) where a flag tells of the sensor, or the length was left out."""
-    return np.asarray(((estimate.flags & ~int(NO_FAULT)) != 0) | ~np.isfinite(estimate.sigma_m))
+    return np.asarray(((estimate.flags & ~int(MOMENTARY)) != 0) | ~np.isfinite(estimate.sigma_m))
 
 
 def score_fault(fault: Fault, estimate: Estimate) -> FaultScore:

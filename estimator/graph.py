@@ -87,7 +87,7 @@ class GraphBuilder:
         return FrameMinimum(position, optimizer.error(), optimizer.iterations() < MAX_ITERATIONS)
 
     def add_motion(self, graph: gtsam.NonlinearFactorGraph, frame: int, times_s: Sequence[float]) -> None:
-        """Add what ties a frame to those before; the first one stands at the rest shape, the second starts from rest.
+        """Add what ties a frame to those before; the first one may stand at the rest shape, the second start from it.
 
         Args:
             graph: is added to.
@@ -95,6 +95,8 @@ class GraphBuilder:
             times_s: times of the last frames up to this one, at least three of them from frame 2 on.
         """
         q, keys = self.noise.motion_m_per_s15, self.keys(frame)
+        if frame < 2 and not self.rest.at_start:
+            return
         if frame == 0:
             sigma_m = float(np.sqrt(np.diag(self.rest.covariance_m2).max()))
             _add(graph, shape_prior_factors(self._free, keys, self.rest.node_position_m, sigma_m))

@@ -51,13 +51,16 @@ class LiveSmoother:
         self._builder.add_frame(graph, self._frame, lengths)
         self._builder.add_motion(graph, self._frame, self._times_s)
         keys = list(self._builder.keys(self._frame))
+        if self._frame == 0 and not self._builder.rest.at_start:
+            start_m = self._builder.minimum(lengths, self._builder.rest.node_position_m).node_position_m
+            self._positions.extend([start_m] * 2)
         for key, position in zip(keys, self._predict(), strict=True):
             values.insertPoint3(key, position)
         try:
             self._isam.update(graph, values, self._update_parameters())
             position = np.array(gtsam.utilities.extractPoint3(self._isam.calculateEstimate(keys)))
             covariance, loads = self._evidence.assess(position, tendon_sigma_m(lengths, self._builder.noise))
-        except (RuntimeError, np.linalg.LinAlgError) as error:
+        except RuntimeError as error:
             raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {str(error).splitlines()[0]}") from error
         self._forget()
         self._frame += 1

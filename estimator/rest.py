@@ -105,7 +105,7 @@ def rest_step(
     position, mechanics = place(z), tared(z)
     unbalanced_n = _rms_n(structure, nominal, position), _rms_n(structure, mechanics, position)
     covariance_m2 = _of_all_nodes(structure, sigma_m**2 * covariance[:size, :size])
-    return RestShape(position, covariance_m2, source, mechanics, unbalanced_n)
+    return RestShape(position, covariance_m2, source, mechanics, unbalanced_n=unbalanced_n)
 
 
 def _most_probable(rows: Rows, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

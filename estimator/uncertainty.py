@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.equilibrium import squared_norms
+from ..models.errors import IndeterminateError
 from ..models.external_loads import ExternalLoads, external_loads
 from ..models.geometry import length_jacobian
 from ..models.rest import RestShape
@@ -47,7 +48,7 @@ class FrameEvidence:
             sigma_m: (..., tendons) of the lengths it was made from, see `tendon_sigma_m`; inf where there is none.
 
         Raises:
-            LinAlgError: when the shape prior is off and nothing else holds some motion.
+            IndeterminateError: when the shape prior is off and nothing else holds some motion.
         """
         lead, columns = node_position_m.shape[:-2], self._columns
         jacobian = length_jacobian(node_position_m, self._members).reshape(*lead, len(self._members), -1)[..., columns]
@@ -61,7 +62,10 @@ class FrameEvidence:
             weight = 1 / (1 + squared_norms(r / self._noise.force_n, self._statics)) / self._noise.force_n
             weighted = by_position * weight[..., None]
             information += np.swapaxes(weighted, -1, -2) @ weighted
-        own = np.linalg.inv(information)
+        try:
+            own = np.linalg.inv(information)
+        except np.linalg.LinAlgError as error:
+            raise IndeterminateError("a node is held by nothing: no shape prior, and too few lengths") from error
         covariance = np.zeros((*lead, *self._held.shape)) + self._held
         covariance[..., columns[:, None], columns] += own
         if not self._statics:

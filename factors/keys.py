@@ -5,11 +5,6 @@ from collections.abc import Iterable
 import gtsam
 
 
-def node_key(frame: int, node: int, node_count: int) -> int:
-    """Return the key of a node in a frame."""
-    return node_count * frame + node
-
-
 def frame_keys(frame: int, node_count: int) -> range:
     """Return the keys of all nodes of a frame, in order."""
     return range(node_count * frame, node_count * (frame + 1))

@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import NDArray
 
-from ..models.readings import Flag, Mode
+from ..models.readings import LEFT_OUT, Mode
 from ..models.reconstruction import Reconstruction
 
 BLUE, ORANGE, GREEN, RED, GREY, BLACK = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#999999", "#000000"
@@ -19,8 +19,6 @@ LOAD_MM_PER_N = 30.0
 """Length of a load's arrow."""
 SURE = 2.0
 """Sigmas above which a load is drawn."""
-BAD = Flag.MISSING | Flag.OUTLIER | Flag.IMPLAUSIBLE | Flag.MISFIT
-"""Flags for which a reading was left out."""
 
 
 def write_lengths_figure(r: Reconstruction, title: str, path: Path) -> None:
@@ -58,7 +56,7 @@ def _draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
     axis.fill_between(r.t_s, length_mm - 1.96 * sigma_mm, length_mm + 1.96 * sigma_mm, color=BLUE, alpha=0.25, lw=0)
     axis.plot(r.t_s, length_mm, color=BLUE, lw=0.9)
     axis.plot(r.t_s, 1e3 * r.predicted_m[:, e], color=BLACK, lw=0.6, ls="--")
-    missing = (r.flags[:, e] & BAD) != 0
+    missing = (r.flags[:, e] & LEFT_OUT) != 0
     bending = (r.mode[:, e] == Mode.BENDING) & ~missing
     for where, color, alpha in ((bending, ORANGE, 0.3), (missing, GREY, 0.4)):
         axis.fill_between(

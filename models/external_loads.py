@@ -98,6 +98,7 @@ def external_loads(
     force[..., rods[:, 0], :] -= np.where(first, axial[..., None] * along, 0.0)
     force[..., rods[:, 1], :] -= np.where(first, 0.0, axial[..., None] * along)
     variance[..., rods.ravel()] += np.repeat(residual_variance_n2[..., 3 * len(nodes) :], 2, axis=-1)
-    directions = np.full(count, 2.0)
-    directions[rods] = 3.0
+    directions = np.array(
+        [2.0 if seen == Observable.ACROSS_ROD else 3.0 for seen in observable_loads(statics.structure)]
+    )
     return ExternalLoads(force, np.sqrt(variance / directions))

@@ -58,6 +58,12 @@ class Flag(IntFlag):
         return flags
 
 
+MOMENTARY = Flag.TOO_FAST | Flag.WARMING_UP | Flag.AMBIGUOUS
+"""Flags that tell of a moment; any other tells of a sensor."""
+LEFT_OUT = Flag.MISSING | Flag.OUTLIER | Flag.IMPLAUSIBLE | Flag.MISFIT
+"""Flags for which a length is left out."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardReading:
     """One row of one board, as it arrived."""

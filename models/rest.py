@@ -40,6 +40,8 @@ class RestShape:
     source: Literal["measured", "found"]
     mechanics: Mechanics | None = None
     """Tared at this shape; None where stiffness is not known."""
+    at_start: bool = True
+    """Whether the structure stands there when the first frame is taken."""
     unbalanced_n: tuple[float, float] = (float("nan"), float("nan"))
     """Root mean square of the unbalanced forces there, with nominal and with tared mechanics."""
 

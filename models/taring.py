@@ -79,9 +79,12 @@ class Taring:
         Args:
             natural_resistance_ohm: (tendons,) by which their dR/R was formed.
         """
+        pairs: list[tuple[int, int]] = []
+        suspects = np.flatnonzero(self.misfit).tolist()
+        if len(suspects) < 2:
+            return pairs
         resistance_ohm = (1 + self._sum / np.maximum(self._count, 1)) * natural_resistance_ohm
-        pairs = []
-        for a, b in combinations(np.flatnonzero(self.misfit).tolist(), 2):
+        for a, b in combinations(suspects, 2):
             change = self.rest_change.copy()
             change[[a, b]] = resistance_ohm[[b, a]] / natural_resistance_ohm[[a, b]] - 1
             if self._fits(change).all():

@@ -409,3 +409,16 @@ def test_help_names_the_commands(tmp_path) -> None:
     assert result.returncode == 0
     for command in ("reconstruct", "evaluate", "compare", "calibrate", "simulate"):
         assert command in result.stdout
+
+
+def test_a_trial_of_lengths_ends_with_its_table(trial_copy, example_structure) -> None:
+    path = trial_copy(rows=5)
+    text = (path / "trial.toml").read_text()
+    (path / "trial.toml").write_text(text[: text.index("[adc]")] + '[lengths]\nfile = "lengths.csv"\n')
+    length_m = example_structure.natural_length_m * 1.08
+    rows = [",".join(map(str, (0.02 * k, *length_m))) for k in range(5)]
+    (path / "lengths.csv").write_text("\n".join([",".join(["t_s", *(f"l{e}_m" for e in range(24))]), *rows, ""]))
+    result = run("reconstruct", path, "--out", "out", cwd=path.parent)
+    assert result.returncode == 0, result.stderr
+    assert "5" in result.stdout
+    assert "written to out" in result.stdout

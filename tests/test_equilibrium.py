@@ -281,6 +281,21 @@ class TestBranches:
         assert OtherBranch(builder, BranchSettings()).told(shape).status == Status.OK
 
 
+def test_a_trial_that_does_not_begin_at_rest_is_not_pulled_there(structure, balanced, lengths_of) -> None:
+    """Exact lengths of a pressed shape from the first frame on: it is found at once, live and batch."""
+    load = np.zeros((12, 3))
+    load[8] = [0, 2.0, -2.0]
+    true = pressed(structure, balanced, load)
+    frames = [lengths_of(structure, true, 0.02 * k, 2e-4) for k in range(6)]
+    for estimator in (LiveSmoother, BatchOptimizer):
+        for shape in estimator(structure, replace(balanced, at_start=False), Settings()).estimate(frames):
+            assert np.abs(shape.node_position_m - true).max() < 0.001
+
+
+def test_no_frames_give_no_shapes(structure, balanced) -> None:
+    assert list(BatchOptimizer(structure, balanced, Settings()).estimate([])) == []
+
+
 def test_equilibrium_beats_lengths_alone(structure, balanced, lengths_of) -> None:
     """The mechanism: 0.5 mm of length error is many millimetres of node error without, about one with."""
     rng = np.random.default_rng(8)

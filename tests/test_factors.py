@@ -6,7 +6,7 @@ import pytest
 
 from tensegraph import Flag, Mode, TendonLengths
 from tensegraph.factors.anchor import anchor_factors
-from tensegraph.factors.keys import frame_keys, key_list, node_key
+from tensegraph.factors.keys import frame_keys, key_list
 from tensegraph.factors.motion import constant_velocity_factors, still_factors
 from tensegraph.factors.noise import SIGMA_STEP, tendon_noises, tendon_sigma_m
 from tensegraph.factors.rod import rod_factors
@@ -23,7 +23,7 @@ def values_of(positions) -> gtsam.Values:
     values = gtsam.Values()
     for frame, position in enumerate(positions):
         for node, x in enumerate(position):
-            values.insertPoint3(node_key(frame, node, 12), x)
+            values.insertPoint3(frame_keys(frame, 12)[node], x)
     return values
 
 
@@ -145,6 +145,5 @@ def test_no_shape_prior_when_it_is_infinite(rest) -> None:
 
 
 def test_keys_are_frame_major() -> None:
-    assert node_key(3, 5, 12) == 41
     assert list(frame_keys(1, 6)) == [6, 7, 8, 9, 10, 11]
     assert key_list([1, 2]).size() == 2
