@@ -329,7 +329,8 @@ def test_ten_minutes(tmp_path, rig, emulated) -> None:
             [time.monotonic() - began_s, resident_mb(process.pid), sum(map(resident_mb, map(int, children)))]
         )
         time.sleep(5)
-    assert process.returncode == 0, process.communicate()[1]
+    _, errors = process.communicate()
+    assert process.returncode == 0, errors
     live = tomllib.loads((tmp_path / "live" / "run.toml").read_text())
     rows = list(open_trial(tmp_path / "long").readings())
     delay_ms = []
