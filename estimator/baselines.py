@@ -60,7 +60,7 @@ class LeastSquares:
         return position
 
     def _covariance(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
-        free = (3 * self._free[:, None] + np.arange(3)).ravel()
+        free = self._structure.free_coordinates
         covariance = np.diag(np.full(3 * self._structure.node_count, self._noise.anchor_m**2))
         information, motion = np.linalg.eigh(jacobian.T @ jacobian)
         least = 1 / self._structure.rod_length_m.max() ** 2

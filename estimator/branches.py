@@ -23,16 +23,13 @@ class OtherBranch:
     """Looks, now and then, whether the other shape explains a frame as well."""
 
     def __init__(self, builder: GraphBuilder, settings: BranchSettings) -> None:
-        structure = builder.structure
         self._builder, self._settings = builder, settings
-        self._members = np.concatenate([structure.rods, structure.tendons[structure.free_tendons]])
-        self._square = len(self._members) == 3 * len(structure.free_nodes)
         self._looked_s = -np.inf
         self._found: OtherShape | None = None
 
     def told(self, shape: Shape) -> Shape:
         """Return the shape, with the other one if that explained the newest frame looked at about as well."""
-        if self._square and shape.t_s - self._looked_s >= self._settings.look_every_s:
+        if self._builder.structure.is_square and shape.t_s - self._looked_s >= self._settings.look_every_s:
             self._looked_s = shape.t_s
             self._found = self._other(shape.node_position_m, shape.lengths)
         return replace(shape, status=Status.TWO_SHAPES, other=self._found) if self._found else shape
@@ -53,7 +50,7 @@ class OtherBranch:
         left, singular_value, right = np.linalg.svd(jacobian)
         motion = np.zeros_like(position_m)
         motion[structure.free_nodes] = right[-1].reshape(-1, 3)
-        a, b = self._members.T
+        a, b = structure.free_members.T
         difference, relative = position_m[b] - position_m[a], motion[b] - motion[a]
         length = np.linalg.norm(difference, axis=1)
         along = np.einsum("ek,ek->e", relative, difference) / length

@@ -86,7 +86,6 @@ def evaluate(
     node_rmse_m = np.sqrt(mean_over_frames((compared.node_error_m**2).sum(axis=-1)))
     node_height_rmse_m = np.sqrt(mean_over_frames(compared.node_error_m[..., 2] ** 2))
     good = np.flatnonzero(compared.frame_error_m <= GOOD_M)
-    square = len(structure.rods) + len(structure.free_tendons) == 3 * len(free)
     return Evaluation(
         frames=int(known.sum()),
         frames_without_truth=int((~known).sum()),
@@ -100,7 +99,7 @@ def evaluate(
         regimes=regimes(compared, slack_frames(structure, estimate)[known], load_threshold_n),
         loads=score_loads(compared, load_threshold_n),
         first_good_s=float(compared.t_s[good[0]] - compared.t_s[0]) if len(good) else None,
-        wrong_branch_frames=int(compared.wrong_branch.sum()) if square else None,
+        wrong_branch_frames=int(compared.wrong_branch.sum()) if structure.is_square else None,
         faults=tuple(score_fault(fault, estimate) for fault in truth.faults),
         false_alarm_share=false_alarm_share(truth.faults, estimate),
         structure=structure,

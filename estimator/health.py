@@ -31,10 +31,8 @@ class SensorHealth:
 
     def __init__(self, builder: GraphBuilder, settings: HealthSettings) -> None:
         self._builder, self._settings = builder, settings
-        structure = builder.structure
-        self._judged = np.isin(np.arange(len(structure.tendons)), structure.free_tendons)
         self._held_m2 = builder.rest.covariance_m2
-        count = len(structure.tendons)
+        count = len(builder.structure.tendons)
         self._mean_z = np.zeros(count)
         self._out = np.zeros(count, dtype=np.bool_)
         self._agrees_since_s = np.full(count, np.inf)
@@ -69,7 +67,7 @@ class SensorHealth:
         variance = np.where(np.isfinite(sigma_m), sigma_m, 1.0) ** 2
         least = LEAST_REDUNDANCY * variance
         variance = np.where(self._out, variance + predicted, np.maximum(variance - predicted, least))
-        usable = np.isfinite(sigma_m) & self._judged
+        usable = np.isfinite(sigma_m) & structure.is_free_tendon
         error = np.where(usable, lengths.length_m, np.nan) - structure.tendon_length_m(shape.node_position_m)
         return np.asarray(error / np.sqrt(variance))
 

@@ -126,7 +126,7 @@ def _rms_n(structure: Structure, mechanics: Mechanics, position_m: NDArray[np.fl
 
 def _of_all_nodes(structure: Structure, free_covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (3 nodes, 3 nodes): anchors do not move."""
-    coordinates = (3 * structure.free_nodes[:, None] + np.arange(3)).ravel()
+    coordinates = structure.free_coordinates
     covariance = np.zeros((3 * structure.node_count, 3 * structure.node_count))
     covariance[np.ix_(coordinates, coordinates)] = free_covariance
     return covariance

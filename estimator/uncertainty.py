@@ -31,11 +31,9 @@ class FrameEvidence:
     def __init__(self, structure: Structure, rest: RestShape, noise: NoiseSettings) -> None:
         self._structure, self._noise = structure, noise
         self._statics = Statics(structure, rest.mechanics) if rest.mechanics else None
-        self._columns = (3 * structure.free_nodes[:, None] + np.arange(3)).ravel()
         self._members = np.concatenate([structure.rods, structure.tendons])
-        self._seen = np.isin(np.arange(len(structure.tendons)), structure.free_tendons)
         self._held = rest.covariance_m2.copy()
-        anchored = np.setdiff1d(np.arange(3 * structure.node_count), self._columns)
+        anchored = np.setdiff1d(np.arange(3 * structure.node_count), structure.free_coordinates)
         self._held[anchored, anchored] += noise.anchor_m**2
 
     def assess(
@@ -50,10 +48,10 @@ class FrameEvidence:
         Raises:
             IndeterminateError: when the shape prior is off and nothing else holds some motion.
         """
-        lead, columns = node_position_m.shape[:-2], self._columns
+        lead, columns = node_position_m.shape[:-2], self._structure.free_coordinates
         jacobian = length_jacobian(node_position_m, self._members).reshape(*lead, len(self._members), -1)[..., columns]
         rod_weight = np.full((*lead, len(self._structure.rods)), 1 / self._noise.rod_m)
-        weighted = jacobian * np.concatenate([rod_weight, self._seen / sigma_m], axis=-1)[..., None]
+        weighted = jacobian * np.concatenate([rod_weight, self._structure.is_free_tendon / sigma_m], axis=-1)[..., None]
         information = np.swapaxes(weighted, -1, -2) @ weighted
         information += np.eye(len(columns)) / self._noise.shape_prior_m**2
         if self._statics:

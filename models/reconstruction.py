@@ -138,7 +138,7 @@ class Reconstruction:
     @cached_property
     def mechanism_sigma_m(self) -> NDArray[np.float64]:
         """(frames,) sigma of the shape along its mechanism, the unit motion that lengths see least."""
-        free = np.repeat(np.isin(np.arange(self.structure.node_count), self.structure.free_nodes), 3)
-        covariance = self.covariance_m2[:, free][:, :, free]
+        free = self.structure.free_coordinates
+        covariance = self.covariance_m2[:, free[:, None], free]
         motion = self._weakest[1]
         return np.asarray(np.sqrt(np.einsum("ti,tij,tj->t", motion, covariance, motion)))

@@ -35,8 +35,7 @@ class Rigidity:
 
 def free_length_jacobian(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (..., rods + free tendons, 3 * free nodes), the Jacobian whose rank and determinant decide."""
-    members = np.concatenate([structure.rods, structure.tendons[structure.free_tendons]])
-    jacobian = length_jacobian(node_position_m, members)[..., structure.free_nodes, :]
+    jacobian = length_jacobian(node_position_m, structure.free_members)[..., structure.free_nodes, :]
     return jacobian.reshape(*jacobian.shape[:-2], -1)
 
 
@@ -54,9 +53,9 @@ def rigidity(structure: Structure, node_position_m: NDArray[np.float64]) -> Rigi
 
 def branch(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (...,) the sign of det J, J the square length Jacobian of the free nodes; 0 where it is not known."""
-    jacobian = free_length_jacobian(structure, node_position_m)
-    if jacobian.shape[-1] != jacobian.shape[-2]:
+    if not structure.is_square:
         return np.zeros(node_position_m.shape[:-2])
+    jacobian = free_length_jacobian(structure, node_position_m)
     whole = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)))
     return np.where(whole, np.linalg.slogdet(np.where(whole[..., None, None], jacobian, 0.0)).sign, 0.0)
 

@@ -59,9 +59,29 @@ class Structure:
         return np.setdiff1d(np.arange(self.node_count), self.anchors)
 
     @cached_property
+    def free_coordinates(self) -> NDArray[np.int64]:
+        """(3 free,) the indices of the free nodes' coordinates among all (3 nodes,)."""
+        return np.asarray((3 * self.free_nodes[:, None] + np.arange(3)).ravel())
+
+    @cached_property
+    def is_free_tendon(self) -> NDArray[np.bool_]:
+        """(tendons,) which do not join two anchors: only these say anything of the shape."""
+        return np.asarray(~np.isin(self.tendons, self.anchors).all(axis=1))
+
+    @cached_property
     def free_tendons(self) -> NDArray[np.int64]:
-        """The tendons that do not join two anchors: only these say anything of the shape."""
-        return np.flatnonzero(~np.isin(self.tendons, self.anchors).all(axis=1))
+        """The numbers of these."""
+        return np.flatnonzero(self.is_free_tendon)
+
+    @cached_property
+    def free_members(self) -> NDArray[np.int64]:
+        """(rods + free tendons, 2) node pairs whose lengths, anchors held, decide the shape."""
+        return np.concatenate([self.rods, self.tendons[self.is_free_tendon]])
+
+    @property
+    def is_square(self) -> bool:
+        """Whether there are as many such lengths as free coordinates: only then is there a det J."""
+        return len(self.free_members) == len(self.free_coordinates)
 
     @property
     def faces(self) -> NDArray[np.int64]:
