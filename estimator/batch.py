@@ -7,7 +7,6 @@ import gtsam
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from ..factors.noise import tendon_sigma_m
 from ..models.errors import IndeterminateError
 from ..models.external_loads import ExternalLoads
 from ..models.readings import TendonLengths
@@ -33,7 +32,7 @@ class BatchOptimizer:
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._builder = GraphBuilder(structure, rest, settings.noise)
-        self._evidence = FrameEvidence(structure, rest, settings.noise)
+        self._evidence = FrameEvidence(self._builder)
         self._settings = settings
 
     def estimate(
@@ -53,8 +52,7 @@ class BatchOptimizer:
             values, converged = _optimize(graph, values, progress)
             positions = np.array(gtsam.utilities.extractPoint3(values)).reshape(-1, self._builder.node_count, 3)
             assessed = [
-                self._evidence.assess(position, tendon_sigma_m(lengths, self._builder.noise))
-                for lengths, position in zip(admitted, positions, strict=True)
+                self._evidence.assess(position, lengths) for lengths, position in zip(admitted, positions, strict=True)
             ]
         except RuntimeError as error:
             raise IndeterminateError(str(error).splitlines()[0]) from error

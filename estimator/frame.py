@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 
-from ..factors.noise import tendon_sigma_m
 from ..models.readings import TendonLengths
 from ..models.rest import RestShape
 from ..models.settings import Settings
@@ -17,7 +16,7 @@ class FrameEstimator:
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._builder = GraphBuilder(structure, rest, settings.noise)
-        self._evidence = FrameEvidence(structure, rest, settings.noise)
+        self._evidence = FrameEvidence(self._builder)
 
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
         """Yield a shape for each frame."""
@@ -31,6 +30,6 @@ class FrameEstimator:
         """
         found = self._builder.minimum(lengths, self._builder.rest.node_position_m)
         position = found.node_position_m
-        covariance, loads = self._evidence.assess(position, tendon_sigma_m(lengths, self._builder.noise))
+        covariance, loads = self._evidence.assess(position, lengths)
         status = status_of(lengths, self._builder.structure) if found.converged else Status.NOT_CONVERGED
         return Shape(lengths.t_s, position, covariance, status, lengths, loads)

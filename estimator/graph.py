@@ -47,7 +47,7 @@ class GraphBuilder:
         self.structure, self.rest, self.noise = structure, rest, noise
         self.node_count = structure.node_count
         self._free = structure.free_nodes.tolist()
-        self._statics = Statics(structure, rest.mechanics) if rest.mechanics else None
+        self.statics = Statics(structure, rest.mechanics) if rest.mechanics else None
 
     def keys(self, frame: int) -> range:
         """Return the keys of a frame's nodes."""
@@ -70,8 +70,8 @@ class GraphBuilder:
             shape_prior_factors(self._free, keys, self.rest.node_position_m, self.noise.shape_prior_m),
         ):
             _add(graph, factors)
-        if self._statics:
-            graph.add(equilibrium_factor(self._statics, keys, self.noise.force_n))
+        if self.statics:
+            graph.add(equilibrium_factor(self.statics, keys, self.noise.force_n))
 
     def minimum(self, lengths: TendonLengths, start_m: NDArray[np.float64]) -> FrameMinimum:
         """Return where a frame's own factors have their least error next to (nodes, 3) positions."""
@@ -109,7 +109,7 @@ class GraphBuilder:
 
     def _missing_information(self, lengths: TendonLengths) -> str | None:
         """Return which nodes a frame by itself leaves undetermined and why, or None when it determines all."""
-        if np.isfinite(self.noise.shape_prior_m) or self._statics:
+        if np.isfinite(self.noise.shape_prior_m) or self.statics:
             return None
         members = np.concatenate([self.structure.rods, self.structure.tendons[lengths.usable]])
         jacobian = length_jacobian(self.rest.node_position_m, members)[:, self._free].reshape(len(members), -1)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.keys import key_list
-from ..factors.noise import tendon_sigma_m
 from ..models.errors import IndeterminateError
 from ..models.readings import TendonLengths
 from ..models.rest import RestShape
@@ -26,7 +25,7 @@ class LiveSmoother:
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._builder = GraphBuilder(structure, rest, settings.noise)
-        self._evidence = FrameEvidence(structure, rest, settings.noise)
+        self._evidence = FrameEvidence(self._builder)
         self._health = SensorHealth(self._builder, settings.health) if rest.mechanics else None
         self._branches = OtherBranch(self._builder, settings.branch)
         self._lag = settings.smoother.lag
@@ -59,7 +58,7 @@ class LiveSmoother:
         try:
             self._isam.update(graph, values, self._update_parameters())
             position = np.array(gtsam.utilities.extractPoint3(self._isam.calculateEstimate(keys)))
-            covariance, loads = self._evidence.assess(position, tendon_sigma_m(lengths, self._builder.noise))
+            covariance, loads = self._evidence.assess(position, lengths)
         except RuntimeError as error:
             raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {str(error).splitlines()[0]}") from error
         self._forget()

@@ -16,57 +16,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.equilibrium import squared_norms
+from ..factors.noise import tendon_sigma_m
 from ..models.errors import IndeterminateError
 from ..models.external_loads import ExternalLoads, external_loads
-from ..models.geometry import length_jacobian
-from ..models.rest import RestShape
-from ..models.settings import NoiseSettings
-from ..models.statics import Statics
-from ..models.structure import Structure
+from ..models.readings import TendonLengths
+from ..models.rigidity import free_length_jacobian
+from .graph import GraphBuilder
 
 
 class FrameEvidence:
-    """Covariances and loads of shapes, each from its own frame; all arguments may have leading axes."""
+    """Covariances and loads of shapes, each from its own frame."""
 
-    def __init__(self, structure: Structure, rest: RestShape, noise: NoiseSettings) -> None:
-        self._structure, self._noise = structure, noise
-        self._statics = Statics(structure, rest.mechanics) if rest.mechanics else None
-        self._members = np.concatenate([structure.rods, structure.tendons])
-        self._held = rest.covariance_m2.copy()
+    def __init__(self, builder: GraphBuilder) -> None:
+        self._builder = builder
+        structure, noise = builder.structure, builder.noise
+        self._held = builder.rest.covariance_m2.copy()
         anchored = np.setdiff1d(np.arange(3 * structure.node_count), structure.free_coordinates)
         self._held[anchored, anchored] += noise.anchor_m**2
 
     def assess(
-        self, node_position_m: NDArray[np.float64], sigma_m: NDArray[np.float64]
+        self, node_position_m: NDArray[np.float64], lengths: TendonLengths
     ) -> tuple[NDArray[np.float64], ExternalLoads | None]:
-        """Return the (..., 3 nodes, 3 nodes) covariance, and the loads where stiffness is known.
+        """Return the (3 nodes, 3 nodes) covariance, and the loads where stiffness is known.
 
         Args:
-            node_position_m: (..., nodes, 3) the estimate.
-            sigma_m: (..., tendons) of the lengths it was made from, see `tendon_sigma_m`; inf where there is none.
+            node_position_m: (nodes, 3) the estimate.
+            lengths: that it was made from.
 
         Raises:
             IndeterminateError: when the shape prior is off and nothing else holds some motion.
         """
-        lead, columns = node_position_m.shape[:-2], self._structure.free_coordinates
-        jacobian = length_jacobian(node_position_m, self._members).reshape(*lead, len(self._members), -1)[..., columns]
-        rod_weight = np.full((*lead, len(self._structure.rods)), 1 / self._noise.rod_m)
-        weighted = jacobian * np.concatenate([rod_weight, self._structure.is_free_tendon / sigma_m], axis=-1)[..., None]
-        information = np.swapaxes(weighted, -1, -2) @ weighted
-        information += np.eye(len(columns)) / self._noise.shape_prior_m**2
-        if self._statics:
-            r, by_position = self._statics.residual_and_jacobian(node_position_m)
-            by_position = by_position[..., columns]
-            weight = 1 / (1 + squared_norms(r / self._noise.force_n, self._statics)) / self._noise.force_n
-            weighted = by_position * weight[..., None]
-            information += np.swapaxes(weighted, -1, -2) @ weighted
+        structure, noise, statics = self._builder.structure, self._builder.noise, self._builder.statics
+        free = structure.free_coordinates
+        sigma_m = tendon_sigma_m(lengths, noise)[structure.free_tendons]
+        weight = np.concatenate([np.full(len(structure.rods), 1 / noise.rod_m), 1 / sigma_m])
+        weighted = free_length_jacobian(structure, node_position_m) * weight[:, None]
+        information = weighted.T @ weighted + np.eye(len(free)) / noise.shape_prior_m**2
+        if statics:
+            r, by_position = statics.residual_and_jacobian(node_position_m)
+            by_position = by_position[:, free]
+            weight = 1 / (1 + squared_norms(r / noise.force_n, statics)) / noise.force_n
+            weighted = by_position * weight[:, None]
+            information += weighted.T @ weighted
         try:
             own = np.linalg.inv(information)
         except np.linalg.LinAlgError as error:
             raise IndeterminateError("a node is held by nothing: no shape prior, and too few lengths") from error
-        covariance = np.zeros((*lead, *self._held.shape)) + self._held
-        covariance[..., columns[:, None], columns] += own
-        if not self._statics:
+        covariance = self._held.copy()
+        covariance[np.ix_(free, free)] += own
+        if not statics:
             return covariance, None
         variance = np.sum((by_position @ own) * by_position, axis=-1)
-        return covariance, external_loads(self._statics, node_position_m, r, variance)
+        return covariance, external_loads(statics, node_position_m, r, variance)
