@@ -12,9 +12,9 @@ from typing import Annotated, Literal
 import typer
 from rich.console import Console
 from rich.markdown import Markdown
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import Progress
 
-from .calibration import calibrate_folder
+from .calibration import COLUMNS, calibrate_folder
 from .comparison import COMPARISON_FILE, comparison_rows, measure, write_comparison
 from .feeds import Feed, Rig, boards_feed, replay_feed, twin_feed
 from .io.calibration import read_rig
@@ -49,8 +49,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 console = Console()
-COLUMNS = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-
 
 MODEL = Annotated[Path | None, typer.Option(help="Sensor model that `calibrate` wrote. [default: the one that ships]")]
 

@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 
 from .feeds import Feed, Source
-from .io.figures import write_lengths_figure, write_shape_figure
+from .io.figures import write_figures
 from .io.replay import arrival_s
 from .io.result import result_directory, write_run, write_tables
 from .io.trial import Reading
@@ -146,9 +146,7 @@ class LiveResult:
         """
         kept = Reconstruction.of(self._structure, self._kept)
         self._write_chunk()
-        write_lengths_figure(kept, title, self._directory / "lengths.png")
-        probability, threshold_n = self._settings.probability, self._settings.load_threshold_n
-        write_shape_figure(kept, probability, threshold_n, title, self._directory / "shape.png")
+        write_figures(kept, self._settings, title, self._directory)
         write_run(run, self._directory)
 
     def _write_chunk(self) -> None:

@@ -12,7 +12,7 @@ from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
 from .estimator.live import LiveSmoother
 from .estimator.rest import rest_step
-from .io.figures import write_lengths_figure, write_shape_figure
+from .io.figures import write_figures
 from .io.model_file import read_sensor_model
 from .io.result import result_directory, write_run, write_tables
 from .io.trial import Reading, Trial, open_trial
@@ -171,7 +171,5 @@ def write_result(
     """Write a result directory with its run.toml, whole or not at all."""
     with result_directory(path) as directory:
         write_tables(reconstruction, settings.probability, directory)
-        write_lengths_figure(reconstruction, title, directory / "lengths.png")
-        path = directory / "shape.png"
-        write_shape_figure(reconstruction, settings.probability, settings.load_threshold_n, title, path)
+        write_figures(reconstruction, settings, title, directory)
         write_run(run, directory)

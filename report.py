@@ -110,9 +110,9 @@ class Run:
         return {name: n for name, n in counts.items() if n}
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of what made a result."""
-    packages = ("tensegraph", "gtsam", "numpy", "scipy")
+def versions(solver: str = "gtsam") -> dict[str, str]:
+    """Return the versions of what made a result, or with torch for solver, a model."""
+    packages = ("tensegraph", solver, "numpy", "scipy")
     return {"python": platform.python_version(), **{name: version(name) for name in packages}}
 
 

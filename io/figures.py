@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..models.readings import LEFT_OUT, Mode
 from ..models.reconstruction import Reconstruction
+from ..models.settings import Settings
 
 BLUE, ORANGE, GREEN, RED, GREY, BLACK = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#999999", "#000000"
 PURPLE = "#CC79A7"
@@ -19,6 +20,12 @@ LOAD_MM_PER_N = 30.0
 """Length of a load's arrow."""
 SURE = 2.0
 """Sigmas above which a load is drawn."""
+
+
+def write_figures(r: Reconstruction, settings: Settings, title: str, directory: Path) -> None:
+    """Draw lengths.png and shape.png of a result."""
+    write_lengths_figure(r, title, directory / "lengths.png")
+    write_shape_figure(r, settings.probability, settings.load_threshold_n, title, directory / "shape.png")
 
 
 def write_lengths_figure(r: Reconstruction, title: str, path: Path) -> None:

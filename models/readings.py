@@ -33,7 +33,6 @@ class Flag(IntFlag):
     """A reading was left out because it jumped away and back faster than any tendon moves."""
     STUCK = 128
     """The same code for longer than noise allows: the tendon is left out."""
-
     IMPLAUSIBLE = 256
     """Without it all other sensors and the balance of forces agree, with it they do not: left out until it agrees."""
     MISFIT = 512

@@ -55,23 +55,13 @@ class Taring:
         self._rest_change_sigma = np.sqrt(gain_variance + gauge.offset_sigma**2 + strain_variance + curve_sigma**2)
         self._gain_share = gain_variance / (gain_variance + gauge.offset_sigma**2 + strain_variance)
         self._gain_sigma_left = gauge.gain_sigma * np.sqrt(1 - self._gain_share)
-        self._sum, self._count = np.zeros(count), np.zeros(count)
+        self._mean, self._count = np.zeros(count), np.zeros(count)
         self._first_s: float | None = None
         self.gain, self.offset = np.ones(count), np.zeros(count)
-
-    @property
-    def misfit(self) -> NDArray[np.bool_]:
+        self.misfit = np.zeros(count, dtype=np.bool_)
         """(tendons,) which sensors read at rest what no sensor on that tendon would; none when the rest is in doubt."""
-        return np.zeros(len(self._sum), dtype=np.bool_) if self.in_doubt else self._odd
-
-    @property
-    def in_doubt(self) -> bool:
+        self.in_doubt = False
         """Whether half of the sensors are odd at rest: then it is the rest shape that is wrong, or it was no rest."""
-        return bool(2 * self._odd.sum() >= max(self.tared.sum(), 1))
-
-    @property
-    def _odd(self) -> NDArray[np.bool_]:
-        return self.tared & ~self._fits(self._sum / np.maximum(self._count, 1))
 
     def exchanged(self, natural_resistance_ohm: NDArray[np.float64]) -> list[tuple[int, int]]:
         """Return pairs of misfit sensors that would fit if their channels were exchanged.
@@ -83,7 +73,7 @@ class Taring:
         suspects = np.flatnonzero(self.misfit).tolist()
         if len(suspects) < 2:
             return pairs
-        resistance_ohm = (1 + self._sum / np.maximum(self._count, 1)) * natural_resistance_ohm
+        resistance_ohm = (1 + self._mean) * natural_resistance_ohm
         for a, b in combinations(suspects, 2):
             change = self.rest_change.copy()
             change[[a, b]] = resistance_ohm[[b, a]] / natural_resistance_ohm[[a, b]] - 1
@@ -126,9 +116,12 @@ class Taring:
 
     def _learn(self, change: NDArray[np.float64]) -> None:
         seen = np.isfinite(change)
-        self._sum[seen] += change[seen]
-        self._count[seen] += 1
-        innovation = self._sum / np.maximum(self._count, 1) - self.rest_change
+        self._count += seen
+        self._mean[seen] += (change[seen] - self._mean[seen]) / self._count[seen]
+        odd = self.tared & ~self._fits(self._mean)
+        self.in_doubt = bool(2 * odd.sum() >= self.tared.sum() > 0)
+        self.misfit = odd & (not self.in_doubt)
+        innovation = self._mean - self.rest_change
         at_zero = np.abs(self.rest_change) < 1e-6
         share = np.where(at_zero, 0.0, self._gain_share)
         gain = 1 + share * innovation / np.where(at_zero, 1.0, self.rest_change)
