@@ -49,7 +49,8 @@ def calibrate_folder(
     trained = _train(split, curve, settings, CheckpointFile(paths.checkpoint), console)
     calibration = calibrate_model(split, trained, bending, settings)
     seconds = time.perf_counter() - start
-    report = CalibrationReport(calibration, found, _command(settings, hold_out, hold_out_tail), seconds)
+    command = _command(rig, settings, hold_out, hold_out_tail)
+    report = CalibrationReport(calibration, found, rig, command, seconds)
     with paths.written_whole() as inside:
         write_calibration_figures(calibration, inside.figures)
         if losses:
@@ -97,9 +98,10 @@ def _sweep(split: Split, curve: BendingCurve, settings: TrainingSettings, consol
     return losses
 
 
-def _command(settings: TrainingSettings, hold_out: Sequence[str] | None, hold_out_tail: float | None) -> str:
+def _command(rig: Rig, settings: TrainingSettings, hold_out: Sequence[str] | None, hold_out_tail: float | None) -> str:
     """Return the command that makes the same model again; where from and where to does not change the model."""
     words = ["tensegraph calibrate FOLDER --out MODEL"]
+    words += ["--rig RIG.toml"] if rig != Rig() else []
     words += [f"--hold-out '{pattern}'" for pattern in hold_out or ()]
     words += [f"--hold-out-tail {hold_out_tail:g}"] if hold_out_tail is not None else []
     words += ["--unified"] if settings.unified else []

@@ -1,19 +1,19 @@
 """What a calibration says of itself: the table on the screen, the model card, the model's metadata."""
 
-import platform
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 from rich.table import Table
 
-from .io.calibration import RecordingFolder
+from .io.calibration import RecordingFolder, rig_text
 from .models.bending import BendingFit
 from .models.calibration import LSTM, Calibration
+from .models.rig import Rig
 from .models.scores import Score, by_speed
 from .models.sensor_model import SensorModel
-
-PACKAGES = ("tensegraph", "torch", "numpy", "scipy")
+from .report import versions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,6 +22,8 @@ class CalibrationReport:
 
     calibration: Calibration
     folder: RecordingFolder
+    rig: Rig
+    """That recorded it."""
     command: str
     """That makes the same model again."""
     seconds: float
@@ -38,14 +40,9 @@ class CalibrationReport:
             "split": self.calibration.split.how,
             "data_sha256": self.folder.sha256,
             "command": self.command,
-            "versions": self.versions,
+            "versions": versions("torch"),
         }
         return replace(self.calibration.model, metadata=metadata)
-
-    @property
-    def versions(self) -> dict[str, str]:
-        """Of what made the model."""
-        return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
 
     def scores_by_speed(self) -> dict[str, dict[str, Score]]:
         """Return scores by group of recordings, then by estimator."""
@@ -79,17 +76,24 @@ class CalibrationReport:
 
     def card(self) -> str:
         """Return the model card, in Markdown."""
-        c, metadata = self.calibration, self.calibration.model.metadata
-        ranges, split = metadata["ranges"], c.split
-        lines = [
-            "# Strain sensor model",
-            "",
-            self.verdict(),
-            "",
-            "## Errors on recordings held out",
-            "",
-            f"Split: {split.how}. A strip not trained on is tared on its first 10 s, which do not count. Strain is a "
-            "fraction of the natural length.",
+        sections = [
+            ("", [self.verdict()]),
+            ("Errors on recordings held out", self._error_lines()),
+            ("Sigma", self._sigma_lines()),
+            ("Bending", _bending_lines(self.calibration.bending)),
+            ("Ranges", _range_lines(self.calibration.model.metadata["ranges"])),
+            ("Data", self._data_lines()),
+            ("To make it again", self._again_lines()),
+        ]
+        lines = ["# Strain sensor model", ""]
+        for title, body in sections:
+            lines += [*([f"## {title}", ""] if title else []), *body, ""]
+        return "\n".join(lines)
+
+    def _error_lines(self) -> list[str]:
+        return [
+            f"Split: {self.calibration.split.how}. A strip not trained on is tared on its first 10 s, which do not "
+            "count. Strain is a fraction of the natural length.",
             "",
             "| held out | estimator | RMSE | R² | in 68 % band | in 95 % band | median sigma | correlation time |",
             "|---|---|---|---|---|---|---|---|",
@@ -105,54 +109,46 @@ class CalibrationReport:
             "|---|---|---|---|---|---|---|---|",
             *(
                 f"| {run.name} | {' | '.join(_cells(score))} | {score.correlation_s:.1f} s | {score.beyond:.0%} |"
-                for run in c.runs[LSTM]
+                for run in self.calibration.runs[LSTM]
                 for score in [Score.of([run])]
             ),
-            "",
-            "## Sigma",
-            "",
+        ]
+
+    def _sigma_lines(self) -> list[str]:
+        metadata = self.calibration.model.metadata
+        (b, p), spread = metadata["sigma_scale"], metadata["spread"]
+        return [
             "The network's sigma is multiplied by b s^p, s being the strain's spread over the last 30 s: "
-            f"b = {metadata['sigma_scale'][0]:.3f}, p = {metadata['sigma_scale'][1]:.3f}, the most likely ones on the "
-            f"validation recordings ({', '.join(r.name for r in split.validation)}). What taring leaves unknown of a "
-            f"strip is added: gains differ by {metadata['spread']['gain_sigma']:.3f} between strips, offsets by "
-            f"{metadata['spread']['offset_sigma']:.4f} of dR/R.",
-            "",
-            "## Bending",
-            "",
-            *_bending_lines(c.bending),
-            "",
-            "## Ranges",
-            "",
-            f"- dR/R {ranges['change'][0]:.3f} to {ranges['change'][1]:.3f}; beyond, strain is extrapolated, flagged, "
-            "and its sigma grows with the distance",
-            f"- rate of dR/R up to {ranges['rate_per_s']:.3g} /s, of strain up to {ranges['strain_rate_per_s']:.3g} /s "
-            "(99.9 % of the training); beyond, samples are flagged, and sigma grows with the excess, and for 3 s after",
-            f"- strain 0 to {ranges['strain'][1]:.3f}",
-            f"- time steps of {ranges['step_s'][0]:g} to {ranges['step_s'][1]:g} s",
-            "",
-            "## Data",
-            "",
+            f"b = {b:.3f}, p = {p:.3f}, the most likely ones on the validation recordings "
+            f"({', '.join(r.name for r in self.calibration.split.validation)}). What taring leaves unknown of a strip "
+            f"is added: gains differ by {spread['gain_sigma']:.3f} between strips, offsets by "
+            f"{spread['offset_sigma']:.4f} of dR/R."
+        ]
+
+    def _data_lines(self) -> list[str]:
+        return [
             "| file | used for | SHA-256 |",
             "|---|---|---|",
             *(f"| {name} | {self._use(name)} | `{digest}` |" for name, digest in self.folder.sha256.items()),
             *(["", "Left out:", ""] if self.folder.left_out else []),
             *(f"- {line}" for line in self.folder.left_out),
-            "",
-            "## To make it again",
-            "",
+        ]
+
+    def _again_lines(self) -> list[str]:
+        history, recipe = self.calibration.trained.history, self.calibration.model.metadata["recipe"]
+        rig = ["With RIG.toml:", "", "```toml", *rig_text(self.rig).splitlines(), "```", ""]
+        return [
             "```sh",
             self.command,
             "```",
             "",
-            f"Versions: {', '.join(f'{name} {number}' for name, number in self.versions.items())}. On one machine with "
-            "these versions the model file comes out the same to the bit. Stopped after epoch "
-            f"{len(c.trained.history.training_loss)}, kept epoch {c.trained.history.best_epoch}. "
-            f"It took {self.seconds:.0f} s.",
+            *(rig if self.rig != Rig() else []),
+            f"Versions: {', '.join(f'{name} {number}' for name, number in versions('torch').items())}. On one machine "
+            "with these versions the model file comes out the same to the bit. Stopped after epoch "
+            f"{len(history.training_loss)}, kept epoch {history.best_epoch}. It took {self.seconds:.0f} s.",
             "",
-            "Recipe: " + ", ".join(f"{name} = {value}" for name, value in metadata["recipe"].items()) + ".",
-            "",
+            "Recipe: " + ", ".join(f"{name} = {value}" for name, value in recipe.items()) + ".",
         ]
-        return "\n".join(lines)
 
     def _use(self, file_name: str) -> str:
         name = file_name.removesuffix(".csv")
@@ -164,6 +160,17 @@ class CalibrationReport:
 def _cells(score: Score) -> list[str]:
     percent = f"{score.coverage_68:.0%}", f"{score.coverage_95:.1%}"
     return [f"{score.rmse:.4f}", f"{score.r2:.4f}", *percent, f"{score.median_sigma:.4f}"]
+
+
+def _range_lines(ranges: Mapping[str, Any]) -> list[str]:
+    return [
+        f"- dR/R {ranges['change'][0]:.3f} to {ranges['change'][1]:.3f}; beyond, strain is extrapolated, flagged, and "
+        "its sigma grows with the distance",
+        f"- rate of dR/R up to {ranges['rate_per_s']:.3g} /s, of strain up to {ranges['strain_rate_per_s']:.3g} /s "
+        "(99.9 % of the training); beyond, samples are flagged, and sigma grows with the excess, and for 3 s after",
+        f"- strain 0 to {ranges['strain'][1]:.3f}",
+        f"- time steps of {ranges['step_s'][0]:g} to {ranges['step_s'][1]:g} s",
+    ]
 
 
 def _bending_lines(bending: BendingFit | None) -> list[str]:

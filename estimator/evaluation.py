@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from ..models.correlation import correlation_samples
 from ..models.errors import InputError
 from ..models.evaluation import (
     ComparedFrames,
@@ -275,12 +276,7 @@ def independent_count(series: NDArray[np.float64]) -> float:
     series = series[np.isfinite(series)]
     if len(series) == 0 or np.ptp(series) == 0:
         return float(min(len(series), 1))
-    centred = series - series.mean()
-    spectrum = np.fft.rfft(centred, 2 * len(series))
-    rho = np.fft.irfft(np.abs(spectrum) ** 2)[: len(series)]
-    rho /= rho[0]
-    end = int(np.argmax(rho <= 0)) if (rho <= 0).any() else len(rho)
-    return max(float(len(series) / (1 + 2 * rho[1:end].sum())), 1.0)
+    return max(len(series) / correlation_samples(series - series.mean()), 1.0)
 
 
 def named_as_fault(estimate: Estimate) -> NDArray[np.bool_]:

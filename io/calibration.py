@@ -1,10 +1,11 @@
 """Calibration recordings: a folder of CSV files, each of one sensor on a test rig."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+import tomli_w
 from numpy.typing import NDArray
 
 from ..models.errors import InputError
@@ -42,6 +43,11 @@ def read_rig(path: Path | None) -> Rig:
         return parse_table(Rig, table, str(path))
     except InputError as error:
         raise InputError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from error
+
+
+def rig_text(rig: Rig) -> str:
+    """Return the TOML that `read_rig` makes this rig of."""
+    return tomli_w.dumps(asdict(rig, dict_factory=lambda pairs: {k: v for k, v in pairs if v is not None}))
 
 
 def read_recordings(folder: Path, rig: Rig) -> RecordingFolder:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
+from .correlation import correlation_samples
 from .mode import LagFree
 from .recordings import Recording
 
@@ -143,21 +144,6 @@ def fit_bending(recordings: Sequence[Recording], held_out: Sequence[Recording]) 
         held_out_r2 = 1 - float(np.var(test_y - np.polyval(coefficients, test_x)) / np.var(test_y))
     r2 = 1 - sigma**2 / float(np.var(y))
     return BendingFit(coefficients, covariance, r2, held_out_r2, sigma, float(x.min()))
-
-
-def correlation_samples(residual: NDArray[np.float64]) -> float:
-    """Return how many samples in a row tell about the same: 1 + 2 sum of the autocorrelation while it is positive."""
-    autocorrelation = autocorrelation_of(residual)
-    negative = np.flatnonzero(autocorrelation <= 0)
-    end = int(negative[0]) if len(negative) else len(autocorrelation)
-    return float(1 + 2 * autocorrelation[1:end].sum())
-
-
-def autocorrelation_of(residual: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the autocorrelation at lags of 0, 1, ... samples, about zero: a constant error is correlated, too."""
-    padded = np.fft.rfft(residual, 2 * len(residual))
-    power = np.fft.irfft(np.abs(padded) ** 2)[: len(residual)]
-    return np.asarray(power / power[0])
 
 
 def _lag_free_bending(recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

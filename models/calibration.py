@@ -78,11 +78,12 @@ def _with_spread(
     """
     model = _model(trained, bending, on_common_curve(split.training, trained.own), mode, settings)
     signed, stretched = settings.unified, [r for r in split.training if r.stretched_share > 0.3]
-    tares = tare_strips(NetworkEstimator(model), stretched, trained.gauge, signed, seconds=np.inf)
+    tares = tare_strips(NetworkEstimator(model), stretched, trained.gauge, signed, np.inf, trained.own)
     gains, left = np.array([(tare.own[0], tare.covariance[0, 0]) for tare in tares.values()]).T
     found = float(np.sqrt(np.var(gains) + np.mean(left))) if len(gains) > 1 else 0.0  # one strip has no spread
     own = dict(trained.own) | {name: tare.own for name, tare in tares.items()}
-    return replace(trained, gauge=replace(trained.gauge, gain_sigma=max(found, LEAST_GAIN_SIGMA)), own=own)
+    gauge = replace(trained.gauge, gain_sigma=max(found, LEAST_GAIN_SIGMA))
+    return replace(trained, curve=replace(trained.curve, gauge=gauge), own=own)
 
 
 def lag_s(runs: Sequence[StripRun]) -> float:
@@ -119,11 +120,14 @@ def _model(
 ) -> SensorModel:
     """Return the model with sigma as the network has it."""
     mode_change, mode_log_odds = mode
-    gauge = trained.gauge
+    curve, gauge = trained.curve, trained.gauge
     tensors: dict[str, NDArray[np.float64]] = {
         **trained.weights,
         "strain_knots": gauge.strain_knots,
         "change_knots": gauge.change_knots,
+        "curve_scale": curve.scale,
+        "curve_range": curve.range,
+        "curve_coefficients": curve.coefficients,
         "mode_change": mode_change,
         "mode_log_odds": mode_log_odds,
     }

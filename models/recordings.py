@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
+from .stretching import running_means
 
 SETTLING_S = 10.0
 """Time left out at a recording's start, while the sensor's unknown past fades. The strip is tared in it."""
@@ -44,6 +45,15 @@ class Recording:
     def settled(self) -> NDArray[np.bool_]:
         """(samples,) those after the start, whose past is known."""
         return np.asarray(self.t_s - self.t_s[0] >= SETTLING_S)
+
+    def counted(self, signed: bool) -> NDArray[np.bool_]:
+        """Return (samples,) those that train or score: settled, not trained on before, and stretched unless signed."""
+        return self.settled & (self.t_s > self.scored_from_s) & (signed | (self.strain >= 0))
+
+    def running_means(self, memory_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (samples, memories) running means of dR/R, see `stretching.running_means`."""
+        step_s = np.diff(self.t_s, prepend=2 * self.t_s[0] - self.t_s[1])
+        return running_means(self.change[:, None], step_s[:, None], memory_s)[:, 0]
 
     @property
     def stretched_share(self) -> float:

@@ -1,4 +1,4 @@
-"""All that is known of the strain sensors as a kind: gauge curve, stretching network, spread, ranges."""
+"""All that is known of the strain sensors as a kind: curves, stretching network, spread, ranges."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,17 +10,19 @@ from numpy.typing import NDArray
 from .bending import BendingCurve
 from .errors import InputError
 from .gauge import StaticGauge
+from .rate_curve import RateCurve
 from .stretching import LOG_VARIANCE_RANGE, STRAIN_SCALE, Lstm, LstmState, Scaling, features, next_means
 
 Step = float | NDArray[np.float64]
 """A time step in seconds: one for all sensors, or one for each."""
-FORMAT = 1
+FORMAT = 2
 SPREAD_MEMORY_S = 30.0
 SETTLING_S = 10.0
 """How long a strip's past motion matters: relaxation takes seconds, hysteresis until it is wiped out."""
 LEAST_SPREAD = 0.002
 """Strain spread of a strip that hardly moves; sigma shrinks no further."""
 LSTM_TENSORS = ("weight_ih", "weight_hh", "bias", "head_weight", "head_bias")
+CURVE_TENSORS = ("curve_scale", "curve_range", "curve_coefficients")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +34,7 @@ class SensorModel:
     """
 
     tensors: Mapping[str, NDArray[np.float64]]
-    """`LSTM_TENSORS`, the curves of `gauge` and of `mode_log_odds`, a golden input (steps, inputs), its output
+    """`LSTM_TENSORS`, the curves of `gauge`, `curve` and `mode_log_odds`, a golden input (steps, inputs), its output
     (steps, 2); where recordings bend, `bending` (6,) and `bending_covariance` (6, 6), eq. (9) fitted anew."""
     metadata: Mapping[str, Any]
     """Units, ranges, spread, recipe and scores: see `calibration.calibrate_model`."""
@@ -41,13 +43,14 @@ class SensorModel:
         if self.metadata.get("format") != FORMAT:
             raise InputError(f"sensor model: expected format {FORMAT}, got {self.metadata.get('format')}")
         curves = ("strain_knots", "change_knots", "mode_change", "mode_log_odds")
-        for name in (*LSTM_TENSORS, *curves, "golden_input", "golden_output"):
+        for name in (*LSTM_TENSORS, *CURVE_TENSORS, *curves, "golden_input", "golden_output"):
             if name not in self.tensors:
                 raise InputError(f"sensor model: tensor '{name}' is missing")
             if not np.isfinite(self.tensors[name]).all():
                 raise InputError(f"sensor model: tensor '{name}' has values that are not finite")
         try:
             output = run_lstm(self.lstm, self.tensors["golden_input"])
+            self.curve.strain(np.zeros(1), np.zeros((1, len(self.curve.memory_s))))
         except ValueError as error:
             raise InputError(f"sensor model: its weights do not fit together ({error})") from error
         difference = float(np.abs(output - self.tensors["golden_output"]).max())
@@ -60,8 +63,14 @@ class SensorModel:
         return Lstm(*(self.tensors[name].astype(np.float64) for name in LSTM_TENSORS))
 
     @property
+    def curve(self) -> RateCurve:
+        """What the network corrects."""
+        scale, between, coefficients = (self.tensors[name].astype(np.float64) for name in CURVE_TENSORS)
+        return RateCurve(self.gauge, self.memory_s[: len(scale) - 1], scale, between, coefficients)
+
+    @property
     def gauge(self) -> StaticGauge:
-        """The static curve that the network corrects."""
+        """The static curve, by which strips differ."""
         spread = self.metadata["spread"]
         return StaticGauge(
             self.tensors["strain_knots"].astype(np.float64),
@@ -83,7 +92,7 @@ class SensorModel:
     @property
     def memory_s(self) -> NDArray[np.float64]:
         """Time constants of the running means among the network's inputs."""
-        return np.array(self.metadata.get("memory_s", []), dtype=np.float64)
+        return np.array(self.metadata["memory_s"], dtype=np.float64)
 
     @property
     def unified(self) -> bool:
@@ -191,8 +200,8 @@ class StretchingSensors:
     """The stretching network running on several sensors at once, with their states."""
 
     def __init__(self, model: SensorModel, sensors: int) -> None:
-        self._lstm, self._gauge, self._scaling = model.lstm, model.gauge, model.scaling
-        self._memory_s = model.memory_s
+        self._lstm, self._curve, self._scaling = model.lstm, model.curve, model.scaling
+        self._memory_s, self._curve_memories = model.memory_s, len(self._curve.memory_s)
         self._state = self._lstm.initial_state(sensors)
         self._means = np.zeros((sensors, len(self._memory_s)))
 
@@ -227,6 +236,6 @@ class StretchingSensors:
         state: LstmState,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], LstmState]:
         output, state = self._lstm.step(features(change, rate_per_s, step_s, means, self._scaling), state)
-        strain = self._gauge.stretched_strain(change) + STRAIN_SCALE * output[:, 0]
+        strain = self._curve.strain(change, means[:, : self._curve_memories]) + STRAIN_SCALE * output[:, 0]
         sigma = STRAIN_SCALE * np.exp(0.5 * np.clip(output[:, 1], *LOG_VARIANCE_RANGE))
         return strain, sigma, state

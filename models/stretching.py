@@ -1,9 +1,9 @@
 """The stretching sensor at run time: the paper's LSTM, eqs. (10)-(15), with a Gaussian head, in numpy.
 
-The network corrects a static gauge curve: strain = gauge^-1(dR/R) + SCALE * W_y h_t, and a second output is the log
-variance of that. Its input X_t is dR/R, its rate per second, the log of the time step, so that one network serves 10
-to 100 Hz, and how far dR/R is from its running means over `MEMORY_S`: rubber relaxes for longer than back-propagation
-reaches.
+The network corrects a `RateCurve`: strain = curve(dR/R, running means) + SCALE * W_y h_t, and a second output is the
+log variance of that. Its input X_t is dR/R, its rate per second, the log of the time step, so that one network serves
+10 to 100 Hz, and how far dR/R is from its running means over `MEMORY_S`: rubber relaxes for longer than
+back-propagation reaches.
 """
 
 from dataclasses import dataclass
@@ -16,6 +16,8 @@ STRAIN_SCALE = 0.05
 LOG_VARIANCE_RANGE = (-10.0, 4.0)
 MEMORY_S = (2.0, 10.0, 50.0)
 """Time constants of the running means."""
+CURVE_MEMORIES = 2
+"""How many of them, from the first on, the curve sees: a recording of minutes has too few spans of the last to fit."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,21 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
+from .rate_curve import products, rate_inputs, ridge
 from .recordings import Recording
 from .stretching import running_means
 from .strips import Followed
 
-FILTERS_S = (0.3, 2.0, 10.0)
+FILTERS_S = np.array([0.3, 2.0, 10.0])
 """Time constants of the filters: the sensor's lag, and its relaxation over seconds."""
-DEGREE = 3
-RIDGE = 1e-4
-"""Of the mean square of a term: keeps terms apart that are nearly the same on a slow recording."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,24 +57,19 @@ class PolynomialEstimator:
 
     @classmethod
     def fit(cls, recordings: Sequence[Recording], signed: bool) -> "PolynomialEstimator":
-        """Fit to recordings on the common curve, by ridge regression."""
-        inputs, targets = [], []
-        for r in recordings:
-            step_s = np.diff(r.t_s, prepend=2 * r.t_s[0] - r.t_s[1])
-            counted = _counted(r, signed)
-            inputs.append(_filtered(r.change[:, None], step_s[:, None])[counted, 0])
-            targets.append(r.strain[counted])
-        x, strain = np.concatenate(inputs), np.concatenate(targets)
-        scale: NDArray[np.float64] = np.maximum(x.std(axis=0), 1e-9)
-        terms = _products(x / scale)
-        damping = RIDGE * len(terms) * np.diag(np.mean(terms**2, axis=0))
-        coefficients = np.asarray(np.linalg.solve(terms.T @ terms + damping, terms.T @ strain), dtype=np.float64)
+        """Fit to recordings on the common curve."""
+        parts = [(r.counted(signed), rate_inputs(r.change, r.running_means(FILTERS_S)), r.strain) for r in recordings]
+        inputs = np.concatenate([x[counted] for counted, x, _ in parts])
+        strain = np.concatenate([strain[counted] for counted, _, strain in parts])
+        scale: NDArray[np.float64] = np.maximum(inputs.std(axis=0), 1e-9)
+        terms = products(inputs / scale)
+        coefficients = ridge(terms, strain)
         return cls(scale, coefficients, float(np.std(strain - terms @ coefficients)))
 
     def follow(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> Followed:
         """See `StrainEstimator`."""
-        terms = _products(_filtered(change, step_s) / self.scale)
-        return _followed(terms @ self.coefficients, self.sigma)
+        inputs = rate_inputs(change, running_means(change, step_s, FILTERS_S))
+        return _followed(products(inputs / self.scale) @ self.coefficients, self.sigma)
 
 
 def on_common_curve(recordings: Sequence[Recording], own: Mapping[str, NDArray[np.float64]]) -> list[Recording]:
@@ -88,27 +80,10 @@ def on_common_curve(recordings: Sequence[Recording], own: Mapping[str, NDArray[n
     ]
 
 
-def _counted(recording: Recording, signed: bool) -> NDArray[np.bool_]:
-    return recording.settled & (signed | (recording.strain >= 0))
-
-
 def _samples(recordings: Sequence[Recording], signed: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    pairs = [(r.change[_counted(r, signed)], r.strain[_counted(r, signed)]) for r in recordings]
+    pairs = [(r.change[r.counted(signed)], r.strain[r.counted(signed)]) for r in recordings]
     change, strain = (np.concatenate(column) for column in zip(*pairs, strict=True))
     return change, strain
-
-
-def _filtered(change: NDArray[np.float64], step_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (samples, strips, 4): dR/R, and its distance from its running mean over each of `FILTERS_S`."""
-    away = change[..., None] - running_means(change, step_s, np.array(FILTERS_S))
-    return np.concatenate([change[..., None], away], axis=-1)
-
-
-def _products(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (..., terms): all products of up to `DEGREE` of the last axis's columns, 1 included."""
-    columns = np.concatenate([np.ones((*x.shape[:-1], 1)), x], axis=-1)
-    chosen = np.array(list(combinations_with_replacement(range(columns.shape[-1]), DEGREE)))
-    return np.asarray(np.prod(columns[..., chosen], axis=-1))
 
 
 def _followed(strain: NDArray[np.float64], sigma: float) -> Followed:

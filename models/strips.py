@@ -1,7 +1,8 @@
 """Strips on the test rig, followed as tendons on a structure are: tared while their strain is known, then estimated."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +12,9 @@ from .front_end import FrontEndSettings
 from .gauge import INDEPENDENT, StaticGauge
 from .recordings import SETTLING_S, Recording
 from .sensor_model import Extrapolation, SensorModel, StrainSpread, StretchingSensors
+
+TARE_TRIES = 6
+"""Values of gain and offset tried on a strip."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,7 +146,7 @@ def run_strips(
     runs = []
     for k, r in enumerate(recordings):
         samples = len(r.t_s)
-        counted = r.settled & (r.t_s > r.scored_from_s) & (signed | (r.strain >= 0))
+        counted = r.counted(signed)
         strain, common = followed.strain[:samples, k], change[:samples, k]
         tare_sigma = tares[r.name].sigma(common, gauge.slope(np.maximum(strain, 0)))
         columns = (
@@ -167,20 +171,24 @@ def tare_strips(
     gauge: StaticGauge,
     signed: bool = False,
     seconds: float = SETTLING_S,
+    start: Mapping[str, NDArray[np.float64]] = MappingProxyType({}),
 ) -> dict[str, Tare]:
     """Return each strip's gain and offset by Gauss-Newton on its first seconds, with their spread as prior.
 
     min (own - (1, 0))' P^-1 (own - (1, 0)) + sum_t (estimate_t(own) - strain_t)^2 / (INDEPENDENT sigma_t^2)
+
+    with sigma as it is where the search begins: at `start`, by name, else at (1, 0).
     """
     if not recordings:
         return {}
     starts = [r.part(0, min(1.0, seconds / r.duration_s)) for r in recordings]
     prior, information = np.array([1.0, 0.0]), np.diag([gauge.gain_sigma**-2, gauge.offset_sigma**-2])
-    own, covariance = np.tile(prior, (len(starts), 1)), np.tile(np.linalg.inv(information), (len(starts), 1, 1))
+    searches = [TareSearch(Tare(start.get(r.name, prior), np.linalg.inv(information))) for r in starts]
+    weights: dict[str, NDArray[np.float64]] = {}
     front_end = FrontEndSettings()
     tries = np.array([[0.0, 0.0], [1e-3, 0.0], [0.0, 1e-4]])
-    for _ in range(4):
-        tares = [Tare(o + d, covariance[0]) for o in own for d in tries]
+    for _ in range(TARE_TRIES):
+        tares = [replace(s.best, own=s.next_own + d) for s in searches for d in tries]
         change, step_s = _side_by_side([r for r in starts for _ in tries], tares)
         followed = estimator.follow(change, step_s)
         for k, r in enumerate(starts):
@@ -188,13 +196,30 @@ def tare_strips(
             sigma = followed.sigma[: len(r.t_s), 3 * k]
             warm_up = front_end.warm_up_sigma * np.exp(-(r.t_s - r.t_s[0]) / front_end.warm_up_s)
             variance = INDEPENDENT * (sigma**2 + warm_up**2)  # the strip's past is unknown at first
-            weight = np.where(signed | (r.strain >= 0), 1 / variance, 0.0)
+            weight = weights.setdefault(r.name, np.where(signed | (r.strain >= 0), 1 / variance, 0.0))
+            error, away = strain[:, 0] - r.strain, searches[k].next_own - prior
             slopes = (strain[:, 1:] - strain[:, :1]) / np.array([1e-3, 1e-4])
-            precision = information + slopes.T @ (weight[:, None] * slopes)
-            gradient = slopes.T @ (weight * (strain[:, 0] - r.strain)) + information @ (own[k] - prior)
-            covariance[k] = np.linalg.inv(precision)
-            own[k] = own[k] - np.clip(covariance[k] @ gradient, -0.2, 0.2)
-    return {r.name: Tare(own[k], covariance[k]) for k, r in enumerate(recordings)}
+            cost = float(away @ information @ away + weight @ error**2)
+            gradient = slopes.T @ (weight * error) + information @ away
+            searches[k].take(cost, gradient, information + slopes.T @ (weight[:, None] * slopes))
+    return {r.name: search.best for r, search in zip(recordings, searches, strict=True)}
+
+
+class TareSearch:
+    """Gauss-Newton for one strip; a step that makes things worse is halved."""
+
+    def __init__(self, start: Tare) -> None:
+        self.best, self.next_own = start, start.own
+        self._cost, self._step = np.inf, np.zeros(2)
+
+    def take(self, cost: float, gradient: NDArray[np.float64], precision: NDArray[np.float64]) -> None:
+        """Take in what was found at `next_own`, and choose the next."""
+        if cost < self._cost:
+            self.best, self._cost = Tare(self.next_own, np.asarray(np.linalg.inv(precision), dtype=np.float64)), cost
+            self._step = np.clip(self.best.covariance @ gradient, -0.2, 0.2)
+        else:
+            self._step = self._step / 2
+        self.next_own = self.best.own - self._step
 
 
 def _side_by_side(

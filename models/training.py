@@ -13,10 +13,12 @@ import torch
 from numpy.typing import NDArray
 
 from .bending import BendingCurve
-from .gauge import INDEPENDENT, fit_gauge
+from .gauge import INDEPENDENT, StaticGauge, fit_gauge
+from .rate_curve import RateCurve, product_indices
 from .recipe import CHECK_EVERY, Checkpoint, History, NoCheckpoint, Trained, TrainingSettings
 from .recordings import Recording, Split
-from .stretching import LOG_VARIANCE_RANGE, MEMORY_S, STRAIN_SCALE, Scaling, running_means
+from .stretching import CURVE_MEMORIES, LOG_VARIANCE_RANGE, MEMORY_S, STRAIN_SCALE, Scaling
+from .strip_baselines import on_common_curve
 
 
 def train(
@@ -26,7 +28,7 @@ def train(
     progress: Callable[[int, float], None] = lambda epoch, loss: None,
     checkpoint: Checkpoint | None = None,
 ) -> Trained:
-    """Fit the gauge curve, then the network on recordings in which strain is mostly tensile.
+    """Fit the curves, then the network on recordings in which strain is mostly tensile.
 
     Each strip's own gain and offset are unknown; they are learned along with the network, with their spread over
     strips as prior. The loss counts samples with strain >= 0 only, but bending passes through the input, so that the
@@ -66,11 +68,18 @@ class _Network(torch.nn.Module):
         super().__init__()
         self.lstm = torch.nn.LSTM(inputs, hidden, batch_first=True)
         self.head = torch.nn.Linear(hidden, 2)
-        self.own = torch.nn.Parameter(torch.tensor(own, dtype=torch.float32))
+        self.register_buffer("mean_own", torch.tensor(own.mean(axis=0), dtype=torch.float32))
+        self.own_away = torch.nn.Parameter(torch.tensor(own, dtype=torch.float32))
         with torch.no_grad():
             forget_bias = dict(self.lstm.named_parameters())["bias_ih_l0"][hidden : 2 * hidden]
             forget_bias += 1.0  # remember, to begin with
-            self.head.weight *= 0.3  # start near the static curve
+            self.head.weight *= torch.tensor([[0.0], [0.3]])  # start on the curve
+            self.head.bias[0] = 0.0
+
+    @property
+    def own(self) -> torch.Tensor:
+        """(strips, 2) with the mean that they began with: a gain common to all strips is the curve's."""
+        return self.own_away - self.own_away.mean(dim=0) + self.get_buffer("mean_own")
 
     def forward(self, x: torch.Tensor, state: Any) -> tuple[torch.Tensor, torch.Tensor, Any]:
         h, state = self.lstm(x, state)
@@ -99,6 +108,8 @@ class _Training:
     def __init__(self, split: Split, bending: BendingCurve, settings: TrainingSettings) -> None:
         self._settings = settings
         self._gauge, own = fit_gauge(split.training, bending)
+        common = on_common_curve(split.training, {name: np.array(pair) for name, pair in own.items()})
+        self._curve = RateCurve.fit(common, self._gauge, np.array(MEMORY_S[:CURVE_MEMORIES]), settings.unified)
         _, own_of_validation = fit_gauge([*split.training, *split.validation], bending)
         self._recordings, self._spread = split.training, np.array([self._gauge.gain_sigma, self._gauge.offset_sigma])
         self._names = [r.name for r in split.training]
@@ -110,14 +121,18 @@ class _Training:
         self._scaling, self._step_s = _scaling(split.training), _step_range(split.training, settings.relative_step)
         torch.manual_seed(settings.seed)
         self._rng = np.random.default_rng(settings.seed)
-        self._means = {(r.name, len(r.t_s)): _running_means(r) for r in (*split.training, *split.validation)}
+        everything = (*split.training, *split.validation)
+        self._means = {(r.name, len(r.t_s)): r.running_means(np.array(MEMORY_S)) for r in everything}
         self._network = _Network(3 + len(MEMORY_S), settings.hidden, units)
         self._own_of_validation = torch.tensor(validation_units, dtype=torch.float32, requires_grad=True)
+        names = {name: k for k, name in enumerate(self._names)}
+        self._known_of_validation = [(k, names[r.name]) for k, r in enumerate(split.validation) if r.name in names]
         self._tare = torch.optim.Adam([self._own_of_validation], lr=0.1)
-        shared = [p for p in self._network.parameters() if p is not self._network.own]
+        shared = [p for p in self._network.parameters() if p is not self._network.own_away]
+        trained_s = sum(r.duration_s for r in split.training)
         groups: list[dict[str, Any]] = [
-            {"params": shared, "weight_decay": settings.weight_decay},
-            {"params": [self._network.own], "weight_decay": 0.0},
+            {"params": shared, "weight_decay": settings.weight_decay_s / trained_s},
+            {"params": [self._network.own_away], "weight_decay": 0.0},
         ]
         self._optimizer = torch.optim.AdamW(groups, lr=settings.learning_rate)
         self._chunks = [slice(k, k + settings.chunk) for k in range(0, settings.steps, settings.chunk)]
@@ -150,16 +165,16 @@ class _Training:
         state, losses = None, []
         likelihood = epoch >= self.history.likelihood_from
         for chunk in self._chunks:
-            x, static = self._inputs(batch, self._network.own, chunk)
+            x, curve = self._inputs(batch, self._network.own, chunk)
             mean, log_variance, state = self._network(x, state)
             state = tuple(s.detach() for s in state)
-            error = mean + (static - batch.strain[:, chunk]) / STRAIN_SCALE
+            error = mean + (curve - batch.strain[:, chunk]) / STRAIN_SCALE
             loss = _loss(error, log_variance, batch.counted[:, chunk], likelihood)
             prior = self._prior_weight * (self._network.own**2).sum() if likelihood else 0.0
             self._optimizer.zero_grad()
             (loss + prior).backward()  # type: ignore[no-untyped-call]
             if not likelihood:  # squared error knows no scale to weigh the prior against
-                self._network.own.grad = None
+                self._network.own_away.grad = None
             torch.nn.utils.clip_grad_norm_(self._network.parameters(), 1.0)
             self._optimizer.step()
             self._schedule.step()
@@ -170,9 +185,12 @@ class _Training:
         """Check the loss on strips not trained on; only their gain and offset are fitted, a step a check."""
         likelihood, history = epoch > self.history.likelihood_from, self.history
         own = self._own_of_validation
-        x, static = self._inputs(self._validation, own, slice(0, self._settings.steps))
+        with torch.no_grad():  # of a strip that is trained on it is known
+            for k, strip in self._known_of_validation:
+                own[k] = self._network.own[strip]
+        x, curve = self._inputs(self._validation, own, slice(0, self._settings.steps))
         mean, log_variance, _ = self._network(x, None)
-        error, counted = mean + (static - self._validation.strain) / STRAIN_SCALE, self._validation.counted
+        error, counted = mean + (curve - self._validation.strain) / STRAIN_SCALE, self._validation.counted
         loss = _scaled_loss(error, log_variance, counted) if likelihood else _loss(error, log_variance, counted, False)
         if likelihood:
             self._tare.zero_grad()
@@ -201,7 +219,9 @@ class _Training:
             strip[k] = rng.integers(len(recordings))
             r = recordings[strip[k]]
             step_s[k] = min(step_s[k], r.duration_s / steps)
-            t_s = rng.uniform(r.t_s[0], r.t_s[-1] - step_s[k] * (steps - 1)) + step_s[k] * np.arange(steps)
+            last_start_s = r.t_s[-1] - step_s[k] * (steps - 1)
+            first_start_s = min(max(r.t_s[0], r.scored_from_s), last_start_s)  # earlier pieces would count less
+            t_s = rng.uniform(first_start_s, last_start_s) + step_s[k] * np.arange(steps)
             strain[k], change[k] = np.interp(t_s, r.t_s, r.strain), np.interp(t_s, r.t_s, r.change)
             means[k] = np.stack([np.interp(t_s, r.t_s, column) for column in self._means[r.name, len(r.t_s)].T], axis=1)
             counts[k] = t_s > r.scored_from_s
@@ -216,7 +236,7 @@ class _Training:
         )
 
     def _inputs(self, batch: _Batch, own_units: torch.Tensor, chunk: slice) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the network's input (sequences, chunk, 3), and the strain of the static curve that it corrects."""
+        """Return the network's input (sequences, chunk, features), and the strain of the curve that it corrects."""
         own = own_units[batch.strip] * torch.tensor(self._spread, dtype=torch.float32)
         common = (batch.change[:, max(chunk.start - 1, 0) : chunk.stop] - own[:, 1:]) / (1 + own[:, :1])
         before = common[:, :1]
@@ -227,15 +247,7 @@ class _Training:
         means = (batch.means[:, chunk] - own[:, None, 1:]) / (1 + own[:, None, :1])
         now = torch.stack([(common - s.change_middle) / s.change, rate / s.rate_per_s, step], dim=-1)
         x = torch.cat([now, (common[..., None] - means) / s.change], dim=-1)
-        return x, self._static_strain(common)
-
-    def _static_strain(self, common: torch.Tensor) -> torch.Tensor:
-        """Return `StaticGauge.stretched_strain` as a sum of ramps, which torch can differentiate."""
-        slopes = np.diff(self._gauge.strain_knots) / np.diff(self._gauge.change_knots)
-        strain = float(slopes[0]) * common
-        for knot, bend in zip(self._gauge.change_knots[1:-1].tolist(), np.diff(slopes).tolist(), strict=True):
-            strain = strain + bend * torch.relu(common - knot)
-        return strain.clamp(max=self._gauge.most_strain)
+        return x, curve_strain(self._curve, common, means[..., :CURVE_MEMORIES])
 
     def _state(self) -> bytes:
         buffer = io.BytesIO()
@@ -273,7 +285,7 @@ class _Training:
     def result(self) -> Trained:
         """Return the best network, in numpy."""
         p = {name: value.numpy().astype(np.float64) for name, value in self._best.items()}
-        own = np.array([1.0, 0.0]) + p["own"] * self._spread
+        own = np.array([1.0, 0.0]) + (p["own_away"] - p["own_away"].mean(axis=0) + p["mean_own"]) * self._spread
         weights = {
             "weight_ih": p["lstm.weight_ih_l0"],
             "weight_hh": p["lstm.weight_hh_l0"],
@@ -282,7 +294,30 @@ class _Training:
             "head_bias": p["head.bias"],
         }
         named = dict(zip(self._names, own, strict=True))
-        return Trained(weights, self._gauge, named, self._scaling, self._step_s, self.history)
+        return Trained(weights, self._curve, named, self._scaling, self._step_s, self.history)
+
+
+def curve_strain(curve: RateCurve, common: torch.Tensor, means: torch.Tensor) -> torch.Tensor:
+    """Return `RateCurve.strain` in torch, which can differentiate it."""
+    scale, low, high, coefficients = (
+        torch.tensor(a, dtype=torch.float32) for a in (curve.scale, *curve.range, curve.coefficients)
+    )
+    inputs = torch.cat([common[..., None], common[..., None] - means], dim=-1)
+    held = torch.minimum(torch.maximum(inputs, low), high)
+    factors = torch.cat([torch.ones_like(held[..., :1]), held / scale], dim=-1)
+    first, second, third = (factors[..., index] for index in product_indices(held.shape[-1]).T)
+    static = _static_strain(curve.gauge, held[..., 0])
+    strain = (first * second * third) @ coefficients[:-1] + coefficients[-1] * static
+    return strain + _static_strain(curve.gauge, common) - static
+
+
+def _static_strain(gauge: StaticGauge, common: torch.Tensor) -> torch.Tensor:
+    """Return `StaticGauge.stretched_strain` as a sum of ramps."""
+    slopes = np.diff(gauge.strain_knots) / np.diff(gauge.change_knots)
+    strain = float(slopes[0]) * common
+    for knot, bend in zip(gauge.change_knots[1:-1].tolist(), np.diff(slopes).tolist(), strict=True):
+        strain = strain + bend * torch.relu(common - knot)
+    return strain.clamp(max=gauge.most_strain)
 
 
 def _loss(error: torch.Tensor, log_variance: torch.Tensor, counted: torch.Tensor, likelihood: bool) -> torch.Tensor:
@@ -309,12 +344,6 @@ def _step_range(recordings: Sequence[Recording], relative: tuple[float, float]) 
     """Return a range of time steps about the recordings' own."""
     own = float(np.median([np.median(np.diff(r.t_s)) for r in recordings]))
     return float(f"{relative[0] * own:.2g}"), float(f"{relative[1] * own:.2g}")
-
-
-def _running_means(recording: Recording) -> NDArray[np.float64]:
-    """Return (samples, memories) running means of dR/R."""
-    step_s = np.diff(recording.t_s, prepend=2 * recording.t_s[0] - recording.t_s[1])
-    return running_means(recording.change[:, None], step_s[:, None], np.array(MEMORY_S))[:, 0]
 
 
 def _fingerprint(split: Split, settings: TrainingSettings) -> str:

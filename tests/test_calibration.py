@@ -1,27 +1,25 @@
 """What surrounds the training: files of any rig, the split, taring, baselines, scores, the bending fit."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tensegraph import InputError
-from tensegraph.io.calibration import read_recording, read_recordings, read_rig
+from tensegraph.io.calibration import read_recording, read_recordings, read_rig, rig_text
 from tensegraph.io.calibration_output import CalibrationPaths
-from tensegraph.models.bending import (
-    COEFFICIENTS,
-    FoldedPolynomial,
-    autocorrelation_of,
-    correlation_samples,
-    fit_bending,
-)
+from tensegraph.models.bending import COEFFICIENTS, FoldedPolynomial, fit_bending
+from tensegraph.models.correlation import autocorrelation_of, correlation_samples
 from tensegraph.models.gauge import StaticGauge
+from tensegraph.models.rate_curve import RateCurve, product_indices
 from tensegraph.models.recordings import Recording, Split
 from tensegraph.models.rig import Rig
 from tensegraph.models.scores import Score, by_speed, correlation_time_s
 from tensegraph.models.sensor_model import Extrapolation, SensorModel
 from tensegraph.models.strip_baselines import PolynomialEstimator, StaticEstimator
-from tensegraph.models.strips import StripRun, Tare, run_strips, tare_strips
+from tensegraph.models.strips import StripRun, Tare, TareSearch, run_strips, tare_strips
 
 T_S = np.arange(0, 60, 0.05)
 
@@ -37,6 +35,12 @@ class TestRig:
         (tmp_path / "rig.toml").write_text(rig)
         (tmp_path / name).write_text(rows)
         return tmp_path / name, read_rig(tmp_path / "rig.toml")
+
+    def test_its_text_makes_the_same_rig(self, tmp_path) -> None:
+        rig = read_rig(Path(__file__).parent.parent / "examples" / "cb_silicone_rig.toml")
+        (tmp_path / "rig.toml").write_text(rig_text(rig))
+        assert rig.gauge_length_mm == 40
+        assert read_rig(tmp_path / "rig.toml") == rig
 
     def test_no_header_two_clocks_displacement_by_hand(self, tmp_path) -> None:
         """4 mm of 40 mm is 0.1; read 0.5 s after the resistance, at 10 Hz: half a row between, in interpolation."""
@@ -189,6 +193,15 @@ class TestTare:
         assert (sigma < [0.05, 0.003]).all()
         assert (np.abs(tare.own - [gain, offset]) < 3 * sigma).all()
 
+    def test_a_step_that_makes_things_worse_is_halved(self) -> None:
+        """atan(x) = 0 from x = 2: Newton's step leads to -3.5, and on to -13.9, 280, ..."""
+        search = TareSearch(Tare(np.array([2.0, 0.0]), np.eye(2)))
+        for _ in range(30):
+            x, y = 20 * search.next_own  # so that the limit on a step does not hide it
+            error, slopes = np.array([np.arctan(x), y]), 20 * np.array([1 / (1 + x**2), 1.0])
+            search.take(float(error @ error), slopes * error, np.diag(slopes**2))
+        np.testing.assert_allclose(search.best.own, 0, atol=1e-6)
+
     def test_what_was_trained_on_keeps_its_tare_and_early_samples_do_not_score(self) -> None:
         estimator = StaticEstimator(np.array([-0.5, 0.5]), np.array([-0.5, 0.5]), 0.002)
         r = triangle("a", 0.1, gain=1.2)
@@ -215,6 +228,39 @@ class TestBaselines:
         followed = polynomial.follow(r.change[:, None], np.full((len(T_S), 1), 0.05))
         settled = r.settled
         assert np.std(followed.strain[settled, 0] - strain[settled]) == pytest.approx(polynomial.sigma, rel=1e-6)
+
+
+class TestRateCurve:
+    gauge = StaticGauge(np.array([0.0, 0.1, 0.4]), np.array([0.0, 0.1, 0.3]), 0.05, 0.003)
+
+    def fitted(self) -> tuple[Recording, RateCurve]:
+        strain = 0.1 - 0.05 * np.cos(0.7 * T_S) - 0.05 * np.cos(1.9 * T_S)
+        r = Recording("a", T_S, strain, strain + 0.3 * np.gradient(strain, T_S))
+        return r, RateCurve.fit([r], self.gauge, np.array([0.3, 2.0]), signed=False)
+
+    def test_knows_rates(self) -> None:
+        r, curve = self.fitted()
+        error = (curve.strain(r.change, r.running_means(curve.memory_s)) - r.strain)[r.settled]
+        assert np.std(error) < 0.2 * np.std((self.gauge.stretched_strain(r.change) - r.strain)[r.settled])
+
+    def test_one_coefficient_by_hand(self) -> None:
+        """Of the products of 1, y and y - m, only the one of y - m counts: 0.5 (y - m) / 0.2; w = 1."""
+        products = product_indices(2).tolist()
+        coefficients = np.zeros(len(products) + 1)
+        coefficients[products.index([0, 0, 2])], coefficients[-1] = 0.5, 1.0
+        curve = RateCurve(
+            self.gauge, np.array([2.0]), np.array([1.0, 0.2]), np.array([[0.0, -1.0], [0.3, 1.0]]), coefficients
+        )
+        assert curve.strain(np.array(0.2), np.array([0.16])) == pytest.approx(0.25 + 0.1)
+
+    @given(st.floats(0.01, 0.2))
+    def test_goes_on_as_the_static_curve_does_beyond_its_range(self, farther: float) -> None:
+        _, curve = self.fitted()
+        end = curve.range[1, 0]
+        means = np.full(2, end)
+        beyond = curve.strain(np.array(end + farther), means + farther) - curve.strain(np.array(end), means)
+        static = self.gauge.stretched_strain(end + farther) - self.gauge.stretched_strain(end)
+        assert beyond == pytest.approx(static, abs=1e-9)
 
 
 def a_run(error, sigma=0.01, speed: float = float("nan"), name: str = "a") -> StripRun:

@@ -11,10 +11,10 @@ from tensegraph.models.recipe import CHECK_EVERY, TrainingSettings
 from tensegraph.models.recordings import Recording, Split
 from tensegraph.models.scores import Score
 from tensegraph.models.sensor_model import StretchingSensors
-from tensegraph.models.stretching import MEMORY_S
+from tensegraph.models.stretching import CURVE_MEMORIES, MEMORY_S
 from tensegraph.models.training import train
 
-QUICK = TrainingSettings(epochs=60, sequences=12, steps=600, hidden=8)
+QUICK = TrainingSettings(epochs=120, sequences=12, steps=600, hidden=8)
 GAINS = (1.1, 0.9, 1.05, 0.95, 1.0, 0.97)
 TINY = TrainingSettings(epochs=20, sequences=4, steps=200, chunk=50, hidden=4)
 
@@ -129,8 +129,20 @@ def test_running_needs_no_torch_and_gives_what_torch_gives(calibrated) -> None:
     x = np.concatenate([now, np.array(away) / s.change], axis=-1)
     with torch.no_grad():
         output = head(reference(torch.tensor(x.swapaxes(0, 1)))[0]).numpy().swapaxes(0, 1)
-    expected = model.gauge.stretched_strain(change) + 0.05 * output[..., 0]
+    curve_means = change[..., None] - np.array(away)[..., :CURVE_MEMORIES]
+    expected = model.curve.strain(change, curve_means) + 0.05 * output[..., 0]
     np.testing.assert_allclose(strain, expected, atol=1e-6)
+
+
+def test_the_curve_trained_on_is_the_one_run(calibrated) -> None:
+    import torch
+
+    from tensegraph.models.training import curve_strain
+
+    curve, rng = calibrated[0].model.curve, np.random.default_rng(0)
+    change, means = rng.uniform(-0.1, 0.5, 300), rng.uniform(-0.1, 0.5, (300, CURVE_MEMORIES))
+    trained = curve_strain(curve, torch.tensor(change).float(), torch.tensor(means).float()).numpy()
+    np.testing.assert_allclose(trained, curve.strain(change, means), atol=1e-5)
 
 
 class Kept:

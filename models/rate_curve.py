@@ -1,0 +1,84 @@
+"""Strain as a curve of dR/R and of how far that is from its running means: what the network corrects.
+
+    strain = w s(y') + p(y', y' - m_1', y' - m_2', ...) + s(y) - s(y')
+
+s is the inverse of the static gauge curve, y = dR/R, m_i its running mean over `memory_s`, p a cubic, and a dash means
+held within the range that it was fitted in: a cubic runs away outside, while s goes on straight.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .gauge import StaticGauge
+from .recordings import Recording
+
+DEGREE = 3
+RIDGE = 1e-4
+"""Of the mean square of a term: keeps terms apart that are nearly the same on a slow recording."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RateCurve:
+    """The curve, fitted."""
+
+    gauge: StaticGauge
+    """s is its inverse."""
+    memory_s: NDArray[np.float64]
+    """(memories,) time constants of the running means."""
+    scale: NDArray[np.float64]
+    """(1 + memories,) of the inputs y, y - m_1, y - m_2, ..."""
+    range: NDArray[np.float64]
+    """(2, 1 + memories) least and largest of these in the fit."""
+    coefficients: NDArray[np.float64]
+    """(terms + 1,) of the scaled inputs' products, in the order of `product_indices`; the last one is w."""
+
+    @classmethod
+    def fit(
+        cls, recordings: Sequence[Recording], gauge: StaticGauge, memory_s: NDArray[np.float64], signed: bool
+    ) -> "RateCurve":
+        """Fit to recordings on the common curve, by ridge regression; to bent samples, too, if signed."""
+        parts = [(rate_inputs(r.change, r.running_means(memory_s)), r.strain, r.counted(signed)) for r in recordings]
+        inputs = np.concatenate([x[counted] for x, _, counted in parts])
+        strain = np.concatenate([strain[counted] for _, strain, counted in parts])
+        scale: NDArray[np.float64] = np.maximum(inputs.std(axis=0), 1e-9)
+        between = np.stack([inputs.min(axis=0), inputs.max(axis=0)])
+        return cls(gauge, memory_s, scale, between, ridge(_terms(inputs, scale, gauge), strain))
+
+    def strain(self, change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return strain from (...) dR/R and its (..., memories) running means."""
+        inputs = rate_inputs(change, means)
+        held = np.clip(inputs, *self.range)
+        beyond = self.gauge.stretched_strain(change) - self.gauge.stretched_strain(held[..., 0])
+        return np.asarray(_terms(held, self.scale, self.gauge) @ self.coefficients + beyond)
+
+
+def rate_inputs(change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., 1 + memories): dR/R, and its distances from its running means."""
+    return np.concatenate([change[..., None], change[..., None] - means], axis=-1)
+
+
+def product_indices(inputs: int) -> NDArray[np.int64]:
+    """Return (terms, DEGREE) which of 1 and the inputs to multiply, for all products of up to `DEGREE` of them."""
+    return np.array(list(combinations_with_replacement(range(1 + inputs), DEGREE)))
+
+
+def products(inputs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., terms): all products of up to `DEGREE` of the (..., inputs), 1 among them."""
+    factors = np.concatenate([np.ones((*inputs.shape[:-1], 1)), inputs], axis=-1)
+    return np.asarray(np.prod(factors[..., product_indices(inputs.shape[-1])], axis=-1))
+
+
+def ridge(terms: NDArray[np.float64], strain: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (terms,) coefficients of strain, damped by `RIDGE`."""
+    normal = np.einsum("ni,nj->ij", terms, terms)  # sums in one order, however many cores there are
+    damped = normal + RIDGE * np.diag(np.diag(normal))
+    return np.asarray(np.linalg.solve(damped, np.einsum("ni,n->i", terms, strain)))
+
+
+def _terms(inputs: NDArray[np.float64], scale: NDArray[np.float64], gauge: StaticGauge) -> NDArray[np.float64]:
+    """Return (..., terms + 1): the products, and the static curve's strain."""
+    return np.concatenate([products(inputs / scale), gauge.stretched_strain(inputs[..., 0])[..., None]], axis=-1)
