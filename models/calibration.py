@@ -128,6 +128,7 @@ def _model(
         "curve_scale": curve.scale,
         "curve_range": curve.range,
         "curve_coefficients": curve.coefficients,
+        "curve_factor": curve.factor,
         "mode_change": mode_change,
         "mode_log_odds": mode_log_odds,
     }

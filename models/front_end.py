@@ -144,5 +144,6 @@ class FrontEnd:
         sigma = sigma * widening * self._model.sigma_scale(self._spread.step(strain, step_s))
         warm_for_s = np.nan_to_num(t_s - self._warm_s, nan=np.inf)
         warm_up = self._settings.warm_up_sigma * np.exp(-warm_for_s / self._settings.warm_up_s)
-        parts = (sigma, self._taring.sigma(strain, change), self._settings.drift_sigma, beyond, warm_up)
+        curve = self._stretching.curve_sigma(change)
+        parts = (sigma, self._taring.sigma(strain, change), self._settings.drift_sigma, curve, beyond, warm_up)
         return strain, np.asarray(np.sqrt(sum(part**2 for part in parts)))

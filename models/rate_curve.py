@@ -3,7 +3,8 @@
     strain = w s(y') + p(y', y' - m_1', y' - m_2', ...) + s(y) - s(y')
 
 s is the inverse of the static gauge curve, y = dR/R, m_i its running mean over `memory_s`, p a cubic, and a dash means
-held within the range that it was fitted in: a cubic runs away outside, while s goes on straight.
+held within the range that it was fitted in: a cubic runs away outside, while s goes on straight. What is not known of
+the coefficients is a sigma of strain, small where recordings reach and large between and beyond them.
 """
 
 from collections.abc import Sequence
@@ -13,7 +14,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-from .gauge import StaticGauge
+from .gauge import INDEPENDENT, StaticGauge
 from .recordings import Recording
 
 DEGREE = 3
@@ -35,6 +36,8 @@ class RateCurve:
     """(2, 1 + memories) least and largest of these in the fit."""
     coefficients: NDArray[np.float64]
     """(terms + 1,) of the scaled inputs' products, in the order of `product_indices`; the last one is w."""
+    factor: NDArray[np.float64]
+    """(terms + 1, terms + 1) F of their covariance F F'; residuals last for seconds, and count as many fewer."""
 
     @classmethod
     def fit(
@@ -46,7 +49,11 @@ class RateCurve:
         strain = np.concatenate([strain[counted] for _, strain, counted in parts])
         scale: NDArray[np.float64] = np.maximum(inputs.std(axis=0), 1e-9)
         between = np.stack([inputs.min(axis=0), inputs.max(axis=0)])
-        return cls(gauge, memory_s, scale, between, ridge(_terms(inputs, scale, gauge), strain))
+        terms = _terms(inputs, scale, gauge)
+        coefficients, normal = ridge(terms, strain)
+        residual_sigma = np.sqrt(INDEPENDENT) * np.std(strain - terms @ coefficients)
+        factor = residual_sigma * np.linalg.inv(np.linalg.cholesky(normal)).T
+        return cls(gauge, memory_s, scale, between, coefficients, factor)
 
     def strain(self, change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return strain from (...) dR/R and its (..., memories) running means."""
@@ -54,6 +61,12 @@ class RateCurve:
         held = np.clip(inputs, *self.range)
         beyond = self.gauge.stretched_strain(change) - self.gauge.stretched_strain(held[..., 0])
         return np.asarray(_terms(held, self.scale, self.gauge) @ self.coefficients + beyond)
+
+    def sigma(self, change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the strain sigma that the coefficients leave; of y alone beyond its range see `Extrapolation`."""
+        inputs = rate_inputs(change, means)
+        inputs[..., 0] = np.clip(inputs[..., 0], *self.range[:, 0])
+        return np.asarray(np.linalg.norm(_terms(inputs, self.scale, self.gauge) @ self.factor, axis=-1))
 
 
 def rate_inputs(change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -72,11 +85,11 @@ def products(inputs: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.prod(factors[..., product_indices(inputs.shape[-1])], axis=-1))
 
 
-def ridge(terms: NDArray[np.float64], strain: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (terms,) coefficients of strain, damped by `RIDGE`."""
+def ridge(terms: NDArray[np.float64], strain: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the (terms,) coefficients of strain, damped by `RIDGE`, and the (terms, terms) damped normal matrix."""
     normal = np.einsum("ni,nj->ij", terms, terms)  # sums in one order, however many cores there are
-    damped = normal + RIDGE * np.diag(np.diag(normal))
-    return np.asarray(np.linalg.solve(damped, np.einsum("ni,n->i", terms, strain)))
+    normal += RIDGE * np.diag(np.diag(normal))
+    return np.asarray(np.linalg.solve(normal, np.einsum("ni,n->i", terms, strain))), normal
 
 
 def _terms(inputs: NDArray[np.float64], scale: NDArray[np.float64], gauge: StaticGauge) -> NDArray[np.float64]:

@@ -22,7 +22,7 @@ SETTLING_S = 10.0
 LEAST_SPREAD = 0.002
 """Strain spread of a strip that hardly moves; sigma shrinks no further."""
 LSTM_TENSORS = ("weight_ih", "weight_hh", "bias", "head_weight", "head_bias")
-CURVE_TENSORS = ("curve_scale", "curve_range", "curve_coefficients")
+CURVE_TENSORS = ("curve_scale", "curve_range", "curve_coefficients", "curve_factor")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +50,8 @@ class SensorModel:
                 raise InputError(f"sensor model: tensor '{name}' has values that are not finite")
         try:
             output = run_lstm(self.lstm, self.tensors["golden_input"])
-            self.curve.strain(np.zeros(1), np.zeros((1, len(self.curve.memory_s))))
+            nothing = np.zeros(1), np.zeros((1, len(self.curve.memory_s)))
+            self.curve.strain(*nothing), self.curve.sigma(*nothing)
         except ValueError as error:
             raise InputError(f"sensor model: its weights do not fit together ({error})") from error
         difference = float(np.abs(output - self.tensors["golden_output"]).max())
@@ -65,8 +66,8 @@ class SensorModel:
     @property
     def curve(self) -> RateCurve:
         """What the network corrects."""
-        scale, between, coefficients = (self.tensors[name].astype(np.float64) for name in CURVE_TENSORS)
-        return RateCurve(self.gauge, self.memory_s[: len(scale) - 1], scale, between, coefficients)
+        scale, *rest = (self.tensors[name].astype(np.float64) for name in CURVE_TENSORS)
+        return RateCurve(self.gauge, self.memory_s[: len(scale) - 1], scale, *rest)
 
     @property
     def gauge(self) -> StaticGauge:
@@ -212,6 +213,10 @@ class StretchingSensors:
         self._means = next_means(self._means, change, step_s, self._memory_s)
         strain, sigma, self._state = self._evaluate(change, rate_per_s, step_s, self._means, self._state)
         return strain, sigma
+
+    def curve_sigma(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (sensors,) what the curve leaves unknown of strain, after the latest step."""
+        return self._curve.sigma(change, self._means[:, : self._curve_memories])
 
     def settle(self, change: NDArray[np.float64], which: NDArray[np.bool_], step_s: float) -> NDArray[np.float64]:
         """Put some sensors into the state of having rested at a dR/R for long; return the strain they then give.

@@ -63,7 +63,7 @@ class PolynomialEstimator:
         strain = np.concatenate([strain[counted] for counted, _, strain in parts])
         scale: NDArray[np.float64] = np.maximum(inputs.std(axis=0), 1e-9)
         terms = products(inputs / scale)
-        coefficients = ridge(terms, strain)
+        coefficients, _ = ridge(terms, strain)
         return cls(scale, coefficients, float(np.std(strain - terms @ coefficients)))
 
     def follow(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> Followed:

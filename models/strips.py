@@ -60,7 +60,8 @@ class NetworkEstimator:
         for k in range(samples):
             strain[k], sigma[k] = sensors.step(change[k], rate[k], step_s[k])
             spread[k] = running.step(strain[k], step_s[k])
-            factor[k], extra[k], beyond[k] = outside.step(change[k], rate[k], strain[k], step_s[k])
+            factor[k], farther, beyond[k] = outside.step(change[k], rate[k], strain[k], step_s[k])
+            extra[k] = np.hypot(farther, sensors.curve_sigma(change[k]))
         scaled = np.hypot(sigma * self.model.sigma_scale(spread) * factor, extra)
         return Followed(strain, scaled, sigma, spread, beyond.astype(np.bool_))
 

@@ -249,9 +249,21 @@ class TestRateCurve:
         coefficients = np.zeros(len(products) + 1)
         coefficients[products.index([0, 0, 2])], coefficients[-1] = 0.5, 1.0
         curve = RateCurve(
-            self.gauge, np.array([2.0]), np.array([1.0, 0.2]), np.array([[0.0, -1.0], [0.3, 1.0]]), coefficients
+            self.gauge,
+            np.array([2.0]),
+            np.array([1.0, 0.2]),
+            np.array([[0.0, -1.0], [0.3, 1.0]]),
+            coefficients,
+            np.diag(0.01 * (coefficients > 0)),
         )
+        assert curve.sigma(np.array(0.2), np.array([0.16])) == pytest.approx(np.hypot(0.01 * 0.2, 0.01 * 0.25))
         assert curve.strain(np.array(0.2), np.array([0.16])) == pytest.approx(0.25 + 0.1)
+
+    def test_is_unsure_where_no_recording_reached(self) -> None:
+        r, curve = self.fitted()
+        means = r.running_means(curve.memory_s)
+        inside = curve.sigma(r.change, means)[r.settled]
+        assert curve.sigma(np.array(0.1), np.array([0.4, 0.4])) > 10 * np.median(inside)
 
     @given(st.floats(0.01, 0.2))
     def test_goes_on_as_the_static_curve_does_beyond_its_range(self, farther: float) -> None:
