@@ -11,7 +11,7 @@ that hardly matters to shapes, while ratios of k that do not balance at rest wou
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -55,57 +55,73 @@ def rest_step(
         sigma_m = settings.measured_sigma_m
     else:  # equilibrium finds the shape; without it the shape is that of equal tendons
         sigma_m = settings.found_sigma_m if mechanics is None else float(structure.rod_length_m.mean())
-    free = structure.free_nodes
-    size = 3 * len(free)
+    problem = _RestProblem(structure, mechanics, known_m, sigma_m, settings)
+    z, covariance = _most_probable(problem.rows, problem.unknowns)
+    size = len(structure.free_coordinates)
+    covariance_m2 = _of_all_nodes(structure, sigma_m**2 * covariance[:size, :size])
+    position_m = problem.position_m(z)
+    if mechanics is None:
+        return RestShape(position_m, covariance_m2, source)
+    tared = problem.tared(mechanics, z)
+    unbalanced_n = _rms_n(structure, mechanics, position_m), _rms_n(structure, tared, position_m)
+    return RestShape(position_m, covariance_m2, source, tared, unbalanced_n=unbalanced_n)
 
-    def place(z: NDArray[np.float64]) -> NDArray[np.float64]:
-        position = known_m.copy()
-        position[free] += sigma_m * z[:size].reshape(-1, 3)
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _RestProblem:
+    """The sum to minimise, in z: deviations of free nodes, log stiffnesses and natural lengths over their sigmas."""
+
+    structure: Structure
+    nominal: Mechanics | None
+    known_m: NDArray[np.float64]
+    """(nodes, 3)"""
+    sigma_m: float
+    """Of these."""
+    settings: RestSettings
+
+    @property
+    def unknowns(self) -> int:
+        """How many."""
+        return len(self.structure.free_coordinates) + (2 * len(self.structure.tendons) if self.nominal else 0)
+
+    def position_m(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (nodes, 3) positions."""
+        position, free = self.known_m.copy(), self.structure.free_nodes
+        position[free] += self.sigma_m * z[: 3 * len(free)].reshape(-1, 3)
         return position
 
-    def geometry(z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        rod_error = member_length_m(place(z), structure.rods) - structure.rod_length_m
-        rows = length_jacobian(place(z), structure.rods)[:, free].reshape(len(rod_error), -1)
-        jacobian = np.zeros((len(rod_error), len(z)))
-        jacobian[:, :size] = sigma_m * rows
-        return rod_error / ROD_SIGMA_M, jacobian / ROD_SIGMA_M
-
-    if mechanics is None:
-        z, covariance = _most_probable(geometry, size)
-        return RestShape(place(z), _of_all_nodes(structure, sigma_m**2 * covariance), source)
-
-    nominal = mechanics
-    tendons = len(structure.tendons)
-
-    def tared(z: NDArray[np.float64]) -> Mechanics:
-        stiffness = nominal.stiffness_n_per_m * np.exp(settings.stiffness_spread * z[size : size + tendons])
-        natural_length_m = nominal.natural_length_m + settings.natural_length_sigma_m * z[size + tendons :]
+    def tared(self, nominal: Mechanics, z: NDArray[np.float64]) -> Mechanics:
+        """Return the mechanics."""
+        by_log_stiffness, by_length = z[len(self.structure.free_coordinates) :].reshape(2, -1)
+        stiffness = nominal.stiffness_n_per_m * np.exp(self.settings.stiffness_spread * by_log_stiffness)
+        natural_length_m = nominal.natural_length_m + self.settings.natural_length_sigma_m * by_length
         return replace(nominal, stiffness_n_per_m=stiffness, natural_length_m=natural_length_m)
 
-    def balance(z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        statics, position = Statics(structure, tared(z)), place(z)
-        r, by_position = statics.residual_and_jacobian(position)
-        by_log_stiffness, by_natural_length = statics.mechanics_jacobian(position)
-        by_position = by_position.reshape(len(r), -1, 3)[:, free].reshape(len(r), -1)
-        jacobian = np.concatenate(
-            [
-                sigma_m * by_position,
-                settings.stiffness_spread * by_log_stiffness,
-                settings.natural_length_sigma_m * by_natural_length,
-            ],
-            axis=1,
-        )
-        return r / settings.force_sigma_n, jacobian / settings.force_sigma_n
-
-    def rows(z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        (r, J), (f, F) = geometry(z), balance(z)
+    def rows(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the residuals over their sigmas, without the prior's, and their Jacobian."""
+        (r, J), (f, F) = self._rods(z), self._balance(z)
         return np.concatenate([r, f]), np.concatenate([J, F])
 
-    z, covariance = _most_probable(rows, size + 2 * tendons)
-    position, mechanics = place(z), tared(z)
-    unbalanced_n = _rms_n(structure, nominal, position), _rms_n(structure, mechanics, position)
-    covariance_m2 = _of_all_nodes(structure, sigma_m**2 * covariance[:size, :size])
-    return RestShape(position, covariance_m2, source, mechanics, unbalanced_n=unbalanced_n)
+    def _rods(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        structure, position = self.structure, self.position_m(z)
+        rod_error = member_length_m(position, structure.rods) - structure.rod_length_m
+        by_node = length_jacobian(position, structure.rods)[:, structure.free_nodes].reshape(len(rod_error), -1)
+        jacobian = np.zeros((len(rod_error), len(z)))
+        jacobian[:, : by_node.shape[1]] = self.sigma_m * by_node
+        return rod_error / ROD_SIGMA_M, jacobian / ROD_SIGMA_M
+
+    def _balance(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        if self.nominal is None:
+            return np.zeros(0), np.zeros((0, len(z)))
+        statics, position = Statics(self.structure, self.tared(self.nominal, z)), self.position_m(z)
+        r, by_position = statics.residual_and_jacobian(position)
+        by_log_stiffness, by_natural_length = statics.mechanics_jacobian(position)
+        parts = [
+            self.sigma_m * by_position[:, self.structure.free_coordinates],
+            self.settings.stiffness_spread * by_log_stiffness,
+            self.settings.natural_length_sigma_m * by_natural_length,
+        ]
+        return r / self.settings.force_sigma_n, np.concatenate(parts, axis=1) / self.settings.force_sigma_n
 
 
 def _most_probable(rows: Rows, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
