@@ -74,14 +74,16 @@ def _with_spread(
     """Return a training with each strip's gain and offset by all of its recording, and the gain's spread from these.
 
     A strip of little motion keeps its gain near 1, so that the spread of the gains found is less than that of the
-    gains: spread^2 = mean((gain - mean gain)^2 + the variance left of each).
+    gains: spread^2 = mean((gain - mean gain)^2 + the variance left of each). The mean of all stays as in the training:
+    what is common to all strips is the curve's.
     """
     model = _model(trained, bending, on_common_curve(split.training, trained.own), mode, settings)
     signed, stretched = settings.unified, [r for r in split.training if r.stretched_share > 0.3]
     tares = tare_strips(NetworkEstimator(model), stretched, trained.gauge, signed, np.inf, trained.own)
     gains, left = np.array([(tare.own[0], tare.covariance[0, 0]) for tare in tares.values()]).T
     found = float(np.sqrt(np.var(gains) + np.mean(left))) if len(gains) > 1 else 0.0  # one strip has no spread
-    own = dict(trained.own) | {name: tare.own for name, tare in tares.items()}
+    common = np.mean([trained.own[name] - tare.own for name, tare in tares.items()], axis=0)
+    own = dict(trained.own) | {name: tare.own + common for name, tare in tares.items()}
     gauge = replace(trained.gauge, gain_sigma=max(found, LEAST_GAIN_SIGMA))
     return replace(trained, curve=replace(trained.curve, gauge=gauge), own=own)
 
@@ -96,16 +98,20 @@ def lag_s(runs: Sequence[StripRun]) -> float:
 def fit_sigma_scale(runs: Sequence[StripRun]) -> tuple[float, float]:
     """Return (b, p) of sigma scale = b spread^p that make the errors of these runs most likely.
 
-    The strips' gains and offsets are to be known here, by all of each recording: what taring leaves is added apart.
+    The runs are to be of a model whose scale is 1, and the strips' gains and offsets known, by all of each recording.
+    Only the network's sigma is scaled: that of its curve is added apart, as what taring leaves will be.
     """
     if not runs:
         return 1.0, 0.0
-    error, sigma = (np.concatenate([getattr(run, name) for run in runs]) for name in ("error", "unscaled_sigma"))
+    error, network, whole = (
+        np.concatenate([getattr(run, name) for run in runs]) for name in ("error", "unscaled_sigma", "sigma")
+    )
+    apart = np.maximum(whole**2 - network**2, 0.0)
     log_spread = np.log(np.maximum(np.concatenate([run.spread for run in runs]), LEAST_SPREAD))
 
     def negative_log_likelihood(parameters: NDArray[np.float64]) -> float:
-        log_scale = parameters[0] + parameters[1] * log_spread
-        return float(np.mean(0.5 * (error / (sigma * np.exp(log_scale))) ** 2 + log_scale))
+        variance = network**2 * np.exp(2 * (parameters[0] + parameters[1] * log_spread)) + apart
+        return float(np.mean(error**2 / variance + np.log(variance)))
 
     log_b, p = minimize(negative_log_likelihood, [0.0, 0.0], method="Nelder-Mead").x
     return float(np.exp(log_b)), float(p)
