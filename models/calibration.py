@@ -98,20 +98,17 @@ def lag_s(runs: Sequence[StripRun]) -> float:
 def fit_sigma_scale(runs: Sequence[StripRun]) -> tuple[float, float]:
     """Return (b, p) of sigma scale = b spread^p that make the errors of these runs most likely.
 
-    The runs are to be of a model whose scale is 1, and the strips' gains and offsets known, by all of each recording.
-    Only the network's sigma is scaled: that of its curve is added apart, as what taring leaves will be.
+    The strips' gains and offsets are to be known here, by all of each recording: what taring leaves is added apart, and
+    so is what the curve leaves, which is little where recordings reach.
     """
     if not runs:
         return 1.0, 0.0
-    error, network, whole = (
-        np.concatenate([getattr(run, name) for run in runs]) for name in ("error", "unscaled_sigma", "sigma")
-    )
-    apart = np.maximum(whole**2 - network**2, 0.0)
+    error, sigma = (np.concatenate([getattr(run, name) for run in runs]) for name in ("error", "unscaled_sigma"))
     log_spread = np.log(np.maximum(np.concatenate([run.spread for run in runs]), LEAST_SPREAD))
 
     def negative_log_likelihood(parameters: NDArray[np.float64]) -> float:
-        variance = network**2 * np.exp(2 * (parameters[0] + parameters[1] * log_spread)) + apart
-        return float(np.mean(error**2 / variance + np.log(variance)))
+        log_scale = parameters[0] + parameters[1] * log_spread
+        return float(np.mean(0.5 * (error / (sigma * np.exp(log_scale))) ** 2 + log_scale))
 
     log_b, p = minimize(negative_log_likelihood, [0.0, 0.0], method="Nelder-Mead").x
     return float(np.exp(log_b)), float(p)

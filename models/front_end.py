@@ -22,8 +22,6 @@ class FrontEndSettings:
     """Which quantity is x in eq. (9)."""
     bending_sigma: Positive = 0.01
     """Error of eq. (9), in dR/R."""
-    drift_sigma: Positive = 0.0015
-    """Noise and drift of strain over a trial: that of a structure at rest wanders by so much in 30 s (rest_01)."""
     settle_after_s: Positive = 0.5
     """After a gap this long a sensor's history is taken as unknown."""
     warm_up_sigma: Positive = 0.025
@@ -145,5 +143,5 @@ class FrontEnd:
         warm_for_s = np.nan_to_num(t_s - self._warm_s, nan=np.inf)
         warm_up = self._settings.warm_up_sigma * np.exp(-warm_for_s / self._settings.warm_up_s)
         curve = self._stretching.curve_sigma(change)
-        parts = (sigma, self._taring.sigma(strain, change), self._settings.drift_sigma, curve, beyond, warm_up)
+        parts = (sigma, self._taring.sigma(strain, change), curve, beyond, warm_up)
         return strain, np.asarray(np.sqrt(sum(part**2 for part in parts)))
