@@ -9,6 +9,7 @@ the coefficients is a sigma of strain, small where recordings reach and large be
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -58,9 +59,9 @@ class RateCurve:
     def strain(self, change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return strain from (...) dR/R and its (..., memories) running means."""
         inputs = rate_inputs(change, means)
-        held = np.clip(inputs, *self.range)
-        beyond = self.gauge.stretched_strain(change) - self.gauge.stretched_strain(held[..., 0])
-        return np.asarray(_terms(held, self.scale, self.gauge) @ self.coefficients + beyond)
+        terms = _terms(np.clip(inputs, *self.range), self.scale, self.gauge)
+        beyond = self.gauge.stretched_strain(change) - terms[..., -1]
+        return np.asarray(terms @ self.coefficients + beyond)
 
     def sigma(self, change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the strain sigma that the coefficients leave; of y alone beyond its range see `Extrapolation`."""
@@ -74,6 +75,7 @@ def rate_inputs(change: NDArray[np.float64], means: NDArray[np.float64]) -> NDAr
     return np.concatenate([change[..., None], change[..., None] - means], axis=-1)
 
 
+@cache
 def product_indices(inputs: int) -> NDArray[np.int64]:
     """Return (terms, DEGREE) which of 1 and the inputs to multiply, for all products of up to `DEGREE` of them."""
     return np.array(list(combinations_with_replacement(range(1 + inputs), DEGREE)))
@@ -82,7 +84,8 @@ def product_indices(inputs: int) -> NDArray[np.int64]:
 def products(inputs: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (..., terms): all products of up to `DEGREE` of the (..., inputs), 1 among them."""
     factors = np.concatenate([np.ones((*inputs.shape[:-1], 1)), inputs], axis=-1)
-    return np.asarray(np.prod(factors[..., product_indices(inputs.shape[-1])], axis=-1))
+    first, second, third = (factors[..., index] for index in product_indices(inputs.shape[-1]).T)
+    return np.asarray(first * second * third)
 
 
 def ridge(terms: NDArray[np.float64], strain: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
