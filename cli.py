@@ -14,33 +14,33 @@ from rich.console import Console
 from rich.markdown import Markdown
 from rich.progress import Progress
 
-from .calibration import COLUMNS, calibrate_folder
-from .comparison import COMPARISON_FILE, comparison_rows, measure, write_comparison
-from .feeds import Feed, Rig, boards_feed, replay_feed, twin_feed
-from .io.calibration import read_rig
+from .commands.calibrate import COLUMNS, calibrate_folder
+from .commands.compare import COMPARISON_FILE, comparison_rows, measure, write_comparison
+from .commands.evaluate import EVALUATION_FILE, as_text, score_result, write_score
+from .commands.reconstruct import Run
+from .commands.simulate import simulate as simulate_trial
+from .io.boards.port import ask, usb_ports
+from .io.boards.recorder import check_trial_path
 from .io.calibration_output import CalibrationPaths
-from .io.comparison import as_markdown
+from .io.comparison_tables import as_markdown
 from .io.model_file import read_sensor_model
-from .io.recorder import check_trial_path
+from .io.recording_files import read_rig
 from .io.result import RUN_FILE, check_result_path
-from .io.serial_port import ask, usb_ports
 from .io.toml import read_settings
-from .io.trial import Trial, open_trial
-from .live import Activity, LiveResult, Session, stopped_by_signals
-from .models.boards import Boards
-from .models.errors import RecordingError, TensegraphError
-from .models.link import LinkState
-from .models.readings import BoardReading, TendonLengths
-from .models.recipe import TrainingSettings
-from .models.reconstruction import Reconstruction
-from .models.sensor_model import SensorModel
+from .io.trial_directory import Trial, open_trial
+from .live.feeds import Feed, Rig, boards_feed, replay_feed, twin_feed
+from .live.panel import BesideTheRig, Panel, ports_table, shown
+from .live.session import Activity, LiveResult, Session, stopped_by_signals
+from .models.calibration.recipe import TrainingSettings
+from .models.sensor.resistance import Boards
+from .models.sensor.sensor_model import SensorModel
 from .models.settings import Settings
-from .models.trial import LinkTable
-from .panel import BesideTheRig, Panel, ports_table, shown
+from .models.structure.reconstruction import Reconstruction
+from .models.trial_description import LinkTable
+from .models.values.errors import RecordingError, TensegraphError
+from .models.values.link import LinkState
+from .models.values.readings import BoardReading, TendonLengths
 from .pipeline import Method, Pipeline, write_result
-from .report import Run
-from .score import EVALUATION_FILE, as_text, score_result, write_score
-from .simulation import simulate as simulate_trial
 
 app = typer.Typer(
     help="Shape of a tensegrity, with uncertainty, from its strain-sensing tendons.",
@@ -311,7 +311,7 @@ def _show_session(session: Session, feed: Feed, path: Path, view: bool) -> None:
         with ExitStack() as stack:
             window = None
             if view:
-                from .io.live_view import LiveView  # pyplot takes a second to import
+                from .io.figures.live_view import LiveView  # pyplot takes a second to import
 
                 window = stack.enter_context(LiveView(structure, pipeline.rest.node_position_m, probability))
             stack.enter_context(stopped_by_signals(feed.source))

@@ -10,23 +10,23 @@ import numpy as np
 from .estimator.baselines import LeastSquares, UnscentedKalman
 from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
-from .estimator.live import LiveSmoother
-from .estimator.rest import rest_step
-from .io.figures import write_figures
+from .estimator.rest_step import rest_step
+from .estimator.smoother import LiveSmoother
+from .io.figures.shape_figures import write_figures
 from .io.model_file import read_sensor_model
 from .io.result import result_directory, write_run, write_tables
-from .io.trial import Reading, Trial, open_trial
-from .models.boards import Boards
-from .models.frames import FrameAssembler
-from .models.front_end import FrontEnd
-from .models.readings import BoardReading, ResistanceReading, TendonLengths
-from .models.reconstruction import Reconstruction
-from .models.rest import RestShape
-from .models.sensor_model import SensorModel
+from .io.trial_directory import Reading, Trial, open_trial
+from .models.sensor.frames import FrameAssembler
+from .models.sensor.front_end import FrontEnd
+from .models.sensor.resistance import Boards
+from .models.sensor.sensor_model import SensorModel
 from .models.settings import Settings
-from .models.shape import Shape
-from .models.structure import Structure
-from .models.trial import TrialDescription
+from .models.structure.reconstruction import Reconstruction
+from .models.structure.rest_shape import RestShape
+from .models.structure.shape import Shape
+from .models.structure.structure import Structure
+from .models.trial_description import TrialDescription
+from .models.values.readings import BoardReading, ResistanceReading, TendonLengths
 
 Method = Literal["batch", "live", "frame", "least-squares", "ukf"]
 

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ..factors.noise import tendon_sigma_m
-from ..models.errors import IndeterminateError
-from ..models.geometry import length_jacobian, member_length_m
-from ..models.readings import TendonLengths
-from ..models.rest import RestShape
 from ..models.settings import Settings
-from ..models.shape import Shape, Status
-from ..models.structure import Structure
+from ..models.structure.lengths import length_jacobian, member_length_m
+from ..models.structure.rest_shape import RestShape
+from ..models.structure.shape import Shape, Status
+from ..models.structure.structure import Structure
+from ..models.values.errors import IndeterminateError
+from ..models.values.readings import TendonLengths
 from .graph import status_of
 
 

@@ -7,16 +7,16 @@ import gtsam
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from ..models.errors import IndeterminateError
-from ..models.external_loads import ExternalLoads
-from ..models.readings import TendonLengths
-from ..models.rest import RestShape
 from ..models.settings import Settings
-from ..models.shape import Shape, Status
-from ..models.structure import Structure
+from ..models.structure.external_loads import ExternalLoads
+from ..models.structure.rest_shape import RestShape
+from ..models.structure.shape import Shape, Status
+from ..models.structure.structure import Structure
+from ..models.values.errors import IndeterminateError
+from ..models.values.readings import TendonLengths
 from .branches import OtherBranch
 from .graph import GraphBuilder, status_of
-from .live import LiveSmoother
+from .smoother import LiveSmoother
 from .uncertainty import FrameEvidence
 
 MAX_ITERATIONS = 50

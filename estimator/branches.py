@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.readings import TendonLengths
-from ..models.rigidity import branch, free_length_jacobian
 from ..models.settings import BranchSettings
-from ..models.shape import OtherShape, Shape, Status
+from ..models.structure.rigidity import branch, free_length_jacobian
+from ..models.structure.shape import OtherShape, Shape, Status
+from ..models.values.readings import TendonLengths
 from .graph import GraphBuilder
 
 

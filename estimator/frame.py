@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable, Iterator
 
-from ..models.readings import TendonLengths
-from ..models.rest import RestShape
 from ..models.settings import Settings
-from ..models.shape import Shape, Status
-from ..models.structure import Structure
+from ..models.structure.rest_shape import RestShape
+from ..models.structure.shape import Shape, Status
+from ..models.structure.structure import Structure
+from ..models.values.readings import TendonLengths
 from .graph import GraphBuilder, status_of
 from .uncertainty import FrameEvidence
 

@@ -14,15 +14,15 @@ from ..factors.motion import constant_velocity_factors, still_factors
 from ..factors.rod import rod_factors
 from ..factors.shape_prior import shape_prior_factors
 from ..factors.tendon import tendon_factors
-from ..models.errors import IndeterminateError
-from ..models.geometry import length_jacobian
-from ..models.readings import TendonLengths
-from ..models.rest import RestShape
-from ..models.rigidity import SINGULAR
 from ..models.settings import NoiseSettings
-from ..models.shape import Status
-from ..models.statics import Statics
-from ..models.structure import Structure
+from ..models.structure.lengths import length_jacobian
+from ..models.structure.rest_shape import RestShape
+from ..models.structure.rigidity import SINGULAR
+from ..models.structure.shape import Status
+from ..models.structure.statics import Statics
+from ..models.structure.structure import Structure
+from ..models.values.errors import IndeterminateError
+from ..models.values.readings import TendonLengths
 
 MAX_ITERATIONS = 100
 ERROR_TOLERANCE = 1e-2

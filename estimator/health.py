@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.noise import tendon_sigma_m
-from ..models.geometry import length_jacobian
-from ..models.readings import Flag, TendonLengths
 from ..models.settings import HealthSettings
-from ..models.shape import Shape
+from ..models.structure.lengths import length_jacobian
+from ..models.structure.shape import Shape
+from ..models.values.readings import Flag, TendonLengths
 from .graph import GraphBuilder
 
 LEAST_REDUNDANCY = 0.05

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from ..factors.equilibrium import squared_norms
 from ..factors.noise import tendon_sigma_m
-from ..models.errors import IndeterminateError
-from ..models.external_loads import ExternalLoads, external_loads
-from ..models.readings import TendonLengths
-from ..models.rigidity import free_length_jacobian
+from ..models.structure.external_loads import ExternalLoads, external_loads
+from ..models.structure.rigidity import free_length_jacobian
+from ..models.values.errors import IndeterminateError
+from ..models.values.readings import TendonLengths
 from .graph import GraphBuilder
 
 

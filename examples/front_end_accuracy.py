@@ -10,8 +10,8 @@ import numpy as np
 
 from tensegraph import Settings, open_trial
 from tensegraph.io.model_file import read_sensor_model
-from tensegraph.models.frames import FrameAssembler
-from tensegraph.models.taring import Taring
+from tensegraph.models.sensor.frames import FrameAssembler
+from tensegraph.models.sensor.taring import Taring
 from tensegraph.pipeline import Pipeline
 
 

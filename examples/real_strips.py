@@ -7,13 +7,13 @@ trains, the others test, each tared on its first 10 s.
 import sys
 from pathlib import Path
 
-from tensegraph.io.calibration import read_recordings, read_rig
-from tensegraph.models.bending import BendingCurve
-from tensegraph.models.calibration import LSTM, calibrate_model
-from tensegraph.models.recipe import TrainingSettings
-from tensegraph.models.recordings import Recording, Split
-from tensegraph.models.scores import Score
-from tensegraph.models.training import train
+from tensegraph.io.recording_files import read_recordings, read_rig
+from tensegraph.models.calibration.calibrated_model import LSTM, calibrate_model
+from tensegraph.models.calibration.recipe import TrainingSettings
+from tensegraph.models.calibration.recordings import Recording, Split
+from tensegraph.models.calibration.strip_scores import Score
+from tensegraph.models.calibration.training import train
+from tensegraph.models.sensor.bending import BendingCurve
 
 OTHER_MIX = "1_10_*"
 

@@ -17,11 +17,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from tensegraph import BoardReading, Reconstruction, Settings, open_trial, simulate
-from tensegraph.estimator.evaluation import node_rmse_m
-from tensegraph.io.figures import BLUE, GREY, ORANGE
+from tensegraph.io.figures.shape_figures import BLUE, GREY, ORANGE
 from tensegraph.io.model_file import read_sensor_model
-from tensegraph.io.trial import Trial
-from tensegraph.models.trial import TrialDescription
+from tensegraph.io.trial_directory import Trial
+from tensegraph.models.evaluation.metrics import node_rmse_m
+from tensegraph.models.trial_description import TrialDescription
 from tensegraph.pipeline import Pipeline
 
 HERE = Path(__file__).parent

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import gtsam
 
 from ..models.settings import NoiseSettings
-from ..models.structure import Structure
+from ..models.structure.structure import Structure
 from .noise import isotropic
 
 

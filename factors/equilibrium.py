@@ -11,7 +11,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.statics import Statics
+from ..models.structure.statics import Statics
 from .noise import unit
 
 

@@ -6,8 +6,8 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.readings import Flag, Mode, TendonLengths
 from ..models.settings import NoiseSettings
+from ..models.values.readings import Flag, Mode, TendonLengths
 
 KERNELS = {
     "huber": gtsam.noiseModel.mEstimator.Huber.Create(1.345),

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
-from ..models.readings import TendonLengths
 from ..models.settings import NoiseSettings
-from ..models.structure import Structure
+from ..models.structure.structure import Structure
+from ..models.values.readings import TendonLengths
 from .noise import tendon_noises, tendon_sigma_m
 
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..models.errors import InputError
+from ..models.values.errors import InputError
 
 
 @dataclass(frozen=True, slots=True)

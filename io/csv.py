@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 
-from ..models.errors import InputError
+from ..models.values.errors import InputError
 
 
 @dataclass(slots=True)

@@ -9,8 +9,8 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
-from ..models.errors import InputError
-from ..models.sensor_model import SensorModel
+from ..models.sensor.sensor_model import SensorModel
+from ..models.values.errors import InputError
 
 METADATA_KEY = "tensegraph"
 

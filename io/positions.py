@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.errors import InputError
+from ..models.values.errors import InputError
 from .csv import CsvFile
 
 

@@ -4,8 +4,8 @@ import threading
 import time
 from collections.abc import Iterable, Iterator
 
-from ..models.readings import BoardReading, TendonLengths
-from .trial import Reading
+from ..models.values.readings import BoardReading, TendonLengths
+from .trial_directory import Reading
 
 
 class Replay:

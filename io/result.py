@@ -13,12 +13,12 @@ import tomli_w
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..models.errors import InputError
-from ..models.evaluation import Estimate
-from ..models.external_loads import ExternalLoads, observable_loads
-from ..models.readings import Flag, Mode
-from ..models.reconstruction import Reconstruction
-from ..models.structure import Structure
+from ..models.evaluation.truth import Estimate
+from ..models.structure.external_loads import ExternalLoads, observable_loads
+from ..models.structure.reconstruction import Reconstruction
+from ..models.structure.structure import Structure
+from ..models.values.errors import InputError
+from ..models.values.readings import Flag, Mode
 from .csv import CsvFile
 from .positions import position_columns, read_positions
 from .toml import read_toml

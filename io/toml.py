@@ -5,9 +5,9 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from ..models.errors import InputError
 from ..models.settings import Settings
-from ..models.tables import parse_table, unknown_keys
+from ..models.values.errors import InputError
+from ..models.values.tables import parse_table, unknown_keys
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -5,13 +5,13 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge
 
-from .clock import ClockSettings
-from .external_loads import LOAD_THRESHOLD_N
-from .frames import FrameSettings
-from .front_end import FrontEndSettings
-from .gate import GateSettings
-from .rest import RestSettings
-from .tables import Positive, Probability
+from .sensor.clock import ClockSettings
+from .sensor.frames import FrameSettings
+from .sensor.front_end import FrontEndSettings
+from .sensor.gate import GateSettings
+from .structure.external_loads import LOAD_THRESHOLD_N
+from .structure.rest_shape import RestSettings
+from .values.tables import Positive, Probability
 
 
 @dataclass(frozen=True, slots=True)

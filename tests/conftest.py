@@ -15,13 +15,13 @@ import pytest
 from numpy.typing import NDArray
 
 from tensegraph import Structure, open_trial, six_strut
+from tensegraph.io.boards.protocol import Row, frame
 from tensegraph.io.model_file import read_sensor_model
-from tensegraph.io.protocol import Row, frame
-from tensegraph.models.link import Hello
-from tensegraph.models.readings import Mode, TendonLengths
-from tensegraph.models.rest import RestShape
-from tensegraph.models.rigidity import find_rest_shape
-from tensegraph.models.sensor_model import SensorModel
+from tensegraph.models.sensor.sensor_model import SensorModel
+from tensegraph.models.structure.rest_shape import RestShape
+from tensegraph.models.structure.rigidity import find_rest_shape
+from tensegraph.models.values.link import Hello
+from tensegraph.models.values.readings import Mode, TendonLengths
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "press_01"
 

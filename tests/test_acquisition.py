@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tensegraph import BoardReading, Flag, ResistanceReading
-from tensegraph.models.clock import BoardClock, ClockSettings, _LowerLine
-from tensegraph.models.frames import FrameAssembler, FrameSettings
-from tensegraph.models.gate import GateSettings, ReadingGate
+from tensegraph.models.sensor.clock import BoardClock, ClockSettings, _LowerLine
+from tensegraph.models.sensor.frames import FrameAssembler, FrameSettings
+from tensegraph.models.sensor.gate import GateSettings, ReadingGate
 
 COUNTS = np.full(2, 500)
 

@@ -8,18 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tensegraph import InputError
-from tensegraph.io.calibration import read_recording, read_recordings, read_rig, rig_text
 from tensegraph.io.calibration_output import CalibrationPaths
-from tensegraph.models.bending import COEFFICIENTS, FoldedPolynomial, fit_bending
-from tensegraph.models.correlation import autocorrelation_of, correlation_samples
-from tensegraph.models.gauge import StaticGauge
-from tensegraph.models.rate_curve import RateCurve, product_indices
-from tensegraph.models.recordings import Recording, Split
-from tensegraph.models.rig import Rig
-from tensegraph.models.scores import Score, by_speed, correlation_time_s
-from tensegraph.models.sensor_model import Extrapolation, SensorModel
-from tensegraph.models.strip_baselines import PolynomialEstimator, StaticEstimator
-from tensegraph.models.strips import StripRun, Tare, TareSearch, run_strips, tare_strips
+from tensegraph.io.recording_files import read_recording, read_recordings, read_rig, rig_text
+from tensegraph.models.calibration.recordings import Recording, Split
+from tensegraph.models.calibration.strip_baselines import PolynomialEstimator, StaticEstimator
+from tensegraph.models.calibration.strip_scores import Score, by_speed, correlation_time_s
+from tensegraph.models.calibration.strips import StripRun, Tare, TareSearch, run_strips, tare_strips
+from tensegraph.models.calibration.test_rig import Rig
+from tensegraph.models.sensor.bending import COEFFICIENTS, FoldedPolynomial, fit_bending
+from tensegraph.models.sensor.gauge import StaticGauge
+from tensegraph.models.sensor.rate_curve import RateCurve, product_indices
+from tensegraph.models.sensor.sensor_model import Extrapolation, SensorModel
+from tensegraph.models.values.correlation import autocorrelation_of, correlation_samples
 
 T_S = np.arange(0, 60, 0.05)
 

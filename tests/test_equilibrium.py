@@ -14,15 +14,15 @@ from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.branches import OtherBranch
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.graph import GraphBuilder
-from tensegraph.estimator.live import LiveSmoother
-from tensegraph.estimator.rest import rest_step
+from tensegraph.estimator.rest_step import rest_step
+from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.factors.equilibrium import equilibrium_factor
-from tensegraph.models.external_loads import Observable, external_loads, observable_loads
-from tensegraph.models.readings import Flag
-from tensegraph.models.rest import RestSettings
-from tensegraph.models.rigidity import branch, find_rest_shape
 from tensegraph.models.settings import BranchSettings, NoiseSettings
-from tensegraph.models.statics import GRAVITY_M_PER_S2, Mechanics, Statics
+from tensegraph.models.structure.external_loads import Observable, external_loads, observable_loads
+from tensegraph.models.structure.rest_shape import RestSettings
+from tensegraph.models.structure.rigidity import branch, find_rest_shape
+from tensegraph.models.structure.statics import GRAVITY_M_PER_S2, Mechanics, Statics
+from tensegraph.models.values.readings import Flag
 
 K = 400.0
 

@@ -11,15 +11,15 @@ from scipy.stats import chi2
 from tensegraph import IndeterminateError, Reconstruction, Settings, Status, three_strut
 from tensegraph.estimator.baselines import LeastSquares, UnscentedKalman
 from tensegraph.estimator.batch import BatchOptimizer
-from tensegraph.estimator.evaluation import interpolated, node_rmse_m
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.graph import GraphBuilder
-from tensegraph.estimator.live import LiveSmoother
-from tensegraph.models.geometry import length_jacobian, member_length_m
-from tensegraph.models.rest import RestShape
-from tensegraph.models.rigidity import find_rest_shape
+from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.models.evaluation.metrics import interpolated, node_rmse_m
 from tensegraph.models.settings import NoiseSettings, SmootherSettings
-from tensegraph.models.shape import ellipsoids
+from tensegraph.models.structure.lengths import length_jacobian, member_length_m
+from tensegraph.models.structure.rest_shape import RestShape
+from tensegraph.models.structure.rigidity import find_rest_shape
+from tensegraph.models.structure.shape import ellipsoids
 
 ESTIMATORS = [FrameEstimator, LiveSmoother, BatchOptimizer]
 BASELINES = [LeastSquares, UnscentedKalman]

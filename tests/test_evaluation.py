@@ -10,8 +10,12 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from tensegraph import Flag, InputError, Reconstruction, Structure, open_trial, six_strut, stream, three_strut
-from tensegraph.comparison import HELD, Measured, comparison_rows
-from tensegraph.estimator.evaluation import (
+from tensegraph.commands.compare import HELD, Measured, comparison_rows
+from tensegraph.commands.evaluate import Score
+from tensegraph.io.comparison_tables import as_markdown, write_comparison_csv
+from tensegraph.io.positions import read_positions
+from tensegraph.io.result import read_estimate, write_tables
+from tensegraph.models.evaluation.metrics import (
     branch,
     coverage,
     evaluate,
@@ -24,13 +28,9 @@ from tensegraph.estimator.evaluation import (
     score_loads,
     slack_frames,
 )
-from tensegraph.io.comparison import as_markdown, write_comparison_csv
-from tensegraph.io.positions import read_positions
-from tensegraph.io.result import read_estimate, write_tables
-from tensegraph.models.evaluation import Estimate, Fault, TrueLoads, Truth
-from tensegraph.models.external_loads import ExternalLoads, observable_part
-from tensegraph.models.readings import Mode
-from tensegraph.score import Score
+from tensegraph.models.evaluation.truth import Estimate, Fault, TrueLoads, Truth
+from tensegraph.models.structure.external_loads import ExternalLoads, observable_part
+from tensegraph.models.values.readings import Mode
 
 TRUE_M = np.array([[0, 0, 0], [0.2, 0, 0], [0, 0.2, 0], [0.05, 0.05, 0.1]])
 

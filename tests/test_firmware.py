@@ -5,8 +5,8 @@ import time
 import numpy as np
 import serial
 
-from tensegraph.io.protocol import Decoder, Row
-from tensegraph.models.link import Hello
+from tensegraph.io.boards.protocol import Decoder, Row
+from tensegraph.models.values.link import Hello
 
 
 def listen(port, seconds: float):

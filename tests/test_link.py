@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from tensegraph.io.serial_link import LinkPlan, SerialLink
+from tensegraph.io.boards.process import LinkPlan, SerialLink
 
 
 def taken(link: SerialLink, until, timeout_s: float = 20.0) -> list:

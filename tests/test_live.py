@@ -19,12 +19,12 @@ from matplotlib.figure import Figure
 import tensegraph
 from tensegraph import TendonLengths, open_trial
 from tensegraph.cli import main
-from tensegraph.feeds import Rig
 from tensegraph.io.replay import Replay
 from tensegraph.io.result import write_tables
-from tensegraph.live import Activity, NewestFrames
-from tensegraph.models.boards import Boards
-from tensegraph.models.stillness import StillnessWatch
+from tensegraph.live.feeds import Rig
+from tensegraph.live.session import Activity, NewestFrames
+from tensegraph.models.sensor.resistance import Boards
+from tensegraph.models.sensor.stillness import StillnessWatch
 
 TABLES = ["shape.csv", "ellipsoids.csv", "lengths.csv", "status.csv"]
 
@@ -288,7 +288,7 @@ def test_a_bad_sensor_alone_does_not_move_the_structure(example, model) -> None:
 
 
 def test_the_live_drawing_moves(example) -> None:
-    from tensegraph.io.live_view import StructureDrawing
+    from tensegraph.io.figures.live_view import StructureDrawing
 
     trial = open_trial(example)
     shapes = list(tensegraph.stream(list(trial.readings())[:300], trial.description))

@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from tensegraph import InputError, Settings, Trial, reconstruct
+from tensegraph.commands.simulate import simulate
 from tensegraph.io.model_file import read_sensor_model
-from tensegraph.io.plan import read_plan
+from tensegraph.io.plan_file import read_plan
 from tensegraph.io.toml import line_of
 from tensegraph.pipeline import Pipeline
-from tensegraph.simulation import simulate
 
 PLANS = {path.stem: path for path in (Path(__file__).parents[1] / "examples" / "plans").glob("*.toml")}
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tensegraph.io.protocol import VERSION, Decoder, FrameDecoder, LineDecoder, Row, frame, line
-from tensegraph.models.link import Hello, LinkCounts
+from tensegraph.io.boards.protocol import VERSION, Decoder, FrameDecoder, LineDecoder, Row, frame, line
+from tensegraph.models.values.link import Hello, LinkCounts
 
 U8, U16, U32 = (st.integers(0, 2**bits - 1) for bits in (8, 16, 32))
 CODES = st.lists(U16, min_size=1, max_size=16).map(tuple)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tensegraph import InputError, open_trial
-from tensegraph.io.recorder import Recorder
+from tensegraph.io.boards.recorder import Recorder
 
 
 def test_a_recorded_trial_is_the_trial(tmp_path, example) -> None:

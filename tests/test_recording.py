@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tensegraph import BoardReading, InputError, open_trial
-from tensegraph.io.recorder import Recorder, RecorderThread
+from tensegraph.io.boards.recorder import Recorder, RecorderThread
 
 RECORDS = """
 import os, signal, sys, time

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from tensegraph import Reconstruction, Status, Structure, open_trial, stream
-from tensegraph.io.figures import load_arrows_mm, write_shape_figure
-from tensegraph.models.external_loads import ExternalLoads
-from tensegraph.models.rest import RestShape
-from tensegraph.models.statics import Mechanics
-from tensegraph.report import load_rows, rest_balance
+from tensegraph.commands.reconstruct import load_rows, rest_balance
+from tensegraph.io.figures.shape_figures import load_arrows_mm, write_shape_figure
+from tensegraph.models.structure.external_loads import ExternalLoads
+from tensegraph.models.structure.rest_shape import RestShape
+from tensegraph.models.structure.statics import Mechanics
 
 ROBUSTNESS = Path(__file__).parents[1] / "examples" / "robustness.py"
 

@@ -13,15 +13,15 @@ from safetensors.numpy import save_file
 
 from tensegraph import Flag, InputError, Mode
 from tensegraph.io.model_file import read_sensor_model, write_sensor_model
-from tensegraph.models.bending import BendingCurve, FoldedPolynomial
-from tensegraph.models.divider import Divider
-from tensegraph.models.front_end import FrontEnd, FrontEndSettings
-from tensegraph.models.gauge import StaticGauge
-from tensegraph.models.readings import ResistanceFrame
-from tensegraph.models.recipe import TrainingSettings
-from tensegraph.models.sensor_model import SensorModel, StrainSpread, StretchingSensors
-from tensegraph.models.stretching import Lstm, LstmState
-from tensegraph.models.taring import RestLengths, Taring
+from tensegraph.models.calibration.recipe import TrainingSettings
+from tensegraph.models.sensor.bending import BendingCurve, FoldedPolynomial
+from tensegraph.models.sensor.divider import Divider
+from tensegraph.models.sensor.front_end import FrontEnd, FrontEndSettings
+from tensegraph.models.sensor.gauge import StaticGauge
+from tensegraph.models.sensor.lstm import Lstm, LstmState
+from tensegraph.models.sensor.sensor_model import SensorModel, StrainSpread, StretchingSensors
+from tensegraph.models.sensor.taring import RestLengths, Taring
+from tensegraph.models.values.readings import ResistanceFrame
 
 KNOWN_OHM = 5.8e6
 CALIBRATION = Path(__file__).parents[1] / "examples" / "calibration"

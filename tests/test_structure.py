@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tensegraph import InputError, Structure, six_strut, three_strut
-from tensegraph.estimator.rest import rest_step
-from tensegraph.models.geometry import length_jacobian, member_length_m
-from tensegraph.models.rest import RestSettings
-from tensegraph.models.rigidity import find_rest_shape, free_length_jacobian, rigidity
-from tensegraph.models.structure import SIX_STRUT_RODS, SIX_STRUT_TENDONS
+from tensegraph.estimator.rest_step import rest_step
+from tensegraph.models.structure.lengths import length_jacobian, member_length_m
+from tensegraph.models.structure.rest_shape import RestSettings
+from tensegraph.models.structure.rigidity import find_rest_shape, free_length_jacobian, rigidity
+from tensegraph.models.structure.structure import SIX_STRUT_RODS, SIX_STRUT_TENDONS
 
 
 def changed(**changes):

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from tensegraph import InputError
-from tensegraph.models.bending import BendingCurve
-from tensegraph.models.calibration import LSTM, STATIC, calibrate_model
-from tensegraph.models.gauge import fit_gauge
-from tensegraph.models.recipe import CHECK_EVERY, TrainingSettings
-from tensegraph.models.recordings import Recording, Split
-from tensegraph.models.scores import Score
-from tensegraph.models.sensor_model import StretchingSensors
-from tensegraph.models.stretching import CURVE_MEMORIES, MEMORY_S
-from tensegraph.models.training import train
+from tensegraph.models.calibration.calibrated_model import LSTM, STATIC, calibrate_model
+from tensegraph.models.calibration.recipe import CHECK_EVERY, TrainingSettings
+from tensegraph.models.calibration.recordings import Recording, Split
+from tensegraph.models.calibration.strip_scores import Score
+from tensegraph.models.calibration.training import train
+from tensegraph.models.sensor.bending import BendingCurve
+from tensegraph.models.sensor.gauge import fit_gauge
+from tensegraph.models.sensor.lstm import CURVE_MEMORIES, MEMORY_S
+from tensegraph.models.sensor.sensor_model import StretchingSensors
 
 QUICK = TrainingSettings(epochs=120, sequences=12, steps=600, hidden=8)
 GAINS = (1.1, 0.9, 1.05, 0.95, 1.0, 0.97)
@@ -137,7 +137,7 @@ def test_running_needs_no_torch_and_gives_what_torch_gives(calibrated) -> None:
 def test_the_curve_trained_on_is_the_one_run(calibrated) -> None:
     import torch
 
-    from tensegraph.models.training import curve_strain
+    from tensegraph.models.calibration.training import curve_strain
 
     curve, rng = calibrated[0].model.curve, np.random.default_rng(0)
     change, means = rng.uniform(-0.1, 0.5, 300), rng.uniform(-0.1, 0.5, (300, CURVE_MEMORIES))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from tensegraph import Flag, InputError, Settings, open_trial
-from tensegraph.io.calibration import read_recording, read_recordings
 from tensegraph.io.csv import CsvFile
+from tensegraph.io.recording_files import read_recording, read_recordings
 from tensegraph.io.toml import read_settings
-from tensegraph.models.rig import Rig
+from tensegraph.models.calibration.test_rig import Rig
 from tensegraph.pipeline import Pipeline, reconstruct
 
 

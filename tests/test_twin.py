@@ -10,15 +10,11 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from tensegraph import Structure, TensegraphError, six_strut, three_strut
-from tensegraph.models.bending import BendingCurve
-from tensegraph.models.clock import BoardClock, ClockSettings
-from tensegraph.models.divider import Divider
-from tensegraph.models.loads import Hold, Loads, Press, RandomPresses, Squeeze
-from tensegraph.models.mjcf import Body
-from tensegraph.models.rigidity import find_rest_shape
-from tensegraph.models.sensor_chain import SensorPhysics, Sensors, Specimens, drift
-from tensegraph.models.twin import Twin
-from tensegraph.models.twin_boards import (
+from tensegraph.models.sensor.bending import BendingCurve
+from tensegraph.models.sensor.clock import BoardClock, ClockSettings
+from tensegraph.models.sensor.divider import Divider
+from tensegraph.models.structure.rigidity import find_rest_shape
+from tensegraph.models.twin.emulated_boards import (
     BoardPhysics,
     Faults,
     ResistanceDrift,
@@ -28,6 +24,10 @@ from tensegraph.models.twin_boards import (
     Unplugged,
     board_rows,
 )
+from tensegraph.models.twin.engine import Twin
+from tensegraph.models.twin.loads import Hold, Loads, Press, RandomPresses, Squeeze
+from tensegraph.models.twin.mjcf import Body
+from tensegraph.models.twin.specimens import SensorPhysics, Sensors, Specimens, drift
 
 SHAPES = {s.node_count: (s, find_rest_shape(s)) for s in (six_strut(0.3), three_strut(0.3, 0.15))}
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from tensegraph import BoardReading, open_trial
-from tensegraph.io.protocol import FrameDecoder, LineDecoder, Row, frame, line
-from tensegraph.io.recorder import Recorder
+from tensegraph.io.boards.protocol import FrameDecoder, LineDecoder, Row, frame, line
+from tensegraph.io.boards.recorder import Recorder
 
 ROWS = [Row(0, 0, k, 20_000 * k, tuple((37 * k + 101 * c) % 1024 for c in range(12))) for k in range(1000)]
 

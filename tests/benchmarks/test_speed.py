@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from tensegraph import Reconstruction, Settings, open_trial
+from tensegraph.commands.simulate import simulate
 from tensegraph.estimator.baselines import LeastSquares, UnscentedKalman
 from tensegraph.estimator.batch import BatchOptimizer
-from tensegraph.estimator.evaluation import evaluate
-from tensegraph.estimator.live import LiveSmoother
-from tensegraph.models.evaluation import Estimate, Truth
-from tensegraph.models.readings import TendonLengths
-from tensegraph.models.rest import RestShape
-from tensegraph.models.sensor_model import StretchingSensors
+from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.models.evaluation.metrics import evaluate
+from tensegraph.models.evaluation.truth import Estimate, Truth
+from tensegraph.models.sensor.sensor_model import StretchingSensors
+from tensegraph.models.structure.rest_shape import RestShape
+from tensegraph.models.values.readings import TendonLengths
 from tensegraph.pipeline import Pipeline
-from tensegraph.simulation import simulate
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,161 @@
+"""What a run says of itself: the table on the screen, and run.toml."""
+
+import os
+import platform
+from collections import Counter
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from ..io.trial_directory import Trial
+from ..models.evaluation.metrics import node_rmse_m
+from ..models.settings import Settings
+from ..models.structure.reconstruction import Reconstruction
+from ..models.structure.rest_shape import RestShape
+from ..models.values.errors import InputError
+from ..models.values.readings import LEFT_OUT, MOMENTARY, Flag
+from ..pipeline import Method, Pipeline
+
+LONG_S = 1.0
+"""A node that carries a load for longer, in all, is named."""
+BAD = ~MOMENTARY
+"""Flags that tell of a sensor, not of a moment."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """One trial, reconstructed."""
+
+    trial: Trial
+    method: Method
+    settings: Settings
+    pipeline: Pipeline
+    reconstruction: Reconstruction
+    seconds: float
+    """How long it took, from the first reading to the last shape."""
+
+    def summary(self) -> Table:
+        """Return the short table that ends a run."""
+        r = self.reconstruction
+        free = r.structure.free_nodes
+        table = Table(title=f"{self.trial.name} ({self.method})", show_header=False, title_justify="left")
+        table.add_row("frames", f"{len(r)}")
+        table.add_row("duration", f"{r.t_s[-1] - r.t_s[0]:.2f} s")
+        table.add_row("time", f"{1e3 * self.seconds / len(r):.2f} ms per frame")
+        table.add_row("rest shape", self.pipeline.rest.source)
+        table.add_row("mean sigma of a node", f"{1e3 * r.node_sigma_m[:, free].mean():.2f} mm")
+        for name, text in [*rest_balance(self.pipeline.rest), *load_rows(r, self.settings.load_threshold_n)]:
+            table.add_row(name, text)
+        for name, rows in self._rows_not_plain().items():
+            table.add_row(name, str(rows))
+        for key in self.trial.description.ignored_keys:
+            table.add_row("ignored in trial.toml", key)
+        for status, frames in Counter(r.status).items():
+            table.add_row(f"status {status}", f"{frames} frames: {status.advice}")
+        for line in flagged_sensors(r):
+            table.add_row("flagged", line)
+        if self.pipeline.front_end.rest_in_doubt:
+            table.add_row("rest in doubt", "most sensors do not fit the rest shape: was it still, and this structure?")
+        for a, b in self.pipeline.front_end.exchanged:
+            table.add_row("wiring", f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel")
+        for name, error in self._against_truth().items():
+            table.add_row(name, error)
+        return table
+
+    def as_table(self, path: Path) -> dict[str, Any]:
+        """Return run.toml: every setting, versions, input hashes, what was not plain, timing.
+
+        Args:
+            path: of the result directory, from which the trial is found again.
+        """
+        return {
+            "trial": self.trial.name,
+            "trial_path": way(path, self.trial.path),
+            "method": self.method,
+            "rest_shape": self.pipeline.rest.source,
+            "frames": len(self.reconstruction),
+            "versions": versions(),
+            "inputs": self.trial.hashes(),
+            "rows": self._rows_not_plain(),
+            "settings": asdict(self.settings),
+            "timing": {"seconds": round(self.seconds, 3)},
+        }
+
+    def _against_truth(self) -> dict[str, str]:
+        """Return the error of this run and of no estimate at all, where the trial has truth."""
+        try:
+            truth = self.trial.truth()
+        except InputError as error:
+            return {"truth": f"not used: {error}"}
+        if truth is None:
+            return {}
+        still = np.broadcast_to(self.pipeline.rest.node_position_m, self.reconstruction.node_position_m.shape)
+        held = replace(self.reconstruction, node_position_m=still)
+        return {
+            "node RMSE": f"{1e3 * node_rmse_m(self.reconstruction, *truth):.2f} mm",
+            "  of holding the rest shape": f"{1e3 * node_rmse_m(held, *truth):.2f} mm",
+        }
+
+    def _rows_not_plain(self) -> dict[str, int]:
+        """Return how many rows were lost, dropped or cut short, what is none left out."""
+        counts: dict[str, int] = {}
+        for board, clock in enumerate(self.pipeline.boards.counts if self.pipeline.boards else ()):
+            for name, n in asdict(clock).items():
+                counts[f"board {board}: {name.replace('_', ' ')}"] = n if name != "rows" else 0
+        counts |= {"half lines": self.trial.half_lines, "dropped rows": self.trial.dropped_rows}
+        return {name: n for name, n in counts.items() if n}
+
+
+def versions(solver: str = "gtsam") -> dict[str, str]:
+    """Return the versions of what made a result, or with torch for solver, a model."""
+    packages = ("tensegraph", solver, "numpy", "scipy")
+    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
+
+
+def way(start: Path, end: Path) -> str:
+    """Return the way from one directory to another: relative, so that both may be moved together."""
+    return Path(os.path.relpath(end.resolve(), start.resolve())).as_posix()
+
+
+def rest_balance(rest: RestShape) -> list[tuple[str, str]]:
+    """Return how well forces balance at rest, where stiffness is known."""
+    if rest.mechanics is None:
+        return []
+    nominal_n, tared_n = rest.unbalanced_n
+    return [("forces at rest", f"{nominal_n:.3f} N rms unbalanced as given, {tared_n:.3f} N after taring")]
+
+
+def load_rows(r: Reconstruction, threshold_n: float) -> list[tuple[str, str]]:
+    """Return the largest load, and the nodes that were loaded for long."""
+    if r.loads is None:
+        return []
+    load_n = np.nan_to_num(np.linalg.norm(r.loads.force_n, axis=-1))
+    k, node = np.unravel_index(load_n.argmax(), load_n.shape)
+    step_s = float(np.median(np.diff(r.t_s))) if len(r) > 1 else 0.0
+    loaded_s = step_s * (load_n > threshold_n).sum(axis=0)
+    long = [f"{node} ({loaded_s[node]:.1f} s)" for node in np.flatnonzero(loaded_s > LONG_S)]
+    return [
+        ("largest load", f"{load_n[k, node]:.2f} N at node {node}, t = {r.t_s[k]:.2f} s"),
+        (f"nodes above {threshold_n:g} N for {LONG_S:g} s", ", ".join(long) or "none"),
+    ]
+
+
+def flagged_sensors(r: Reconstruction) -> list[str]:
+    """Return a line for each way in which sensors misbehaved: whose, how, since when, how often left out."""
+    tendons: dict[str, list[str]] = {}
+    for e in np.flatnonzero((r.flags & BAD).any(axis=0)):
+        seen = {flag: np.flatnonzero(r.flags[:, e] & flag) for flag in BAD}
+        parts = [
+            f"{flag.names()} from {r.t_s[frames[0]]:.2f} s"
+            for flag, frames in seen.items()
+            if len(frames) and flag != Flag.MISSING
+        ]
+        left_out = np.flatnonzero(r.flags[:, e] & LEFT_OUT)
+        if len(left_out):
+            parts.append(f"left out of {len(left_out)} frames from {r.t_s[left_out[0]]:.2f} s")
+        tendons.setdefault(", ".join(parts), []).append(str(e))
+    return [f"tendon {', '.join(names)}: {text}" for text, names in tendons.items()]

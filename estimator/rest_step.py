@@ -1,0 +1,148 @@
+"""The rest step, before the first frame: where the structure stands, and with what stiffness and natural lengths.
+
+Known beforehand are rods and anchors (exactly), nominal stiffness and natural lengths, and, where someone measured it,
+the shape. Unloaded, forces balance. The most probable nodes x, stiffnesses k and natural lengths L0 minimise
+
+    |(l_rod(x) - L_rod) / sigma_rod|^2 + |(x - x_known) / sigma_x|^2
+        + |r(x; k, L0) / sigma_F|^2 + |log(k / k_nominal) / spread|^2 + |(L0 - L0_given) / sigma_L0|^2
+
+with r of `Statics`. It has as many equations as tendons and is blind to one common scale of k, which the prior holds:
+that hardly matters to shapes, while ratios of k that do not balance at rest would pull every frame aside.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ..models.structure.lengths import length_jacobian, member_length_m
+from ..models.structure.rest_shape import RestSettings, RestShape
+from ..models.structure.rigidity import find_rest_shape
+from ..models.structure.statics import Mechanics, Statics
+from ..models.structure.structure import Structure
+
+ROD_SIGMA_M = 1e-5
+"""Exact, for all that follows."""
+
+Rows = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+
+
+def rest_step(
+    structure: Structure,
+    mechanics: Mechanics | None,
+    measured_position_m: NDArray[np.float64] | None,
+    settings: RestSettings,
+) -> RestShape:
+    """Return the rest shape with its covariance, and the mechanics that balance there.
+
+    Args:
+        structure: rods and anchors are kept exactly.
+        mechanics: nominal; None where it is not known, then forces say nothing.
+        measured_position_m: (nodes, 3) of the structure at rest, if it was measured.
+        settings: how well each of them is known.
+
+    Raises:
+        IndeterminateError: when neither a measurement nor form finding gives a shape.
+    """
+    source: Literal["measured", "found"] = "found" if measured_position_m is None else "measured"
+    known_m = structure.with_anchors_placed(
+        find_rest_shape(structure) if measured_position_m is None else measured_position_m
+    )
+    if source == "measured":
+        sigma_m = settings.measured_sigma_m
+    else:  # equilibrium finds the shape; without it the shape is that of equal tendons
+        sigma_m = settings.found_sigma_m if mechanics is None else float(structure.rod_length_m.mean())
+    problem = _RestProblem(structure, mechanics, known_m, sigma_m, settings)
+    z, covariance = _most_probable(problem.rows, problem.unknowns)
+    size = len(structure.free_coordinates)
+    covariance_m2 = _of_all_nodes(structure, sigma_m**2 * covariance[:size, :size])
+    position_m = problem.position_m(z)
+    if mechanics is None:
+        return RestShape(position_m, covariance_m2, source)
+    tared = problem.tared(mechanics, z)
+    unbalanced_n = _rms_n(structure, mechanics, position_m), _rms_n(structure, tared, position_m)
+    return RestShape(position_m, covariance_m2, source, tared, unbalanced_n=unbalanced_n)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _RestProblem:
+    """The sum to minimise, in z: deviations of free nodes, log stiffnesses and natural lengths over their sigmas."""
+
+    structure: Structure
+    nominal: Mechanics | None
+    known_m: NDArray[np.float64]
+    """(nodes, 3)"""
+    sigma_m: float
+    """Of these."""
+    settings: RestSettings
+
+    @property
+    def unknowns(self) -> int:
+        """How many."""
+        return len(self.structure.free_coordinates) + (2 * len(self.structure.tendons) if self.nominal else 0)
+
+    def position_m(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (nodes, 3) positions."""
+        position, free = self.known_m.copy(), self.structure.free_nodes
+        position[free] += self.sigma_m * z[: 3 * len(free)].reshape(-1, 3)
+        return position
+
+    def tared(self, nominal: Mechanics, z: NDArray[np.float64]) -> Mechanics:
+        """Return the mechanics."""
+        by_log_stiffness, by_length = z[len(self.structure.free_coordinates) :].reshape(2, -1)
+        stiffness = nominal.stiffness_n_per_m * np.exp(self.settings.stiffness_spread * by_log_stiffness)
+        natural_length_m = nominal.natural_length_m + self.settings.natural_length_sigma_m * by_length
+        return replace(nominal, stiffness_n_per_m=stiffness, natural_length_m=natural_length_m)
+
+    def rows(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the residuals over their sigmas, without the prior's, and their Jacobian."""
+        (r, J), (f, F) = self._rods(z), self._balance(z)
+        return np.concatenate([r, f]), np.concatenate([J, F])
+
+    def _rods(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        structure, position = self.structure, self.position_m(z)
+        rod_error = member_length_m(position, structure.rods) - structure.rod_length_m
+        by_node = length_jacobian(position, structure.rods)[:, structure.free_nodes].reshape(len(rod_error), -1)
+        jacobian = np.zeros((len(rod_error), len(z)))
+        jacobian[:, : by_node.shape[1]] = self.sigma_m * by_node
+        return rod_error / ROD_SIGMA_M, jacobian / ROD_SIGMA_M
+
+    def _balance(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        if self.nominal is None:
+            return np.zeros(0), np.zeros((0, len(z)))
+        statics, position = Statics(self.structure, self.tared(self.nominal, z)), self.position_m(z)
+        r, by_position = statics.residual_and_jacobian(position)
+        by_log_stiffness, by_natural_length = statics.mechanics_jacobian(position)
+        parts = [
+            self.sigma_m * by_position[:, self.structure.free_coordinates],
+            self.settings.stiffness_spread * by_log_stiffness,
+            self.settings.natural_length_sigma_m * by_natural_length,
+        ]
+        return r / self.settings.force_sigma_n, np.concatenate(parts, axis=1) / self.settings.force_sigma_n
+
+
+def _most_probable(rows: Rows, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the minimum of |rows(z)|^2 + |z|^2, z being deviations over their sigmas, and the covariance there."""
+    solution = least_squares(
+        lambda z: np.concatenate([rows(z)[0], z]),
+        np.zeros(size),
+        lambda z: np.concatenate([rows(z)[1], np.eye(size)]),
+        method="lm",
+        xtol=1e-10,
+    )
+    return solution.x, np.linalg.inv(solution.jac.T @ solution.jac)
+
+
+def _rms_n(structure: Structure, mechanics: Mechanics, position_m: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(Statics(structure, mechanics).residual_n(position_m) ** 2)))
+
+
+def _of_all_nodes(structure: Structure, free_covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (3 nodes, 3 nodes): anchors do not move."""
+    coordinates = structure.free_coordinates
+    covariance = np.zeros((3 * structure.node_count, 3 * structure.node_count))
+    covariance[np.ix_(coordinates, coordinates)] = free_covariance
+    return covariance

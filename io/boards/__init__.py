@@ -1,0 +1,1 @@
+"""The boards: their protocol, their ports, the process that reads them, the recorder."""

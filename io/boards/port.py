@@ -1,0 +1,115 @@
+"""Serial ports: which there are, what answers on them, and a reader that comes back after the cable was out."""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import serial
+from serial.tools import list_ports
+
+from ...models.values.link import Hello, LinkCounts
+from .protocol import Decoder, Message, Row
+
+RETRY_S = 0.25
+"""Between two attempts to open a port that is not there."""
+POLL_S = 0.1
+"""How long a read waits for a byte, at most, before it looks whether it is to stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class PortAnswer:
+    """What one port had to say."""
+
+    port: str
+    description: str
+    """Of the USB device, as the system names it."""
+    board_id: int | None = None
+    hello: Hello | None = None
+    """Absent when the board sends rows only, as with the line protocol."""
+    channels: int | None = None
+    error: str = ""
+    """Why it could not be opened, if so."""
+
+
+def usb_ports() -> dict[str, str]:
+    """Return the serial ports that are USB devices, with the system's description."""
+    return {port.device: port.description or "" for port in list_ports.comports() if port.vid is not None}
+
+
+def ask(port: str, description: str, baud: int, seconds: float) -> PortAnswer:
+    """Listen to a port until its board has said hello, or for so long.
+
+    Opening it restarts most boards: a Mega answers after about two seconds.
+    """
+    row: Row | None = None
+    try:
+        with _opened(port, baud) as line:
+            decoder, until_s = Decoder(), time.monotonic() + seconds
+            while time.monotonic() < until_s:
+                for message in decoder.feed(line.read(max(1, line.in_waiting))):
+                    if isinstance(message, Hello):
+                        return PortAnswer(port, description, message.board_id, message, message.channels)
+                    row = message
+    except _PORT_ERRORS as error:
+        return PortAnswer(port, description, error=_reason(error))
+    return PortAnswer(port, description, row.board_id, None, len(row.codes)) if row else PortAnswer(port, description)
+
+
+class PortReader(threading.Thread):
+    """Reads one port, and opens it again whenever it went away."""
+
+    def __init__(
+        self, port: str, baud: int, deliver: Callable[["PortReader", list[Message], float], None], stop: threading.Event
+    ) -> None:
+        super().__init__(daemon=True, name=f"reader of {port}")
+        self.port, self.connected, self.complaint = port, False, ""
+        self.hello: Hello | None = None
+        self._baud, self._deliver, self._stop_asked = baud, deliver, stop
+        self._counts, self._decoder = LinkCounts(), Decoder()
+
+    @property
+    def counts(self) -> LinkCounts:
+        """What became of all its bytes so far."""
+        return self._counts + self._decoder.counts
+
+    def run(self) -> None:
+        """Read until asked to stop."""
+        while not self._stop_asked.is_set():
+            try:
+                with _opened(self.port, self._baud) as line:
+                    self.connected, self.complaint = True, ""
+                    while not self._stop_asked.is_set():
+                        if data := line.read(max(1, line.in_waiting)):
+                            now_s = time.perf_counter()
+                            self._deliver(self, self._decoder.feed(data), now_s)
+            except _PORT_ERRORS as error:
+                self.complaint = _reason(error)
+            self.connected = False
+            self._counts, self._decoder = self.counts, Decoder()
+            self._stop_asked.wait(RETRY_S)
+
+
+def _opened(port: str, baud: int) -> serial.Serial:
+    return serial.Serial(port, baud, timeout=POLL_S, exclusive=True)
+
+
+def _port_errors() -> tuple[type[Exception], ...]:
+    """Return what pyserial lets through when a device goes away in the middle of a call."""
+    try:
+        import termios
+    except ImportError:  # Windows
+        return OSError, TypeError
+    return OSError, TypeError, termios.error
+
+
+_PORT_ERRORS = _port_errors()
+
+
+def _reason(error: Exception) -> str:
+    """Return the system's reason, without pyserial's wrapping."""
+    number = getattr(error, "errno", None)
+    if number is None:
+        return "the device is gone"
+    reason = {2: "not there", 11: "in use by another program", 13: "no permission", 16: "in use by another program"}
+    return reason.get(number, f"can not be opened: {error}")

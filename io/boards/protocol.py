@@ -1,0 +1,186 @@
+r"""The boards' protocols: bytes into messages, whatever happens to the bytes on the way.
+
+Frames (version 1), little-endian, COBS-encoded, a zero byte before and after each, so that a damaged frame does not
+take its neighbour along:
+
+    version u8 = 1, kind u8, board u8, boot u16,                    head of both kinds
+    seq u16, device_us u32, n u8, n codes u16,                      kind 1, a row
+    device_us u32, rate_hz u16, channels u8, firmware ASCII,        kind 2, a hello, once a second
+    crc u16                                                         CRC-16, x^16 + x^12 + x^5 + 1, from 0xFFFF
+
+Lines, for a lab's own sketch: `board,seq,device_us,adc0,adc1,...\n`, optionally with `*` and the same CRC of all
+before it in four hex digits. From the first line with a checksum on, every line needs one.
+"""
+
+import re
+import struct
+from binascii import crc_hqx
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from cobs import cobs
+
+from ...models.values.link import Hello, LinkCounts
+
+VERSION = 1
+ROW, HELLO = 1, 2
+_HEAD = struct.Struct("<BBBH")
+_ROW = struct.Struct("<HIB")
+_HELLO = struct.Struct("<IHB")
+_CRC = struct.Struct("<H")
+LONGEST = 254
+"""Bytes between two delimiters: COBS adds one byte up to this length, and no message of the protocol is longer."""
+LINE = re.compile(rb"(\d{1,3}),(\d{1,5}),(\d{1,10})((?:,\d{1,5})+)(?:\*([0-9A-Fa-f]{4}))?")
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One instant of one board, as it left the board."""
+
+    board_id: int
+    boot: int
+    seq: int
+    device_us: int
+    codes: tuple[int, ...]
+
+
+Message = Row | Hello
+
+
+class DamagedError(ValueError):
+    """Bytes that are no message; `bad_crc` tells whether only their checksum says so."""
+
+    def __init__(self, bad_crc: bool) -> None:
+        super().__init__("bad CRC" if bad_crc else "garbage")
+        self.bad_crc = bad_crc
+
+
+def frame(message: Message) -> bytes:
+    """Return a message as a frame, delimiters before and after."""
+    kind = ROW if isinstance(message, Row) else HELLO
+    payload = _HEAD.pack(VERSION, kind, message.board_id, message.boot)
+    if isinstance(message, Row):
+        payload += _ROW.pack(message.seq, message.device_us, len(message.codes))
+        payload += struct.pack(f"<{len(message.codes)}H", *message.codes)
+    else:
+        payload += _HELLO.pack(message.device_us, message.rate_hz, message.channels) + message.firmware.encode("ascii")
+    return b"\0%b\0" % cobs.encode(payload + _CRC.pack(crc_hqx(payload, 0xFFFF)))
+
+
+def line(row: Row) -> bytes:
+    """Return a row as a line with checksum."""
+    text = ",".join(map(str, (row.board_id, row.seq, row.device_us, *row.codes))).encode()
+    return text + b"*%04X\n" % crc_hqx(text, 0xFFFF)
+
+
+def parse_frame(encoded: bytes) -> Message:
+    """Return the message of the bytes between two delimiters.
+
+    Raises:
+        DamagedError: when they are none.
+    """
+    try:
+        checked = cobs.decode(encoded)
+    except cobs.DecodeError as error:
+        raise DamagedError(bad_crc=False) from error
+    payload, body = checked[: -_CRC.size], checked[_HEAD.size : -_CRC.size]
+    if len(checked) < _HEAD.size + _CRC.size or checked[0] != VERSION:
+        raise DamagedError(bad_crc=False)
+    if crc_hqx(payload, 0xFFFF) != _CRC.unpack(checked[-_CRC.size :])[0]:
+        raise DamagedError(bad_crc=True)
+    _, kind, board_id, boot = _HEAD.unpack_from(payload)
+    if kind == ROW and len(body) >= _ROW.size and len(body) == _ROW.size + 2 * body[_ROW.size - 1]:
+        seq, device_us, n = _ROW.unpack_from(body)
+        return Row(board_id, boot, seq, device_us, struct.unpack_from(f"<{n}H", body, _ROW.size))
+    if kind == HELLO and len(body) >= _HELLO.size and body[_HELLO.size :].isascii():
+        device_us, rate_hz, channels = _HELLO.unpack_from(body)
+        return Hello(board_id, boot, device_us, rate_hz, channels, body[_HELLO.size :].decode("ascii"))
+    raise DamagedError(bad_crc=False)
+
+
+def parse_line(text: bytes, needs_checksum: bool) -> Row:
+    """Return the row of a line without its end.
+
+    Raises:
+        DamagedError: when it is none.
+    """
+    match = LINE.fullmatch(text.rstrip(b"\r"))
+    if match is None or (needs_checksum and match[5] is None):
+        raise DamagedError(bad_crc=False)
+    if match[5] is not None and crc_hqx(text[: match.start(5) - 1], 0xFFFF) != int(match[5], 16):
+        raise DamagedError(bad_crc=True)
+    board_id, seq, device_us = (int(match[k]) for k in (1, 2, 3))
+    codes = tuple(int(code) for code in match[4][1:].split(b","))
+    if board_id > 0xFF or seq > 0xFFFF or device_us > 0xFFFFFFFF or max(codes) > 0xFFFF:
+        raise DamagedError(bad_crc=False)
+    return Row(board_id, 0, seq, device_us, codes)
+
+
+class _Pieces:
+    """Messages out of a stream that delimiters divide; what stands before the first delimiter is half a message."""
+
+    def __init__(self, delimiter: bytes, parse: Callable[[bytes], Message | None]) -> None:
+        self._delimiter, self._parse = delimiter, parse
+        self._rest, self._begun = b"", False
+        self.counts = LinkCounts()
+
+    def feed(self, data: bytes) -> list[Message]:
+        """Return the messages that the next bytes complete."""
+        *pieces, self._rest = (self._rest + data).split(self._delimiter)
+        messages = []
+        for piece in pieces:
+            try:
+                message = self._parse(piece) if piece else None
+            except DamagedError as error:
+                if self._begun:
+                    self.counts += LinkCounts(bad_crc=int(error.bad_crc), garbage=int(not error.bad_crc))
+            else:
+                if message is not None:
+                    messages.append(message)
+            self._begun = True
+        if len(self._rest) > LONGEST:
+            self._rest = self._rest[-LONGEST:]  # no delimiter for longer than any message: remember that it is none
+        self.counts += LinkCounts(messages=len(messages))
+        return messages
+
+
+class FrameDecoder(_Pieces):
+    """Frames out of bytes; resynchronises at the next delimiter."""
+
+    def __init__(self) -> None:
+        super().__init__(b"\0", parse_frame)
+
+
+class LineDecoder(_Pieces):
+    """Lines out of bytes; a line that begins with `#` is a comment."""
+
+    def __init__(self) -> None:
+        super().__init__(b"\n", self._line)
+        self._checked = False
+
+    def _line(self, text: bytes) -> Row | None:
+        if not text.strip() or text.startswith(b"#"):
+            return None
+        row = parse_line(text, self._checked)
+        self._checked |= b"*" in text
+        return row
+
+
+class Decoder:
+    """Frames or lines, whichever comes first."""
+
+    def __init__(self) -> None:
+        self._candidates: list[FrameDecoder | LineDecoder] = [FrameDecoder(), LineDecoder()]
+
+    @property
+    def counts(self) -> LinkCounts:
+        """What became of the bytes so far."""
+        return self._candidates[0].counts
+
+    def feed(self, data: bytes) -> list[Message]:
+        """Return the messages that the next bytes complete; any bytes will do, no error comes of them."""
+        for decoder in self._candidates:
+            if messages := decoder.feed(data):
+                self._candidates = [decoder]
+                return messages
+        return []

@@ -1,0 +1,219 @@
+"""The writer of trial directories: trial.toml first, then a row per reading, CSV lines ending as RFC 4180 has it.
+
+Whatever ends the process, what was there a second before is on the disk: the directory takes its name with trial.toml
+and the headers in it, each row is handed to the system when it comes, and `sync` has the system write it down.
+"""
+
+import os
+import queue
+import tempfile
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import tomlkit
+from numpy.typing import NDArray
+
+from ...models.values.errors import InputError, RecordingError
+from ...models.values.readings import BoardReading
+from ..positions import force_columns, position_columns
+
+COMMENTS = {
+    "structure.natural_length_m": "L0 of each tendon, unstretched",
+    "mechanics.tendon_stiffness_n_per_m": "nominal: tendons differ",
+    "rest.seconds": "the structure stands unloaded at its rest shape this long at the start",
+    "rest.node_position_m": "optional: that shape, measured once",
+    "adc.sensor_side": "ground: V = supply * R / (R + known); supply: V = supply * known / (R + known)",
+    "sensors.natural_resistance_ohm": "R0 at L0, measured before mounting",
+    "truth.file": "host clock; evaluation only, never an input to the estimator",
+}
+"""What trial.toml says beside its keys."""
+
+SYNC_S = 0.5
+"""Between two syncs: a row is then on the disk within a second, even if the sync takes as long as the pause."""
+
+
+class Recorder:
+    """Writes one trial directory; a context manager, whose end closes the files.
+
+    Args:
+        path: of the directory, which must not exist yet: a recording is never written over.
+        metadata: trial.toml as a mapping, with a `board` table for each file of rows.
+        with_boot: whether the boards count how often they started; a column `boot` then says so.
+
+    Raises:
+        InputError: when `path` exists or can not be written.
+    """
+
+    def __init__(self, path: Path, metadata: Mapping[str, Any], *, with_boot: bool = False) -> None:
+        check_trial_path(path)
+        self._path, self._metadata, self._with_boot = path, metadata, with_boot
+        self._files = ExitStack()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            directory = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+            (directory / "trial.toml").write_text(_commented(metadata), encoding="utf-8", newline="\n")
+            boards = metadata.get("board", ())
+            for table in boards:
+                (directory / table["file"]).write_bytes(self._header(table))
+            directory.chmod(0o755)
+            for name in (*directory.iterdir(), directory):
+                _sync_path(name)
+            directory.rename(path)
+            _sync_path(path.parent)
+            self._boards = [
+                self._files.enter_context((path / table["file"]).open("ab", buffering=0)) for table in boards
+            ]
+        except OSError as error:
+            self._files.close()
+            raise InputError(f"{path}: can not be written: {error}") from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._files.close()
+
+    def add(self, reading: BoardReading) -> None:
+        """Append one row to its board's file.
+
+        Raises:
+            RecordingError: when it can not be written; rows before it are kept.
+        """
+        counts = ",".join(map(str, reading.counts.tolist()))
+        boot = f",{reading.boot}" if self._with_boot else ""
+        row = f"{reading.host_s:.6f},{reading.seq},{reading.device_us},{counts}{boot}\r\n".encode()
+        try:
+            while row:  # a disk that is nearly full takes a part
+                row = row[self._boards[reading.board].write(row) or 0 :]
+        except OSError as error:
+            raise RecordingError(f"{self._path}: the recording ended: {error.strerror}") from error
+
+    def sync(self) -> None:
+        """Have the rows so far written to the disk itself.
+
+        Raises:
+            RecordingError: when that can not be, or someone removed the files.
+        """
+        try:
+            for file in self._boards:
+                os.fsync(file.fileno())
+            if any(os.fstat(file.fileno()).st_nlink == 0 for file in self._boards) or not self._path.is_dir():
+                raise RecordingError(f"{self._path}: the recording ended: its files are gone")
+        except OSError as error:
+            raise RecordingError(f"{self._path}: the recording ended: {error.strerror}") from error
+
+    def add_truth(
+        self, t_s: NDArray[np.float64], node_position_m: NDArray[np.float64], load_n: NDArray[np.float64]
+    ) -> None:
+        """Write the files that `[truth]` names.
+
+        Args:
+            t_s: (rows,) host clock.
+            node_position_m: (rows, nodes, 3) where the nodes are.
+            load_n: (rows, nodes, 3) external force at each.
+        """
+        count = node_position_m.shape[1]
+        tables = {
+            "file": (position_columns(count), node_position_m, ".6f"),
+            "loads": (force_columns(count), load_n, ".4f"),
+        }
+        for key, (columns, values, digits) in tables.items():
+            with (self._path / self._metadata["truth"][key]).open("w", encoding="utf-8", newline="\r\n") as file:
+                file.write(",".join(["t_s", *columns]) + "\n")
+                for stamp_s, row in zip(t_s, values.reshape(len(t_s), -1), strict=True):
+                    file.write(f"{stamp_s:.4f}," + ",".join(format(value, digits) for value in row) + "\n")
+
+    def _header(self, table: Mapping[str, Any]) -> bytes:
+        channels = [f"adc{c}" for c in range(len(table["tendon_of_channel"]))]
+        columns = ["host_s", "seq", "device_us", *channels, *(["boot"] if self._with_boot else [])]
+        return f"{','.join(columns)}\r\n".encode()
+
+
+class RecorderThread:
+    """Records in a thread of its own, so that no disk holds up the reading of a port; a context manager.
+
+    Rows wait in a queue without a bound: none may be lost, and a disk that stalls for a minute costs some megabytes.
+    """
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder, self._queue = recorder, queue.SimpleQueue[BoardReading | None]()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self.rows = 0
+        """Written so far."""
+        self.error = ""
+        """Why the recording ended early, if it did."""
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._queue.put(None)
+        self._thread.join()
+
+    def add(self, reading: BoardReading) -> None:
+        """Have a row written; returns at once."""
+        if not self.error:
+            self._queue.put(reading)
+
+    def _run(self) -> None:
+        with self._recorder:
+            try:
+                self._write_rows()
+            except RecordingError as error:
+                self.error = str(error)
+
+    def _write_rows(self) -> None:
+        synced_s = time.perf_counter()
+        while True:
+            try:
+                reading = self._queue.get(timeout=0.1)
+                if reading is None:
+                    break
+                self._recorder.add(reading)
+                self.rows += 1
+            except queue.Empty:
+                pass
+            if time.perf_counter() - synced_s > SYNC_S:
+                self._recorder.sync()
+                synced_s = time.perf_counter()
+        self._recorder.sync()
+
+
+def check_trial_path(path: Path) -> None:
+    """Refuse to write over anything.
+
+    Raises:
+        InputError: when something stands at `path`.
+    """
+    if path.exists():
+        raise InputError(f"{path}: exists: expected a new name for the trial")
+
+
+def _commented(metadata: Mapping[str, Any]) -> str:
+    document = tomlkit.item(dict(metadata))
+    for key, comment in COMMENTS.items():
+        table, name = key.split(".")
+        if name in document.get(table, {}):
+            document[table][name].comment(comment)
+    return str(document.as_string())
+
+
+def _sync_path(path: Path) -> None:
+    if os.name == "nt" and path.is_dir():  # Windows keeps directories by itself, and opens none
+        return
+    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,92 @@
+"""A comparison of methods as CSV and as Markdown."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow, Published
+from ..models.evaluation.truth import Errors, ShapeErrors
+
+
+def as_markdown(rows: Sequence[ComparisonRow], command: str) -> str:
+    """Return the paper's Table I with its published rows and ours, and the node RMSE of each trial."""
+    together = [row for row in rows if row.trial == ALL]
+    trials = list(dict.fromkeys(row.trial for row in rows if row.trial != ALL))
+    header = ("", "nodes", "faces", "system", "heights", "in 95 %", "sigma", "wrong branch", "ms / frame")
+    lines = [
+        f"RMSE in millimetres by `{command}`; heights are those of nodes, faces and system. In italics: published for",
+        "other robots under other conditions, as their authors define it (the paper's Table I).",
+        "",
+        *_table(header, [*map(_published_cells, PUBLISHED), *map(_method_cells, together)]),
+        "",
+        "*In 95 %*: share of nodes within their ellipsoid of 95 %, *sigma*: its median size, *wrong branch*: share of",
+        "frames. Node RMSE, trial by trial, with the share of nodes in their ellipsoid of 95 % and its median size:",
+        "",
+        *_table(
+            ("trial", *(row.method for row in together)),
+            [(trial, *(_trial_cell(row) for row in rows if row.trial == trial)) for trial in trials],
+        ),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _published_cells(p: Published) -> tuple[str, ...]:
+    errors = (_number(value, ".1f") for value in (p.node_mm, p.faces_mm, p.system_mm))
+    return (f"*{p.source}*", *errors, *["-"] * 5)
+
+
+def _method_cells(row: ComparisonRow) -> tuple[str, ...]:
+    parts = (row.errors.nodes, row.errors.faces, row.errors.system)
+    return (
+        row.method,
+        *(_number(1e3 * part.rmse_m, ".1f") for part in parts),
+        " / ".join(_number(1e3 * part.height_rmse_m, ".1f") for part in parts),
+        _number(row.coverage_95, ".0%"),
+        _number(1e3 * row.median_sigma_m, ".1f"),
+        _number(row.wrong_branch_share, ".0%"),
+        _number(row.ms_per_frame, ".2f"),
+    )
+
+
+def _trial_cell(row: ComparisonRow) -> str:
+    rmse = _number(1e3 * row.errors.nodes.rmse_m, ".1f")
+    if np.isnan(row.coverage_95):
+        return rmse
+    return f"{rmse} ({row.coverage_95:.0%} at {1e3 * row.median_sigma_m:.1f})"
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    return [f"| {' | '.join(cells)} |" for cells in (header, ["---"] * len(header), *rows)]
+
+
+def _number(value: float, form: str) -> str:
+    return f"{value:{form}}" if np.isfinite(value) else "-"
+
+
+def write_comparison_csv(rows: Sequence[ComparisonRow], path: Path) -> None:
+    """Write all numbers in metres: the published ones, all trials together, then each trial."""
+    parts = ("nodes", "faces", "system")
+    measures = ("rmse_m", "height_rmse_m", "median_m", "percentile_95_m")
+    last = ("coverage_95", "median_sigma_m", "wrong_branch_share", "ms_per_frame")
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        names = [f"{part}_{measure}" for part in parts for measure in measures]
+        writer.writerow(["source", "trial", "method", "trials", "frames", *names, *last])
+        for p in PUBLISHED:
+            row = ShapeErrors(*(_only_rmse(mm) for mm in (p.node_mm, p.faces_mm, p.system_mm)))
+            cells = [getattr(getattr(row, part), measure) for part in parts for measure in measures]
+            writer.writerow(["published", "", p.source, "", "", *map(_cell, cells), *[""] * len(last)])
+        for r in rows:
+            cells = [getattr(getattr(r.errors, part), measure) for part in parts for measure in measures]
+            cells += [getattr(r, name) for name in last]
+            writer.writerow(["measured", r.trial, r.method, r.trials, r.frames, *map(_cell, cells)])
+
+
+def _only_rmse(millimetres: float) -> Errors:
+    return Errors(millimetres / 1e3, np.nan, np.nan, np.nan)
+
+
+def _cell(value: float) -> str:
+    return f"{value:.6g}" if np.isfinite(value) else ""

@@ -1,0 +1,1 @@
+"""Figures of runs, evaluations, comparisons and calibrations, and the live window."""

@@ -1,0 +1,226 @@
+"""Figures of a calibration, as in the paper's Figs. 3 to 5, and what these lack: how far sigma is to be believed."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from ...models.calibration.calibrated_model import LSTM, POLYNOMIAL, STATIC, Calibration
+from ...models.calibration.recipe import History
+from ...models.calibration.recordings import Recording
+from ...models.calibration.strip_baselines import on_common_curve
+from ...models.calibration.strip_scores import Score, by_speed, error_autocorrelation
+from ...models.calibration.strips import StripRun
+from ...models.sensor.bending import BendingCurve
+from .shape_figures import BLACK, BLUE, GREEN, GREY, ORANGE, RED
+
+COLORS = {LSTM: BLUE, STATIC: ORANGE, POLYNOMIAL: GREEN}
+SPEED_COLORS = (BLUE, "#56B4E9", GREEN, ORANGE, RED, "#CC79A7", BLACK)
+GAP_S = 1.0
+"""Longer without a sample is a gap in the curves drawn."""
+LEAST_SAMPLES = 50
+"""In a bin of rates, for its mean to mean something."""
+MOST_POINTS = 2000
+"""Of a recording drawn: more can not be told apart."""
+
+
+def write_calibration_figures(calibration: Calibration, directory: Path) -> None:
+    """Write curves.png, losses.png, predictions.png and errors.png."""
+    write_curves_figure(calibration, directory / "curves.png")
+    write_losses_figure(calibration.trained.history, directory / "losses.png")
+    write_predictions_figure(calibration.runs, directory / "predictions.png")
+    write_errors_figure(calibration.runs, directory / "errors.png")
+
+
+def write_curves_figure(calibration: Calibration, path: Path) -> None:
+    """Draw resistance against strain by speed, with the fits (the paper's Figs. 3D and 4G)."""
+    own, bending = calibration.trained.own, calibration.bending
+    recordings = on_common_curve(calibration.split.training, own)
+    kinds = [("stretching", [r for r in recordings if r.stretched_share > 0.9])]
+    if bending:
+        kinds.append(("bending", [r for r in recordings if r.stretched_share < 0.1]))
+    figure = Figure(figsize=(6.2 * len(kinds), 5), layout="constrained")
+    for axis, (kind, some) in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds, strict=True):
+        _draw_by_speed(axis, some)
+        if kind == "stretching":
+            gauge = calibration.trained.gauge
+            axis.plot(gauge.strain_knots, gauge.change_knots, color=BLACK, lw=1.6, ls="--", label="static curve")
+        elif bending:
+            _draw_bending(axis, bending.curve(), bending.lowest_strain, bending.r2)
+        axis.set_xlabel("strain [1]")
+        axis.set_ylabel("resistance change dR/R, each strip's gain and offset undone [1]")
+        axis.set_title(kind, fontsize=10)
+        axis.legend(fontsize=8, markerscale=4)
+        axis.grid(alpha=0.3, lw=0.4)
+    figure.suptitle("Resistance against strain, recordings trained on")
+    figure.savefig(path, dpi=110)
+
+
+def _draw_by_speed(axis: Axes, recordings: Sequence[Recording]) -> None:
+    speeds = sorted({f"{r.speed_per_s:.2g}" for r in recordings if np.isfinite(r.speed_per_s)}, key=float)
+    color = dict(zip(speeds, SPEED_COLORS, strict=False))
+    labels: set[str] = set()
+    irregular_first = sorted(recordings, key=lambda r: (np.isfinite(r.speed_per_s), r.speed_per_s))
+    for r in irregular_first:
+        speed = f"{r.speed_per_s:.2g}"
+        label = f"{speed} /s" if np.isfinite(r.speed_per_s) else "irregular motion"
+        every = max(len(r.t_s) // MOST_POINTS, 1)
+        axis.plot(
+            r.strain[r.settled][::every],
+            r.change[r.settled][::every],
+            ls="",
+            marker=".",
+            ms=1.2,
+            color=color.get(speed, GREY),
+            label=None if label in labels else label,
+            zorder=1 if speed not in color else 2,
+        )
+        labels.add(label)
+
+
+def _draw_bending(axis: Axes, curve: BendingCurve, lowest_strain: float, r2: float) -> None:
+    strain = np.linspace(lowest_strain, 0, 300)
+    axis.plot(strain, curve.change(strain), color=BLACK, lw=1.6, ls="--", label=f"degree 5, R² = {r2:.5f}")
+    fold = curve.polynomial
+    axis.axvspan(fold.x_fold, 0, color=GREY, alpha=0.25, label="not invertible (fold)")
+
+
+def write_losses_figure(history: History, path: Path) -> None:
+    """Draw the losses over the epochs (the paper's Fig. 5D)."""
+    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    epoch = np.arange(1, len(history.training_loss) + 1)
+    training, checked = np.array(history.training_loss), np.array(history.validation_epoch)
+    validation, change = np.array(history.validation_loss), history.likelihood_from
+    for axis, early in ((left, True), (right, False)):
+        chosen = epoch <= change if early else epoch > change
+        chosen_checks = checked <= change if early else checked > change
+        axis.plot(epoch[chosen], training[chosen], color=BLUE, lw=1, label="training")
+        axis.plot(checked[chosen_checks], validation[chosen_checks], color=ORANGE, marker=".", lw=1, label="validation")
+        axis.set_xlabel("epoch")
+        axis.grid(alpha=0.3, lw=0.4)
+    left.set_yscale("log")
+    left.set_ylabel("squared error of strain / 0.05 [1]")
+    left.set_title("first part: squared error", fontsize=10)
+    right.set_ylabel("Gaussian loss, -log likelihood a sample [1]")
+    right.set_title("second part: likelihood; sigma learns", fontsize=10)
+    right.axvline(history.best_epoch, color=BLACK, lw=0.8, ls=":", label=f"kept: epoch {history.best_epoch}")
+    right.legend()
+    figure.savefig(path, dpi=110)
+
+
+def write_sweep_figure(losses: Mapping[float, float], chosen: float, path: Path) -> None:
+    """Draw the validation loss of short trainings against the learning rate (the paper's Fig. 5C)."""
+    figure = Figure(figsize=(6, 4), layout="constrained")
+    axis = figure.subplots()
+    axis.plot(list(losses), list(losses.values()), color=BLUE, marker="o")
+    axis.axvline(chosen, color=BLACK, lw=0.8, ls=":", label=f"the training's: {chosen:g}")
+    axis.set_xscale("log")
+    axis.set_xlabel("learning rate (Adam, peak of one cycle)")
+    axis.set_ylabel("least validation loss, Gaussian [1]")
+    axis.legend()
+    axis.grid(alpha=0.3, lw=0.4)
+    figure.savefig(path, dpi=110)
+
+
+def write_predictions_figure(runs: Mapping[str, Sequence[StripRun]], path: Path, most: int = 8) -> None:
+    """Draw predicted and measured strain over samples, and the error below (the paper's Fig. 5E)."""
+    shown = [run for group in by_speed(runs[LSTM]).values() for run in group][:most]
+    static = {run.name: run for run in runs[STATIC]}
+    columns = min(len(shown), 2)
+    figure = Figure(figsize=(7 * columns, 3.2 * -(-len(shown) // columns) + 0.6), layout="constrained")
+    outer = figure.subfigures(-(-len(shown) // columns), columns, squeeze=False).ravel()
+    for part, run in zip(outer, shown, strict=False):
+        top, bottom = part.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+        t_s, band = run.t_s - run.t_s[0], 1.96 * run.sigma
+        t_s = np.where(np.diff(t_s, append=t_s[-1]) > GAP_S, np.nan, t_s)  # do not draw across what is not scored
+        top.plot(t_s, run.strain, color=BLACK, lw=1.2, label="measured by the rig")
+        top.plot(t_s, run.estimate, color=BLUE, lw=0.9, ls="--", label="LSTM")
+        top.set_ylabel("strain [1]")
+        score = Score.of([run])
+        top.set_title(f"{run.name}: RMSE {score.rmse:.4f}, {score.coverage_95:.0%} within 95 % band", fontsize=9)
+        bottom.fill_between(t_s, -band, band, color=BLUE, alpha=0.2, lw=0, label="95 % band")
+        bottom.plot(t_s, static[run.name].error, color=ORANGE, lw=0.6, label="static curve")
+        bottom.plot(t_s, run.error, color=BLUE, lw=0.8)
+        bottom.set_ylabel("error [1]")
+        bottom.set_xlabel("time scored [s]")
+        widest = 1.3 * max(float(np.quantile(np.abs(run.error), 0.995)), float(np.quantile(band, 0.9)))
+        bottom.set_ylim(-widest, widest)
+        for axis in (top, bottom):
+            axis.grid(alpha=0.3, lw=0.4)
+            axis.margins(x=0)
+    if shown:
+        first = outer[0].axes
+        handles = [handle for axis in first for handle in axis.get_legend_handles_labels()[0]]
+        figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
+    figure.suptitle("Held-out recordings")
+    figure.savefig(path, dpi=100)
+
+
+def write_errors_figure(runs: Mapping[str, Sequence[StripRun]], path: Path) -> None:
+    """Draw the errors' histogram (the paper's Fig. 5F), the coverage of sigma, error against rate, autocorrelation."""
+    figure = Figure(figsize=(12, 9), layout="constrained")
+    (histogram, coverage), (rates, correlation) = figure.subplots(2, 2)
+    for name, some in runs.items():
+        error, sigma, rate = (
+            np.concatenate([getattr(run, key) for run in some]) for key in ("error", "sigma", "rate_per_s")
+        )
+        _draw_histogram(histogram, name, error)
+        _draw_coverage(coverage, name, np.abs(error) / sigma)
+        _draw_rates(rates, name, np.abs(rate), error)
+        _draw_autocorrelation(correlation, name, some)
+    widest = 3 * max(float(np.std(np.concatenate([run.error for run in some]))) for some in runs.values())
+    histogram.set_xlim(-widest, widest)
+    histogram.set_xlabel("error of strain [1]")
+    histogram.set_ylabel("probability density [1/strain]")
+    histogram.set_title("errors, with the normal curve of the same mean and deviation", fontsize=10)
+    coverage.plot([0, 1], [0, 1], color=GREY, lw=0.8, ls="--", label="honest sigma")
+    coverage.set_xlabel("nominal probability of the band")
+    coverage.set_ylabel("share of errors inside")
+    coverage.set_title("coverage of sigma", fontsize=10)
+    rates.set_xscale("log")
+    rates.set_yscale("log")
+    rates.set_xlabel("speed [strain/s] (three bins a decade)")
+    rates.set_ylabel("RMSE of strain [1]")
+    rates.set_title("error against rate", fontsize=10)
+    correlation.axhline(np.exp(-1), color=GREY, lw=0.8, ls="--", label="1/e")
+    correlation.set_xlabel("lag [s]")
+    correlation.set_ylabel("autocorrelation [1]")
+    correlation.set_title("autocorrelation of the error, mean over recordings", fontsize=10)
+    for axis in (histogram, coverage, rates, correlation):
+        axis.legend(fontsize=8)
+        axis.grid(alpha=0.3, lw=0.4, which="both")
+    figure.suptitle("Errors on held-out recordings")
+    figure.savefig(path, dpi=100)
+
+
+def _draw_histogram(axis: Axes, name: str, error: NDArray[np.float64]) -> None:
+    reach = 4 * float(np.std(error))
+    edges = np.linspace(-reach, reach, 81)
+    axis.hist(error, edges.tolist(), density=True, histtype="step", color=COLORS[name], label=name)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    axis.plot(middle, norm.pdf(middle, error.mean(), error.std()), color=COLORS[name], lw=0.8, ls=":")
+
+
+def _draw_coverage(axis: Axes, name: str, z: NDArray[np.float64]) -> None:
+    nominal = np.linspace(0.02, 0.995, 60)
+    axis.plot(nominal, [np.mean(z < norm.ppf(0.5 + 0.5 * p)) for p in nominal], color=COLORS[name], label=name)
+
+
+def _draw_rates(axis: Axes, name: str, rate: NDArray[np.float64], error: NDArray[np.float64]) -> None:
+    bins = np.floor(3 * np.log10(np.maximum(rate, 1e-6)))
+    parts = [rate_bin == bins for rate_bin in np.unique(bins[rate > 1e-3])]
+    parts = [part for part in parts if part.sum() >= LEAST_SAMPLES]
+    rates = [float(np.median(rate[part])) for part in parts]
+    rmses = [float(np.sqrt(np.mean(error[part] ** 2))) for part in parts]
+    axis.plot(rates, rmses, color=COLORS[name], marker="o", ms=4, label=name)
+
+
+def _draw_autocorrelation(axis: Axes, name: str, runs: Sequence[StripRun]) -> None:
+    lags = np.linspace(0, 30, 301)
+    curves = [np.interp(lags, *error_autocorrelation(run)) for run in runs]
+    axis.plot(lags, np.mean(curves, axis=0), color=COLORS[name], label=name)

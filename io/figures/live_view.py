@@ -1,0 +1,134 @@
+"""The shape as it moves, in a window of its own process: drawing takes longer than a frame may."""
+
+import multiprocessing
+import os
+import queue
+import signal
+from types import TracebackType
+from typing import Self
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from ...models.structure.shape import Shape
+from ...models.structure.structure import Structure
+from ...models.values.errors import TensegraphError
+from ...models.values.readings import Mode
+from .shape_figures import BLACK, BLUE, GREEN, GREY, ORANGE, RED
+
+PAUSE_S = 0.05
+"""For the window's own events, between two drawings."""
+
+
+class LiveView:
+    """Shows the newest shape in a window; a context manager, whose end closes it.
+
+    Raises:
+        TensegraphError: when there is no display to open a window on.
+    """
+
+    def __init__(self, structure: Structure, rest_position_m: NDArray[np.float64], probability: float) -> None:
+        if plt.get_backend().lower() == "agg":  # what matplotlib falls back to
+            raise TensegraphError(
+                "no window can be opened: matplotlib finds no display, or no toolkit (Tk, Qt) for one"
+            )
+        context = multiprocessing.get_context("spawn")
+        self._queue: multiprocessing.Queue[Shape] = context.Queue(maxsize=1)
+        arguments = (self._queue, structure, rest_position_m, probability)
+        self._process = context.Process(target=_show, args=arguments, daemon=True)
+        self._process.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._process.terminate()
+        self._process.join()
+
+    def show(self, shape: Shape) -> None:
+        """Show a shape, unless the window is still busy with an earlier one, or was closed."""
+        if self._process.is_alive() and not self._queue.full():
+            self._queue.put(shape)
+
+
+class StructureDrawing:
+    """The structure in a figure: drawn once, then moved. An ellipsoid is shown by its three principal ellipses."""
+
+    def __init__(
+        self, figure: Figure, structure: Structure, rest_position_m: NDArray[np.float64], probability: float
+    ) -> None:
+        self._structure, self._probability = structure, probability
+        self._axis = axis = figure.add_subplot(projection="3d")
+        rest_mm = 1e3 * rest_position_m
+        self._rods = [axis.plot(*rest_mm[rod].T, color=BLACK, lw=3)[0] for rod in structure.rods]
+        self._tendons = [axis.plot(*rest_mm[tendon].T, color=GREY, lw=1.2)[0] for tendon in structure.tendons]
+        self._ellipses = {
+            int(node): [axis.plot([], [], [], color=RED, lw=0.8)[0] for _ in range(3)] for node in structure.free_nodes
+        }
+        axis.scatter(*rest_mm[structure.anchors].T, marker="^", color=GREEN, s=30)
+        low, high = rest_mm.min(axis=0), rest_mm.max(axis=0)
+        half = 0.6 * float(np.max(high - low))
+        for name, middle in zip("xyz", 0.5 * (low + high), strict=True):
+            getattr(axis, f"set_{name}lim")(middle - half, middle + half)
+            getattr(axis, f"set_{name}label")(f"{name} [mm]")
+        axis.set_box_aspect((1, 1, 1))
+        figure.legend(
+            handles=[
+                Line2D([], [], color=BLACK, lw=3, label="rod"),
+                Line2D([], [], color=BLUE, label="tendon, stretched"),
+                Line2D([], [], color=ORANGE, label="tendon, bent"),
+                Line2D([], [], color=GREY, ls=":", label="tendon without reading"),
+                Line2D([], [], color=RED, lw=0.8, label=f"{100 * probability:g} % ellipsoid"),
+                Line2D([], [], color=GREEN, marker="^", ls="", label="anchor"),
+            ],
+            loc="outside lower center",
+            ncols=3,
+            frameon=False,
+        )
+
+    def move(self, shape: Shape) -> None:
+        """Show another shape."""
+        position_mm = 1e3 * shape.node_position_m
+        for line, rod in zip(self._rods, self._structure.rods, strict=True):
+            line.set_data_3d(*position_mm[rod].T)
+        for e, (line, tendon) in enumerate(zip(self._tendons, self._structure.tendons, strict=True)):
+            line.set_data_3d(*position_mm[tendon].T)
+            seen = bool(np.isfinite(shape.lengths.length_m[e]))
+            line.set_color(GREY if not seen else ORANGE if shape.lengths.mode[e] == Mode.BENDING else BLUE)
+            line.set_linestyle("-" if seen else ":")
+        regions = shape.ellipsoids(self._probability)
+        angle = np.linspace(0, 2 * np.pi, 33)
+        for node, ellipses in self._ellipses.items():
+            half_axes_mm = 1e3 * (regions.axes[node] * regions.semi_axis_m[node]).T
+            for k, ellipse in enumerate(ellipses):
+                a, b = half_axes_mm[k], half_axes_mm[(k + 1) % 3]
+                ellipse.set_data_3d(*(position_mm[node] + np.outer(np.cos(angle), a) + np.outer(np.sin(angle), b)).T)
+        self._axis.set_title(f"t = {shape.t_s:.2f} s")
+
+
+def _show(
+    shapes: "multiprocessing.Queue[Shape]",
+    structure: Structure,
+    rest_position_m: NDArray[np.float64],
+    probability: float,
+) -> None:
+    """Draw the newest shape until the window is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        os.nice(10)  # to see the shape is less urgent than to know it
+    figure = plt.figure("tensegraph", figsize=(8, 8), layout="constrained")
+    drawing = StructureDrawing(figure, structure, rest_position_m, probability)
+    figure.show()
+    while plt.fignum_exists(figure.number):
+        try:
+            drawing.move(shapes.get(timeout=PAUSE_S))
+        except queue.Empty:
+            pass
+        else:
+            figure.canvas.draw_idle()
+        figure.canvas.start_event_loop(PAUSE_S)

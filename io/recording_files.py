@@ -1,0 +1,127 @@
+"""Calibration recordings: a folder of CSV files, each of one sensor on a test rig."""
+
+import hashlib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+
+from ..models.calibration.recordings import SETTLING_S, Recording
+from ..models.calibration.test_rig import RESISTANCE_OHM, TIME_S, Rig
+from ..models.values.errors import InputError
+from ..models.values.tables import parse_table, unknown_keys
+from .csv import CsvFile
+from .toml import read_toml
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordingFolder:
+    """What a folder of recordings holds."""
+
+    recordings: list[Recording]
+    """Sorted by name."""
+    sha256: dict[str, str]
+    """Of each of their files."""
+    left_out: list[str]
+    """One line for each file that can not be used: which, where and why."""
+
+
+def read_rig(path: Path | None) -> Rig:
+    """Return the rig described in a TOML file, or the default.
+
+    Raises:
+        InputError: for a file that can not be read, a key that is none, or a value that can not be.
+    """
+    if path is None:
+        return Rig()
+    table = read_toml(path)
+    for key in unknown_keys(Rig, table):
+        raise InputError(f"{path}: {key}: is no key of a rig: expected columns, units, gauge_length_mm, ...")
+    try:
+        return parse_table(Rig, table, str(path))
+    except InputError as error:
+        raise InputError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from error
+
+
+def rig_text(rig: Rig) -> str:
+    """Return the TOML that `read_rig` makes this rig of."""
+    return tomli_w.dumps(asdict(rig, dict_factory=lambda pairs: {k: v for k, v in pairs if v is not None}))
+
+
+def read_recordings(folder: Path, rig: Rig) -> RecordingFolder:
+    """Return all recordings of a folder, and why the others can not be used.
+
+    Raises:
+        InputError: when there is no usable one.
+    """
+    paths = sorted(folder.glob("*.csv"))
+    if not paths:
+        raise InputError(f"{folder}: holds no recordings: expected files *.csv")
+    found = RecordingFolder([], {}, [])
+    for path in paths:
+        try:
+            found.recordings.append(read_recording(path, rig))
+            found.sha256[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+        except InputError as error:
+            found.left_out.append(str(error))
+    if not found.recordings:
+        others = f" (and {len(paths) - 1} more)" if len(paths) > 1 else ""
+        raise InputError(f"{found.left_out[0]}{others}")
+    return found
+
+
+def read_recording(path: Path, rig: Rig) -> Recording:
+    """Return one recording.
+
+    Strain is interpolated to the stamps of the resistance, where both are known.
+
+    Raises:
+        InputError: when the file is not as the rig says, its stamps do not increase, or it is too short.
+    """
+    names = [str(name) for name in rig.needed_columns]
+    file = CsvFile(path, names, numbered=rig.numbered)
+    pairs, _ = file.head()
+    first_row = len(pairs) + (1 if rig.numbered else 2)
+    header_ohm = _header_resistance(path, pairs) if rig.natural_resistance_ohm == "header" else None
+    rows = np.array(list(file))
+    if len(rows) < 2:
+        raise InputError(f"{path}: expected at least two rows, got {len(rows)}")
+    for column in {0, 2}:
+        for row in np.flatnonzero(np.diff(rows[:, column]) <= 0):
+            where = f"{path}: row {row + 1 + first_row}, column {names[column]}"
+            raise InputError(f"{where}: expected a later stamp than {rows[row, column]}, got {rows[row + 1, column]}")
+    t_s, strain_t_s = rows[:, 0] * TIME_S[rig.units.time], rows[:, 2] * TIME_S[rig.units.time]
+    resistance_ohm = _running_mean(np.abs(rows[:, 1]), rig.average) * RESISTANCE_OHM[rig.units.resistance]
+    for row in np.flatnonzero(resistance_ohm <= 0):
+        raise InputError(f"{path}: row {row + first_row}, column {names[1]}: expected a resistance above zero, got 0")
+    strain = np.interp(t_s, strain_t_s, rows[:, 3] * rig.strain_scale)
+    both = (t_s >= strain_t_s[0]) & (t_s <= strain_t_s[-1])
+    duration_s = float(np.ptp(t_s[both])) if both.any() else 0.0
+    if duration_s < 3 * SETTLING_S:
+        raise InputError(f"{path}: expected at least {3 * SETTLING_S:g} s of resistance and strain, got {duration_s:g}")
+    t_s, strain, resistance_ohm = t_s[both], strain[both], resistance_ohm[both]
+    natural_ohm = header_ohm or rig.natural_resistance_ohm
+    if natural_ohm == "start":
+        natural_ohm = float(np.mean(resistance_ohm[t_s - t_s[0] <= 1.0]))
+    assert not isinstance(natural_ohm, str)
+    return Recording(path.stem, t_s, np.abs(strain) if rig.magnitude else strain, resistance_ohm / natural_ohm - 1)
+
+
+def _header_resistance(path: Path, pairs: dict[str, str]) -> float:
+    try:
+        natural_ohm = float(pairs["natural_resistance_ohm"])
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{path}: row 1: expected '# natural_resistance_ohm = NUMBER'") from error
+    if not (np.isfinite(natural_ohm) and natural_ohm > 0):
+        raise InputError(f"{path}: row 1: natural_resistance_ohm: expected a number above zero, got {natural_ohm}")
+    return natural_ohm
+
+
+def _running_mean(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Return the mean of each value and the ones before it, `count` in all where there are as many."""
+    total = np.cumsum(np.concatenate([[0.0], values]))
+    end = np.arange(1, len(values) + 1)
+    start = np.maximum(end - count, 0)
+    return np.asarray((total[end] - total[start]) / (end - start))

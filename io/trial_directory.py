@@ -1,0 +1,162 @@
+"""A trial directory: its description, and its measurements as an iterator of readings."""
+
+import hashlib
+import heapq
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.evaluation.truth import Fault, TrueLoads
+from ..models.trial_description import TrialDescription, TrialTable, describe_trial, known_faults
+from ..models.values.errors import InputError
+from ..models.values.readings import BoardReading, Flag, Mode, ResistanceReading, TendonLengths
+from .csv import CsvFile
+from .positions import read_forces, read_positions
+from .toml import read_toml
+
+Reading = BoardReading | ResistanceReading | TendonLengths
+"""What a trial gives: rows of counts, readings of resistance, or lengths."""
+
+
+@dataclass(slots=True, eq=False)
+class Trial:
+    """An opened trial."""
+
+    path: Path
+    name: str
+    description: TrialDescription
+    table: TrialTable
+    toml: dict[str, Any]
+    """trial.toml as parsed."""
+    half_lines: int = field(default=0, init=False)
+    """Last lines without an end that were left out."""
+    dropped_rows: int = field(default=0, init=False)
+    """Rows of resistance or lengths whose stamp does not go on from the one before."""
+
+    def readings(self) -> Iterator[Reading]:
+        """Yield the measurements in order of arrival; to be iterated once.
+
+        Raises:
+            InputError: at the first row that can not be read, or when there is none.
+        """
+        sources: dict[str, Callable[[], Iterator[Reading]]]
+        sources = {"counts": self._rows, "resistance": self._resistances, "lengths": self._lengths}
+        count = 0
+        for reading in sources[self.description.source]():
+            count += 1
+            yield reading
+        if count == 0:
+            raise InputError(f"{self.path}: holds no readings: expected at least one row in {', '.join(self.files())}")
+
+    def files(self) -> list[str]:
+        """Return the names of the files with measurements."""
+        stand_in = self.table.resistance or self.table.lengths
+        return [stand_in.file] if stand_in else [board.file for board in self.table.board]
+
+    def row_count(self) -> int:
+        """Return about how many readings there are, for a progress bar."""
+        return sum(max((self.path / name).read_bytes().count(b"\n") - 1, 0) for name in self.files())
+
+    def hashes(self) -> dict[str, str]:
+        """Return the SHA-256 of every input: files of measurements, and trial.toml without what is evaluation only."""
+        inputs = json.dumps({key: value for key, value in self.toml.items() if key != "truth"}, sort_keys=True)
+        result = {"trial.toml": hashlib.sha256(inputs.encode()).hexdigest()}
+        for name in self.files():
+            result[name] = hashlib.sha256((self.path / name).read_bytes()).hexdigest()
+        return result
+
+    def truth(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Return (frames,) t_s and (frames, nodes, 3) true positions, if the trial has them. Evaluation only."""
+        if self.table.truth is None:
+            return None
+        return read_positions(self.path / self.table.truth.file, self.description.structure.node_count)
+
+    def true_loads(self) -> TrueLoads | None:
+        """Return the external forces that the trial is known to have, if it names them. Evaluation only."""
+        if self.table.truth is None or self.table.truth.loads is None:
+            return None
+        return TrueLoads(*read_forces(self.path / self.table.truth.loads, self.description.structure.node_count))
+
+    def faults(self) -> tuple[Fault, ...]:
+        """Return the faults that the trial is known to have. Evaluation only."""
+        if self.table.truth is None:
+            return ()
+        return known_faults(self.table.truth, self.description, str(self.path / "trial.toml"))
+
+    def _rows(self) -> Iterator[BoardReading]:
+        return heapq.merge(*(self._board(b) for b in range(len(self.table.board))), key=lambda row: row.host_s)
+
+    def _board(self, board: int) -> Iterator[BoardReading]:
+        channels = len(self.table.board[board].tendon_of_channel)
+        columns = ["host_s", "seq", "device_us", *(f"adc{c}" for c in range(channels))]
+        file = CsvFile(self.path / self.table.board[board].file, columns, optional=["boot"])
+        for number, (host_s, *integers, boot) in enumerate(file, start=2):
+            for name, value in zip(columns[1:], integers, strict=True):
+                if value != int(value):
+                    raise InputError(f"{file.path}: row {number}, column {name}: expected an integer, got {value}")
+            seq, device_us, *counts = (int(value) for value in integers)
+            yield BoardReading(board, host_s, seq, device_us, np.array(counts), 0 if np.isnan(boot) else int(boot))
+        self.half_lines += file.half_lines
+
+    def _resistances(self) -> Iterator[ResistanceReading]:
+        assert self.table.resistance is not None
+        tendons = np.arange(len(self.description.structure.tendons))
+        columns = [f"r{e}_ohm" for e in tendons]
+        file = CsvFile(self.path / self.table.resistance.file, ["t_s", *columns], blank=columns)
+        for row in self._forward(file):
+            resistance_ohm = np.array(row[1:])
+            possible = ~(resistance_ohm <= 0)
+            yield ResistanceReading(
+                source=0,
+                t_s=row[0],
+                arrival_s=row[0],
+                tendon=tendons,
+                resistance_ohm=np.where(possible, resistance_ohm, np.nan),
+                sigma_ohm=np.zeros(len(tendons)),
+                flags=np.where(possible, 0, int(Flag.OUT_OF_RANGE)),
+            )
+
+    def _lengths(self) -> Iterator[TendonLengths]:
+        assert self.table.lengths is not None
+        natural_m = self.description.structure.natural_length_m
+        count = len(natural_m)
+        columns, sigmas = [f"l{e}_m" for e in range(count)], [f"s{e}_m" for e in range(count)]
+        file = CsvFile(self.path / self.table.lengths.file, ["t_s", *columns], sigmas, blank=[*columns, *sigmas])
+        for row in self._forward(file):
+            length_m, sigma_m = np.array(row[1 : 1 + count]), np.array(row[1 + count :])
+            possible = ~(length_m <= 0) & ~(sigma_m <= 0)
+            mode = np.where(length_m < natural_m, int(Mode.BENDING), int(Mode.STRETCHING))
+            flags = np.where(np.isnan(length_m), int(Flag.MISSING), np.where(possible, 0, int(Flag.OUT_OF_RANGE)))
+            yield TendonLengths(row[0], np.where(possible, length_m, np.nan), sigma_m, mode, flags)
+
+    def _forward(self, file: CsvFile) -> Iterator[list[float]]:
+        """Yield the rows whose stamp is later than all before; count the others."""
+        latest_s = -np.inf
+        for row in file:
+            if row[0] > latest_s:
+                latest_s = row[0]
+                yield row
+            else:
+                self.dropped_rows += 1
+        self.half_lines += file.half_lines
+
+
+def open_trial(path: str | Path) -> Trial:
+    """Open a trial directory; its measurements are read when they are iterated.
+
+    Raises:
+        InputError: when there is no trial.toml, or it does not describe a trial.
+    """
+    path = Path(path)
+    toml = read_toml(path / "trial.toml")
+    table, description = describe_trial(toml, str(path / "trial.toml"))
+    trial = Trial(path, table.name or path.resolve().name, description, table, toml)
+    for name in trial.files():
+        if not (path / name).is_file():
+            raise InputError(f"{path / name}: no such file")
+    return trial

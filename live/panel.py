@@ -1,0 +1,128 @@
+"""What whoever stands beside the rig sees: the status panel, the ports, and what is asked of them."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from ..commands.reconstruct import BAD
+from ..io.boards.port import PortAnswer
+from ..models.sensor.clock import ClockCounts
+from ..models.values.link import LinkState
+from ..models.values.readings import Flag
+from .session import Activity
+
+
+class Panel:
+    """What is to be seen now, each time that rich draws it."""
+
+    def __init__(
+        self,
+        title: str,
+        activity: Activity,
+        clocks: Callable[[], Sequence[ClockCounts]],
+        state: Callable[[], LinkState],
+    ) -> None:
+        self._title, self._activity, self._clocks, self._state = title, activity, clocks, state
+
+    def __rich__(self) -> RenderableType:
+        activity, state = self._activity, self._state()
+        parts: list[RenderableType] = [self._title]
+        if activity.boards:
+            parts.append(_boards(activity, self._clocks(), state))
+        parts.append(_summary(activity, state))
+        complaints = [f"{port.port}: {port.complaint}" for port in state.ports if port.complaint]
+        complaints += [state.recording_error] if state.recording_error else []
+        return Group(*parts, *(Text(complaint, style="red") for complaint in complaints))
+
+
+@contextmanager
+def shown(panel: Panel, console: Console) -> Iterator[None]:
+    """Draw a panel twice a second; where there is no terminal, once at the end."""
+    with Live(panel, console=console, refresh_per_second=2):
+        yield
+    if not console.is_terminal:
+        console.line()
+
+
+class BesideTheRig:
+    """Whoever reads the screen and presses Enter; nobody is asked where there is no keyboard."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+
+    def say(self, text: str) -> None:
+        """Print a line."""
+        self._console.print(text, highlight=False)
+
+    def ask_for_rest(self, seconds: float) -> None:
+        """Wait for Enter, where there is somebody to press it."""
+        if sys.stdin.isatty():
+            self._console.input("Leave the structure alone, standing at its rest shape, and press Enter: ")
+        self.say(f"taring for {seconds:g} s: it has to stand still ...")
+
+
+def _boards(activity: Activity, clocks: Sequence[ClockCounts], state: LinkState) -> Table:
+    table = Table("", *(f"board {board}" for board in range(activity.boards)))
+    ports = [[port for port in state.ports if port.board == board] for board in range(activity.boards)]
+    connected = [", ".join(port.port for port in of_board if port.connected) or "-" for of_board in ports]
+    if state.ports:
+        table.add_row("port", *connected)
+    table.add_row("rate", *(f"{activity.rate_hz(board):.1f} Hz" for board in range(activity.boards)))
+    table.add_row("newest reading", *(_age(activity.age_s(board)) for board in range(activity.boards)))
+    for name in ("rows", "lost_rows", "dropped_rows", "restarts"):
+        table.add_row(name.replace("_", " "), *(str(getattr(clock, name)) for clock in clocks))
+    if state.ports:
+        table.add_row("bad CRC", *(str(sum(port.counts.bad_crc for port in of_board)) for of_board in ports))
+        table.add_row("garbage", *(str(sum(port.counts.garbage for port in of_board)) for of_board in ports))
+    return table
+
+
+def _age(age_s: float) -> str:
+    if np.isinf(age_s):
+        return "none yet"
+    return f"{1e3 * age_s:.0f} ms ago" if age_s < 10 else f"{age_s:.0f} s ago"
+
+
+def _summary(activity: Activity, state: LinkState) -> Table:
+    table = Table(show_header=False)
+    table.add_row("time", f"{time.perf_counter() - activity.started_s:.0f} s")
+    if state.recorded_rows:
+        table.add_row("recorded", f"{state.recorded_rows} rows")
+    if activity.shape is not None:
+        median_ms, p99_ms = activity.latency_ms()
+        table.add_row("frames", f"{activity.frames}")
+        table.add_row("latency", f"median {median_ms:.1f} ms, 99 % within {p99_ms:.1f} ms, from last byte to shape")
+        sigma_m = np.sqrt(np.trace(activity.shape.node_covariance_m2, axis1=-2, axis2=-1))
+        table.add_row("largest sigma", f"{1e3 * sigma_m.max():.1f} mm, node {int(np.argmax(sigma_m))}")
+        table.add_row("flagged", _flagged(activity.shape.lengths.flags) or "none")
+    if activity.skipped_frames or state.skipped_rows:
+        table.add_row("skipped", f"{activity.skipped_frames} frames, {state.skipped_rows} rows")
+    return table
+
+
+def _flagged(flags: NDArray[np.int64]) -> str:
+    """Return which sensors misbehave now, and how, sensors of one kind together."""
+    kinds: dict[str, list[str]] = {}
+    for tendon in np.flatnonzero(flags & BAD):
+        kinds.setdefault(Flag(int(flags[tendon]) & BAD).names(), []).append(str(tendon))
+    return "; ".join(f"{', '.join(tendons)}: {kind}" for kind, tendons in kinds.items())
+
+
+def ports_table(answers: Sequence[PortAnswer]) -> Table:
+    """Return what answers on each port."""
+    table = Table("port", "device", "board", "firmware", "boot", "rate", "channels")
+    for a in answers:
+        hello = a.hello
+        says = [str(a.board_id), "(lines)", "", ""] if a.board_id is not None else [a.error or "silent", "", "", ""]
+        if hello is not None:
+            says = [str(hello.board_id), hello.firmware, str(hello.boot), f"{hello.rate_hz} Hz"]
+        table.add_row(a.port, a.description, *says, str(a.channels or ""))
+    return table

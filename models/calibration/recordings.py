@@ -1,0 +1,170 @@
+"""Calibration recordings, and which of them train, validate and test."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatch
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..sensor.lstm import running_means
+from ..values.errors import InputError
+
+SETTLING_S = 10.0
+"""Time left out at a recording's start, while the sensor's unknown past fades. The strip is tared in it."""
+STEADY_RATIO = 1.5
+"""A recording is of one speed when its 90 % quantile of speed, while moving, is below this many times the 25 %."""
+EVERY = 6
+"""Of recordings without a speed of their own, every sixth tests, and the one before it validates."""
+VALIDATION_TAIL = 0.15
+"""Last share of the training recordings that validates when there are too few to spare whole ones."""
+TEST_TAIL = 0.3
+"""Last share of all recordings that tests then."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """One calibration recording of one sensor."""
+
+    name: str
+    t_s: NDArray[np.float64]
+    """(samples,)"""
+    strain: NDArray[np.float64]
+    """(samples,) negative when bent."""
+    change: NDArray[np.float64]
+    """(samples,) dR/R, eq. (8)."""
+    scored_from_s: float = -np.inf
+    """Earlier samples were trained on: they only bring the sensor's state up to here."""
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first sample to the last."""
+        return float(self.t_s[-1] - self.t_s[0])
+
+    @property
+    def settled(self) -> NDArray[np.bool_]:
+        """(samples,) those after the start, whose past is known."""
+        return np.asarray(self.t_s - self.t_s[0] >= SETTLING_S)
+
+    def counted(self, signed: bool) -> NDArray[np.bool_]:
+        """Return (samples,) those that train or score: settled, not trained on before, and stretched unless signed."""
+        return self.settled & (self.t_s > self.scored_from_s) & (signed | (self.strain >= 0))
+
+    def running_means(self, memory_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (samples, memories) running means of dR/R, see `stretching.running_means`."""
+        step_s = np.diff(self.t_s, prepend=2 * self.t_s[0] - self.t_s[1])
+        return running_means(self.change[:, None], step_s[:, None], memory_s)[:, 0]
+
+    @property
+    def stretched_share(self) -> float:
+        """How much of it is stretching."""
+        return float((self.strain >= 0).mean())
+
+    @property
+    def speed_per_s(self) -> float:
+        """The one speed at which the strip was moved, in strain per second; nan when there is no such."""
+        speed = np.abs(np.diff(self.strain) / np.diff(self.t_s))
+        moving = speed[speed > 0.1 * np.quantile(speed, 0.95)]
+        if len(moving) < 0.5 * len(speed):
+            return float("nan")
+        low, middle, high = np.quantile(moving, [0.25, 0.5, 0.9])
+        return float(middle) if high < STEADY_RATIO * low else float("nan")
+
+    def part(self, from_share: float, until_share: float) -> "Recording":
+        """Return the samples between two shares of the duration."""
+        share = (self.t_s - self.t_s[0]) / self.duration_s
+        chosen = (share >= from_share) & (share <= until_share)
+        return replace(self, t_s=self.t_s[chosen], strain=self.strain[chosen], change=self.change[chosen])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Split:
+    """Recordings by what they are for; no sample trains and tests."""
+
+    training: Sequence[Recording]
+    """Fit the curves and the network."""
+    validation: Sequence[Recording]
+    """Stop the training, and set the scale of sigma."""
+    held_out: Sequence[Recording]
+    """Only score."""
+    how: str
+    """In words."""
+
+    @classmethod
+    def by_recordings(cls, recordings: Sequence[Recording]) -> "Split":
+        """Hold out the middle one of three or more speeds, and every sixth recording of irregular motion.
+
+        When that leaves nothing to test, the last part of each recording tests.
+        """
+        test = {r.name for kind in (False, True) for r in _middle_speed([r for r in recordings if _bends(r) == kind])}
+        rest = [r for r in recordings if r.name not in test]
+        steady = [r for r in rest if np.isfinite(r.speed_per_s) and not _bends(r)]
+        irregular = [r for r in rest if not np.isfinite(r.speed_per_s)]
+        test |= {r.name for r in irregular[EVERY - 1 :: EVERY]}
+        validate = {r.name for some in (irregular, steady) for r in some[EVERY - 2 :: EVERY]}
+        if not any(r.stretched_share > 0.3 for r in recordings if r.name in test):
+            return cls.by_time(recordings, TEST_TAIL)
+        how = f"the middle one of the speeds and every {EVERY}th recording of irregular motion are held out"
+        return cls._whole(recordings, lambda name: name in test, lambda name: name in validate, how)
+
+    @classmethod
+    def by_name(cls, recordings: Sequence[Recording], patterns: Sequence[str]) -> "Split":
+        """Hold out the recordings whose names fit one of some patterns, such as `*_0.05_*`.
+
+        Raises:
+            InputError: when a pattern fits no recording, or all of them are held out.
+        """
+        for pattern in patterns:
+            if not any(fnmatch(r.name, pattern) for r in recordings):
+                raise InputError(f"--hold-out {pattern}: fits no recording")
+        test = {r.name for r in recordings if any(fnmatch(r.name, pattern) for pattern in patterns)}
+        rest = [r for r in recordings if r.name not in test and not _bends(r)]
+        validate = {r.name for r in rest[EVERY - 2 :: EVERY]}
+        how = f"held out by name: {', '.join(patterns)}"
+        return cls._whole(recordings, lambda name: name in test, lambda name: name in validate, how)
+
+    @classmethod
+    def by_time(cls, recordings: Sequence[Recording], tail: float) -> "Split":
+        """Hold out the last part of each recording."""
+        kept = [r.part(0, 1 - tail) for r in recordings]
+        held_out = [replace(r, scored_from_s=float(k.t_s[-1])) for r, k in zip(recordings, kept, strict=True)]
+        return cls(*_time_validation(kept), held_out, f"the last {tail:.0%} of each recording is held out")
+
+    @classmethod
+    def _whole(
+        cls,
+        recordings: Sequence[Recording],
+        tests: Callable[[str], bool],
+        validates: Callable[[str], bool],
+        how: str,
+    ) -> "Split":
+        kept = [r for r in recordings if not tests(r.name)]
+        validation = [r for r in kept if validates(r.name)]
+        training = [r for r in kept if not validates(r.name)]
+        if not validation:
+            training, validation = _time_validation(kept)
+        if not any(r.stretched_share > 0.3 for r in training):
+            raise InputError("no recording of stretching to train on")
+        return cls(training, validation, [r for r in recordings if tests(r.name)], how)
+
+
+def _bends(recording: Recording) -> bool:
+    return recording.stretched_share < 0.1
+
+
+def _middle_speed(recordings: Sequence[Recording]) -> list[Recording]:
+    """Return the recordings of the middle speed, when there are three speeds or more."""
+    steady = sorted((r for r in recordings if np.isfinite(r.speed_per_s)), key=lambda r: r.speed_per_s)
+    groups: list[list[Recording]] = []
+    for r in steady:
+        if groups and r.speed_per_s < 1.25 * groups[-1][0].speed_per_s:
+            groups[-1].append(r)
+        else:
+            groups.append([r])
+    return groups[len(groups) // 2] if len(groups) >= 3 else []
+
+
+def _time_validation(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+    training = [r.part(0, 1 - VALIDATION_TAIL) for r in recordings]
+    pairs = zip(recordings, training, strict=True)
+    return training, [replace(r, scored_from_s=float(k.t_s[-1])) for r, k in pairs if not _bends(r)]

@@ -1,0 +1,78 @@
+"""Numbers that say how well an estimator follows strips."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..values.correlation import autocorrelation_of
+from .strips import StripRun
+
+IRREGULAR = "irregular motion"
+"""The group of the recordings without a speed of their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """Errors of strain over some recordings."""
+
+    samples: int
+    """How many."""
+    rmse: float
+    """Root mean square error of strain."""
+    r2: float
+    """Share of the variance of strain explained."""
+    coverage_68: float
+    """Share of errors inside one sigma, ..."""
+    coverage_95: float
+    """... and inside 1.96 sigma."""
+    median_sigma: float
+    """Of strain: coverage alone says nothing."""
+    correlation_s: float
+    """Time after which the error's autocorrelation has fallen to 1/e."""
+    beyond: float
+    """Share of the samples flagged as beyond training."""
+
+    @classmethod
+    def of(cls, runs: Sequence[StripRun]) -> "Score":
+        """Return the score over all samples of some runs."""
+        error, strain, sigma, beyond = (
+            np.concatenate([getattr(run, name) for run in runs]) for name in ("error", "strain", "sigma", "beyond")
+        )
+        z = np.abs(error / sigma)
+        return cls(
+            len(error),
+            float(np.sqrt(np.mean(error**2))),
+            float(1 - np.mean(error**2) / max(np.var(strain), 1e-12)),
+            float(np.mean(z < 1)),
+            float(np.mean(z < 1.96)),
+            float(np.median(sigma)),
+            float(np.mean([correlation_time_s(run) for run in runs])),
+            float(np.mean(beyond)),
+        )
+
+
+def by_speed(runs: Sequence[StripRun]) -> dict[str, list[StripRun]]:
+    """Return runs in groups of one speed each, slow ones first, irregular motion last."""
+    groups: dict[str, list[StripRun]] = {}
+    for run in sorted(runs, key=lambda run: (np.isnan(run.speed_per_s), float(f"{run.speed_per_s:.2g}"), run.name)):
+        label = IRREGULAR if np.isnan(run.speed_per_s) else f"speed {run.speed_per_s:.2g} /s"
+        groups.setdefault(label, []).append(run)
+    return groups
+
+
+def error_autocorrelation(run: StripRun, longest_s: float = 60.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return lags in seconds, and the autocorrelation of a run's error there."""
+    step_s = float(np.median(np.diff(run.t_s)))
+    even_s = np.arange(run.t_s[0], run.t_s[-1], step_s)
+    correlation = autocorrelation_of(np.interp(even_s, run.t_s, run.error))
+    lag_s = np.arange(0.0, len(correlation)) * step_s
+    return lag_s[lag_s <= longest_s], correlation[lag_s <= longest_s]
+
+
+def correlation_time_s(run: StripRun) -> float:
+    """Return the lag at which the error's autocorrelation first falls below 1/e."""
+    lag_s, correlation = error_autocorrelation(run)
+    below = np.flatnonzero(correlation < np.exp(-1))
+    return float(lag_s[below[0]] if len(below) else lag_s[-1])

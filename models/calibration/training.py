@@ -1,0 +1,356 @@
+"""Training of the stretching network, eqs. (10)-(15), on calibration recordings. The one module that imports torch."""
+
+import hashlib
+import io
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ..sensor.bending import BendingCurve
+from ..sensor.gauge import INDEPENDENT, StaticGauge, fit_gauge
+from ..sensor.lstm import CURVE_MEMORIES, LOG_VARIANCE_RANGE, MEMORY_S, STRAIN_SCALE, Scaling
+from ..sensor.rate_curve import RateCurve, product_indices
+from .recipe import CHECK_EVERY, Checkpoint, History, NoCheckpoint, Trained, TrainingSettings
+from .recordings import Recording, Split
+from .strip_baselines import on_common_curve
+
+
+def train(
+    split: Split,
+    bending: BendingCurve,
+    settings: TrainingSettings,
+    progress: Callable[[int, float], None] = lambda epoch, loss: None,
+    checkpoint: Checkpoint | None = None,
+) -> Trained:
+    """Fit the curves, then the network on recordings in which strain is mostly tensile.
+
+    Each strip's own gain and offset are unknown; they are learned along with the network, with their spread over
+    strips as prior. The loss counts samples with strain >= 0 only, but bending passes through the input, so that the
+    network knows a strip that comes back from it; a unified network counts all.
+
+    Args:
+        split: what to train on, and what to validate with.
+        bending: the curve of bent strips.
+        settings: the recipe.
+        progress: called after each epoch with its number and mean loss.
+        checkpoint: where to go on from, and to keep the state; one of other data or settings is not used.
+
+    Raises:
+        InputError: when there is nothing to train on.
+    """
+    with _one_thread():
+        training = _Training(split, bending, settings)
+        training.run(progress, checkpoint or NoCheckpoint())
+        return training.result()
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Sums in one order, however many cores there are; networks this small gain nothing from a second one."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+class _Network(torch.nn.Module):
+    """The LSTM with its head, and the gain and offset of each strip, in units of their spread."""
+
+    def __init__(self, inputs: int, hidden: int, own: NDArray[np.float64]) -> None:
+        super().__init__()
+        self.lstm = torch.nn.LSTM(inputs, hidden, batch_first=True)
+        self.head = torch.nn.Linear(hidden, 2)
+        self.register_buffer("mean_own", torch.tensor(own.mean(axis=0), dtype=torch.float32))
+        self.own_away = torch.nn.Parameter(torch.tensor(own, dtype=torch.float32))
+        with torch.no_grad():
+            forget_bias = dict(self.lstm.named_parameters())["bias_ih_l0"][hidden : 2 * hidden]
+            forget_bias += 1.0  # remember, to begin with
+            self.head.weight *= torch.tensor([[0.0], [0.3]])  # start on the curve
+            self.head.bias[0] = 0.0
+
+    @property
+    def own(self) -> torch.Tensor:
+        """(strips, 2) with the mean that they began with: a gain common to all strips is the curve's."""
+        return self.own_away - self.own_away.mean(dim=0) + self.get_buffer("mean_own")
+
+    def forward(self, x: torch.Tensor, state: Any) -> tuple[torch.Tensor, torch.Tensor, Any]:
+        h, state = self.lstm(x, state)
+        mean, log_variance = self.head(h).unbind(-1)
+        return mean, log_variance.clamp(*LOG_VARIANCE_RANGE), state
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Batch:
+    """Pieces of recordings: (sequences, steps) each."""
+
+    strip: torch.Tensor
+    """(sequences,) which strip."""
+    change: torch.Tensor
+    means: torch.Tensor
+    """(sequences, steps, memories) running means of the same, without noise."""
+    step_s: torch.Tensor
+    """(sequences, 1)"""
+    strain: torch.Tensor
+    counted: torch.Tensor
+
+
+class _Training:
+    """The state of a training, epoch by epoch."""
+
+    def __init__(self, split: Split, bending: BendingCurve, settings: TrainingSettings) -> None:
+        self._settings = settings
+        self._gauge, own = fit_gauge(split.training, bending)
+        common = on_common_curve(split.training, {name: np.array(pair) for name, pair in own.items()})
+        self._curve = RateCurve.fit(common, self._gauge, np.array(MEMORY_S[:CURVE_MEMORIES]), settings.unified)
+        _, own_of_validation = fit_gauge([*split.training, *split.validation], bending)
+        self._recordings, self._spread = split.training, np.array([self._gauge.gain_sigma, self._gauge.offset_sigma])
+        self._names = [r.name for r in split.training]
+        own_of_all = own_of_validation | own
+        units, validation_units = (
+            np.array([(np.array(own_of_all[r.name]) - [1, 0]) / self._spread for r in recordings])
+            for recordings in (split.training, split.validation)
+        )
+        self._scaling, self._step_s = _scaling(split.training), _step_range(split.training, settings.relative_step)
+        torch.manual_seed(settings.seed)
+        self._rng = np.random.default_rng(settings.seed)
+        everything = (*split.training, *split.validation)
+        self._means = {(r.name, len(r.t_s)): r.running_means(np.array(MEMORY_S)) for r in everything}
+        self._network = _Network(3 + len(MEMORY_S), settings.hidden, units)
+        self._own_of_validation = torch.tensor(validation_units, dtype=torch.float32, requires_grad=True)
+        names = {name: k for k, name in enumerate(self._names)}
+        self._known_of_validation = [(k, names[r.name]) for k, r in enumerate(split.validation) if r.name in names]
+        self._tare = torch.optim.Adam([self._own_of_validation], lr=0.1)
+        shared = [p for p in self._network.parameters() if p is not self._network.own_away]
+        trained_s = sum(r.duration_s for r in split.training)
+        groups: list[dict[str, Any]] = [
+            {"params": shared, "weight_decay": settings.weight_decay_s / trained_s},
+            {"params": [self._network.own_away], "weight_decay": 0.0},
+        ]
+        self._optimizer = torch.optim.AdamW(groups, lr=settings.learning_rate)
+        self._chunks = [slice(k, k + settings.chunk) for k in range(0, settings.steps, settings.chunk)]
+        self._schedule = torch.optim.lr_scheduler.OneCycleLR(
+            self._optimizer, settings.learning_rate, total_steps=settings.epochs * len(self._chunks), pct_start=0.1
+        )
+        self.history = History(likelihood_from=int(settings.squared_error_share * settings.epochs))
+        self._best = self._copy()
+        self._validation = self._draw(split.validation, np.random.default_rng(settings.seed + 1))
+        samples = sum(len(r.t_s) for r in split.training)
+        self._prior_weight = 0.5 * INDEPENDENT / samples
+        self._fingerprint = _fingerprint(split, settings)
+
+    def run(self, progress: Callable[[int, float], None], checkpoint: Checkpoint) -> None:
+        self._resume(checkpoint.load())
+        while len(self.history.training_loss) < self._settings.epochs and not self._stalled():
+            self.history.training_loss.append(self._epoch(len(self.history.training_loss)))
+            epoch = len(self.history.training_loss)
+            progress(epoch, self.history.training_loss[-1])
+            if epoch % CHECK_EVERY == 0 or epoch == self._settings.epochs:
+                self._validate(epoch)
+                checkpoint.save(self._state())
+
+    def _stalled(self) -> bool:
+        history = self.history
+        return bool(history.best_epoch) and len(history.training_loss) - history.best_epoch >= self._settings.patience
+
+    def _epoch(self, epoch: int) -> float:
+        batch = self._draw(self._recordings, self._rng)
+        state, losses = None, []
+        likelihood = epoch >= self.history.likelihood_from
+        for chunk in self._chunks:
+            x, curve = self._inputs(batch, self._network.own, chunk)
+            mean, log_variance, state = self._network(x, state)
+            state = tuple(s.detach() for s in state)
+            error = mean + (curve - batch.strain[:, chunk]) / STRAIN_SCALE
+            loss = _loss(error, log_variance, batch.counted[:, chunk], likelihood)
+            prior = self._prior_weight * (self._network.own**2).sum() if likelihood else 0.0
+            self._optimizer.zero_grad()
+            (loss + prior).backward()  # type: ignore[no-untyped-call]
+            if not likelihood:  # squared error knows no scale to weigh the prior against
+                self._network.own_away.grad = None
+            torch.nn.utils.clip_grad_norm_(self._network.parameters(), 1.0)
+            self._optimizer.step()
+            self._schedule.step()
+            losses.append(loss.item())
+        return float(np.mean(losses))
+
+    def _validate(self, epoch: int) -> None:
+        """Check the loss on strips not trained on; only their gain and offset are fitted, a step a check."""
+        likelihood, history = epoch > self.history.likelihood_from, self.history
+        own = self._own_of_validation
+        with torch.no_grad():  # of a strip that is trained on it is known
+            for k, strip in self._known_of_validation:
+                own[k] = self._network.own[strip]
+        x, curve = self._inputs(self._validation, own, slice(0, self._settings.steps))
+        mean, log_variance, _ = self._network(x, None)
+        error, counted = mean + (curve - self._validation.strain) / STRAIN_SCALE, self._validation.counted
+        loss = _scaled_loss(error, log_variance, counted) if likelihood else _loss(error, log_variance, counted, False)
+        if likelihood:
+            self._tare.zero_grad()
+            (loss + self._prior_weight * (own**2).sum()).backward()  # type: ignore[no-untyped-call]
+            self._tare.step()
+        history.validation_epoch.append(epoch)
+        history.validation_loss.append(loss.item())
+        if likelihood and loss.item() < history.best_loss:
+            history.best_epoch, history.best_loss, self._best = epoch, loss.item(), self._copy()
+
+    def _copy(self) -> dict[str, torch.Tensor]:
+        return {name: value.detach().clone() for name, value in self._network.state_dict().items()}
+
+    def _draw(self, recordings: Sequence[Recording], rng: np.random.Generator) -> _Batch:
+        """Return random pieces of recordings, each with its own time step and noise."""
+        count, steps = self._settings.sequences, self._settings.steps
+        strain, change, means = (
+            np.empty((count, steps)),
+            np.empty((count, steps)),
+            np.empty((count, steps, len(MEMORY_S))),
+        )
+        low, high = self._step_s
+        step_s, strip = np.exp(rng.uniform(np.log(low), np.log(high), count)), np.empty(count, dtype=np.int64)
+        counts = np.zeros((count, steps), dtype=np.bool_)
+        for k in range(count):
+            strip[k] = rng.integers(len(recordings))
+            r = recordings[strip[k]]
+            step_s[k] = min(step_s[k], r.duration_s / steps)
+            last_start_s = r.t_s[-1] - step_s[k] * (steps - 1)
+            first_start_s = min(max(r.t_s[0], r.scored_from_s), last_start_s)  # earlier pieces would count less
+            t_s = rng.uniform(first_start_s, last_start_s) + step_s[k] * np.arange(steps)
+            strain[k], change[k] = np.interp(t_s, r.t_s, r.strain), np.interp(t_s, r.t_s, r.change)
+            means[k] = np.stack([np.interp(t_s, r.t_s, column) for column in self._means[r.name, len(r.t_s)].T], axis=1)
+            counts[k] = t_s > r.scored_from_s
+        noise = rng.uniform(*self._settings.noise, (count, 1)) * rng.standard_normal((count, steps))
+        counts &= np.arange(steps) >= self._settings.burn_in
+        if not self._settings.unified:
+            counts &= strain >= 0
+        noisy = (1 + change) * (1 + noise) - 1
+        return _Batch(
+            torch.tensor(strip),
+            *(torch.tensor(a, dtype=torch.float32) for a in (noisy, means, step_s[:, None], strain, counts)),
+        )
+
+    def _inputs(self, batch: _Batch, own_units: torch.Tensor, chunk: slice) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the network's input (sequences, chunk, features), and the strain of the curve that it corrects."""
+        own = own_units[batch.strip] * torch.tensor(self._spread, dtype=torch.float32)
+        common = (batch.change[:, max(chunk.start - 1, 0) : chunk.stop] - own[:, 1:]) / (1 + own[:, :1])
+        before = common[:, :1]
+        common = common[:, 1:] if chunk.start else common
+        rate = torch.diff(common, dim=1, prepend=before) / batch.step_s
+        s = self._scaling
+        step = torch.log(batch.step_s / s.step_s).expand_as(common)
+        means = (batch.means[:, chunk] - own[:, None, 1:]) / (1 + own[:, None, :1])
+        now = torch.stack([(common - s.change_middle) / s.change, rate / s.rate_per_s, step], dim=-1)
+        x = torch.cat([now, (common[..., None] - means) / s.change], dim=-1)
+        return x, curve_strain(self._curve, common, means[..., :CURVE_MEMORIES])
+
+    def _state(self) -> bytes:
+        buffer = io.BytesIO()
+        torch.save(
+            {
+                "fingerprint": self._fingerprint,
+                "network": self._network.state_dict(),
+                "optimizer": self._optimizer.state_dict(),
+                "schedule": self._schedule.state_dict(),
+                "own_of_validation": self._own_of_validation.detach(),
+                "tare": self._tare.state_dict(),
+                "best": self._best,
+                "history": json.dumps(asdict(self.history)),
+                "rng": json.dumps(self._rng.bit_generator.state),
+            },
+            buffer,
+        )
+        return buffer.getvalue()
+
+    def _resume(self, saved: bytes | None) -> None:
+        if saved is None:
+            return
+        state = torch.load(io.BytesIO(saved), weights_only=True)
+        if state["fingerprint"] != self._fingerprint:
+            return
+        self._network.load_state_dict(state["network"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        self._schedule.load_state_dict(state["schedule"])
+        self._own_of_validation.data.copy_(state["own_of_validation"])
+        self._tare.load_state_dict(state["tare"])
+        self._best = state["best"]
+        self.history = History(**json.loads(state["history"]))
+        self._rng.bit_generator.state = json.loads(state["rng"])
+
+    def result(self) -> Trained:
+        """Return the best network, in numpy."""
+        p = {name: value.numpy().astype(np.float64) for name, value in self._best.items()}
+        own = np.array([1.0, 0.0]) + (p["own_away"] - p["own_away"].mean(axis=0) + p["mean_own"]) * self._spread
+        weights = {
+            "weight_ih": p["lstm.weight_ih_l0"],
+            "weight_hh": p["lstm.weight_hh_l0"],
+            "bias": p["lstm.bias_ih_l0"] + p["lstm.bias_hh_l0"],
+            "head_weight": p["head.weight"],
+            "head_bias": p["head.bias"],
+        }
+        named = dict(zip(self._names, own, strict=True))
+        return Trained(weights, self._curve, named, self._scaling, self._step_s, self.history)
+
+
+def curve_strain(curve: RateCurve, common: torch.Tensor, means: torch.Tensor) -> torch.Tensor:
+    """Return `RateCurve.strain` in torch, which can differentiate it."""
+    scale, low, high, coefficients = (
+        torch.tensor(a, dtype=torch.float32) for a in (curve.scale, *curve.range, curve.coefficients)
+    )
+    inputs = torch.cat([common[..., None], common[..., None] - means], dim=-1)
+    held = torch.minimum(torch.maximum(inputs, low), high)
+    factors = torch.cat([torch.ones_like(held[..., :1]), held / scale], dim=-1)
+    first, second, third = (factors[..., index] for index in product_indices(held.shape[-1]).T)
+    static = _static_strain(curve.gauge, held[..., 0])
+    strain = (first * second * third) @ coefficients[:-1] + coefficients[-1] * static
+    return strain + _static_strain(curve.gauge, common) - static
+
+
+def _static_strain(gauge: StaticGauge, common: torch.Tensor) -> torch.Tensor:
+    """Return `StaticGauge.stretched_strain` as a sum of ramps."""
+    slopes = np.diff(gauge.strain_knots) / np.diff(gauge.change_knots)
+    strain = float(slopes[0]) * common
+    for knot, bend in zip(gauge.change_knots[1:-1].tolist(), np.diff(slopes).tolist(), strict=True):
+        strain = strain + bend * torch.relu(common - knot)
+    return strain.clamp(max=gauge.most_strain)
+
+
+def _loss(error: torch.Tensor, log_variance: torch.Tensor, counted: torch.Tensor, likelihood: bool) -> torch.Tensor:
+    loss = 0.5 * (error**2 * torch.exp(-log_variance) + log_variance) if likelihood else error**2
+    return (loss * counted).sum() / counted.sum().clamp(min=1)
+
+
+def _scaled_loss(error: torch.Tensor, log_variance: torch.Tensor, counted: torch.Tensor) -> torch.Tensor:
+    """Return the Gaussian loss with sigma multiplied by what makes it least: sigma is scaled after the training."""
+    count = counted.sum().clamp(min=1)
+    mean_square = (error**2 * torch.exp(-log_variance) * counted).sum() / count
+    return 0.5 * ((log_variance * counted).sum() / count + torch.log(mean_square + 1e-12) + 1)
+
+
+def _scaling(recordings: Sequence[Recording]) -> Scaling:
+    """Return scales of the inputs that suit recordings, to two digits."""
+    change = np.concatenate([r.change for r in recordings])
+    rate = np.concatenate([np.diff(r.change) / np.diff(r.t_s) for r in recordings])
+    values = (np.median(change), np.std(change), np.sqrt(np.mean(rate**2)))
+    return Scaling(*(float(f"{value:.2g}") for value in values))
+
+
+def _step_range(recordings: Sequence[Recording], relative: tuple[float, float]) -> tuple[float, float]:
+    """Return a range of time steps about the recordings' own."""
+    own = float(np.median([np.median(np.diff(r.t_s)) for r in recordings]))
+    return float(f"{relative[0] * own:.2g}"), float(f"{relative[1] * own:.2g}")
+
+
+def _fingerprint(split: Split, settings: TrainingSettings) -> str:
+    digest = hashlib.sha256(json.dumps([asdict(settings), torch.__version__], sort_keys=True).encode())
+    for recordings in (split.training, split.validation):
+        for r in recordings:
+            digest.update(f"|{r.name}|{r.scored_from_s}".encode())
+            for values in (r.t_s, r.strain, r.change):
+                digest.update(values.tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,1 @@
+"""An estimate against the truth; no estimator imports this room."""

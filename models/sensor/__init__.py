@@ -1,0 +1,1 @@
+"""The sensors at run time: from rows of counts to tendon lengths with their sigma."""

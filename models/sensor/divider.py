@@ -1,0 +1,84 @@
+"""The voltage divider: ADC codes to resistance, eq. (1).
+
+Each sensor R and its known resistor R_k divide the supply; the ADC's reference is that supply, so its value cancels.
+A code n of N means a voltage ratio (n + 1/2) / N:
+
+    sensor to ground:  R = R_k (n + 1/2) / (N - n - 1/2)
+    sensor to supply:  R = R_k (N - n - 1/2) / (n + 1/2)
+
+and, the code being uniform over one step, sigma_R = (R + R_k)^2 / (R_k N sqrt(12)) on either side.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..values.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class Divider:
+    """One known resistor in series with each sensor, across the ADC's reference.
+
+    Raises:
+        InputError: for a resolution or resistor that can not be.
+    """
+
+    bits: int
+    known_resistor_ohm: float
+    sensor_side: Literal["ground", "supply"]
+    """What the sensor's other end is tied to."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.bits <= 24:
+            raise InputError(f"adc.bits: expected 1 to 24, got {self.bits}")
+        if not (np.isfinite(self.known_resistor_ohm) and self.known_resistor_ohm > 0):
+            raise InputError(f"adc.known_resistor_ohm: expected a positive number, got {self.known_resistor_ohm}")
+
+    @property
+    def codes(self) -> int:
+        """N, the number of codes."""
+        return 1 << self.bits
+
+    def resistance_ohm(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the resistance that each code means; see `bounds_ohm` for codes 0 and N - 1."""
+        ratio = (counts + 0.5) / (self.codes - counts - 0.5)
+        return self.known_resistor_ohm * (ratio if self.sensor_side == "ground" else 1 / ratio)
+
+    def counts(
+        self, resistance_ohm: NDArray[np.float64], noise_codes: NDArray[np.float64] | float = 0.0
+    ) -> NDArray[np.int64]:
+        """Return the code that each resistance gives, 0 and infinity included.
+
+        Args:
+            resistance_ohm: of the sensors.
+            noise_codes: of the converter, in codes before they are cut to whole ones.
+        """
+        with np.errstate(divide="ignore"):
+            ratio = 1 / (1 + self.known_resistor_ohm / resistance_ohm)
+        ratio = ratio if self.sensor_side == "ground" else 1 - ratio
+        return np.clip(np.floor(ratio * self.codes + noise_codes), 0, self.codes - 1).astype(np.int64)
+
+    def sigma_ohm(self, resistance_ohm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the quantisation sigma at a resistance."""
+        sigma: NDArray[np.float64] = (resistance_ohm + self.known_resistor_ohm) ** 2 / (
+            self.known_resistor_ohm * self.codes * np.sqrt(12)
+        )
+        return sigma
+
+    def saturated(self, counts: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return where the code is 0 or full scale."""
+        return (counts <= 0) | (counts >= self.codes - 1)
+
+    def bounds_ohm(self, counts: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the interval of resistance that each code means; one-sided at codes 0 and N - 1."""
+        with np.errstate(divide="ignore"):
+            low_ratio = np.clip(counts, 0, None) / (self.codes - counts)
+            high_ratio = (counts + 1) / np.maximum(self.codes - counts - 1, 0)
+        high_ratio = np.where(counts >= self.codes - 1, np.inf, high_ratio)
+        if self.sensor_side == "supply":
+            with np.errstate(divide="ignore"):
+                low_ratio, high_ratio = 1 / high_ratio, 1 / low_ratio
+        return self.known_resistor_ohm * low_ratio, self.known_resistor_ohm * high_ratio

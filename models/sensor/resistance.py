@@ -1,0 +1,42 @@
+"""Rows of the boards into readings of resistance: the divider, and each board's clock."""
+
+import numpy as np
+
+from ..trial_description import TrialDescription
+from ..values.errors import InputError
+from ..values.readings import BoardReading, Flag, ResistanceReading
+from .clock import BoardClock, ClockCounts, ClockSettings
+
+
+class Boards:
+    """Turns rows into readings, eq. (1), each at its time on the host clock."""
+
+    def __init__(self, trial: TrialDescription, settings: ClockSettings) -> None:
+        if trial.divider is None:
+            raise InputError(f"a trial of {trial.source} has no boards")
+        self._divider, self._tendons = trial.divider, trial.tendons_of_board
+        self._clocks = [BoardClock(settings) for _ in self._tendons]
+
+    @property
+    def counts(self) -> list[ClockCounts]:
+        """What each board's clock saw so far."""
+        return [clock.counts for clock in self._clocks]
+
+    def reading(self, row: BoardReading) -> ResistanceReading | None:
+        """Return what a row measured, or None when it is late or came twice."""
+        t_s = self._clocks[row.board].time_s(row)
+        if t_s is None:
+            return None
+        possible = (row.counts >= 0) & (row.counts < self._divider.codes)
+        saturated = possible & self._divider.saturated(row.counts)
+        value = possible & ~saturated
+        resistance_ohm = self._divider.resistance_ohm(np.where(value, row.counts, 1))
+        return ResistanceReading(
+            source=row.board,
+            t_s=t_s,
+            arrival_s=row.host_s,
+            tendon=self._tendons[row.board],
+            resistance_ohm=np.where(value, resistance_ohm, np.nan),
+            sigma_ohm=np.where(value, self._divider.sigma_ohm(resistance_ohm), np.nan),
+            flags=np.where(saturated, int(Flag.SATURATED), np.where(possible, 0, int(Flag.OUT_OF_RANGE))),
+        )

@@ -1,0 +1,106 @@
+"""What the lengths of a structure determine, and what they do not."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ..values.errors import IndeterminateError
+from .lengths import length_jacobian, member_length_m
+from .structure import Structure
+
+SINGULAR = 1e-6
+"""A singular value of the (dimensionless) length Jacobian below this is zero: at the regular six-strut shape the
+mechanism's is 1.6e-8, the next one 0.16, under load the mechanism's is above 2e-3 nearly always."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rigidity:
+    """Rank and mechanisms of the length Jacobian d(lengths)/d(free nodes) at one shape, anchors held.
+
+    Rows are the rods and the tendons that do not join two anchors, columns the free nodes' coordinates.
+    """
+
+    rank: int
+    mechanisms: int
+    """How many independent motions change no length to first order."""
+    self_stresses: int
+    """How many independent sets of member forces balance without load."""
+    smallest_singular_value: float
+    """Of the Jacobian, dimensionless: metres of length per metre of the weakest motion."""
+    mechanism: NDArray[np.float64]
+    """(nodes, 3) unit motion along which lengths change least; zero at the anchors."""
+
+
+def free_length_jacobian(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., rods + free tendons, 3 * free nodes), the Jacobian whose rank and determinant decide."""
+    jacobian = length_jacobian(node_position_m, structure.free_members)[..., structure.free_nodes, :]
+    return jacobian.reshape(*jacobian.shape[:-2], -1)
+
+
+def rigidity(structure: Structure, node_position_m: NDArray[np.float64]) -> Rigidity:
+    """Return the rigidity facts of (nodes, 3) positions."""
+    jacobian = free_length_jacobian(structure, node_position_m)
+    _, singular_value, motion = np.linalg.svd(jacobian, full_matrices=True)
+    rank = int((singular_value > SINGULAR).sum())
+    rows, columns = jacobian.shape
+    mechanism = np.zeros((structure.node_count, 3))
+    mechanism[structure.free_nodes] = motion[-1].reshape(-1, 3)
+    smallest = float(singular_value[-1]) if rows >= columns else 0.0
+    return Rigidity(rank, columns - rank, rows - rank, smallest, mechanism)
+
+
+def branch(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (...,) the sign of det J, J the square length Jacobian of the free nodes; 0 where it is not known."""
+    if not structure.is_square:
+        return np.zeros(node_position_m.shape[:-2])
+    jacobian = free_length_jacobian(structure, node_position_m)
+    whole = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)))
+    return np.where(whole, np.linalg.slogdet(np.where(whole[..., None, None], jacobian, 0.0)).sign, 0.0)
+
+
+def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
+    """Return (nodes, 3), the shape in which equally stiff tendons store least energy, anchors and rods held.
+
+    Minimises sum (l - L0)^2 over the tendons: prestressed tendons pull the structure into its one stiff shape, which
+    lengths alone would not single out. Of the two mirror images about the anchors' plane, the one above it (on the
+    side of +z) is meant. Loads and unequal stiffness are not known here.
+
+    Raises:
+        IndeterminateError: when no start leads to a shape that keeps the rods' lengths.
+    """
+    free, scale = structure.free_nodes, float(structure.rod_length_m.mean())
+    base = structure.anchor_position_m
+    rod_weight = 100.0  # a rod gives way 1e4 times less than a tendon: 1e-5 of its length here
+
+    def place(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        position = np.empty((structure.node_count, 3))
+        position[structure.anchors], position[free] = base, coordinates.reshape(-1, 3)
+        return position
+
+    def residual(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        position = place(coordinates)
+        rod_error = member_length_m(position, structure.rods) - structure.rod_length_m
+        stretch = structure.tendon_length_m(position) - structure.natural_length_m
+        return np.concatenate([rod_weight * rod_error, stretch])
+
+    def jacobian(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        rows = length_jacobian(place(coordinates), np.concatenate([structure.rods, structure.tendons]))
+        rows[: len(structure.rods)] *= rod_weight
+        return rows[:, free].reshape(len(rows), -1)
+
+    rng = np.random.default_rng(0)
+    shapes = []
+    for _ in range(8):
+        start = base.mean(axis=0) + scale * rng.uniform([-0.6, -0.6, 0.0], [0.6, 0.6, 1.0], (len(free), 3))
+        solution = least_squares(residual, start.ravel(), jacobian, method="trf", xtol=1e-10, ftol=1e-12)
+        position = place(solution.x)
+        rod_error = np.abs(member_length_m(position, structure.rods) / structure.rod_length_m - 1)
+        if rod_error.max() < 1e-2 and position[free, 2].mean() > base[:, 2].mean():
+            shapes.append((solution.cost, position))
+    if not shapes:
+        raise IndeterminateError(
+            "the structure has no rest shape with these rod, tendon and anchor lengths: check their units"
+        )
+    return min(shapes, key=lambda shape: shape[0])[1]

@@ -1,0 +1,98 @@
+"""What an estimator gives: the shape of the structure at one instant, with its uncertainty."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from ..values.readings import TendonLengths
+from .external_loads import ExternalLoads
+
+
+class Status(StrEnum):
+    """How a frame's estimate came about; `advice` says what to do about it."""
+
+    OK = "ok"
+    PARTIAL = "partial"
+    TWO_SHAPES = "two_shapes"
+    PRIOR_ONLY = "prior_only"
+    NOT_CONVERGED = "not_converged"
+
+    @property
+    def advice(self) -> str:
+        """What it means, and what to do."""
+        return ADVICE[self]
+
+
+ADVICE = {
+    Status.OK: "every tendon was measured",
+    Status.PARTIAL: "some tendons were left out, see lengths.csv: mend the sensors named there",
+    Status.TWO_SHAPES: "another shape explains the readings about as well, see other_shape.csv: decide by what you saw",
+    Status.PRIOR_ONLY: "no tendon was measured: the shape is carried on from the frames before and the rest shape",
+    Status.NOT_CONVERGED: "the optimiser stopped before its minimum: take this frame with care, or raise noise.*",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ellipsoids:
+    """Confidence regions of several nodes: where each is, with a given probability."""
+
+    probability: float
+    semi_axis_m: NDArray[np.float64]
+    """(..., 3) longest first."""
+    axes: NDArray[np.float64]
+    """(..., 3, 3) columns are the directions of the semi-axes, right-handed."""
+
+
+def ellipsoids(covariance_m2: NDArray[np.float64], probability: float) -> Ellipsoids:
+    """Return the regions (x - mean)^T C^-1 (x - mean) <= chi2_3(probability) of (..., 3, 3) covariances."""
+    variance, axes = np.linalg.eigh(covariance_m2)
+    variance, axes = np.maximum(variance[..., ::-1], 0.0), axes[..., ::-1].copy()
+    axes[..., 2] *= np.sign(np.linalg.det(axes))[..., None]
+    return Ellipsoids(probability, np.sqrt(chi2.ppf(probability, 3) * variance), axes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OtherShape:
+    """A second shape, on the other side of det J = 0, that explains a frame about as well."""
+
+    node_position_m: NDArray[np.float64]
+    """(nodes, 3)"""
+    log_ratio: float
+    """Log of how many times better the first shape explains the frame; negative when the other does."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """The node positions at one instant, in the frame of the anchors."""
+
+    t_s: float
+    node_position_m: NDArray[np.float64]
+    """(nodes, 3)"""
+    covariance_m2: NDArray[np.float64]
+    """(3 nodes, 3 nodes) of all coordinates, node by node."""
+    status: Status
+    lengths: TendonLengths
+    """The measurement it was made from."""
+    loads: ExternalLoads | None = None
+    """External forces at the nodes; None where the stiffness of the tendons is not known."""
+    other: OtherShape | None = None
+    """With status `two_shapes`."""
+
+    @property
+    def node_covariance_m2(self) -> NDArray[np.float64]:
+        """(nodes, 3, 3) covariance of each node."""
+        return node_blocks(self.covariance_m2)
+
+    def ellipsoids(self, probability: float = 0.95) -> Ellipsoids:
+        """Return each node's confidence region."""
+        return ellipsoids(self.node_covariance_m2, probability)
+
+
+def node_blocks(covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (..., nodes, 3, 3) diagonal blocks of (..., 3 nodes, 3 nodes) covariances."""
+    nodes = covariance_m2.shape[-1] // 3
+    blocks = covariance_m2.reshape(*covariance_m2.shape[:-2], nodes, 3, nodes, 3)
+    return np.asarray(np.einsum("...ninj->...nij", blocks))

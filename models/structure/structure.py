@@ -1,0 +1,237 @@
+"""The structure: rods held by tendons, standing on anchors."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..values.errors import InputError
+from .lengths import member_length_m
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """A tensegrity of rigid rods and elastic tendons; nodes are the rod ends, numbered from 0.
+
+    Raises:
+        InputError: for anything that is not such a structure; the text names the member or node.
+    """
+
+    rods: NDArray[np.int64]
+    """(rods, 2) node pairs."""
+    tendons: NDArray[np.int64]
+    """(tendons, 2) node pairs, in the order of the sensors."""
+    rod_length_m: NDArray[np.float64]
+    """(rods,) length of each rod; one number serves for all."""
+    natural_length_m: NDArray[np.float64]
+    """(tendons,) natural (unstretched) length L0 of each tendon; one number serves for all."""
+    anchors: NDArray[np.int64]
+    """(anchors,) nodes whose position is known."""
+    anchor_position_m: NDArray[np.float64]
+    """(anchors, 3) their positions; they define the frame of every result."""
+
+    def __post_init__(self) -> None:
+        rods, tendons = _node_pairs("rods", self.rods), _node_pairs("tendons", self.tendons)
+        anchors = np.asarray(self.anchors, dtype=np.int64).reshape(-1)
+        _check_topology(rods, tendons, anchors)
+        values = {
+            "rods": rods,
+            "tendons": tendons,
+            "rod_length_m": _positive("rod_length_m", self.rod_length_m, len(rods)),
+            "natural_length_m": _positive("natural_length_m", self.natural_length_m, len(tendons)),
+            "anchors": anchors,
+            "anchor_position_m": _anchor_positions(self.anchor_position_m, len(anchors)),
+        }
+        for name, value in values.items():
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    @cached_property
+    def node_count(self) -> int:
+        """How many nodes there are."""
+        return int(self.rods.max()) + 1
+
+    @cached_property
+    def free_nodes(self) -> NDArray[np.int64]:
+        """(free,) the nodes that are not anchors."""
+        return np.setdiff1d(np.arange(self.node_count), self.anchors)
+
+    @cached_property
+    def free_coordinates(self) -> NDArray[np.int64]:
+        """(3 free,) the indices of the free nodes' coordinates among all (3 nodes,)."""
+        return np.asarray((3 * self.free_nodes[:, None] + np.arange(3)).ravel())
+
+    @cached_property
+    def is_free_tendon(self) -> NDArray[np.bool_]:
+        """(tendons,) which do not join two anchors: only these say anything of the shape."""
+        return np.asarray(~np.isin(self.tendons, self.anchors).all(axis=1))
+
+    @cached_property
+    def free_tendons(self) -> NDArray[np.int64]:
+        """The numbers of these."""
+        return np.flatnonzero(self.is_free_tendon)
+
+    @cached_property
+    def free_members(self) -> NDArray[np.int64]:
+        """(rods + free tendons, 2) node pairs whose lengths, anchors held, decide the shape."""
+        return np.concatenate([self.rods, self.tendons[self.is_free_tendon]])
+
+    @property
+    def is_square(self) -> bool:
+        """Whether there are as many such lengths as free coordinates: only then is there a det J."""
+        return len(self.free_members) == len(self.free_coordinates)
+
+    @property
+    def faces(self) -> NDArray[np.int64]:
+        """(faces, 3) the triangles closed by three tendons, but for those between anchors."""
+        joined = {frozenset(pair) for pair in self.tendons.tolist()}
+        triangles = [
+            (a, b, c)
+            for a, b in sorted(sorted(pair) for pair in joined)
+            for c in range(b + 1, self.node_count)
+            if {a, b, c} - set(self.anchors.tolist()) and frozenset((a, c)) in joined and frozenset((b, c)) in joined
+        ]
+        return np.array(triangles, dtype=np.int64).reshape(-1, 3)
+
+    def tendon_length_m(self, node_position_m: ArrayLike) -> NDArray[np.float64]:
+        """(..., tendons) tendon lengths at (..., nodes, 3) positions."""
+        return member_length_m(node_position_m, self.tendons)
+
+    def with_anchors_placed(self, node_position_m: ArrayLike) -> NDArray[np.float64]:
+        """(..., nodes, 3) the same positions, with the anchors where they are known to be."""
+        position = np.array(node_position_m, dtype=np.float64)
+        position[..., self.anchors, :] = self.anchor_position_m
+        return position
+
+
+SIX_STRUT_RODS = ((0, 3), (4, 5), (1, 6), (7, 8), (2, 9), (10, 11))
+"""The paper's eq. (6)."""
+
+SIX_STRUT_TENDONS = (
+    *((0, 1), (1, 2), (0, 2), (0, 7), (0, 9), (1, 3), (1, 10), (2, 4), (2, 6), (3, 7), (3, 10), (3, 11)),
+    *((4, 6), (4, 8), (4, 9), (5, 6), (5, 8), (5, 10), (5, 11), (6, 10), (7, 9), (7, 11), (8, 9), (8, 11)),
+)
+"""The paper prints seven of its 24 tendons (0-2 in eq. (5), 3, 4, 22, 23 in eq. (7)). This list is a deduction: the
+graph must be that of the six-strut tensegrity, hold those seven at their places, and be sorted. One other list does
+as well; it swaps nodes 4 and 5."""
+
+SIX_STRUT_TENDON_PER_ROD = np.sqrt(3 / 8)
+"""Tendon length over rod length of the regular six-strut tensegrity (parallel rods half a rod apart)."""
+
+
+def six_strut(rod_length_m: float, *, prestrain: float = 0.08) -> Structure:
+    """Return the paper's structure: six equal rods, 24 equal tendons, standing on the triangle of nodes 0, 1, 2.
+
+    Args:
+        rod_length_m: length of each rod.
+        prestrain: strain of each tendon at rest; the natural length follows from it.
+    """
+    side_m = float(SIX_STRUT_TENDON_PER_ROD * rod_length_m)
+    return _on_triangle(SIX_STRUT_RODS, SIX_STRUT_TENDONS, rod_length_m, side_m / (1 + prestrain), side_m)
+
+
+def three_strut(rod_length_m: float, base_side_m: float, *, prestrain: float = 0.08) -> Structure:
+    """Return the three-strut prism: base triangle 0, 1, 2 (the anchors), top triangle 3, 4, 5, three side tendons.
+
+    At rest the top triangle, of the same side, is turned by 150 degrees against the base, and a side tendon carries
+    sqrt(3) times the force per length of a top tendon (Kenner, Geodesic Math, 1976).
+
+    Args:
+        rod_length_m: length of each rod.
+        base_side_m: side of both triangles.
+        prestrain: strain of the triangles' tendons at rest; that of the side tendons follows for equal stiffness.
+    """
+    radius_m = base_side_m / np.sqrt(3)
+    angle = np.deg2rad(np.arange(3) * 120.0)
+    height_squared = rod_length_m**2 - 2 * radius_m**2 * (1 - np.cos(np.deg2rad(150.0)))
+    if height_squared <= 0:
+        raise InputError(
+            f"three_strut: rods of {rod_length_m} m can not stand on a triangle of side {base_side_m} m: "
+            f"expected rod_length_m > {base_side_m * np.sqrt(2 / 3 * (1 + np.sqrt(3) / 2)):.4g}"
+        )
+    base = radius_m * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    turned = angle + np.deg2rad(150.0)
+    top = np.stack([radius_m * np.cos(turned), radius_m * np.sin(turned), 0 * angle + np.sqrt(height_squared)], axis=1)
+    rods = [(0, 3), (1, 4), (2, 5)]
+    tendons = [(0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5), (0, 5), (1, 3), (2, 4)]
+    rest_length_m = member_length_m(np.concatenate([base, top]), np.array(tendons))
+    stretch_over_length = prestrain / (1 + prestrain) * np.repeat([1.0, np.sqrt(3)], [6, 3])
+    return _on_triangle(rods, tendons, rod_length_m, rest_length_m * (1 - stretch_over_length), base_side_m)
+
+
+def _on_triangle(
+    rods: Sequence[tuple[int, int]],
+    tendons: Sequence[tuple[int, int]],
+    rod_length_m: ArrayLike,
+    natural_length_m: ArrayLike,
+    side_m: float,
+) -> Structure:
+    """Anchor nodes 0, 1, 2 to an equilateral triangle in the plane z = 0, node 0 at the origin, 1 on the x axis."""
+    triangle = side_m * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, np.sqrt(3) / 2, 0.0]])
+    return Structure(
+        np.array(rods), np.array(tendons), np.array(rod_length_m), np.array(natural_length_m), np.arange(3), triangle
+    )
+
+
+def _node_pairs(name: str, value: ArrayLike) -> NDArray[np.int64]:
+    try:
+        pairs = np.array(value)
+    except ValueError as error:
+        raise InputError(f"{name}: expected pairs of nodes, got rows of unequal length") from error
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or len(pairs) == 0 or not np.issubdtype(pairs.dtype, np.integer):
+        raise InputError(f"{name}: expected pairs of node numbers, got an array of shape {pairs.shape} ({pairs.dtype})")
+    return pairs.astype(np.int64)
+
+
+def _positive(name: str, value: ArrayLike, count: int) -> NDArray[np.float64]:
+    array = np.array(value, dtype=np.float64)
+    if array.shape not in ((), (count,)):
+        raise InputError(f"{name}: expected one number or {count}, got {array.size}")
+    array = np.broadcast_to(array, (count,)).copy()
+    for index in np.flatnonzero(~(np.isfinite(array) & (array > 0))):
+        raise InputError(f"{name}[{index}]: expected a positive, finite length, got {array[index]}")
+    return array
+
+
+def _anchor_positions(value: ArrayLike, count: int) -> NDArray[np.float64]:
+    position = np.array(value, dtype=np.float64)
+    if position.shape != (count, 3) or not np.isfinite(position).all():
+        raise InputError(f"anchor_position_m: expected {count} finite rows of x, y, z, got shape {position.shape}")
+    spread = np.linalg.svd(position - position.mean(axis=0), compute_uv=False)
+    if spread[1] < 1e-3 * max(spread[0], 1e-9):
+        raise InputError("anchor_position_m: the anchors lie on one line: expected a triangle, so that nothing turns")
+    return position
+
+
+def _check_topology(rods: NDArray[np.int64], tendons: NDArray[np.int64], anchors: NDArray[np.int64]) -> None:
+    """Refuse what is not a tensegrity of disjoint rods held by tendons on at least three anchors."""
+    node_count = int(rods.max()) + 1
+    for name, pairs in (("rod", rods), ("tendon", tendons)):
+        for index, (a, b) in enumerate(pairs):
+            if not (0 <= a < node_count and 0 <= b < node_count):
+                raise InputError(f"{name} {index} ({a}-{b}): node out of range: expected 0 to {node_count - 1}")
+            if a == b:
+                raise InputError(f"{name} {index} ({a}-{b}): expected two different nodes")
+    nodes, uses = np.unique(rods, return_counts=True)
+    for node in nodes[uses > 1]:
+        raise InputError(f"node {node}: is on {uses[nodes == node][0]} rods: expected at most one")
+    rod_of = {frozenset(pair): index for index, pair in enumerate(rods.tolist())}
+    tendon_of: dict[frozenset[int], int] = {}
+    for index, (a, b) in enumerate(tendons.tolist()):
+        pair = frozenset((a, b))
+        if pair in rod_of:
+            raise InputError(f"tendon {index} ({a}-{b}): is also rod {rod_of[pair]}")
+        if pair in tendon_of:
+            raise InputError(f"tendon {index} ({a}-{b}): joins the same nodes as tendon {tendon_of[pair]}")
+        tendon_of[pair] = index
+    for node in np.setdiff1d(np.arange(node_count), tendons):
+        raise InputError(f"node {node}: no tendon holds it")
+    if len(anchors) < 3:
+        raise InputError(f"anchors: expected at least 3 nodes of known position, got {len(anchors)}")
+    for index, node in enumerate(anchors):
+        if not 0 <= node < node_count:
+            raise InputError(f"anchors[{index}]: node {node} out of range: expected 0 to {node_count - 1}")
+        if node in anchors[:index]:
+            raise InputError(f"anchors[{index}]: node {node} is named twice")

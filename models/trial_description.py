@@ -1,0 +1,280 @@
+"""A trial's description: what trial.toml says, checked, and given its meaning."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .evaluation.truth import Fault
+from .sensor.divider import Divider
+from .structure.statics import Mechanics
+from .structure.structure import Structure
+from .values.errors import InputError
+from .values.tables import AtLeastOne, NotNegative, Positive, parse_table, unknown_keys
+
+
+@dataclass(frozen=True, slots=True)
+class StructureTable:
+    """`[structure]`, see `Structure`."""
+
+    rods: list[tuple[int, int]]
+    tendons: list[tuple[int, int]]
+    rod_length_m: float | list[float]
+    natural_length_m: float | list[float]
+    anchors: list[int]
+    anchor_position_m: list[tuple[float, float, float]]
+
+    def structure(self) -> Structure:
+        """Return the structure.
+
+        Raises:
+            InputError: when it is none.
+        """
+        return Structure(
+            np.array(self.rods),
+            np.array(self.tendons),
+            np.array(self.rod_length_m),
+            np.array(self.natural_length_m),
+            np.array(self.anchors),
+            np.array(self.anchor_position_m),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MechanicsTable:
+    """`[mechanics]`: what the equilibrium of forces needs."""
+
+    tendon_stiffness_n_per_m: Positive | list[Positive]
+    rod_mass_kg: NotNegative
+    push_back: NotNegative = 0.02
+    """Stiffness of a bent tendon over that of a stretched one: a strip that bows out pushes with a few per cent."""
+
+
+@dataclass(frozen=True, slots=True)
+class RestTable:
+    """`[rest]`: the structure stands unloaded for so long at the start, where it may have been measured."""
+
+    seconds: NotNegative = 0.0
+    node_position_m: list[tuple[float, float, float]] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AdcTable:
+    """`[adc]`, see `Divider`."""
+
+    bits: int
+    known_resistor_ohm: Positive
+    sensor_side: Literal["ground", "supply"]
+    supply_volt: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SensorsTable:
+    """`[sensors]`: the resistance of each sensor at its natural length."""
+
+    natural_resistance_ohm: list[Positive]
+
+
+@dataclass(frozen=True, slots=True)
+class BoardTable:
+    """`[[board]]`: one recording of one board, and the tendon wired to each of its channels."""
+
+    file: str
+    tendon_of_channel: list[int]
+    board_id: str | int | None = None
+    firmware: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LinkTable:
+    """`[link]`: how the boards are read."""
+
+    baud: AtLeastOne = 500_000
+    """That of our firmware."""
+    ports: list[str] = field(default_factory=list)
+    """Where to look for boards; none: on every USB serial port."""
+
+
+@dataclass(frozen=True, slots=True)
+class FileTable:
+    """`[resistance]` or `[lengths]`: one file that stands in for the boards."""
+
+    file: str
+
+
+@dataclass(frozen=True, slots=True)
+class FaultTable:
+    """`[[truth.fault]]`: evaluation only."""
+
+    kind: str
+    from_s: float
+    until_s: float
+    tendon: int | None = None
+    board: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TruthTable:
+    """`[truth]`: evaluation only, never an input to an estimator."""
+
+    file: str
+    loads: str | None = None
+    fault: list[FaultTable] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class TrialTable:
+    """trial.toml as it stands."""
+
+    structure: StructureTable
+    format: Literal[1] = 1
+    name: str | None = None
+    kind: str | None = None
+    provenance: str | None = None
+    recorded_utc: str | None = None
+    mechanics: MechanicsTable | None = None
+    rest: RestTable = field(default_factory=RestTable)
+    adc: AdcTable | None = None
+    sensors: SensorsTable | None = None
+    board: list[BoardTable] = field(default_factory=list)
+    link: LinkTable = field(default_factory=LinkTable)
+    resistance: FileTable | None = None
+    lengths: FileTable | None = None
+    truth: TruthTable | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrialDescription:
+    """What is known of a trial before its first reading."""
+
+    structure: Structure
+    mechanics: Mechanics | None
+    """Nominal, where the trial gives it: without it the balance of forces is not used."""
+    rest_seconds: float
+    rest_position_m: NDArray[np.float64] | None
+    """(nodes, 3) the measured rest shape, if there is one."""
+    source: Literal["counts", "resistance", "lengths"]
+    """In what form its measurements come."""
+    natural_resistance_ohm: NDArray[np.float64]
+    """(tendons,) R0; empty when lengths come."""
+    divider: Divider | None
+    """When counts come."""
+    tendons_of_board: tuple[NDArray[np.int64], ...]
+    """The tendon of each channel, board by board."""
+    ignored_keys: tuple[str, ...]
+    """What trial.toml says that nothing here reads."""
+
+
+def describe_trial(table: Mapping[str, Any], where: str) -> tuple[TrialTable, TrialDescription]:
+    """Return trial.toml as a table and as a description.
+
+    Args:
+        table: the parsed file.
+        where: its name, for errors.
+
+    Raises:
+        InputError: naming file and key.
+    """
+    parsed = parse_table(TrialTable, table, where)
+    try:
+        return parsed, _describe(parsed, tuple(unknown_keys(TrialTable, table)))
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+
+
+def known_faults(truth: TruthTable, trial: TrialDescription, where: str) -> tuple[Fault, ...]:
+    """Return the faults that a trial names, with the tendons they spoil. Evaluation only.
+
+    Raises:
+        InputError: for a tendon or board that is not there, or an interval that ends before it begins.
+    """
+    tendons, boards = len(trial.structure.tendons), len(trial.tendons_of_board)
+    faults = []
+    for index, fault in enumerate(truth.fault):
+        name = f"{where}: truth.fault[{index}]"
+        if fault.until_s < fault.from_s:
+            raise InputError(f"{name}: expected until_s at from_s = {fault.from_s} or later, got {fault.until_s}")
+        if fault.tendon is not None and fault.board is None:
+            if not 0 <= fault.tendon < tendons:
+                raise InputError(f"{name}.tendon: expected a tendon from 0 to {tendons - 1}, got {fault.tendon}")
+            place, spoilt = f"tendon {fault.tendon}", np.array([fault.tendon])
+        elif fault.board is not None and fault.tendon is None:
+            if not 0 <= fault.board < boards:
+                raise InputError(f"{name}.board: expected one of the trial's {boards} boards, got {fault.board}")
+            place, spoilt = f"board {fault.board}", trial.tendons_of_board[fault.board]
+        else:
+            raise InputError(f"{name}: expected either tendon or board")
+        faults.append(Fault(fault.kind, place, spoilt, fault.from_s, fault.until_s))
+    return tuple(faults)
+
+
+def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescription:
+    structure = table.structure.structure()
+    given = [name for name in ("board", "resistance", "lengths") if getattr(table, name)]
+    if len(given) != 1:
+        raise InputError(f"expected one of [[board]], [resistance], [lengths], got {', '.join(given) or 'none'}")
+    source: Literal["counts", "resistance", "lengths"] = "counts"
+    if table.resistance or table.lengths:
+        source = "resistance" if table.resistance else "lengths"
+    return TrialDescription(
+        structure,
+        _mechanics(table.mechanics, structure) if table.mechanics else None,
+        table.rest.seconds,
+        _rest_position(table.rest, structure),
+        source,
+        _natural_resistance(table, len(structure.tendons)) if source != "lengths" else np.empty(0),
+        _divider(table) if source == "counts" else None,
+        _wiring(table.board, len(structure.tendons)) if source == "counts" else (),
+        ignored_keys,
+    )
+
+
+def _mechanics(table: MechanicsTable, structure: Structure) -> Mechanics:
+    stiffness, tendons = np.array(table.tendon_stiffness_n_per_m), len(structure.tendons)
+    if stiffness.shape not in ((), (tendons,)) or not np.isfinite(stiffness).all():
+        raise InputError(
+            f"mechanics.tendon_stiffness_n_per_m: expected one finite number or {tendons}, got {stiffness.size}"
+        )
+    stiffness = np.broadcast_to(stiffness, (tendons,)).copy()
+    return Mechanics(stiffness, structure.natural_length_m, table.rod_mass_kg, table.push_back)
+
+
+def _rest_position(rest: RestTable, structure: Structure) -> NDArray[np.float64] | None:
+    if rest.node_position_m is None:
+        return None
+    position = np.array(rest.node_position_m)
+    if position.shape != (structure.node_count, 3) or not np.isfinite(position).all():
+        raise InputError(
+            f"rest.node_position_m: expected {structure.node_count} finite rows of x, y, z, got shape {position.shape}"
+        )
+    return position
+
+
+def _natural_resistance(table: TrialTable, tendons: int) -> NDArray[np.float64]:
+    if table.sensors is None:
+        raise InputError("sensors.natural_resistance_ohm: is missing")
+    resistance = np.array(table.sensors.natural_resistance_ohm)
+    if len(resistance) != tendons or not np.isfinite(resistance).all():
+        raise InputError(f"sensors.natural_resistance_ohm: expected {tendons} finite numbers, got {len(resistance)}")
+    return resistance
+
+
+def _divider(table: TrialTable) -> Divider:
+    if table.adc is None:
+        raise InputError("adc: is missing")
+    return Divider(table.adc.bits, table.adc.known_resistor_ohm, table.adc.sensor_side)
+
+
+def _wiring(boards: list[BoardTable], tendons: int) -> tuple[NDArray[np.int64], ...]:
+    wired: dict[int, str] = {}
+    for b, board in enumerate(boards):
+        for channel, tendon in enumerate(board.tendon_of_channel):
+            here = f"board[{b}].tendon_of_channel[{channel}]"
+            if not 0 <= tendon < tendons:
+                raise InputError(f"{here}: expected a tendon from 0 to {tendons - 1}, got {tendon}")
+            if tendon in wired:
+                raise InputError(f"{here}: tendon {tendon} is wired to {wired[tendon]} already")
+            wired[tendon] = here
+    return tuple(np.array(board.tendon_of_channel, dtype=np.int64) for board in boards)

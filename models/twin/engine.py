@@ -1,0 +1,111 @@
+"""The mechanical twin: the engine that moves a structure under loads (MuJoCo)."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..structure.rigidity import find_rest_shape
+from ..values.errors import TensegraphError
+from .loads import Loads
+from .mjcf import Body, mjcf
+
+SETTLED_M_PER_S = 1e-6
+"""A structure at rest: a node that still moves this fast for the rest seconds moves by a few micrometres."""
+SETTLING_S = 300.0
+"""How long to wait for that; the examples take 2 to 4 s."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """What the structure did."""
+
+    t_s: NDArray[np.float64]
+    """(steps,)"""
+    node_position_m: NDArray[np.float64]
+    """(steps, nodes, 3)"""
+    load_n: NDArray[np.float64]
+    """(steps, nodes, 3) external force at each node, gravity and the ground's left out."""
+
+
+class Twin:
+    """One structure, its state, and the engine that moves it.
+
+    Args:
+        body: what it is made of.
+        step_s: of the integration.
+        node_position_m: (nodes, 3) where it starts, at rest; the shape of least tendon energy if None.
+    """
+
+    def __init__(self, body: Body, step_s: float, node_position_m: NDArray[np.float64] | None = None) -> None:
+        try:
+            import mujoco  # half a second
+        except ImportError as error:
+            raise TensegraphError("the twin needs MuJoCo: pip install 'tensegraph[twin]'") from error
+        start_m = find_rest_shape(body.structure) if node_position_m is None else node_position_m
+        self._engine: Any = mujoco
+        self._model = mujoco.MjModel.from_xml_string(mjcf(body, start_m, step_s))
+        self._data = mujoco.MjData(self._model)
+        self._site = np.array([self._model.site(f"n{node}").id for node in range(body.structure.node_count)])
+        self._body = self._model.site_bodyid[self._site]
+        self._step_s = step_s
+        mujoco.mj_forward(self._model, self._data)
+
+    @property
+    def node_position_m(self) -> NDArray[np.float64]:
+        """(nodes, 3) where the nodes are."""
+        return np.array(self._data.site_xpos[self._site])
+
+    def settle(self) -> None:
+        """Wait, without loads, until nothing moves.
+
+        Raises:
+            TensegraphError: when it does not come to rest.
+        """
+        period = max(round(0.1 / self._step_s), 1)
+        before = self.node_position_m
+        for _ in range(round(SETTLING_S / self._step_s / period)):
+            self._engine.mj_step(self._model, self._data, period)
+            self._check_stable()
+            now = self.node_position_m
+            if np.abs(now - before).max() < SETTLED_M_PER_S * period * self._step_s:
+                break
+            before = now
+        else:
+            raise TensegraphError(f"the structure does not come to rest in {SETTLING_S:g} s: try more drag")
+        self._data.qvel[:] = 0.0
+        self._engine.mj_forward(self._model, self._data)
+
+    def run(self, loads: Loads, steps: int) -> Motion:
+        """Return what happens under the loads from now on, which is t = 0."""
+        position_m = np.empty((steps, len(self._site), 3))
+        load_n = np.empty_like(position_m)
+        for k in range(steps):
+            position_m[k] = self.node_position_m
+            load_n[k] = loads.force_n(k * self._step_s, position_m[k])
+            self._push(load_n[k], position_m[k])
+            self._engine.mj_step(self._model, self._data)
+        self._check_stable()
+        return Motion(self._step_s * np.arange(steps, dtype=np.float64), position_m, load_n)
+
+    def _check_stable(self) -> None:
+        """Refuse what the engine would only log: it starts anew when the numbers run away.
+
+        Raises:
+            TensegraphError: when they did.
+        """
+        kinds = self._engine.mjtWarning
+        bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
+        if any(self._data.warning[kind].number for kind in bad):
+            raise TensegraphError("the motion runs away from the integration: expected a smaller step_s")
+
+    def _push(self, force_n: NDArray[np.float64], position_m: NDArray[np.float64]) -> None:
+        """Apply node forces as MuJoCo takes them: force and moment about each body's centre of mass."""
+        wrench = self._data.xfrc_applied
+        wrench[:] = 0.0
+        for node in np.flatnonzero(force_n.any(axis=1)):
+            body = self._body[node]
+            arm_m = position_m[node] - self._data.xipos[body]
+            wrench[body, :3] += force_n[node]
+            wrench[body, 3:] += np.cross(arm_m, force_n[node])

@@ -1,0 +1,122 @@
+"""External loads on the twin: presses, squeezes, holds and random ones, as forces on nodes over time.
+
+Each grows from zero to its force F in the ramp time r, is held for h, and fades as it came:
+
+    F(t) = F (1 - cos(pi t / r)) / 2        0 <= t < r
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..values.tables import AtLeastOne, NotNegative, Positive
+
+
+@dataclass(frozen=True, slots=True)
+class Press:
+    """`[[load.press]]`: a force of fixed direction on some nodes."""
+
+    at_s: NotNegative
+    """When it begins."""
+    ramp_s: Positive
+    hold_s: NotNegative
+    nodes: list[int]
+    """Each of them is pressed with the whole force."""
+    force_n: Positive
+    direction: tuple[float, float, float]
+    """Its length does not matter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Squeeze:
+    """`[[load.squeeze]]`: two nodes are pushed towards each other, wherever they are."""
+
+    at_s: NotNegative
+    ramp_s: Positive
+    hold_s: NotNegative
+    nodes: tuple[int, int]
+    force_n: Positive
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """`[[load.hold]]`: a press that does not end."""
+
+    at_s: NotNegative
+    ramp_s: Positive
+    nodes: list[int]
+    force_n: Positive
+    direction: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class RandomPresses:
+    """`[[load.random]]`: presses one after another, each drawn evenly from these ranges by the seed."""
+
+    from_s: NotNegative
+    until_s: Positive
+    pause_s: tuple[NotNegative, NotNegative]
+    """Least and longest time between two."""
+    duration_s: tuple[Positive, Positive]
+    """From beginning to end."""
+    ramp_share: Positive
+    """Of the duration that each ramp takes."""
+    nodes: list[int]
+    """Those that may be pressed."""
+    together: tuple[AtLeastOne, AtLeastOne]
+    """Fewest and most nodes pressed at once; each has its own force and direction."""
+    force_n: tuple[Positive, Positive]
+    direction: tuple[float, float, float]
+    """The mean direction; zero: none."""
+    direction_sigma: tuple[NotNegative, NotNegative, NotNegative]
+    """How far a direction differs from it, normally distributed per axis."""
+
+    def draw(self, rng: np.random.Generator) -> list[Press]:
+        """Return the presses that one seed makes of it."""
+        presses: list[Press] = []
+        at_s = self.from_s + rng.uniform(*self.pause_s)
+        while at_s + (duration_s := rng.uniform(*self.duration_s)) < self.until_s:
+            ramp_s = self.ramp_share * duration_s
+            for node in rng.choice(self.nodes, rng.integers(*self.together, endpoint=True), replace=False):
+                x, y, z = rng.normal(self.direction, self.direction_sigma)
+                force_n = rng.uniform(*self.force_n)
+                presses.append(Press(at_s, ramp_s, duration_s - 2 * ramp_s, [int(node)], force_n, (x, y, z)))
+            at_s += duration_s + rng.uniform(*self.pause_s)
+        return presses
+
+
+class Loads:
+    """The force on every node at any time."""
+
+    def __init__(self, loads: Sequence[Press | Squeeze | Hold], node_count: int) -> None:
+        self._shape = (node_count, 3)
+        self._fixed = [load for load in loads if not isinstance(load, Squeeze)]
+        self._full_n = np.zeros((len(self._fixed), *self._shape))
+        for full_n, load in zip(self._full_n, self._fixed, strict=True):
+            full_n[load.nodes] = load.force_n * np.array(load.direction) / np.linalg.norm(load.direction)
+        self._squeezes = [load for load in loads if isinstance(load, Squeeze)]
+
+    def force_n(self, t_s: float, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (nodes, 3) forces at a time, when the nodes are at (nodes, 3)."""
+        force_n = np.zeros(self._shape)
+        for load, full_n in zip(self._fixed, self._full_n, strict=True):
+            if share := share_of(load, t_s):
+                force_n += share * full_n
+        for squeeze in self._squeezes:
+            if share := share_of(squeeze, t_s):
+                a, b = squeeze.nodes
+                between = node_position_m[b] - node_position_m[a]
+                push_n = share * squeeze.force_n * between / np.linalg.norm(between)
+                force_n[a] += push_n
+                force_n[b] -= push_n
+        return force_n
+
+
+def share_of(load: Press | Squeeze | Hold, t_s: float) -> float:
+    """Return which share of its force a load has at a time, from 0 to 1."""
+    since_s = t_s - load.at_s
+    left_s = np.inf if isinstance(load, Hold) else 2 * load.ramp_s + load.hold_s - since_s
+    ramp = min(since_s, left_s, load.ramp_s) / load.ramp_s
+    return float((1 - np.cos(np.pi * ramp)) / 2) if ramp > 0 else 0.0
