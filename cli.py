@@ -32,7 +32,6 @@ from .live.feeds import Feed, Rig, boards_feed, replay_feed, twin_feed
 from .live.panel import BesideTheRig, Panel, ports_table, shown
 from .live.session import Activity, LiveResult, Session, stopped_by_signals
 from .models.calibration.recipe import TrainingSettings
-from .models.sensor.resistance import Boards
 from .models.sensor.sensor_model import SensorModel
 from .models.settings import Settings
 from .models.structure.reconstruction import Reconstruction
@@ -228,7 +227,7 @@ def record(
     """
     check_trial_path(out)
     setup, settings = Rig.read(rig), Settings()
-    boards, activity = Boards(setup.description, settings.clock), Activity(len(setup.table.board))
+    boards, activity = setup.description.boards(settings.clock), Activity(len(setup.table.board))
     with boards_feed(setup, port or [], out, settings, read_sensor_model(model), BesideTheRig(console)) as feed:
         screen = Panel(f"recording {out}, Ctrl-C ends it", activity, lambda: boards.counts, feed.state)
         with stopped_by_signals(feed.source), shown(screen, console):

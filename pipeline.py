@@ -18,7 +18,6 @@ from .io.result import result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
 from .models.sensor.frames import FrameAssembler
 from .models.sensor.front_end import FrontEnd
-from .models.sensor.resistance import Boards
 from .models.sensor.sensor_model import SensorModel
 from .models.settings import Settings
 from .models.structure.reconstruction import Reconstruction
@@ -56,7 +55,7 @@ class Pipeline:
         self.trial, self.settings = trial, settings
         rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, settings.rest)
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
-        self.boards = Boards(trial, settings.clock) if trial.source == "counts" else None
+        self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
         self._frames = FrameAssembler(
             trial.natural_resistance_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate
         )

@@ -13,11 +13,12 @@ from ..io.figures.calibration_figures import write_calibration_figures, write_sw
 from ..io.model_card import CalibrationReport
 from ..io.model_file import write_sensor_model
 from ..io.recording_files import read_recordings
+from ..models.calibration.bending_fit import fit_bending
 from ..models.calibration.calibrated_model import calibrate_model
 from ..models.calibration.recipe import Trained, TrainingSettings
 from ..models.calibration.recordings import Recording, Split
-from ..models.calibration.test_rig import Rig
-from ..models.sensor.bending import BendingCurve, fit_bending
+from ..models.calibration.strip_rig import StripRig
+from ..models.sensor.bending import BendingCurve
 
 SWEEP = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0)
 """Learning rates tried."""
@@ -29,7 +30,7 @@ COLUMNS = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), 
 def calibrate_folder(
     folder: Path,
     paths: CalibrationPaths,
-    rig: Rig,
+    rig: StripRig,
     settings: TrainingSettings,
     hold_out: Sequence[str] | None,
     hold_out_tail: float | None,
@@ -98,10 +99,12 @@ def _sweep(split: Split, curve: BendingCurve, settings: TrainingSettings, consol
     return losses
 
 
-def _command(rig: Rig, settings: TrainingSettings, hold_out: Sequence[str] | None, hold_out_tail: float | None) -> str:
+def _command(
+    rig: StripRig, settings: TrainingSettings, hold_out: Sequence[str] | None, hold_out_tail: float | None
+) -> str:
     """Return the command that makes the same model again; where from and where to does not change the model."""
     words = ["tensegraph calibrate FOLDER --out MODEL"]
-    words += ["--rig RIG.toml"] if rig != Rig() else []
+    words += ["--rig RIG.toml"] if rig != StripRig() else []
     words += [f"--hold-out '{pattern}'" for pattern in hold_out or ()]
     words += [f"--hold-out-tail {hold_out_tail:g}"] if hold_out_tail is not None else []
     words += ["--unified"] if settings.unified else []

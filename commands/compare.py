@@ -12,8 +12,11 @@ from ..io.figures.evaluation_figures import write_comparison_figure
 from ..io.result import result_directory
 from ..io.trial_directory import Trial
 from ..models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow
-from ..models.evaluation.metrics import coverage, evaluate, shape_errors
-from ..models.evaluation.truth import Estimate, Evaluation, Truth
+from ..models.evaluation.consistency import coverage
+from ..models.evaluation.estimate import Estimate
+from ..models.evaluation.evaluation import Evaluation
+from ..models.evaluation.metrics import evaluate, shape_errors
+from ..models.evaluation.truth import Truth
 from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction

@@ -14,8 +14,10 @@ from ..io.figures.evaluation_figures import write_errors_figure, write_heights_f
 from ..io.positions import read_positions
 from ..io.result import RUN_FILE, read_estimate, read_run, result_directory
 from ..io.trial_directory import Trial, open_trial
-from ..models.evaluation.metrics import CLEAR_LOAD_N, evaluate
-from ..models.evaluation.truth import Errors, Evaluation, FaultScore, Regime, Truth
+from ..models.evaluation.evaluation import Errors, Evaluation, FaultScore, Regime
+from ..models.evaluation.load_score import CLEAR_LOAD_N
+from ..models.evaluation.metrics import evaluate
+from ..models.evaluation.truth import Truth
 from ..models.settings import Settings
 from ..models.values.errors import InputError
 from ..models.values.tables import parse_table
@@ -24,7 +26,7 @@ EVALUATION_FILE = "evaluation.json"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Score:
+class ScoredResult:
     """One result, evaluated."""
 
     result: Path
@@ -60,7 +62,7 @@ class Score:
         return names | numbers
 
 
-def write_score(score: Score, path: Path) -> None:
+def write_score(score: ScoredResult, path: Path) -> None:
     """Write an evaluation directory, its numbers and figures, whole or not at all."""
     with result_directory(path, EVALUATION_FILE) as directory:
         (directory / EVALUATION_FILE).write_text(as_text(score.as_json()), encoding="utf-8")
@@ -75,7 +77,7 @@ def as_text(numbers: object) -> str:
     return json.dumps(numbers, indent=2, allow_nan=False) + "\n"
 
 
-def score_result(path: Path, truth: Path | None, trial: Path | None, *, align: bool) -> Score:
+def score_result(path: Path, truth: Path | None, trial: Path | None, *, align: bool) -> ScoredResult:
     """Evaluate a result directory.
 
     Args:
@@ -109,7 +111,7 @@ def score_result(path: Path, truth: Path | None, trial: Path | None, *, align: b
         )
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    return Score(path, opened.name, str(run.get("method", "method not stated")), evaluation)
+    return ScoredResult(path, opened.name, str(run.get("method", "method not stated")), evaluation)
 
 
 def _trial_of(run: dict[str, Any], path: Path, trial: Path | None) -> Trial:

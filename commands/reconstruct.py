@@ -1,16 +1,14 @@
 """What a run says of itself: the table on the screen, and run.toml."""
 
-import os
-import platform
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
+from ..io.provenance import relative_path, versions
 from ..io.trial_directory import Trial
 from ..models.evaluation.metrics import node_rmse_m
 from ..models.settings import Settings
@@ -74,7 +72,7 @@ class Run:
         """
         return {
             "trial": self.trial.name,
-            "trial_path": way(path, self.trial.path),
+            "trial_path": relative_path(path, self.trial.path),
             "method": self.method,
             "rest_shape": self.pipeline.rest.source,
             "frames": len(self.reconstruction),
@@ -108,17 +106,6 @@ class Run:
                 counts[f"board {board}: {name.replace('_', ' ')}"] = n if name != "rows" else 0
         counts |= {"half lines": self.trial.half_lines, "dropped rows": self.trial.dropped_rows}
         return {name: n for name, n in counts.items() if n}
-
-
-def versions(solver: str = "gtsam") -> dict[str, str]:
-    """Return the versions of what made a result, or with torch for solver, a model."""
-    packages = ("tensegraph", solver, "numpy", "scipy")
-    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
-
-
-def way(start: Path, end: Path) -> str:
-    """Return the way from one directory to another: relative, so that both may be moved together."""
-    return Path(os.path.relpath(end.resolve(), start.resolve())).as_posix()
 
 
 def rest_balance(rest: RestShape) -> list[tuple[str, str]]:

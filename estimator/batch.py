@@ -19,7 +19,7 @@ from .graph import GraphBuilder, status_of
 from .smoother import LiveSmoother
 from .uncertainty import FrameEvidence
 
-MAX_ITERATIONS = 50
+MAX_BATCH_ITERATIONS = 50
 RELATIVE_DECREASE = 1e-3
 PUSH_S = 0.12
 """Standard deviation of the Gaussian that averages loads: 0.3 s at half its height, as a push takes to build up."""
@@ -110,7 +110,7 @@ def _optimize(
     would creep for a hundred iterations after a part in 1e5 of it, a tenth of one standard deviation of one length.
     """
     error, damping = graph.error(values), 0.0
-    for iteration in range(MAX_ITERATIONS):
+    for iteration in range(MAX_BATCH_ITERATIONS):
         linear, before = graph.linearize(values), error
         while damping <= MAX_DAMPING:
             moved = values.retract(_damped(linear, values, damping).optimize())

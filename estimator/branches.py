@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.settings import BranchSettings
+from ..models.estimation import BranchSettings
 from ..models.structure.rigidity import branch, free_length_jacobian
 from ..models.structure.shape import OtherShape, Shape, Status
 from ..models.values.readings import TendonLengths

@@ -14,7 +14,7 @@ from ..factors.motion import constant_velocity_factors, still_factors
 from ..factors.rod import rod_factors
 from ..factors.shape_prior import shape_prior_factors
 from ..factors.tendon import tendon_factors
-from ..models.settings import NoiseSettings
+from ..models.estimation import NoiseSettings
 from ..models.structure.lengths import length_jacobian
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.rigidity import SINGULAR
@@ -24,7 +24,7 @@ from ..models.structure.structure import Structure
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import TendonLengths
 
-MAX_ITERATIONS = 100
+MAX_FRAME_ITERATIONS = 100
 ERROR_TOLERANCE = 1e-2
 """Of a frame's error, half a sum of squares: a seventh of one sigma of one length."""
 
@@ -80,11 +80,11 @@ class GraphBuilder:
         for key, position in zip(keys, start_m, strict=True):
             values.insertPoint3(key, position)
         parameters = gtsam.LevenbergMarquardtParams()
-        parameters.setMaxIterations(MAX_ITERATIONS)
+        parameters.setMaxIterations(MAX_FRAME_ITERATIONS)
         parameters.setAbsoluteErrorTol(ERROR_TOLERANCE)
         optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
         position = np.array(gtsam.utilities.extractPoint3(optimizer.optimize()))
-        return FrameMinimum(position, optimizer.error(), optimizer.iterations() < MAX_ITERATIONS)
+        return FrameMinimum(position, optimizer.error(), optimizer.iterations() < MAX_FRAME_ITERATIONS)
 
     def add_motion(self, graph: gtsam.NonlinearFactorGraph, frame: int, times_s: Sequence[float]) -> None:
         """Add what ties a frame to those before; the first one may stand at the rest shape, the second start from it.

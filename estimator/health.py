@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.noise import tendon_sigma_m
-from ..models.settings import HealthSettings
+from ..models.estimation import HealthSettings
 from ..models.structure.lengths import length_jacobian
 from ..models.structure.shape import Shape
 from ..models.values.readings import Flag, TendonLengths

@@ -11,20 +11,20 @@ from tensegraph.io.recording_files import read_recordings, read_rig
 from tensegraph.models.calibration.calibrated_model import LSTM, calibrate_model
 from tensegraph.models.calibration.recipe import TrainingSettings
 from tensegraph.models.calibration.recordings import Recording, Split
-from tensegraph.models.calibration.strip_scores import Score
+from tensegraph.models.calibration.strip_scores import StripScore
 from tensegraph.models.calibration.training import train
 from tensegraph.models.sensor.bending import BendingCurve
 
 OTHER_MIX = "1_10_*"
 
 
-def scores(split: Split, settings: TrainingSettings) -> dict[str, list[tuple[str, Score]]]:
+def scores(split: Split, settings: TrainingSettings) -> dict[str, list[tuple[str, StripScore]]]:
     """Return each estimator's scores, recording by recording."""
     calibration = calibrate_model(split, train(split, BendingCurve(), settings), None, settings)
-    return {name: [(run.name, Score.of([run])) for run in runs] for name, runs in calibration.runs.items()}
+    return {name: [(run.name, StripScore.of([run])) for run in runs] for name, runs in calibration.runs.items()}
 
 
-def show(found: dict[str, list[tuple[str, Score]]]) -> int:
+def show(found: dict[str, list[tuple[str, StripScore]]]) -> int:
     """Print a line for each recording; return on how many the network has the least error."""
     wins = 0
     for k, (name, _) in enumerate(found[LSTM]):

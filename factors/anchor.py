@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import gtsam
 
-from ..models.settings import NoiseSettings
+from ..models.estimation import NoiseSettings
 from ..models.structure.structure import Structure
 from .noise import isotropic
 

@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.settings import NoiseSettings
+from ..models.estimation import NoiseSettings
 from ..models.values.readings import Flag, Mode, TendonLengths
 
 KERNELS = {

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
-from ..models.settings import NoiseSettings
+from ..models.estimation import NoiseSettings
 from ..models.structure.structure import Structure
 from ..models.values.readings import TendonLengths
 from .noise import tendon_noises, tendon_sigma_m

@@ -1,18 +1,16 @@
 """What a calibration says of itself: the table on the screen, the model card, the model's metadata."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 from rich.table import Table
 
-from ..commands.reconstruct import versions
+from ..models.calibration.bending_fit import BendingFit
 from ..models.calibration.calibrated_model import LSTM, Calibration
-from ..models.calibration.strip_scores import Score, by_speed
-from ..models.calibration.test_rig import Rig
-from ..models.sensor.bending import BendingFit
-from ..models.sensor.sensor_model import SensorModel
+from ..models.calibration.strip_rig import StripRig
+from ..models.calibration.strip_scores import StripScore, by_speed
+from ..models.sensor.sensor_model import SensorModel, TrainedRanges
+from .provenance import versions
 from .recording_files import RecordingFolder, rig_text
 
 
@@ -22,7 +20,7 @@ class CalibrationReport:
 
     calibration: Calibration
     folder: RecordingFolder
-    rig: Rig
+    rig: StripRig
     """That recorded it."""
     command: str
     """That makes the same model again."""
@@ -30,26 +28,28 @@ class CalibrationReport:
     """Of the whole run."""
 
     def model(self) -> SensorModel:
-        """Return the model with scores, data and versions in its metadata."""
+        """Return the model with scores, data and versions in its provenance."""
         scores = {
-            name: {run.name: asdict(Score.of([run])) for run in runs} for name, runs in self.calibration.runs.items()
+            name: {run.name: asdict(StripScore.of([run])) for run in runs}
+            for name, runs in self.calibration.runs.items()
         }
-        metadata = dict(self.calibration.model.metadata) | {
-            "held_out": scores.pop(LSTM),
-            "baselines": scores,
-            "split": self.calibration.split.how,
-            "data_sha256": self.folder.sha256,
-            "command": self.command,
-            "versions": versions("torch"),
-        }
-        return replace(self.calibration.model, metadata=metadata)
+        provenance = replace(
+            self.calibration.model.provenance,
+            held_out=scores.pop(LSTM),
+            baselines=scores,
+            split=self.calibration.split.how,
+            data_sha256=self.folder.sha256,
+            command=self.command,
+            versions=versions("torch"),
+        )
+        return replace(self.calibration.model, provenance=provenance)
 
-    def scores_by_speed(self) -> dict[str, dict[str, Score]]:
+    def scores_by_speed(self) -> dict[str, dict[str, StripScore]]:
         """Return scores by group of recordings, then by estimator."""
-        groups: dict[str, dict[str, Score]] = {}
+        groups: dict[str, dict[str, StripScore]] = {}
         for name, runs in self.calibration.runs.items():
             for group, some in [*by_speed(runs).items(), ("all held out", list(runs))]:
-                groups.setdefault(group, {})[name] = Score.of(some)
+                groups.setdefault(group, {})[name] = StripScore.of(some)
         return groups
 
     def verdict(self) -> str:
@@ -59,7 +59,9 @@ class CalibrationReport:
         everything = self.scores_by_speed()["all held out"]
         best = min(everything, key=lambda name: everything[name].rmse)
         names = [run.name for run in self.calibration.runs[LSTM]]
-        rmse = {name: np.array([Score.of([run]).rmse for run in runs]) for name, runs in self.calibration.runs.items()}
+        rmse = {
+            name: np.array([StripScore.of([run]).rmse for run in runs]) for name, runs in self.calibration.runs.items()
+        }
         wins = int(np.sum(rmse[LSTM] <= np.min([rmse[name] for name in rmse], axis=0)))
         counted = f"best on {wins} of {len(names)} held-out recordings"
         if best == LSTM:
@@ -81,7 +83,7 @@ class CalibrationReport:
             ("Errors on recordings held out", self._error_lines()),
             ("Sigma", self._sigma_lines()),
             ("Bending", _bending_lines(self.calibration.bending)),
-            ("Ranges", _range_lines(self.calibration.model.metadata["ranges"])),
+            ("Ranges", _range_lines(self.calibration.model.ranges)),
             ("Data", self._data_lines()),
             ("To make it again", self._again_lines()),
         ]
@@ -110,19 +112,18 @@ class CalibrationReport:
             *(
                 f"| {run.name} | {' | '.join(_cells(score))} | {score.correlation_s:.1f} s | {score.beyond:.0%} |"
                 for run in self.calibration.runs[LSTM]
-                for score in [Score.of([run])]
+                for score in [StripScore.of([run])]
             ),
         ]
 
     def _sigma_lines(self) -> list[str]:
-        metadata = self.calibration.model.metadata
-        (b, p), spread = metadata["sigma_scale"], metadata["spread"]
+        scale, gauge = self.calibration.model.sigma_scale, self.calibration.model.gauge
         return [
             "The network's sigma is multiplied by b s^p, s being the strain's spread over the last 30 s: "
-            f"b = {b:.3f}, p = {p:.3f}, the most likely ones on the validation recordings "
+            f"b = {scale.factor:.3f}, p = {scale.power:.3f}, the most likely ones on the validation recordings "
             f"({', '.join(r.name for r in self.calibration.split.validation)}). What taring leaves unknown of a strip "
-            f"is added: gains differ by {spread['gain_sigma']:.3f} between strips, offsets by "
-            f"{spread['offset_sigma']:.4f} of dR/R."
+            f"is added: gains differ by {gauge.gain_sigma:.3f} between strips, offsets by "
+            f"{gauge.offset_sigma:.4f} of dR/R."
         ]
 
     def _data_lines(self) -> list[str]:
@@ -135,14 +136,14 @@ class CalibrationReport:
         ]
 
     def _again_lines(self) -> list[str]:
-        history, recipe = self.calibration.trained.history, self.calibration.model.metadata["recipe"]
+        history, recipe = self.calibration.trained.history, self.calibration.model.provenance.recipe
         rig = ["With RIG.toml:", "", "```toml", *rig_text(self.rig).splitlines(), "```", ""]
         return [
             "```sh",
             self.command,
             "```",
             "",
-            *(rig if self.rig != Rig() else []),
+            *(rig if self.rig != StripRig() else []),
             f"Versions: {', '.join(f'{name} {number}' for name, number in versions('torch').items())}. On one machine "
             "with these versions the model file comes out the same to the bit. Stopped after epoch "
             f"{len(history.training_loss)}, kept epoch {history.best_epoch}. It took {self.seconds:.0f} s.",
@@ -157,19 +158,19 @@ class CalibrationReport:
         return ", ".join(use for use, recordings in groups.items() if any(r.name == name for r in recordings))
 
 
-def _cells(score: Score) -> list[str]:
+def _cells(score: StripScore) -> list[str]:
     percent = f"{score.coverage_68:.0%}", f"{score.coverage_95:.1%}"
     return [f"{score.rmse:.4f}", f"{score.r2:.4f}", *percent, f"{score.median_sigma:.4f}"]
 
 
-def _range_lines(ranges: Mapping[str, Any]) -> list[str]:
+def _range_lines(ranges: TrainedRanges) -> list[str]:
     return [
-        f"- dR/R {ranges['change'][0]:.3f} to {ranges['change'][1]:.3f}; beyond, strain is extrapolated, flagged, and "
+        f"- dR/R {ranges.change[0]:.3f} to {ranges.change[1]:.3f}; beyond, strain is extrapolated, flagged, and "
         "its sigma grows with the distance",
-        f"- rate of dR/R up to {ranges['rate_per_s']:.3g} /s, of strain up to {ranges['strain_rate_per_s']:.3g} /s "
+        f"- rate of dR/R up to {ranges.rate_per_s:.3g} /s, of strain up to {ranges.strain_rate_per_s:.3g} /s "
         "(99.9 % of the training); beyond, samples are flagged, and sigma grows with the excess, and for 3 s after",
-        f"- strain 0 to {ranges['strain'][1]:.3f}",
-        f"- time steps of {ranges['step_s'][0]:g} to {ranges['step_s'][1]:g} s",
+        f"- strain 0 to {ranges.strain[1]:.3f}",
+        f"- time steps of {ranges.step_s[0]:g} to {ranges.step_s[1]:g} s",
     ]
 
 

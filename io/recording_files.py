@@ -9,7 +9,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from ..models.calibration.recordings import SETTLING_S, Recording
-from ..models.calibration.test_rig import RESISTANCE_OHM, TIME_S, Rig
+from ..models.calibration.strip_rig import RESISTANCE_OHM, TIME_S, StripRig
 from ..models.values.errors import InputError
 from ..models.values.tables import parse_table, unknown_keys
 from .csv import CsvFile
@@ -28,29 +28,29 @@ class RecordingFolder:
     """One line for each file that can not be used: which, where and why."""
 
 
-def read_rig(path: Path | None) -> Rig:
+def read_rig(path: Path | None) -> StripRig:
     """Return the rig described in a TOML file, or the default.
 
     Raises:
         InputError: for a file that can not be read, a key that is none, or a value that can not be.
     """
     if path is None:
-        return Rig()
+        return StripRig()
     table = read_toml(path)
-    for key in unknown_keys(Rig, table):
+    for key in unknown_keys(StripRig, table):
         raise InputError(f"{path}: {key}: is no key of a rig: expected columns, units, gauge_length_mm, ...")
     try:
-        return parse_table(Rig, table, str(path))
+        return parse_table(StripRig, table, str(path))
     except InputError as error:
         raise InputError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from error
 
 
-def rig_text(rig: Rig) -> str:
+def rig_text(rig: StripRig) -> str:
     """Return the TOML that `read_rig` makes this rig of."""
     return tomli_w.dumps(asdict(rig, dict_factory=lambda pairs: {k: v for k, v in pairs if v is not None}))
 
 
-def read_recordings(folder: Path, rig: Rig) -> RecordingFolder:
+def read_recordings(folder: Path, rig: StripRig) -> RecordingFolder:
     """Return all recordings of a folder, and why the others can not be used.
 
     Raises:
@@ -72,7 +72,7 @@ def read_recordings(folder: Path, rig: Rig) -> RecordingFolder:
     return found
 
 
-def read_recording(path: Path, rig: Rig) -> Recording:
+def read_recording(path: Path, rig: StripRig) -> Recording:
     """Return one recording.
 
     Strain is interpolated to the stamps of the resistance, where both are known.

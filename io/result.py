@@ -13,7 +13,7 @@ import tomli_w
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..models.evaluation.truth import Estimate
+from ..models.evaluation.estimate import Estimate
 from ..models.structure.external_loads import ExternalLoads, observable_loads
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.structure import Structure

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.evaluation.truth import Fault, TrueLoads
-from ..models.trial_description import TrialDescription, TrialTable, describe_trial, known_faults
+from ..models.evaluation.truth import Fault, TrueLoads, known_faults
+from ..models.trial_description import TrialDescription, TrialTable, describe_trial
 from ..models.values.errors import InputError
 from ..models.values.readings import BoardReading, Flag, Mode, ResistanceReading, TendonLengths
 from .csv import CsvFile

@@ -15,9 +15,8 @@ from ..io.boards.recorder import Recorder, RecorderThread
 from ..io.replay import Replay
 from ..io.toml import read_toml
 from ..io.trial_directory import Reading, open_trial
-from ..models.sensor.resistance import Boards
 from ..models.sensor.sensor_model import SensorModel
-from ..models.sensor.stillness import Motion, StillnessWatch
+from ..models.sensor.stillness import RestMotion, StillnessWatch
 from ..models.settings import Settings
 from ..models.trial_description import TrialDescription, TrialTable, describe_trial
 from ..models.values.errors import InputError, TensegraphError
@@ -127,7 +126,7 @@ def _silence(port: PortState) -> str:
 
 def tare(
     link: SerialLink, rig: Rig, settings: Settings, model: SensorModel, say: Callable[[str], None]
-) -> tuple[float, list[BoardReading], Motion | None]:
+) -> tuple[float, list[BoardReading], RestMotion | None]:
     """Wait for a time in which the structure stands still, as long as the rig's rest.
 
     Returns:
@@ -139,7 +138,7 @@ def tare(
     d = rig.description
     for _ in range(TARINGS):
         origin_s, rows = time.perf_counter(), list[BoardReading]()
-        boards = Boards(d, settings.clock)
+        boards = d.boards(settings.clock)
         watch = StillnessWatch(model.gauge, d.natural_resistance_ohm, d.structure.natural_length_m)
         if d.rest_seconds == 0:
             return origin_s, rows, None

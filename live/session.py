@@ -16,8 +16,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from ..commands.reconstruct import versions, way
 from ..io.figures.shape_figures import write_figures
+from ..io.provenance import relative_path, versions
 from ..io.replay import arrival_s
 from ..io.result import result_directory, write_run, write_tables
 from ..io.trial_directory import Reading
@@ -193,7 +193,7 @@ class Session:
         boards = self.pipeline.boards
         return {
             "trial": self._feed.name,
-            **({"trial_path": way(path, self._feed.trial)} if self._feed.trial else {}),
+            **({"trial_path": relative_path(path, self._feed.trial)} if self._feed.trial else {}),
             "source": self._feed.origin,
             "method": "live",
             "rest_shape": self.pipeline.rest.source,

@@ -7,8 +7,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .evaluation.truth import Fault
+from .sensor.clock import ClockSettings
 from .sensor.divider import Divider
+from .sensor.resistance import Boards
 from .structure.statics import Mechanics
 from .structure.structure import Structure
 from .values.errors import InputError
@@ -166,6 +167,16 @@ class TrialDescription:
     ignored_keys: tuple[str, ...]
     """What trial.toml says that nothing here reads."""
 
+    def boards(self, settings: ClockSettings) -> Boards:
+        """Return what turns the rows of the trial's boards into readings.
+
+        Raises:
+            InputError: when counts do not come.
+        """
+        if self.divider is None:
+            raise InputError(f"a trial of {self.source} has no boards")
+        return Boards(self.divider, self.tendons_of_board, settings)
+
 
 def describe_trial(table: Mapping[str, Any], where: str) -> tuple[TrialTable, TrialDescription]:
     """Return trial.toml as a table and as a description.
@@ -182,32 +193,6 @@ def describe_trial(table: Mapping[str, Any], where: str) -> tuple[TrialTable, Tr
         return parsed, _describe(parsed, tuple(unknown_keys(TrialTable, table)))
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
-
-
-def known_faults(truth: TruthTable, trial: TrialDescription, where: str) -> tuple[Fault, ...]:
-    """Return the faults that a trial names, with the tendons they spoil. Evaluation only.
-
-    Raises:
-        InputError: for a tendon or board that is not there, or an interval that ends before it begins.
-    """
-    tendons, boards = len(trial.structure.tendons), len(trial.tendons_of_board)
-    faults = []
-    for index, fault in enumerate(truth.fault):
-        name = f"{where}: truth.fault[{index}]"
-        if fault.until_s < fault.from_s:
-            raise InputError(f"{name}: expected until_s at from_s = {fault.from_s} or later, got {fault.until_s}")
-        if fault.tendon is not None and fault.board is None:
-            if not 0 <= fault.tendon < tendons:
-                raise InputError(f"{name}.tendon: expected a tendon from 0 to {tendons - 1}, got {fault.tendon}")
-            place, spoilt = f"tendon {fault.tendon}", np.array([fault.tendon])
-        elif fault.board is not None and fault.tendon is None:
-            if not 0 <= fault.board < boards:
-                raise InputError(f"{name}.board: expected one of the trial's {boards} boards, got {fault.board}")
-            place, spoilt = f"board {fault.board}", trial.tendons_of_board[fault.board]
-        else:
-            raise InputError(f"{name}: expected either tendon or board")
-        faults.append(Fault(fault.kind, place, spoilt, fault.from_s, fault.until_s))
-    return tuple(faults)
 
 
 def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescription:

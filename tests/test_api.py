@@ -100,7 +100,8 @@ def test_the_wheel_s_list_is_the_tree() -> None:
     import tomllib
 
     listed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
-    folders = {p.parent for room in ("models", "factors", "estimator", "io") for p in (ROOT / room).rglob("*.py")}
+    rooms = ("commands", "estimator", "factors", "io", "live", "models")
+    folders = {p.parent for room in rooms for p in (ROOT / room).rglob("*.py")}
     found = {".".join(["tensegraph", *folder.relative_to(ROOT).parts]) for folder in folders}
     assert listed == {"tensegraph"} | found
 

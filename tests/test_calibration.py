@@ -10,15 +10,18 @@ from hypothesis import strategies as st
 from tensegraph import InputError
 from tensegraph.io.calibration_output import CalibrationPaths
 from tensegraph.io.recording_files import read_recording, read_recordings, read_rig, rig_text
+from tensegraph.models.calibration.bending_fit import fit_bending
+from tensegraph.models.calibration.rate_curve_fit import fit_rate_curve
 from tensegraph.models.calibration.recordings import Recording, Split
 from tensegraph.models.calibration.strip_baselines import PolynomialEstimator, StaticEstimator
-from tensegraph.models.calibration.strip_scores import Score, by_speed, correlation_time_s
+from tensegraph.models.calibration.strip_rig import StripRig
+from tensegraph.models.calibration.strip_scores import StripScore, by_speed, correlation_time_s
 from tensegraph.models.calibration.strips import StripRun, Tare, TareSearch, run_strips, tare_strips
-from tensegraph.models.calibration.test_rig import Rig
-from tensegraph.models.sensor.bending import COEFFICIENTS, FoldedPolynomial, fit_bending
+from tensegraph.models.sensor.bending import COEFFICIENTS, FoldedPolynomial
 from tensegraph.models.sensor.gauge import StaticGauge
 from tensegraph.models.sensor.rate_curve import RateCurve, product_indices
-from tensegraph.models.sensor.sensor_model import Extrapolation, SensorModel
+from tensegraph.models.sensor.sensor_model import SensorModel
+from tensegraph.models.sensor.stretching import Extrapolation
 from tensegraph.models.values.correlation import autocorrelation_of, correlation_samples
 
 T_S = np.arange(0, 60, 0.05)
@@ -114,7 +117,7 @@ class TestRig:
         rows += [f"{0.1 * k:.1f},0.1,100\n" for k in range(400)]
         (tmp_path / "a.csv").write_text("".join(edit(rows)))
         with pytest.raises(InputError, match=r"a\.csv") as error:
-            read_recording(tmp_path / "a.csv", Rig())
+            read_recording(tmp_path / "a.csv", StripRig())
         assert message in str(error.value)
 
     def test_one_good_file_of_ten_serves_and_nine_are_named(self, tmp_path) -> None:
@@ -122,7 +125,7 @@ class TestRig:
         good += "".join(f"{0.1 * k:.1f},0.1,100\n" for k in range(400))
         for k in range(10):
             (tmp_path / f"r{k}.csv").write_text(good if k == 3 else good.replace("# natural", "natural"))
-        found = read_recordings(tmp_path, Rig())
+        found = read_recordings(tmp_path, StripRig())
         assert [r.name for r in found.recordings] == ["r3"]
         assert list(found.sha256) == ["r3.csv"]
         assert [line.split("/")[-1].split(":")[0] for line in found.left_out] == [
@@ -236,7 +239,7 @@ class TestRateCurve:
     def fitted(self) -> tuple[Recording, RateCurve]:
         strain = 0.1 - 0.05 * np.cos(0.7 * T_S) - 0.05 * np.cos(1.9 * T_S)
         r = Recording("a", T_S, strain, strain + 0.3 * np.gradient(strain, T_S))
-        return r, RateCurve.fit([r], self.gauge, np.array([0.3, 2.0]), signed=False)
+        return r, fit_rate_curve([r], self.gauge, np.array([0.3, 2.0]), signed=False)
 
     def test_knows_rates(self) -> None:
         r, curve = self.fitted()
@@ -288,7 +291,7 @@ def a_run(error, sigma=0.01, speed: float = float("nan"), name: str = "a") -> St
 class TestScores:
     def test_by_hand(self) -> None:
         """Errors 0, 0.01, -0.02, 0.03 at sigma 0.011: RMSE sqrt(0.0014 / 4), two inside one sigma, three in 1.96."""
-        score = Score.of([a_run([0, 0.01, -0.02, 0.03], 0.011)])
+        score = StripScore.of([a_run([0, 0.01, -0.02, 0.03], 0.011)])
         assert score.rmse == pytest.approx(np.sqrt(0.0014 / 4))
         assert score.coverage_68 == 0.5
         assert score.coverage_95 == 0.75
@@ -357,7 +360,7 @@ class TestExtrapolation:
     def test_widens_at_once_and_forgets_slowly(self, model: SensorModel) -> None:
         """Twice the fastest trained rate doubles sigma; after 3 s of rest 1 + 1/e is left of that."""
         outside, still = Extrapolation(model, 1), np.zeros(1)
-        factor, extra, beyond = outside.step(still, np.array([2 * model.max_rate_per_s]), still, 0.1)
+        factor, extra, beyond = outside.step(still, np.array([2 * model.ranges.rate_per_s]), still, 0.1)
         assert factor[0] == pytest.approx(2.0)
         assert beyond[0]
         assert extra[0] == 0
@@ -367,7 +370,7 @@ class TestExtrapolation:
 
     def test_strain_faster_than_trained_adds_the_lag_times_the_excess(self, model: SensorModel) -> None:
         """Steady strain at the fastest trained rate and 0.1 /s more: sigma 0.4 s * 0.1 /s on top."""
-        outside, still, rate = Extrapolation(model, 1), np.zeros(1), model.max_strain_rate_per_s + 0.1
+        outside, still, rate = Extrapolation(model, 1), np.zeros(1), model.ranges.strain_rate_per_s + 0.1
         for k in range(200):
             factor, extra, beyond = outside.step(still, still, np.array([rate * 0.02 * k]), 0.02)
         assert factor[0] == 1
@@ -376,7 +379,7 @@ class TestExtrapolation:
 
     def test_grows_with_the_distance_beyond_the_trained_change(self, model: SensorModel) -> None:
         outside, still = Extrapolation(model, 1), np.zeros(1)
-        far = np.array([model.max_change + 0.3])
+        far = np.array([model.ranges.change[1] + 0.3])
         strain = model.gauge.stretched_strain(far)
         _, extra, beyond = outside.step(far, still, strain, 0.02)
         assert beyond[0]

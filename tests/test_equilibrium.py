@@ -17,7 +17,7 @@ from tensegraph.estimator.graph import GraphBuilder
 from tensegraph.estimator.rest_step import rest_step
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.factors.equilibrium import equilibrium_factor
-from tensegraph.models.settings import BranchSettings, NoiseSettings
+from tensegraph.models.estimation import BranchSettings, NoiseSettings
 from tensegraph.models.structure.external_loads import Observable, external_loads, observable_loads
 from tensegraph.models.structure.rest_shape import RestSettings
 from tensegraph.models.structure.rigidity import branch, find_rest_shape

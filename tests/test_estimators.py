@@ -14,8 +14,9 @@ from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.graph import GraphBuilder
 from tensegraph.estimator.smoother import LiveSmoother
-from tensegraph.models.evaluation.metrics import interpolated, node_rmse_m
-from tensegraph.models.settings import NoiseSettings, SmootherSettings
+from tensegraph.models.estimation import NoiseSettings, SmootherSettings
+from tensegraph.models.evaluation.alignment import interpolated
+from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.structure.lengths import length_jacobian, member_length_m
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.structure.rigidity import find_rest_shape

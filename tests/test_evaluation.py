@@ -11,24 +11,17 @@ from scipy.stats import chi2
 
 from tensegraph import Flag, InputError, Reconstruction, Structure, open_trial, six_strut, stream, three_strut
 from tensegraph.commands.compare import HELD, Measured, comparison_rows
-from tensegraph.commands.evaluate import Score
+from tensegraph.commands.evaluate import ScoredResult
 from tensegraph.io.comparison_tables import as_markdown, write_comparison_csv
 from tensegraph.io.positions import read_positions
 from tensegraph.io.result import read_estimate, write_tables
-from tensegraph.models.evaluation.metrics import (
-    branch,
-    coverage,
-    evaluate,
-    false_alarm_share,
-    independent_count,
-    interpolated,
-    mean_band,
-    rigid_alignment,
-    score_fault,
-    score_loads,
-    slack_frames,
-)
-from tensegraph.models.evaluation.truth import Estimate, Fault, TrueLoads, Truth
+from tensegraph.models.evaluation.alignment import interpolated, rigid_alignment
+from tensegraph.models.evaluation.consistency import coverage, independent_count, mean_band
+from tensegraph.models.evaluation.estimate import Estimate
+from tensegraph.models.evaluation.fault_score import false_alarm_share, score_fault
+from tensegraph.models.evaluation.load_score import score_loads
+from tensegraph.models.evaluation.metrics import branch, evaluate, slack_frames
+from tensegraph.models.evaluation.truth import Fault, TrueLoads, Truth
 from tensegraph.models.structure.external_loads import ExternalLoads, observable_part
 from tensegraph.models.values.readings import Mode
 
@@ -599,7 +592,7 @@ def test_a_score_is_json_without_holes() -> None:
 
     structure = four_nodes()
     estimate = estimate_of(structure, moved([[0, 0, 1]] * 3), variance_m2=(1e-6, 1e-6, 0.0))
-    score = Score(Path("out"), "toy", HELD, evaluate(structure, TRUE_M, estimate, truth_of(3)))
+    score = ScoredResult(Path("out"), "toy", HELD, evaluate(structure, TRUE_M, estimate, truth_of(3)))
     read = json.loads(json.dumps(score.as_json(), allow_nan=False))
     assert read["consistency"]["nees"] == [None]
     assert read["absolute"]["nodes"]["rmse_m"] == pytest.approx(0.001)

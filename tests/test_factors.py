@@ -12,7 +12,7 @@ from tensegraph.factors.noise import SIGMA_STEP, tendon_noises, tendon_sigma_m
 from tensegraph.factors.rod import rod_factors
 from tensegraph.factors.shape_prior import shape_prior_factors
 from tensegraph.factors.tendon import tendon_factors
-from tensegraph.models.settings import NoiseSettings
+from tensegraph.models.estimation import NoiseSettings
 
 NOISE = NoiseSettings()
 KEYS = (frame_keys(0, 12), frame_keys(1, 12), frame_keys(2, 12))

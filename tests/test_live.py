@@ -23,7 +23,6 @@ from tensegraph.io.replay import Replay
 from tensegraph.io.result import write_tables
 from tensegraph.live.feeds import Rig
 from tensegraph.live.session import Activity, NewestFrames
-from tensegraph.models.sensor.resistance import Boards
 from tensegraph.models.sensor.stillness import StillnessWatch
 
 TABLES = ["shape.csv", "ellipsoids.csv", "lengths.csv", "status.csv"]
@@ -37,7 +36,9 @@ def typed(monkeypatch, capfd):
         monkeypatch.chdir(cwd)
         monkeypatch.setenv("COLUMNS", "120")
         monkeypatch.setattr(sys, "argv", ["tensegraph", *map(str, arguments)])
-        monkeypatch.setattr("tensegraph.feeds.PATIENCE_S", 1.5)  # no board of these tests takes a Mega's two seconds
+        monkeypatch.setattr(
+            "tensegraph.live.feeds.PATIENCE_S", 1.5
+        )  # no board of these tests takes a Mega's two seconds
         with pytest.raises(SystemExit) as ended:
             main()
         return (ended.value.code or 0, *capfd.readouterr())
@@ -259,7 +260,7 @@ def test_a_replay_keeps_the_pace_of_the_trial(example) -> None:
 def test_stillness(example, model, from_s: float, still: bool) -> None:
     """The example rests for two seconds, and is pressed after four."""
     trial = open_trial(example)
-    d, boards = trial.description, Boards(trial.description, tensegraph.Settings().clock)
+    d, boards = trial.description, trial.description.boards(tensegraph.Settings().clock)
     watch = StillnessWatch(model.gauge, d.natural_resistance_ohm, d.structure.natural_length_m)
     for row in trial.readings():
         reading = boards.reading(row)

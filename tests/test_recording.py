@@ -19,7 +19,7 @@ import os, signal, sys, time
 from pathlib import Path
 import numpy as np
 from tensegraph import BoardReading, open_trial
-from tensegraph.io.recorder import Recorder, RecorderThread
+from tensegraph.io.boards.recorder import Recorder, RecorderThread
 
 folder, example, kills = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 metadata = open_trial(example).toml

@@ -1,18 +1,20 @@
 """Training: quick, on recordings of a sensor whose law is known."""
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
 from tensegraph import InputError
 from tensegraph.models.calibration.calibrated_model import LSTM, STATIC, calibrate_model
+from tensegraph.models.calibration.gauge_fit import fit_gauge
 from tensegraph.models.calibration.recipe import CHECK_EVERY, TrainingSettings
 from tensegraph.models.calibration.recordings import Recording, Split
-from tensegraph.models.calibration.strip_scores import Score
+from tensegraph.models.calibration.strip_scores import StripScore
 from tensegraph.models.calibration.training import train
 from tensegraph.models.sensor.bending import BendingCurve
-from tensegraph.models.sensor.gauge import fit_gauge
 from tensegraph.models.sensor.lstm import CURVE_MEMORIES, MEMORY_S
-from tensegraph.models.sensor.sensor_model import StretchingSensors
+from tensegraph.models.sensor.stretching import StretchingSensors
 
 QUICK = TrainingSettings(epochs=120, sequences=12, steps=600, hidden=8)
 GAINS = (1.1, 0.9, 1.05, 0.95, 1.0, 0.97)
@@ -76,7 +78,7 @@ def test_a_sensor_whose_resistance_falls_is_refused() -> None:
 
 def test_the_network_undoes_a_lag_that_the_curve_can_not(calibrated) -> None:
     calibration, epochs = calibrated
-    scores = {name: Score.of(runs) for name, runs in calibration.runs.items()}
+    scores = {name: StripScore.of(runs) for name, runs in calibration.runs.items()}
     assert scores[LSTM].rmse < 0.6 * scores[STATIC].rmse
     assert 0.85 < scores[LSTM].coverage_95 <= 1.0
     assert epochs == list(range(1, QUICK.epochs + 1))
@@ -92,7 +94,7 @@ def test_gains_are_found_along_with_the_network(calibrated) -> None:
 
 def test_held_out_recordings_are_kept_out(calibrated) -> None:
     calibration, _ = calibrated
-    assert calibration.model.metadata["trained_on"] == [f"random_s{k}" for k in range(4)]
+    assert calibration.model.provenance.trained_on == tuple(f"random_s{k}" for k in range(4))
     assert [r.name for r in calibration.split.validation] == ["random_s4"]
     assert [run.name for run in calibration.runs[LSTM]] == ["random_s5"]
 
@@ -102,7 +104,7 @@ def test_running_needs_no_torch_and_gives_what_torch_gives(calibrated) -> None:
     import torch
 
     model = calibrated[0].model
-    weights = {name: torch.tensor(model.tensors[name]) for name in model.tensors}
+    weights = {name: torch.tensor(value) for name, value in asdict(model.network.weights).items()}
     reference, head = (
         torch.nn.LSTM(3 + len(MEMORY_S), QUICK.hidden, batch_first=True).double(),
         torch.nn.Linear(QUICK.hidden, 2).double(),
@@ -120,7 +122,7 @@ def test_running_needs_no_torch_and_gives_what_torch_gives(calibrated) -> None:
     weight = 1 - np.exp(-0.02 / np.array(MEMORY_S))
     change = 0.1 + np.cumsum(0.01 * np.random.default_rng(1).standard_normal((200, 24)), axis=0)
     rate = np.diff(change, axis=0, prepend=change[:1]) / 0.02
-    sensors, s = StretchingSensors(model, 24), model.scaling
+    sensors, s = StretchingSensors(model, 24), model.network.scaling
     strain = np.array([sensors.step(y, v, 0.02)[0] for y, v in zip(change, rate, strict=True)])
     step = np.full_like(change, np.log(0.02 / s.step_s))
     means = np.zeros((24, len(MEMORY_S)))  # as those of a sensor never read
@@ -160,8 +162,8 @@ class Kept:
 
 def test_the_same_seed_gives_the_same_model(split) -> None:
     one, other, third = (fit(split, TINY), fit(split, TINY), fit(split, TrainingSettings(**{**_dict(TINY), "seed": 1})))
-    np.testing.assert_array_equal(one.weights["weight_ih"], other.weights["weight_ih"])
-    assert not np.array_equal(one.weights["weight_ih"], third.weights["weight_ih"])
+    np.testing.assert_array_equal(one.weights.weight_ih, other.weights.weight_ih)
+    assert not np.array_equal(one.weights.weight_ih, third.weights.weight_ih)
 
 
 @pytest.mark.parametrize("epoch", [CHECK_EVERY, 2 * CHECK_EVERY + 3])
@@ -176,8 +178,8 @@ def test_an_interrupted_training_goes_on_to_the_same_model(split, epoch: int) ->
         fit(split, TINY, progress=interrupt, checkpoint=kept)
     resumed = fit(split, TINY, progress=lambda now, loss: seen.append(now), checkpoint=kept)
     assert seen[0] == epoch // CHECK_EVERY * CHECK_EVERY + 1
-    for name, value in whole.weights.items():
-        np.testing.assert_array_equal(resumed.weights[name], value)
+    for name, value in asdict(whole.weights).items():
+        np.testing.assert_array_equal(getattr(resumed.weights, name), value)
     assert resumed.history == whole.history
 
 
@@ -207,7 +209,7 @@ def test_one_network_for_both_modes() -> None:
     (run,) = calibration.runs[LSTM]
     assert (run.strain < -0.1).any()
     assert calibration.model.unified
-    assert Score.of([run]).rmse < 0.02
+    assert StripScore.of([run]).rmse < 0.02
 
 
 def _dict(settings: TrainingSettings) -> dict:

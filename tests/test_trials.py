@@ -7,7 +7,7 @@ from tensegraph import Flag, InputError, Settings, open_trial
 from tensegraph.io.csv import CsvFile
 from tensegraph.io.recording_files import read_recording, read_recordings
 from tensegraph.io.toml import read_settings
-from tensegraph.models.calibration.test_rig import Rig
+from tensegraph.models.calibration.strip_rig import StripRig
 from tensegraph.pipeline import Pipeline, reconstruct
 
 
@@ -311,7 +311,7 @@ class TestCalibrationRecordings:
 
     def test_are_read(self, tmp_path) -> None:
         self.write(tmp_path, "# natural_resistance_ohm = 100\nt_s,strain,resistance_ohm\n0.0,0.0,100\n40,0.1,112\n")
-        (recording,) = read_recordings(tmp_path, Rig()).recordings
+        (recording,) = read_recordings(tmp_path, StripRig()).recordings
         assert recording.name == "a"
         np.testing.assert_allclose(recording.change, [0, 0.12])
 
@@ -327,8 +327,8 @@ class TestCalibrationRecordings:
     )
     def test_bad_ones_are_refused_by_row_and_column(self, tmp_path, text, message) -> None:
         with pytest.raises(InputError, match=message):
-            read_recording(self.write(tmp_path, text), Rig())
+            read_recording(self.write(tmp_path, text), StripRig())
 
     def test_an_empty_folder_is_refused(self, tmp_path) -> None:
         with pytest.raises(InputError, match="holds no recordings"):
-            read_recordings(tmp_path, Rig())
+            read_recordings(tmp_path, StripRig())

@@ -13,7 +13,7 @@ from ...models.calibration.calibrated_model import LSTM, POLYNOMIAL, STATIC, Cal
 from ...models.calibration.recipe import History
 from ...models.calibration.recordings import Recording
 from ...models.calibration.strip_baselines import on_common_curve
-from ...models.calibration.strip_scores import Score, by_speed, error_autocorrelation
+from ...models.calibration.strip_scores import StripScore, by_speed, error_autocorrelation
 from ...models.calibration.strips import StripRun
 from ...models.sensor.bending import BendingCurve
 from .shape_figures import BLACK, BLUE, GREEN, GREY, ORANGE, RED
@@ -141,7 +141,7 @@ def write_predictions_figure(runs: Mapping[str, Sequence[StripRun]], path: Path,
         top.plot(t_s, run.strain, color=BLACK, lw=1.2, label="measured by the rig")
         top.plot(t_s, run.estimate, color=BLUE, lw=0.9, ls="--", label="LSTM")
         top.set_ylabel("strain [1]")
-        score = Score.of([run])
+        score = StripScore.of([run])
         top.set_title(f"{run.name}: RMSE {score.rmse:.4f}, {score.coverage_95:.0%} within 95 % band", fontsize=9)
         bottom.fill_between(t_s, -band, band, color=BLUE, alpha=0.2, lw=0, label="95 % band")
         bottom.plot(t_s, static[run.name].error, color=ORANGE, lw=0.6, label="static curve")

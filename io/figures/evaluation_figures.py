@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from ...models.evaluation.comparison import ComparisonRow
-from ...models.evaluation.truth import Evaluation
+from ...models.evaluation.evaluation import Evaluation
 from .shape_figures import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED
 
 BAND = 1.96

@@ -2,17 +2,28 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from ..sensor.bending import BendingCurve, BendingFit
-from ..sensor.gauge import LEAST_GAIN_SIGMA, fit_gauge
-from ..sensor.lstm import MEMORY_S, Lstm, features
-from ..sensor.mode import fit_mode
-from ..sensor.sensor_model import FORMAT, LEAST_SPREAD, LSTM_TENSORS, STRAIN_RATE_S, SensorModel, run_lstm
+from ..sensor.bending import BendingCurve
+from ..sensor.lstm import MEMORY_S, Lstm, features, run_lstm
+from ..sensor.sensor_model import (
+    LEAST_SPREAD,
+    BendingCoefficients,
+    GoldenVector,
+    ModeOdds,
+    Provenance,
+    SensorModel,
+    SigmaScale,
+    StretchingNetwork,
+    TrainedRanges,
+)
+from ..sensor.stretching import STRAIN_RATE_S
+from .bending_fit import BendingFit
+from .gauge_fit import LEAST_GAIN_SIGMA, fit_gauge
+from .mode_fit import fit_mode
 from .recipe import Trained, TrainingSettings
 from .recordings import Recording, Split
 from .strip_baselines import PolynomialEstimator, StaticEstimator, on_common_curve
@@ -27,7 +38,7 @@ class Calibration:
     """A calibrated kind of sensor, with what it was scored on."""
 
     model: SensorModel
-    """Without scores in its metadata."""
+    """Its provenance still without scores."""
     trained: Trained
     """The training."""
     split: Split
@@ -43,17 +54,16 @@ def calibrate_model(
 ) -> Calibration:
     """Return the sensor model of a training, its sigma scaled on the validation recordings, run on those held out."""
     signed = settings.unified
-    mode = _mode(split, bending)
-    trained = _with_spread(trained, bending, mode, split, settings)
+    mode_odds = _mode_odds(split, bending)
+    trained = _with_spread(trained, bending, mode_odds, split, settings)
     common = on_common_curve(split.training, trained.own)
-    model = _model(trained, bending, common, mode, settings)
+    model = _model(trained, bending, common, mode_odds, settings)
     left = np.zeros((2, 2))
     known = {name: Tare(own, left) for name, own in trained.own.items()}
     whole = tare_strips(NetworkEstimator(model), split.validation, trained.gauge, signed, seconds=np.inf)
     exact = {name: Tare(tare.own, left) for name, tare in whole.items()}
     validation = run_strips(NetworkEstimator(model), split.validation, trained.gauge, exact | known, signed)
-    learned = {"sigma_scale": list(fit_sigma_scale(validation)), "lag_s": lag_s(validation)}
-    model = replace(model, metadata=dict(model.metadata) | learned)
+    model = replace(model, sigma_scale=fit_sigma_scale(validation), lag_s=lag_s(validation))
     estimators: dict[str, StrainEstimator] = {
         LSTM: NetworkEstimator(model),
         STATIC: StaticEstimator.fit(common, signed),
@@ -67,7 +77,7 @@ def calibrate_model(
 def _with_spread(
     trained: Trained,
     bending: BendingFit | None,
-    mode: tuple[NDArray[np.float64], NDArray[np.float64]],
+    mode_odds: ModeOdds,
     split: Split,
     settings: TrainingSettings,
 ) -> Trained:
@@ -77,7 +87,7 @@ def _with_spread(
     gains: spread^2 = mean((gain - mean gain)^2 + the variance left of each). The mean of all stays as in the training:
     what is common to all strips is the curve's.
     """
-    model = _model(trained, bending, on_common_curve(split.training, trained.own), mode, settings)
+    model = _model(trained, bending, on_common_curve(split.training, trained.own), mode_odds, settings)
     signed, stretched = settings.unified, [r for r in split.training if r.stretched_share > 0.3]
     tares = tare_strips(NetworkEstimator(model), stretched, trained.gauge, signed, np.inf, trained.own)
     gains, left = np.array([(tare.own[0], tare.covariance[0, 0]) for tare in tares.values()]).T
@@ -95,14 +105,14 @@ def lag_s(runs: Sequence[StripRun]) -> float:
     return max(-sum(float(np.nansum(error * rate)) for error, rate in parts) / moved, 0.0) if moved else 0.0
 
 
-def fit_sigma_scale(runs: Sequence[StripRun]) -> tuple[float, float]:
-    """Return (b, p) of sigma scale = b spread^p that make the errors of these runs most likely.
+def fit_sigma_scale(runs: Sequence[StripRun]) -> SigmaScale:
+    """Return the scale of sigma that makes the errors of these runs most likely.
 
     The strips' gains and offsets are to be known here, by all of each recording: what taring leaves is added apart, and
     so is what the curve leaves, which is little where recordings reach.
     """
     if not runs:
-        return 1.0, 0.0
+        return SigmaScale()
     error, sigma = (np.concatenate([getattr(run, name) for run in runs]) for name in ("error", "unscaled_sigma"))
     log_spread = np.log(np.maximum(np.concatenate([run.spread for run in runs]), LEAST_SPREAD))
 
@@ -111,61 +121,52 @@ def fit_sigma_scale(runs: Sequence[StripRun]) -> tuple[float, float]:
         return float(np.mean(0.5 * (error / (sigma * np.exp(log_scale))) ** 2 + log_scale))
 
     log_b, p = minimize(negative_log_likelihood, [0.0, 0.0], method="Nelder-Mead").x
-    return float(np.exp(log_b)), float(p)
+    return SigmaScale(float(np.exp(log_b)), float(p))
 
 
 def _model(
     trained: Trained,
     bending: BendingFit | None,
     common: Sequence[Recording],
-    mode: tuple[NDArray[np.float64], NDArray[np.float64]],
+    mode_odds: ModeOdds,
     settings: TrainingSettings,
 ) -> SensorModel:
     """Return the model with sigma as the network has it."""
-    mode_change, mode_log_odds = mode
-    curve, gauge = trained.curve, trained.gauge
-    tensors: dict[str, NDArray[np.float64]] = {
-        **trained.weights,
-        "strain_knots": gauge.strain_knots,
-        "change_knots": gauge.change_knots,
-        "curve_scale": curve.scale,
-        "curve_range": curve.range,
-        "curve_coefficients": curve.coefficients,
-        "curve_factor": curve.factor,
-        "mode_change": mode_change,
-        "mode_log_odds": mode_log_odds,
-    }
-    if bending:
-        tensors |= {"bending": bending.coefficients, "bending_covariance": bending.covariance}
+    trained_on = tuple(sorted(r.name for r in common))
+    return SensorModel(
+        network=_network(trained),
+        curve=trained.curve,
+        mode_odds=mode_odds,
+        bending=BendingCoefficients(bending.coefficients, bending.covariance) if bending else None,
+        ranges=_ranges(common, trained.step_s),
+        provenance=Provenance(recipe=asdict(settings), trained_on=trained_on),
+        unified=settings.unified,
+    )
+
+
+def _network(trained: Trained) -> StretchingNetwork:
+    """Return the network, with a swing of dR/R for a golden vector."""
     t = np.arange(20) * 0.02
-    change, means = 0.1 + 0.05 * np.sin(5 * t), np.full((len(t), len(MEMORY_S)), 0.1)
-    tensors["golden_input"] = features(change, 0.25 * np.cos(5 * t), 0.02, means, trained.scaling)
-    tensors["golden_output"] = run_lstm(Lstm(*(tensors[name] for name in LSTM_TENSORS)), tensors["golden_input"])
+    change = 0.1 + 0.05 * np.sin(5 * t)
+    means = np.full((len(t), len(MEMORY_S)), 0.1)
+    golden_input = features(change, 0.25 * np.cos(5 * t), 0.02, means, trained.scaling)
+    golden = GoldenVector(golden_input, run_lstm(Lstm(trained.weights), golden_input))
+    return StretchingNetwork(trained.weights, trained.scaling, np.array(MEMORY_S), golden)
+
+
+def _ranges(common: Sequence[Recording], step_s: tuple[float, float]) -> TrainedRanges:
     change = np.concatenate([r.change for r in common])
     rate = np.concatenate([np.diff(r.change) / np.diff(r.t_s) for r in common])
-    metadata: dict[str, Any] = {
-        "format": FORMAT,
-        "units": {"change": "dR/R, fraction", "strain": "fraction of L0", "rate": "1/s", "step": "s"},
-        "gates": "i f g o",
-        "unified": settings.unified,
-        "scaling": asdict(trained.scaling),
-        "memory_s": list(MEMORY_S),
-        "ranges": {
-            "change": [float(change.min()), float(change.max())],
-            "rate_per_s": float(np.quantile(np.abs(rate), 0.999)),
-            "strain_rate_per_s": _fastest_strain(common),
-            "strain": [0.0, float(max(r.strain.max() for r in common))],
-            "step_s": list(trained.step_s),
-        },
-        "spread": {"gain_sigma": gauge.gain_sigma, "offset_sigma": gauge.offset_sigma},
-        "sigma_scale": [1.0, 0.0],
-        "recipe": asdict(settings),
-        "trained_on": sorted(r.name for r in common),
-    }
-    return SensorModel(tensors, metadata)
+    return TrainedRanges(
+        change=(float(change.min()), float(change.max())),
+        rate_per_s=float(np.quantile(np.abs(rate), 0.999)),
+        strain=(0.0, float(max(r.strain.max() for r in common))),
+        step_s=step_s,
+        strain_rate_per_s=_fastest_strain(common),
+    )
 
 
-def _mode(split: Split, bending: BendingFit | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _mode_odds(split: Split, bending: BendingFit | None) -> ModeOdds:
     """Return `fit_mode` of all recordings but those held out: nothing is trained here.
 
     Their gains and offsets are those of the static curves, which hold in both modes; the network's know no bending.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..sensor.gauge import StaticGauge
-from ..sensor.lstm import Scaling
+from ..sensor.lstm import LstmWeights, Scaling
 from ..sensor.rate_curve import RateCurve
 from ..values.tables import AtLeastOne, NotNegative, Positive, Probability
 
@@ -94,8 +94,8 @@ class History:
 class Trained:
     """What a training found."""
 
-    weights: Mapping[str, NDArray[np.float64]]
-    """The network's, by the names in `sensor_model.LSTM_TENSORS`."""
+    weights: LstmWeights
+    """The network's."""
     curve: RateCurve
     """What it corrects."""
     own: Mapping[str, NDArray[np.float64]]

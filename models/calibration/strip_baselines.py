@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
 from ..sensor.lstm import running_means
-from ..sensor.rate_curve import products, rate_inputs, ridge
+from ..sensor.rate_curve import products, rate_inputs
+from .rate_curve_fit import ridge
 from .recordings import Recording
 from .strips import Followed
 

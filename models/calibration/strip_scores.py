@@ -14,7 +14,7 @@ IRREGULAR = "irregular motion"
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class StripScore:
     """Errors of strain over some recordings."""
 
     samples: int
@@ -35,7 +35,7 @@ class Score:
     """Share of the samples flagged as beyond training."""
 
     @classmethod
-    def of(cls, runs: Sequence[StripRun]) -> "Score":
+    def of(cls, runs: Sequence[StripRun]) -> "StripScore":
         """Return the score over all samples of some runs."""
         error, strain, sigma, beyond = (
             np.concatenate([getattr(run, name) for run in runs]) for name in ("error", "strain", "sigma", "beyond")

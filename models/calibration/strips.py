@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..sensor.front_end import FrontEndSettings
-from ..sensor.gauge import INDEPENDENT, StaticGauge
-from ..sensor.sensor_model import Extrapolation, SensorModel, StrainSpread, StretchingSensors
+from ..sensor.gauge import StaticGauge
+from ..sensor.sensor_model import SensorModel
+from ..sensor.stretching import Extrapolation, StrainSpread, StretchingSensors
+from .gauge_fit import INDEPENDENT
 from .recordings import SETTLING_S, Recording
 
 TARE_TRIES = 6
@@ -62,7 +64,7 @@ class NetworkEstimator:
             spread[k] = running.step(strain[k], step_s[k])
             factor[k], farther, beyond[k] = outside.step(change[k], rate[k], strain[k], step_s[k])
             extra[k] = np.hypot(farther, sensors.curve_sigma(change[k]))
-        scaled = np.hypot(sigma * self.model.sigma_scale(spread) * factor, extra)
+        scaled = np.hypot(sigma * self.model.sigma_scale.at(spread) * factor, extra)
         return Followed(strain, scaled, sigma, spread, beyond.astype(np.bool_))
 
 

@@ -13,9 +13,11 @@ import torch
 from numpy.typing import NDArray
 
 from ..sensor.bending import BendingCurve
-from ..sensor.gauge import INDEPENDENT, StaticGauge, fit_gauge
-from ..sensor.lstm import CURVE_MEMORIES, LOG_VARIANCE_RANGE, MEMORY_S, STRAIN_SCALE, Scaling
+from ..sensor.gauge import StaticGauge
+from ..sensor.lstm import CURVE_MEMORIES, LOG_VARIANCE_RANGE, MEMORY_S, STRAIN_SCALE, LstmWeights, Scaling
 from ..sensor.rate_curve import RateCurve, product_indices
+from .gauge_fit import INDEPENDENT, fit_gauge
+from .rate_curve_fit import fit_rate_curve
 from .recipe import CHECK_EVERY, Checkpoint, History, NoCheckpoint, Trained, TrainingSettings
 from .recordings import Recording, Split
 from .strip_baselines import on_common_curve
@@ -109,7 +111,7 @@ class _Training:
         self._settings = settings
         self._gauge, own = fit_gauge(split.training, bending)
         common = on_common_curve(split.training, {name: np.array(pair) for name, pair in own.items()})
-        self._curve = RateCurve.fit(common, self._gauge, np.array(MEMORY_S[:CURVE_MEMORIES]), settings.unified)
+        self._curve = fit_rate_curve(common, self._gauge, np.array(MEMORY_S[:CURVE_MEMORIES]), settings.unified)
         _, own_of_validation = fit_gauge([*split.training, *split.validation], bending)
         self._recordings, self._spread = split.training, np.array([self._gauge.gain_sigma, self._gauge.offset_sigma])
         self._names = [r.name for r in split.training]
@@ -286,13 +288,13 @@ class _Training:
         """Return the best network, in numpy."""
         p = {name: value.numpy().astype(np.float64) for name, value in self._best.items()}
         own = np.array([1.0, 0.0]) + (p["own_away"] - p["own_away"].mean(axis=0) + p["mean_own"]) * self._spread
-        weights = {
-            "weight_ih": p["lstm.weight_ih_l0"],
-            "weight_hh": p["lstm.weight_hh_l0"],
-            "bias": p["lstm.bias_ih_l0"] + p["lstm.bias_hh_l0"],
-            "head_weight": p["head.weight"],
-            "head_bias": p["head.bias"],
-        }
+        weights = LstmWeights(
+            weight_ih=p["lstm.weight_ih_l0"],
+            weight_hh=p["lstm.weight_hh_l0"],
+            bias=p["lstm.bias_ih_l0"] + p["lstm.bias_hh_l0"],
+            head_weight=p["head.weight"],
+            head_bias=p["head.bias"],
+        )
         named = dict(zip(self._names, own, strict=True))
         return Trained(weights, self._curve, named, self._scaling, self._step_s, self.history)
 

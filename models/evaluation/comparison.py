@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .truth import ShapeErrors
+from .evaluation import ShapeErrors
 
 ALL = "all"
 """The trial of a row over all trials together."""

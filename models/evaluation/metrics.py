@@ -1,43 +1,25 @@
 """How far estimates are from the truth. Only the root may import this: an estimator never sees truth."""
 
-from collections.abc import Callable, Iterable
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
 from ..structure.external_loads import LOAD_THRESHOLD_N, observable_part
 from ..structure.reconstruction import Reconstruction
 from ..structure.rigidity import branch
 from ..structure.structure import Structure
-from ..values.correlation import correlation_samples
 from ..values.errors import InputError
-from ..values.readings import MOMENTARY, Flag, Mode
-from .truth import (
-    ComparedFrames,
-    Consistency,
-    Errors,
-    Estimate,
-    Evaluation,
-    Fault,
-    FaultScore,
-    LoadScore,
-    Regime,
-    ShapeErrors,
-    TrueLoads,
-    Truth,
-)
+from ..values.readings import Flag, Mode
+from .alignment import interpolated, rigid_alignment
+from .consistency import consistency, coverage, normalised_error_squared
+from .estimate import Estimate
+from .evaluation import ComparedFrames, Errors, Evaluation, Regime, ShapeErrors
+from .fault_score import false_alarm_share, score_fault
+from .load_score import score_loads
+from .statistics import mean_over_frames, of_known
+from .truth import TrueLoads, Truth
 
 GOOD_M = 0.005
 """A frame's error up to which its shape is good, and above which the other sign of det J means the wrong branch."""
-MAX_HOLE = 3.0
-"""Truth is not interpolated across holes of more than so many of its own median steps."""
-REDUNDANT = 0.1
-"""A length whose innovation has less than this share of its own sigma was taken by the shape as it came: no check."""
-CLEAR_LOAD_N = 0.3
-"""A true load above it is large enough to ask which node carries it."""
 
 
 def evaluate(
@@ -172,45 +154,6 @@ def errors_of(error_m: NDArray[np.float64]) -> Errors:
     )
 
 
-def normalised_error_squared(error_m: NDArray[np.float64], covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (...,) NEES e^T P^-1 e of (..., 3) errors; nan where either is unknown."""
-    known = np.isfinite(error_m).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-2, -1))
-    e, covariance = error_m[known], covariance_m2[known]
-    sure = np.linalg.eigvalsh(covariance)[:, 0] <= 0  # claims to know some direction exactly
-    solved = np.linalg.solve(np.where(sure[:, None, None], np.eye(3), covariance), e[..., None])[..., 0]
-    nees = np.full(known.shape, np.nan)
-    nees[known] = np.where(sure, np.inf, np.einsum("ni,ni->n", e, solved))
-    return nees
-
-
-def consistency(structure: Structure, estimate: Estimate, compared: ComparedFrames) -> Consistency:
-    """Return whether errors and innovations are as large as the covariances say."""
-    tendons = structure.free_tendons
-    predicted_m = structure.tendon_length_m(estimate.node_position_m)
-    innovation = ((estimate.length_m - predicted_m) / np.maximum(estimate.innovation_sigma_m, 1e-9))[:, tendons]
-    sigma_m = estimate.sigma_m[:, tendons]
-    checked = np.isfinite(sigma_m) & (estimate.innovation_sigma_m[:, tendons] > REDUNDANT * sigma_m)
-    nis = np.where(checked, innovation**2, np.nan)
-    count = np.array([independent_count(column) for column in compared.nees.T])
-    return Consistency(
-        nees=mean_over_frames(compared.nees),
-        nees_band=np.array([mean_band(3, n) for n in count]),
-        independent_frames=count,
-        coverage_50=coverage(compared.nees, 0.50),
-        coverage_68=coverage(compared.nees, 0.68),
-        coverage_95=coverage(compared.nees, 0.95),
-        median_sigma_m=_of_known(np.median, compared.node_sigma_m),
-        nis=_of_known(np.mean, nis),
-        nis_band=mean_band(1, sum(independent_count(column) for column in nis.T)),
-    )
-
-
-def slack_frames(structure: Structure, estimate: Estimate) -> NDArray[np.bool_]:
-    """Return (frames,) in which some tendon, as measured, is bent or may be."""
-    slack = (estimate.mode == Mode.BENDING) | ((estimate.flags & Flag.AMBIGUOUS) != 0)
-    return np.asarray((slack & np.isfinite(estimate.length_m))[:, structure.free_tendons].any(axis=1))
-
-
 def regimes(compared: ComparedFrames, slack: NDArray[np.bool_], load_threshold_n: float) -> tuple[Regime, ...]:
     """Return errors and consistency of quiet, loaded and slack frames, see `Regime`."""
     masks = {"slack": slack}
@@ -222,99 +165,13 @@ def regimes(compared: ComparedFrames, slack: NDArray[np.bool_], load_threshold_n
             name,
             int(mask.sum()),
             errors_of(compared.node_error_m[mask].reshape(-1, 3)).rmse_m,
-            _of_known(np.mean, compared.nees[mask]),
+            of_known(np.mean, compared.nees[mask]),
             coverage(compared.nees[mask], 0.68),
             coverage(compared.nees[mask], 0.95),
-            _of_known(np.median, compared.node_sigma_m[mask]),
+            of_known(np.median, compared.node_sigma_m[mask]),
         )
         for name, mask in masks.items()
     )
-
-
-def score_loads(compared: ComparedFrames, threshold_n: float) -> LoadScore | None:
-    """Return how far the estimated loads are from the true ones, if both are there."""
-    if compared.estimated_load_n is None or compared.true_load_n is None:
-        return None
-    error_n = np.linalg.norm(compared.estimated_load_n - compared.true_load_n, axis=-1)
-    true_n = np.linalg.norm(compared.true_load_n, axis=-1)
-    estimated_n = np.linalg.norm(compared.estimated_load_n, axis=-1)
-    known = np.isfinite(error_n)
-    loaded, called = known & (true_n > threshold_n), known & (estimated_n > threshold_n)
-    quiet = known & ~loaded.any(axis=1)[:, None]
-    clear = np.where(known, true_n, 0.0).max(axis=1) > CLEAR_LOAD_N
-    true_n, estimated_n = (np.where(known, n, -np.inf)[clear] for n in (true_n, estimated_n))
-    return LoadScore(
-        threshold_n,
-        loaded_rmse_n=_root_mean_square(error_n[loaded]),
-        unloaded_rmse_n=_root_mean_square(error_n[known & ~loaded]),
-        recall=_share(called[loaded]),
-        precision=_share(loaded[called]),
-        false_alarm_share=_share(called[known & ~loaded]),
-        quiet_false_alarm_share=_share(called[quiet]),
-        clear_frames=int(clear.sum()),
-        most_loaded_share=_share(true_n.argmax(axis=1) == estimated_n.argmax(axis=1)),
-    )
-
-
-def coverage(nees: NDArray[np.float64], probability: float) -> float:
-    """Return the share of errors within the ellipsoid of some probability, e^T P^-1 e <= chi2_3; nan of none."""
-    return _of_known(lambda known: np.mean(known <= chi2.ppf(probability, 3)), nees)
-
-
-def mean_band(degrees: int, count: float) -> tuple[float, float]:
-    """Return where 95 % of the means of so many independent chi-square values lie; nan of none."""
-    low, high = chi2.ppf([0.025, 0.975], degrees * count) / count if count > 0 else (np.nan, np.nan)
-    return float(low), float(high)
-
-
-def independent_count(series: NDArray[np.float64]) -> float:
-    """Return how many independent values are worth as much for a mean as this series: n / (1 + 2 sum rho_k).
-
-    rho is the autocorrelation, summed up to where it first is not positive (Geyer, Statistical Science 7, 1992, cuts
-    likewise); 0 of an empty series, 1 of a constant one.
-    """
-    series = series[np.isfinite(series)]
-    if len(series) == 0 or np.ptp(series) == 0:
-        return float(min(len(series), 1))
-    return max(len(series) / correlation_samples(series - series.mean()), 1.0)
-
-
-def named_as_fault(estimate: Estimate) -> NDArray[np.bool_]:
-    """Return (frames, tendons) where a flag tells of the sensor, or the length was left out."""
-    return np.asarray(((estimate.flags & ~int(MOMENTARY)) != 0) | ~np.isfinite(estimate.sigma_m))
-
-
-def score_fault(fault: Fault, estimate: Estimate) -> FaultScore:
-    """Return whether and when a fault was seen."""
-    during = (estimate.t_s >= fault.from_s) & (estimate.t_s <= fault.until_s)
-    named = named_as_fault(estimate)[during][:, fault.tendons]
-    seen = np.asarray(named.any(axis=0))
-    delay_s = None
-    if len(seen) and seen.all():
-        delay_s = float((estimate.t_s[during][named.argmax(axis=0)] - fault.from_s).max())
-    return FaultScore(fault.kind, fault.where, fault.from_s, len(seen), int(seen.sum()), delay_s)
-
-
-def false_alarm_share(faults: Iterable[Fault], estimate: Estimate) -> float:
-    """Return the share of the readings without a fault that are named as one."""
-    healthy = np.ones(estimate.flags.shape, dtype=np.bool_)
-    for fault in faults:
-        during = (estimate.t_s >= fault.from_s) & (estimate.t_s <= fault.until_s)
-        healthy[np.ix_(during, fault.tendons)] = False
-    return float(np.mean(named_as_fault(estimate)[healthy])) if healthy.any() else np.nan
-
-
-def rigid_alignment(points_m: NDArray[np.float64], onto_m: NDArray[np.float64]) -> tuple[Rotation, NDArray[np.float64]]:
-    """Return the rotation R and shift t with the least sum of |R p + t - q|^2 (Umeyama 1991, without scale).
-
-    Args:
-        points_m: (points, 3) p; rows with a nan are left out.
-        onto_m: (points, 3) q.
-    """
-    known = np.isfinite(points_m).all(axis=1)
-    points_m, onto_m = points_m[known], onto_m[known]
-    rotation, _ = Rotation.align_vectors(onto_m - onto_m.mean(axis=0), points_m - points_m.mean(axis=0))
-    return rotation, onto_m.mean(axis=0) - rotation.apply(points_m.mean(axis=0))
 
 
 def node_rmse_m(
@@ -326,38 +183,7 @@ def node_rmse_m(
     return errors_of(error_m.reshape(-1, 3)).rmse_m
 
 
-def interpolated(
-    t_s: NDArray[np.float64], truth_s: NDArray[np.float64], truth_position_m: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the (frames, nodes, 3) true positions at some times, on straight lines between the given ones.
-
-    They are nan before the first and after the last time, in holes of the truth, and next to a node's nan.
-    """
-    after = np.clip(np.searchsorted(truth_s, t_s), 1, len(truth_s) - 1)
-    step_s = truth_s[after] - truth_s[after - 1]
-    share = (t_s - truth_s[after - 1]) / step_s
-    outside = (share < 0) | (share > 1) | (step_s > MAX_HOLE * np.median(np.diff(truth_s)))
-    share = np.where(outside & (share != 0) & (share != 1), np.nan, share)[:, None, None]
-    before_m, after_m = truth_position_m[after - 1], truth_position_m[after]
-    between = (1 - share) * before_m + share * after_m
-    return np.asarray(np.where(share == 0, before_m, np.where(share == 1, after_m, between)))
-
-
-def mean_over_frames(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean over the first axis of what is not nan; nan of nothing."""
-    known = ~np.isnan(values)
-    count = known.sum(axis=0)
-    return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
-
-
-def _share(cases: NDArray[np.bool_]) -> float:
-    return float(cases.mean()) if len(cases) else np.nan
-
-
-def _root_mean_square(values: NDArray[np.float64]) -> float:
-    return float(np.sqrt(_of_known(np.mean, values**2)))
-
-
-def _of_known(statistic: Callable[[NDArray[np.float64]], Any], values: NDArray[np.float64]) -> float:
-    known = values[~np.isnan(values)]
-    return float(statistic(known)) if len(known) else np.nan
+def slack_frames(structure: Structure, estimate: Estimate) -> NDArray[np.bool_]:
+    """Return (frames,) in which some tendon, as measured, is bent or may be."""
+    slack = (estimate.mode == Mode.BENDING) | ((estimate.flags & Flag.AMBIGUOUS) != 0)
+    return np.asarray((slack & np.isfinite(estimate.length_m))[:, structure.free_tendons].any(axis=1))

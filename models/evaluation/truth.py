@@ -5,39 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..structure.external_loads import ExternalLoads
-from ..structure.reconstruction import Reconstruction
-from ..structure.structure import Structure
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
-    """What a method says of a trial, as much of it as a result directory keeps."""
-
-    t_s: NDArray[np.float64]
-    """(frames,)"""
-    node_position_m: NDArray[np.float64]
-    """(frames, nodes, 3)"""
-    node_covariance_m2: NDArray[np.float64]
-    """(frames, nodes, 3, 3) of each node; nan from a method that gives none."""
-    length_m: NDArray[np.float64]
-    """(frames, tendons) as measured, nan where not."""
-    sigma_m: NDArray[np.float64]
-    """(frames, tendons) of the measurement, inf where there is none."""
-    mode: NDArray[np.int64]
-    """(frames, tendons) `Mode`."""
-    flags: NDArray[np.int64]
-    """(frames, tendons) `Flag` bits."""
-    innovation_sigma_m: NDArray[np.float64]
-    """(frames, tendons) sigma of measured minus predicted length; nan from a method that gives no covariance."""
-    loads: ExternalLoads | None = None
-    """Of all frames; None from a method that gives none."""
-
-    @classmethod
-    def of(cls, r: Reconstruction) -> "Estimate":
-        """Return what a result directory would keep of a reconstruction."""
-        lengths = (r.length_m, r.sigma_m, r.mode, r.flags, r.innovation_sigma_m)
-        return cls(r.t_s, r.node_position_m, r.node_covariance_m2, *lengths, r.loads)
+from ..trial_description import TrialDescription, TruthTable
+from ..values.errors import InputError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,169 +46,27 @@ class Truth:
     loads: TrueLoads | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Errors:
-    """Of many points, in metres; 3-D but for the height, and nan of no points."""
+def known_faults(truth: TruthTable, trial: TrialDescription, where: str) -> tuple[Fault, ...]:
+    """Return the faults that a trial names, with the tendons they spoil. Evaluation only.
 
-    rmse_m: float
-    """Root of the mean of |error|^2."""
-    height_rmse_m: float
-    """Root of the mean of the squared error of z."""
-    median_m: float
-    """Of |error|."""
-    percentile_95_m: float
-    """Of |error|."""
-
-
-@dataclass(frozen=True, slots=True)
-class ShapeErrors:
-    """The paper's three figures, each over all compared frames."""
-
-    nodes: Errors
-    """Of the free nodes."""
-    faces: Errors
-    """Of the centres of the faces, the triangles closed by three tendons."""
-    system: Errors
-    """Of the free nodes and the centres of the faces together (the paper gives no definition)."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Consistency:
-    """Whether errors are as large as the covariances say."""
-
-    nees: NDArray[np.float64]
-    """(free nodes,) mean over the frames of e^T P^-1 e: 3 is right, more is overconfident."""
-    nees_band: NDArray[np.float64]
-    """(free nodes, 2) where 95 % of such means lie: chi-square with 3 N, over N, see `independent_frames`."""
-    independent_frames: NDArray[np.float64]
-    """(free nodes,) N: the frames over the time for which a node's NEES stays like itself (its autocorrelation)."""
-    coverage_50: float
-    """Share of (frame, free node) whose ellipsoid of 50 % holds the truth."""
-    coverage_68: float
-    coverage_95: float
-    median_sigma_m: float
-    """Of the free nodes, root of the trace of the covariance: what a coverage is worth."""
-    nis: float
-    """Mean of ((measured - predicted length) / its sigma)^2 over frames and tendons that others check: 1 is right."""
-    nis_band: tuple[float, float]
-    """Where 95 % of such means lie: chi-square with N degrees, over N, N summed over the tendons."""
-
-
-@dataclass(frozen=True, slots=True)
-class Regime:
-    """Errors, and whether they are as large as the covariances say, in frames of one kind; nan of no frames."""
-
-    name: str
-    """`quiet`: no true load above the threshold at any node; `loaded`: the others; `slack`: some tendon, as measured,
-    is bent or may be, loaded or not."""
-    frames: int
-    node_rmse_m: float
-    nees: float
-    """Mean over frames and free nodes: 3 is right."""
-    coverage_68: float
-    coverage_95: float
-    median_sigma_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class LoadScore:
-    """Estimated loads against true ones, as far as the balance of forces shows these; nan of no loads."""
-
-    threshold_n: float
-    """A node with a larger load is loaded."""
-    loaded_rmse_n: float
-    """Root of the mean of |error|^2 (3-D) over (frame, free node) that truly are loaded."""
-    unloaded_rmse_n: float
-    """Over all others."""
-    recall: float
-    """Share of the truly loaded (frame, free node) that are called loaded."""
-    precision: float
-    """Share of those called loaded that are."""
-    false_alarm_share: float
-    """Of the (frame, free node) that truly are not loaded, the share called loaded."""
-    quiet_false_alarm_share: float
-    """The same in frames in which no node is loaded."""
-    clear_frames: int
-    """Frames with a true load above 0.3 N."""
-    most_loaded_share: float
-    """Of these, in how many the largest estimated load is at the truly most loaded node."""
-
-
-@dataclass(frozen=True, slots=True)
-class FaultScore:
-    """Whether a fault was seen in its interval, by a flag or an infinite sigma of its tendons."""
-
-    kind: str
-    where: str
-    from_s: float
-    tendons: int
-    """How many it spoils."""
-    named: int
-    """How many of these were named while it lasted."""
-    delay_s: float | None
-    """From its beginning until the last of them was first named; None when one never was."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ComparedFrames:
-    """Frame by frame, what an evaluation was made of: for figures, and to pool trials."""
-
-    t_s: NDArray[np.float64]
-    """(frames,)"""
-    estimated_m: NDArray[np.float64]
-    """(frames, nodes, 3)"""
-    true_m: NDArray[np.float64]
-    """(frames, nodes, 3) in the estimate's frame, nan where unknown."""
-    node_sigma_m: NDArray[np.float64]
-    """(frames, free nodes) root of the trace of the covariance."""
-    height_sigma_m: NDArray[np.float64]
-    """(frames, nodes)"""
-    nees: NDArray[np.float64]
-    """(frames, free nodes) e^T P^-1 e."""
-    node_error_m: NDArray[np.float64]
-    """(frames, free nodes, 3) estimated minus true."""
-    face_error_m: NDArray[np.float64]
-    """(frames, faces, 3) of the faces' centres."""
-    frame_error_m: NDArray[np.float64]
-    """(frames,) root of the mean of |error|^2 over the free nodes."""
-    wrong_branch: NDArray[np.bool_]
-    """(frames,) det J has the other sign than at truth, and the frame's error is above 5 mm."""
-    estimated_load_n: NDArray[np.float64] | None
-    """(frames, free nodes, 3); None where loads were not estimated, or are not known."""
-    true_load_n: NDArray[np.float64] | None
-    """(frames, free nodes, 3) what the balance of forces shows of it; None where it is not known."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Evaluation:
-    """All that is said of one estimate against the truth."""
-
-    frames: int
-    """Compared: those within the times of the truth, and not in a hole of it."""
-    frames_without_truth: int
-    """Of the estimate, and not compared."""
-    rotation_deg: float | None
-    """By how much the truth was turned to fit, None when it was taken as it stands."""
-    absolute: ShapeErrors
-    displacement: ShapeErrors | None
-    """Of the motion away from the rest shape, each side from its own; None when the truth has no rest."""
-    node_rmse_m: NDArray[np.float64]
-    """(free nodes,) nan of a node that the truth never shows."""
-    node_height_rmse_m: NDArray[np.float64]
-    """(free nodes,)"""
-    worst_node: int
-    """The free node with the largest RMSE."""
-    consistency: Consistency
-    regimes: tuple[Regime, ...]
-    """Quiet and loaded only where true loads are known."""
-    loads: LoadScore | None
-    """None where loads were not estimated, or are not known."""
-    first_good_s: float | None
-    """From the first compared frame to the first one whose error is at most 5 mm; None when there is none."""
-    wrong_branch_frames: int | None
-    """None where the length Jacobian is not square."""
-    faults: tuple[FaultScore, ...]
-    false_alarm_share: float
-    """Of all readings (frame, tendon) without a fault, the share that is named as one."""
-    structure: Structure
-    compared: ComparedFrames
+    Raises:
+        InputError: for a tendon or board that is not there, or an interval that ends before it begins.
+    """
+    tendons, boards = len(trial.structure.tendons), len(trial.tendons_of_board)
+    faults = []
+    for index, fault in enumerate(truth.fault):
+        name = f"{where}: truth.fault[{index}]"
+        if fault.until_s < fault.from_s:
+            raise InputError(f"{name}: expected until_s at from_s = {fault.from_s} or later, got {fault.until_s}")
+        if fault.tendon is not None and fault.board is None:
+            if not 0 <= fault.tendon < tendons:
+                raise InputError(f"{name}.tendon: expected a tendon from 0 to {tendons - 1}, got {fault.tendon}")
+            place, spoilt = f"tendon {fault.tendon}", np.array([fault.tendon])
+        elif fault.board is not None and fault.tendon is None:
+            if not 0 <= fault.board < boards:
+                raise InputError(f"{name}.board: expected one of the trial's {boards} boards, got {fault.board}")
+            place, spoilt = f"board {fault.board}", trial.tendons_of_board[fault.board]
+        else:
+            raise InputError(f"{name}: expected either tendon or board")
+        faults.append(Fault(fault.kind, place, spoilt, fault.from_s, fault.until_s))
+    return tuple(faults)

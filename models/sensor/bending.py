@@ -11,20 +11,22 @@ strains have the same f, so it is inverted on [-1, x_c] only. The constant term 
 or bending and stretching would not join), and is left out: y_c = 0.0080 then.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from ..calibration.recordings import Recording
-from ..values.correlation import correlation_samples
-from .mode import LagFree
+from ..values.low_pass import smoothed_rate
 
 COEFFICIENTS = (-4.7589, -16.521, -20.239, -9.9675, -0.5464, -0.0016)
 """Of eq. (9), highest power first."""
+
+
+BENDING_LAG_S = (0.124, 0.236)
+"""Time constants of a bent sensor, bending and straightening: the paper's 286 and 544 ms to 90 %, over ln 10."""
+SMOOTHING_S = 0.06
+"""Memory of the rate by which the lag is undone."""
 
 
 class FoldedPolynomial:
@@ -99,57 +101,19 @@ class BendingCurve:
         return np.asarray(np.asarray(change) >= low)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BendingFit:
-    """Eq. (9) fitted anew, with x = strain."""
+class LagFree:
+    """dR/R with a bent sensor's lag undone: y + tau dy/dt, the rate taken of y smoothed.
 
-    coefficients: NDArray[np.float64]
-    """(6,) highest power first, of dR/R."""
-    covariance: NDArray[np.float64]
-    """(6, 6) of these; residuals last for seconds, and count as many fewer."""
-    r2: float
-    """Share of the variance of dR/R explained, on the recordings fitted, ..."""
-    held_out_r2: float
-    """... and on those held out; nan without any."""
-    residual_sigma: float
-    """Standard deviation of dR/R about the curve."""
-    lowest_strain: float
-    """As far as the recordings go."""
-
-    def curve(self) -> BendingCurve:
-        """Return the curve, for use."""
-        return BendingCurve("strain", self.coefficients)
-
-
-def fit_bending(recordings: Sequence[Recording], held_out: Sequence[Recording]) -> BendingFit | None:
-    """Return the polynomial of degree five through the bent samples, their lag undone; None when there are too few.
-
-    The covariance is sigma^2 (X'X)^-1 times the residuals' time of correlation in samples, 1 + 2 sum of their positive
-    autocorrelation.
+    On the bending recordings that takes the error of eq. (9) from 0.019 to 0.007 strain.
     """
-    bent = [_lag_free_bending(r) for r in recordings if r.stretched_share < 0.5]
-    if not bent or min(x.min() for x, _ in bent) > -0.1:
-        return None
-    x, y = (np.concatenate(column) for column in zip(*bent, strict=True))
-    basis = np.vander(x, 6)
-    coefficients = np.linalg.lstsq(basis, y, rcond=None)[0]
-    residual = y - basis @ coefficients
-    sigma = float(residual.std())
-    correlated = [correlation_samples(part_y - np.polyval(coefficients, part_x)) for part_x, part_y in bent]
-    covariance = sigma**2 * np.linalg.inv(basis.T @ basis) * float(np.mean(correlated))
-    tested = [_lag_free_bending(r) for r in held_out if r.stretched_share < 0.5]
-    held_out_r2 = float("nan")
-    if tested:
-        test_x, test_y = (np.concatenate(column) for column in zip(*tested, strict=True))
-        held_out_r2 = 1 - float(np.var(test_y - np.polyval(coefficients, test_x)) / np.var(test_y))
-    r2 = 1 - sigma**2 / float(np.var(y))
-    return BendingFit(coefficients, covariance, r2, held_out_r2, sigma, float(x.min()))
 
+    def __init__(self, sensors: int) -> None:
+        self._smooth = np.full(sensors, np.nan)
 
-def _lag_free_bending(recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return strain and lag-free dR/R of the settled bent samples."""
-    lag_free, step_s = LagFree(1), np.diff(recording.t_s, prepend=2 * recording.t_s[0] - recording.t_s[1])
-    pairs = zip(recording.change, step_s, strict=True)
-    change = np.array([lag_free.step(np.array([y]), float(dt))[0][0] for y, dt in pairs])
-    chosen = recording.settled & (recording.strain < 0) & (recording.t_s > recording.scored_from_s)
-    return recording.strain[chosen], change[chosen]
+    def step(self, change: NDArray[np.float64], step_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (sensors,) lag-free dR/R, and by how much it differs from the given one."""
+        smooth = np.where(np.isnan(self._smooth), change, self._smooth)
+        rate = smoothed_rate(change, smooth, step_s, SMOOTHING_S)
+        self._smooth = smooth + rate * step_s
+        lag = np.where(rate < 0, *BENDING_LAG_S) * rate
+        return change + lag, lag

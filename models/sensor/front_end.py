@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from ..values.readings import Flag, Mode, ResistanceFrame, TendonLengths
+from ..values.readings import Flag, Mode, ResistanceFrame, RestLengths, TendonLengths
 from ..values.tables import Positive, Probability
-from .mode import LagFree
-from .sensor_model import Extrapolation, SensorModel, StrainSpread, StretchingSensors
-from .taring import RestLengths, RestTare, Taring
+from .bending import LagFree
+from .sensor_model import SensorModel
+from .stretching import Extrapolation, StrainSpread, StretchingSensors
+from .taring import RestTare, Taring
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +105,7 @@ class FrontEnd:
 
     def _decide_mode(self, lag_free: NDArray[np.float64], t_s: float) -> NDArray[np.float64]:
         """Return the probability that each tendon is bent, and set its mode, with hysteresis."""
-        probability = expit(self._model.mode_log_odds(lag_free) + logit(self._settings.bending_share))
+        probability = expit(self._model.mode_odds.at(lag_free) + logit(self._settings.bending_share))
         if self._taring.is_resting(t_s):  # then the mode is known
             known = np.isfinite(self._taring.rest_strain)
             probability = np.where(known, self._taring.rest_strain < 0, probability)
@@ -125,8 +126,8 @@ class FrontEnd:
         step_s = frame.t_s - np.where(seen & ~fresh, self._seen_s, np.nan)
         rate = np.nan_to_num((change - self._change) / step_s)
         self._change, self._seen_s = change, np.where(seen, frame.t_s, self._seen_s)
-        flags = frame.flags | np.where(np.abs(rate) > self._model.max_rate_per_s, Flag.TOO_FAST, 0)
-        in_range = (change <= self._model.max_change) & self._bending.in_range(change)
+        flags = frame.flags | np.where(np.abs(rate) > self._model.ranges.rate_per_s, Flag.TOO_FAST, 0)
+        in_range = (change <= self._model.ranges.change[1]) & self._bending.in_range(change)
         return change, rate, flags | np.where(in_range, 0, Flag.OUT_OF_RANGE)
 
     def _rests(self, t_s: float) -> NDArray[np.bool_]:
@@ -139,7 +140,7 @@ class FrontEnd:
         strain, sigma = self._stretching.step(change, rate, step_s)
         strain = self._rest_tare.corrected(strain, self._taring.is_resting(t_s) & (self._seen_s == t_s))
         widening, beyond, _ = self._extrapolation.step(change, rate, strain, step_s)
-        sigma = sigma * widening * self._model.sigma_scale(self._spread.step(strain, step_s))
+        sigma = sigma * widening * self._model.sigma_scale.at(self._spread.step(strain, step_s))
         warm_for_s = np.nan_to_num(t_s - self._warm_s, nan=np.inf)
         warm_up = self._settings.warm_up_sigma * np.exp(-warm_for_s / self._settings.warm_up_s)
         curve = self._stretching.curve_sigma(change)

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..values.low_pass import low_pass_weight
+
 STRAIN_SCALE = 0.05
 """The network's outputs are in units of this strain."""
 LOG_VARIANCE_RANGE = (-10.0, 4.0)
@@ -54,7 +56,7 @@ def next_means(
     memory_s: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return (sensors, memories) running means after one more dR/R: m += (y - m) (1 - exp(-dt / tau))."""
-    weight = 1 - np.exp(-np.asarray(step_s)[..., None] / memory_s)
+    weight = low_pass_weight(np.asarray(step_s)[..., None], memory_s)
     return np.asarray(means + (change[:, None] - means) * weight)
 
 
@@ -79,26 +81,36 @@ class LstmState:
     """(sensors, hidden) long-term memory, eq. (13)."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LstmWeights:
+    """The weights of `Lstm`, gates in the order i, f, g, o of torch's parameters."""
+
+    weight_ih: NDArray[np.float64]
+    """(4 hidden, features) of the input X_t."""
+    weight_hh: NDArray[np.float64]
+    """(4 hidden, hidden) of the short-term memory."""
+    bias: NDArray[np.float64]
+    """(4 hidden,)"""
+    head_weight: NDArray[np.float64]
+    """(2, hidden) of the linear head."""
+    head_bias: NDArray[np.float64]
+    """(2,)"""
+
+
 class Lstm:
     """One LSTM layer and a linear head, all sensors in one step.
 
-    Gates in the order i, f, g, o of torch's parameters. With sigma(z) = (1 + tanh(z / 2)) / 2 the halves go into the
+    With sigma(z) = (1 + tanh(z / 2)) / 2 the halves go into the
     weights, and all four gates take one matrix product and one tanh.
     """
 
-    def __init__(
-        self,
-        weight_ih: NDArray[np.float64],
-        weight_hh: NDArray[np.float64],
-        bias: NDArray[np.float64],
-        head_weight: NDArray[np.float64],
-        head_bias: NDArray[np.float64],
-    ) -> None:
-        self.hidden = weight_hh.shape[1]
+    def __init__(self, weights: LstmWeights) -> None:
+        self.hidden = weights.weight_hh.shape[1]
         half = np.repeat([0.5, 0.5, 1.0, 0.5], self.hidden)
-        self._weight = np.concatenate([weight_ih, weight_hh], axis=1).T * half
-        self._bias = bias * half
-        self._head_weight, self._head_bias = head_weight.T, head_bias
+        self._weight = np.concatenate([weights.weight_ih, weights.weight_hh], axis=1).T * half
+        self._bias = weights.bias * half
+        self._head_weight = weights.head_weight.T
+        self._head_bias = weights.head_bias
 
     def initial_state(self, sensors: int) -> LstmState:
         """Return the state of sensors never read."""
@@ -112,3 +124,12 @@ class Lstm:
         c = f * state.c + i * gates[:, 2 * n : 3 * n]  # eqs. (10)-(13)
         h = o * np.tanh(c)  # eqs. (14), (15)
         return h @ self._head_weight + self._head_bias, LstmState(h, c)
+
+
+def run_lstm(lstm: Lstm, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (steps, 2) outputs for one sensor's (steps, features) inputs, from a fresh state."""
+    state, outputs = lstm.initial_state(1), []
+    for row in x:
+        output, state = lstm.step(row[None], state)
+        outputs.append(output[0])
+    return np.array(outputs)

@@ -7,7 +7,6 @@ held within the range that it was fitted in: a cubic runs away outside, while s 
 the coefficients is a sigma of strain, small where recordings reach and large between and beyond them.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations_with_replacement
@@ -15,12 +14,9 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration.recordings import Recording
-from .gauge import INDEPENDENT, StaticGauge
+from .gauge import StaticGauge
 
 DEGREE = 3
-RIDGE = 1e-4
-"""Of the mean square of a term: keeps terms apart that are nearly the same on a slow recording."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,26 +36,10 @@ class RateCurve:
     factor: NDArray[np.float64]
     """(terms + 1, terms + 1) F of their covariance F F'; residuals last for seconds, and count as many fewer."""
 
-    @classmethod
-    def fit(
-        cls, recordings: Sequence[Recording], gauge: StaticGauge, memory_s: NDArray[np.float64], signed: bool
-    ) -> "RateCurve":
-        """Fit to recordings on the common curve, by ridge regression; to bent samples, too, if signed."""
-        parts = [(rate_inputs(r.change, r.running_means(memory_s)), r.strain, r.counted(signed)) for r in recordings]
-        inputs = np.concatenate([x[counted] for x, _, counted in parts])
-        strain = np.concatenate([strain[counted] for _, strain, counted in parts])
-        scale: NDArray[np.float64] = np.maximum(inputs.std(axis=0), 1e-9)
-        between = np.stack([inputs.min(axis=0), inputs.max(axis=0)])
-        terms = _terms(inputs, scale, gauge)
-        coefficients, normal = ridge(terms, strain)
-        residual_sigma = np.sqrt(INDEPENDENT) * np.std(strain - terms @ coefficients)
-        factor = residual_sigma * np.linalg.inv(np.linalg.cholesky(normal)).T
-        return cls(gauge, memory_s, scale, between, coefficients, factor)
-
     def strain(self, change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return strain from (...) dR/R and its (..., memories) running means."""
         inputs = rate_inputs(change, means)
-        terms = _terms(np.clip(inputs, *self.range), self.scale, self.gauge)
+        terms = curve_terms(np.clip(inputs, *self.range), self.scale, self.gauge)
         beyond = self.gauge.stretched_strain(change) - terms[..., -1]
         return np.asarray(terms @ self.coefficients + beyond)
 
@@ -67,7 +47,7 @@ class RateCurve:
         """Return the strain sigma that the coefficients leave; of y alone beyond its range see `Extrapolation`."""
         inputs = rate_inputs(change, means)
         inputs[..., 0] = np.clip(inputs[..., 0], *self.range[:, 0])
-        return np.asarray(np.linalg.norm(_terms(inputs, self.scale, self.gauge) @ self.factor, axis=-1))
+        return np.asarray(np.linalg.norm(curve_terms(inputs, self.scale, self.gauge) @ self.factor, axis=-1))
 
 
 def rate_inputs(change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -88,13 +68,6 @@ def products(inputs: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(first * second * third)
 
 
-def ridge(terms: NDArray[np.float64], strain: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the (terms,) coefficients of strain, damped by `RIDGE`, and the (terms, terms) damped normal matrix."""
-    normal = np.einsum("ni,nj->ij", terms, terms)  # sums in one order, however many cores there are
-    normal += RIDGE * np.diag(np.diag(normal))
-    return np.asarray(np.linalg.solve(normal, np.einsum("ni,n->i", terms, strain))), normal
-
-
-def _terms(inputs: NDArray[np.float64], scale: NDArray[np.float64], gauge: StaticGauge) -> NDArray[np.float64]:
+def curve_terms(inputs: NDArray[np.float64], scale: NDArray[np.float64], gauge: StaticGauge) -> NDArray[np.float64]:
     """Return (..., terms + 1): the products, and the static curve's strain."""
     return np.concatenate([products(inputs / scale), gauge.stretched_strain(inputs[..., 0])[..., None]], axis=-1)

@@ -1,21 +1,24 @@
 """Rows of the boards into readings of resistance: the divider, and each board's clock."""
 
-import numpy as np
+from collections.abc import Sequence
 
-from ..trial_description import TrialDescription
-from ..values.errors import InputError
+import numpy as np
+from numpy.typing import NDArray
+
 from ..values.readings import BoardReading, Flag, ResistanceReading
 from .clock import BoardClock, ClockCounts, ClockSettings
+from .divider import Divider
 
 
 class Boards:
     """Turns rows into readings, eq. (1), each at its time on the host clock."""
 
-    def __init__(self, trial: TrialDescription, settings: ClockSettings) -> None:
-        if trial.divider is None:
-            raise InputError(f"a trial of {trial.source} has no boards")
-        self._divider, self._tendons = trial.divider, trial.tendons_of_board
-        self._clocks = [BoardClock(settings) for _ in self._tendons]
+    def __init__(
+        self, divider: Divider, tendons_of_board: Sequence[NDArray[np.int64]], settings: ClockSettings
+    ) -> None:
+        self._divider = divider
+        self._tendons = tendons_of_board
+        self._clocks = [BoardClock(settings) for _ in tendons_of_board]
 
     @property
     def counts(self) -> list[ClockCounts]:

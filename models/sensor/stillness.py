@@ -19,7 +19,7 @@ MOVING_TENDONS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class RestMotion:
     """How much the tendons changed while the structure was to stand still."""
 
     largest_m: float
@@ -60,7 +60,7 @@ class StillnessWatch:
         seen = np.isfinite(change_m)
         self._sum[int(reading.t_s // BLOCK_S)][:, e[seen]] += np.stack([change_m[seen], np.ones(seen.sum())])
 
-    def motion(self) -> Motion:
+    def motion(self) -> RestMotion:
         """Return how much the tendons changed; the first and the last block are cut short by the watch, and left out.
 
         A tendon that no reading told of counts as still.
@@ -73,4 +73,4 @@ class StillnessWatch:
         )
         range_m = np.where(np.isfinite(range_m), range_m, 0.0)
         tendon = int(np.argmax(range_m))
-        return Motion(float(range_m[tendon]), tendon, int((range_m > STILL_M).sum()), float(range_m.mean()))
+        return RestMotion(float(range_m[tendon]), tendon, int((range_m > STILL_M).sum()), float(range_m.mean()))

@@ -1,11 +1,11 @@
 """Taring: what each sensor's readings at the rest shape say of its own gain and offset."""
 
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..values.readings import RestLengths
 from .bending import BendingCurve
 from .gauge import StaticGauge
 
@@ -14,18 +14,6 @@ CURVE_SIGMA, FOLD_SIGMA, FOLD_STRAIN = 0.004, 0.01, 0.02
 MISFIT_SIGMA = 5.0
 """Beyond this a rest reading is no matter of gain and offset: a natural resistance wrong by 4 %. The 192 sensors of the
 development trials stay below 2.2."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RestLengths:
-    """The tendon lengths while the structure stands unloaded at its rest shape."""
-
-    seconds: float
-    """How long it stands there at the start."""
-    length_m: NDArray[np.float64]
-    """(tendons,)"""
-    sigma_m: NDArray[np.float64]
-    """(tendons,)"""
 
 
 class Taring:

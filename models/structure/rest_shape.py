@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..sensor.taring import RestLengths
+from ..values.readings import RestLengths
 from ..values.tables import Positive
 from .lengths import length_jacobian
 from .statics import Mechanics

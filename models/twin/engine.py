@@ -13,12 +13,12 @@ from .mjcf import Body, mjcf
 
 SETTLED_M_PER_S = 1e-6
 """A structure at rest: a node that still moves this fast for the rest seconds moves by a few micrometres."""
-SETTLING_S = 300.0
+COMING_TO_REST_S = 300.0
 """How long to wait for that; the examples take 2 to 4 s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class TwinMotion:
     """What the structure did."""
 
     t_s: NDArray[np.float64]
@@ -65,7 +65,7 @@ class Twin:
         """
         period = max(round(0.1 / self._step_s), 1)
         before = self.node_position_m
-        for _ in range(round(SETTLING_S / self._step_s / period)):
+        for _ in range(round(COMING_TO_REST_S / self._step_s / period)):
             self._engine.mj_step(self._model, self._data, period)
             self._check_stable()
             now = self.node_position_m
@@ -73,11 +73,11 @@ class Twin:
                 break
             before = now
         else:
-            raise TensegraphError(f"the structure does not come to rest in {SETTLING_S:g} s: try more drag")
+            raise TensegraphError(f"the structure does not come to rest in {COMING_TO_REST_S:g} s: try more drag")
         self._data.qvel[:] = 0.0
         self._engine.mj_forward(self._model, self._data)
 
-    def run(self, loads: Loads, steps: int) -> Motion:
+    def run(self, loads: Loads, steps: int) -> TwinMotion:
         """Return what happens under the loads from now on, which is t = 0."""
         position_m = np.empty((steps, len(self._site), 3))
         load_n = np.empty_like(position_m)
@@ -87,7 +87,7 @@ class Twin:
             self._push(load_n[k], position_m[k])
             self._engine.mj_step(self._model, self._data)
         self._check_stable()
-        return Motion(self._step_s * np.arange(steps, dtype=np.float64), position_m, load_n)
+        return TwinMotion(self._step_s * np.arange(steps, dtype=np.float64), position_m, load_n)
 
     def _check_stable(self) -> None:
         """Refuse what the engine would only log: it starts anew when the numbers run away.

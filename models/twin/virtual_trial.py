@@ -12,7 +12,7 @@ from ..sensor.divider import Divider
 from ..structure.structure import Structure
 from ..values.readings import BoardReading
 from .emulated_boards import Signal, board_rows
-from .engine import Motion, Twin
+from .engine import Twin, TwinMotion
 from .loads import Loads
 from .mjcf import Body
 from .plan import Plan
@@ -91,7 +91,9 @@ def _body(plan: Plan, rng: np.random.Generator) -> Body:
     )
 
 
-def _signal(plan: Plan, structure: Structure, motion: Motion, specimens: Specimens, rng: np.random.Generator) -> Signal:
+def _signal(
+    plan: Plan, structure: Structure, motion: TwinMotion, specimens: Specimens, rng: np.random.Generator
+) -> Signal:
     """Return the sensors' resistances: each follows its tendon's strain, drifts, and is noisy."""
     step_s = plan.mechanics.step_s
     strain = structure.tendon_length_m(motion.node_position_m) / structure.natural_length_m - 1

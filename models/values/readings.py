@@ -136,3 +136,15 @@ class TendonLengths:
     def usable(self) -> NDArray[np.bool_]:
         """(tendons,) which lengths are measurements."""
         return np.isfinite(self.length_m) & np.isfinite(self.sigma_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RestLengths:
+    """The tendon lengths while the structure stands unloaded at its rest shape."""
+
+    seconds: float
+    """How long it stands there at the start."""
+    length_m: NDArray[np.float64]
+    """(tendons,)"""
+    sigma_m: NDArray[np.float64]
+    """(tendons,)"""

@@ -14,9 +14,10 @@ from tensegraph.commands.simulate import simulate
 from tensegraph.estimator.baselines import LeastSquares, UnscentedKalman
 from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
-from tensegraph.models.evaluation.truth import Estimate, Truth
-from tensegraph.models.sensor.sensor_model import StretchingSensors
+from tensegraph.models.evaluation.truth import Truth
+from tensegraph.models.sensor.stretching import StretchingSensors
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.values.readings import TendonLengths
 from tensegraph.pipeline import Pipeline

@@ -39,7 +39,7 @@ class Units:
 
 
 @dataclass(frozen=True, slots=True)
-class Rig:
+class StripRig:
     """A test rig, as in the file given by --rig; the defaults are the project's own recordings."""
 
     columns: Columns = field(default_factory=Columns)

@@ -1,0 +1,17 @@
+"""Where a result comes from: the versions that made it, and the way back to its trial."""
+
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+
+
+def versions(solver: str = "gtsam") -> dict[str, str]:
+    """Return the versions of what made a result, or with torch for solver, a model."""
+    packages = ("tensegraph", solver, "numpy", "scipy")
+    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
+
+
+def relative_path(start: Path, end: Path) -> str:
+    """Return the path from one directory to another, relative, so that both may be moved together."""
+    return Path(os.path.relpath(end.resolve(), start.resolve())).as_posix()

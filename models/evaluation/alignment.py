@@ -1,0 +1,38 @@
+"""The truth laid onto the estimate: in time by interpolation, in space by the best rigid fit."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+MAX_HOLE = 3.0
+"""Truth is not interpolated across holes of more than so many of its own median steps."""
+
+
+def interpolated(
+    t_s: NDArray[np.float64], truth_s: NDArray[np.float64], truth_position_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the (frames, nodes, 3) true positions at some times, on straight lines between the given ones.
+
+    They are nan before the first and after the last time, in holes of the truth, and next to a node's nan.
+    """
+    after = np.clip(np.searchsorted(truth_s, t_s), 1, len(truth_s) - 1)
+    step_s = truth_s[after] - truth_s[after - 1]
+    share = (t_s - truth_s[after - 1]) / step_s
+    outside = (share < 0) | (share > 1) | (step_s > MAX_HOLE * np.median(np.diff(truth_s)))
+    share = np.where(outside & (share != 0) & (share != 1), np.nan, share)[:, None, None]
+    before_m, after_m = truth_position_m[after - 1], truth_position_m[after]
+    between = (1 - share) * before_m + share * after_m
+    return np.asarray(np.where(share == 0, before_m, np.where(share == 1, after_m, between)))
+
+
+def rigid_alignment(points_m: NDArray[np.float64], onto_m: NDArray[np.float64]) -> tuple[Rotation, NDArray[np.float64]]:
+    """Return the rotation R and shift t with the least sum of |R p + t - q|^2 (Umeyama 1991, without scale).
+
+    Args:
+        points_m: (points, 3) p; rows with a nan are left out.
+        onto_m: (points, 3) q.
+    """
+    known = np.isfinite(points_m).all(axis=1)
+    points_m, onto_m = points_m[known], onto_m[known]
+    rotation, _ = Rotation.align_vectors(onto_m - onto_m.mean(axis=0), points_m - points_m.mean(axis=0))
+    return rotation, onto_m.mean(axis=0) - rotation.apply(points_m.mean(axis=0))

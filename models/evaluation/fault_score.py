@@ -1,0 +1,36 @@
+"""Whether sensors that failed were named, and healthy ones were not."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..values.readings import MOMENTARY
+from .estimate import Estimate
+from .evaluation import FaultScore
+from .truth import Fault
+
+
+def named_as_fault(estimate: Estimate) -> NDArray[np.bool_]:
+    """Return (frames, tendons) where a flag tells of the sensor, or the length was left out."""
+    return np.asarray(((estimate.flags & ~int(MOMENTARY)) != 0) | ~np.isfinite(estimate.sigma_m))
+
+
+def score_fault(fault: Fault, estimate: Estimate) -> FaultScore:
+    """Return whether and when a fault was seen."""
+    during = (estimate.t_s >= fault.from_s) & (estimate.t_s <= fault.until_s)
+    named = named_as_fault(estimate)[during][:, fault.tendons]
+    seen = np.asarray(named.any(axis=0))
+    delay_s = None
+    if len(seen) and seen.all():
+        delay_s = float((estimate.t_s[during][named.argmax(axis=0)] - fault.from_s).max())
+    return FaultScore(fault.kind, fault.where, fault.from_s, len(seen), int(seen.sum()), delay_s)
+
+
+def false_alarm_share(faults: Iterable[Fault], estimate: Estimate) -> float:
+    """Return the share of the readings without a fault that are named as one."""
+    healthy = np.ones(estimate.flags.shape, dtype=np.bool_)
+    for fault in faults:
+        during = (estimate.t_s >= fault.from_s) & (estimate.t_s <= fault.until_s)
+        healthy[np.ix_(during, fault.tendons)] = False
+    return float(np.mean(named_as_fault(estimate)[healthy])) if healthy.any() else np.nan
