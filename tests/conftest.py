@@ -1,12 +1,8 @@
-"""What the tests share: the example trial, a six-strut at rest, and the one check of derivatives."""
+"""What the tests share: the example trial, a six-strut at rest, boards, and the one check of derivatives."""
 
-import os
 import shutil
 import subprocess
-import threading
-import time
 import tomllib
-import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,13 +10,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tensegraph import Structure, open_trial, six_strut
-from tensegraph.io.boards.protocol import Row, frame
+from balance import nominal
+from emulated_board import EmulatedBoard
+from plan_edits import PLANS, SHORT, replaced
+from pty_board import PtyBoard
+from tensegraph import Reconstruction, Status, Structure, Trial, open_trial, simulate, six_strut
+from tensegraph.estimator.rest_step import rest_step
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.sensor.sensor_model import SensorModel
-from tensegraph.models.structure.rest_shape import RestShape
+from tensegraph.models.structure.external_loads import ExternalLoads
+from tensegraph.models.structure.rest_shape import RestSettings, RestShape
 from tensegraph.models.structure.rigidity import find_rest_shape
-from tensegraph.models.values.link import Hello
 from tensegraph.models.values.readings import Mode, TendonLengths
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "press_01"
@@ -50,6 +50,35 @@ def rest(structure: Structure) -> RestShape:
     variance = np.full((structure.node_count, 3), 0.0003**2)
     variance[structure.anchors] = 0
     return RestShape(find_rest_shape(structure), np.diag(variance.ravel()), "measured")
+
+
+@pytest.fixture(scope="session")
+def balanced(structure: Structure) -> RestShape:
+    """The rest step of the six-strut with nothing measured: the shape in which forces balance."""
+    return rest_step(structure, nominal(structure), None, RestSettings())
+
+
+@pytest.fixture
+def loaded(structure: Structure, rest: RestShape) -> Reconstruction:
+    """Two seconds at rest at 50 Hz: node 5 carries 2 N in all but the first frame, node 8 0.5 N in ten of them."""
+    count, tendons = 100, len(structure.tendons)
+    force = np.full((count, structure.node_count, 3), np.nan)
+    force[:, structure.free_nodes] = 0.0
+    force[1:, 5, 2], force[10:20, 8, 0] = -2.0, 0.5
+    sigma = np.full((count, structure.node_count), np.inf)
+    sigma[:, structure.free_nodes] = 0.1
+    return Reconstruction(
+        structure,
+        np.arange(count) / 50,
+        np.repeat(rest.node_position_m[None], count, axis=0),
+        np.repeat(rest.covariance_m2[None], count, axis=0),
+        (Status.OK,) * count,
+        np.full((count, tendons), 0.18),
+        np.full((count, tendons), 0.001),
+        np.zeros((count, tendons), dtype=np.int64),
+        np.zeros((count, tendons), dtype=np.int64),
+        loads=ExternalLoads(force, sigma),
+    )
 
 
 @pytest.fixture(scope="session")
@@ -126,6 +155,14 @@ def trial_copy(tmp_path: Path) -> Callable[..., Path]:
     return copy
 
 
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Trial:
+    """Six seconds of the press plan."""
+    folder = tmp_path_factory.mktemp("plans")
+    (folder / "press.toml").write_text(replaced(PLANS["press"].read_text(), *SHORT))
+    return simulate(folder / "press.toml", folder / "press_01")
+
+
 TOOLS = ["avr-gcc", "avr-g++", "gcc", "make"]
 ARDUINO = Path("/usr/share/arduino/hardware/arduino/avr")
 
@@ -143,43 +180,6 @@ def firmware(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-class EmulatedBoard:
-    """A Mega that runs the firmware, its pins at the voltages that gave a trial's codes; on a pty of its own.
-
-    The trial's two seconds of rest come several times over, so that there is time to tare on them.
-    """
-
-    def __init__(
-        self, firmware: Path, number: int, trial: Path, folder: Path, rate_ppm: float = 0.0, rests: int = 1
-    ) -> None:
-        self.port = folder / f"board{number}"
-        self.log = folder / f"board{number}.log"
-        self._command = [firmware / "board", firmware / f"board{number}.elf", self.port, folder / f"mv{number}.csv"]
-        self._command += [rate_ppm, folder / f"board{number}.eeprom", self.log]
-        rows = np.loadtxt(trial / f"board{number}.csv", delimiter=",", skiprows=1)
-        resting = rows[rows[:, 0] < 2.0]
-        rows = np.concatenate([*[resting] * (rests - 1), rows])
-        millivolt = (rows[:, 3:] + 0.5) * 5000 / 1024
-        np.savetxt(
-            self._command[3], np.column_stack([0.02 * np.arange(len(rows)), millivolt]), delimiter=",", fmt="%.4f"
-        )
-        self._process: subprocess.Popen[bytes] | None = None
-
-    def plug(self) -> None:
-        """Start, and wait for the port."""
-        self._process = subprocess.Popen([str(part) for part in self._command], stdout=subprocess.DEVNULL)
-        while not self.port.is_symlink():
-            assert self._process.poll() is None
-            time.sleep(0.01)
-
-    def unplug(self) -> None:
-        """Stop: the port goes, the boot counter stays."""
-        if self._process is not None:
-            self._process.terminate()
-            self._process.wait(10)
-            self._process = None
-
-
 @pytest.fixture
 def emulated(firmware: Path, tmp_path: Path) -> Iterator[list[EmulatedBoard]]:
     """Both boards of the example trial, plugged in; their clocks differ by 2000 ppm, as two resonators' do."""
@@ -191,54 +191,6 @@ def emulated(firmware: Path, tmp_path: Path) -> Iterator[list[EmulatedBoard]]:
     yield boards
     for board in boards:
         board.unplug()
-
-
-class PtyBoard:
-    """A board of ours by its bytes alone, on a pty: for what firmware would never do. One row each 20 ms."""
-
-    def __init__(self, port: Path, board_id: int, channels: int = 12) -> None:
-        self.port, self.board_id, self.channels = port, board_id, channels
-        self.boot, self.seq = 0, 0
-        self.interfere: bytes = b""
-        """Put on the line once, between two frames."""
-        self.sent: list[tuple[int, int]] = []
-        """(boot, seq) of every row that a port took."""
-        self._stop, self._thread = threading.Event(), threading.Thread()
-
-    def plug(self) -> None:
-        """Make the port, and begin to send."""
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.port.symlink_to(os.ttyname(self._slave))
-        self._stop.clear()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def unplug(self) -> None:
-        """Take the port away; the board starts anew when it is plugged in again."""
-        if self._thread.is_alive():
-            self._stop.set()
-            self._thread.join()
-            self.port.unlink()
-            os.close(self._master)
-            os.close(self._slave)
-            self.boot, self.seq = self.boot + 1, 0
-
-    def _run(self) -> None:
-        start_s = time.perf_counter()
-        while not self._stop.wait(max(start_s + 0.02 * self.seq - time.perf_counter(), 0)):
-            codes = tuple((self.seq + 31 * c) % 1024 for c in range(self.channels))
-            data = frame(Row(self.board_id, self.boot, self.seq, 20_000 * self.seq, codes))
-            if self.seq % 50 == 0:
-                data += frame(Hello(self.board_id, self.boot, 20_000 * self.seq, 50, self.channels, "pty 1"))
-            try:
-                os.write(self._master, self.interfere + data)
-                self.sent.append((self.boot, self.seq))
-            except BlockingIOError:  # nobody reads
-                pass
-            self.interfere = b""
-            self.seq += 1
 
 
 @pytest.fixture

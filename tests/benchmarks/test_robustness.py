@@ -1,0 +1,42 @@
+"""The benchmark of robustness, on the first seconds of the example."""
+
+import itertools
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from tensegraph import open_trial, stream
+
+ROBUSTNESS = Path(__file__).parents[2] / "examples" / "robustness.py"
+
+
+def test_the_example_of_robustness(trial_copy) -> None:
+    """On the first seconds of the example: a figure, and a table in which rods without mass are worse."""
+    path = trial_copy(rows=115)
+    command = [sys.executable, ROBUSTNESS, path, "--draws", "1", "--figure", path.parent / "dead.png"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=path.parent, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (path.parent / "dead.png").read_bytes().startswith(b"\x89PNG")
+    first, header, _, *rows = done.stdout.splitlines()
+    assert first.startswith("press_01, RMSE / sigma [mm] with 0, 1, 2 ... dead: ")
+    assert first.count(" / ") == 1 + 7
+    assert header == "| the estimator is told | press_01, live |"
+    error_mm = {name.strip(): float(value) for _, name, value, _ in (row.split("|") for row in rows)}
+    assert len(error_mm) == 9
+    assert error_mm["as in trial.toml"] < min(error_mm["rods without mass"], error_mm["no mechanics at all"])
+
+
+def test_a_dead_sensor_is_left_out_once_the_rest_is_over(example) -> None:
+    """Its wire breaks at 2 s: from then on the ADC reads full scale, its length is missing, all others are there."""
+    robustness = runpy.run_path(str(ROBUSTNESS))
+    trial = open_trial(example)
+    rows = itertools.takewhile(lambda row: row.host_s < 3, robustness["open_circuit"](trial, [7]))
+    shapes = list(stream(rows, trial.description))
+    missing = np.array([~shape.lengths.usable for shape in shapes])
+    t_s = np.array([shape.t_s for shape in shapes])
+    assert not missing[t_s < 1.9].any()
+    assert missing[t_s > 2.2, 7].all()
+    assert not np.delete(missing, 7, axis=1).any()

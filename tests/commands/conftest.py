@@ -1,0 +1,42 @@
+"""Two runs of `reconstruct`, and two of `calibrate`, that several tests look at."""
+
+import numpy as np
+import pytest
+
+from command_line import CALIBRATE, run
+
+
+@pytest.fixture(scope="session")
+def done(tmp_path_factory, example):
+    """The README's command on the first two seconds and more of the example, batch and live."""
+    folder = tmp_path_factory.mktemp("cli")
+    (folder / "press").mkdir()
+    for source in example.iterdir():
+        lines = source.read_text().splitlines(keepends=True)
+        (folder / "press" / source.name).write_text("".join(lines if source.suffix == ".toml" else lines[:301]))
+    batch = run("reconstruct", "press", cwd=folder)
+    live = run("reconstruct", "press", "--live", "--out", "live", cwd=folder)
+    return folder, batch, live
+
+
+@pytest.fixture(scope="session")
+def rig_folder(tmp_path_factory):
+    """Seven recordings of strips at one speed each, and one file that is none."""
+    folder = tmp_path_factory.mktemp("rig")
+    (folder / "strips").mkdir()
+    rng = np.random.default_rng(5)
+    for k, speed in enumerate((0.01, 0.01, 0.03, 0.03, 0.09, 0.09, 0.09)):
+        t_s = np.arange(0, 60, 0.1)
+        strain = np.abs((speed * t_s + 0.2) % 0.4 - 0.2)
+        ohm = 1e6 * (1 + (1 + 0.02 * k) * 1.3 * strain + 1e-3 * rng.standard_normal(len(t_s)))
+        rows = [f"{t:.2f},{e:.6f},{r:.0f}" for t, e, r in zip(t_s, strain, ohm, strict=True)]
+        text = "\n".join(["# natural_resistance_ohm = 1000000", "t_s,strain,resistance_ohm", *rows, ""])
+        (folder / "strips" / f"s{k}.csv").write_text(text)
+    (folder / "strips" / "bad.csv").write_text("# natural_resistance_ohm = 1\nt_s,strain,resistance_ohm\n0,0,x\n")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def calibrated(rig_folder):
+    """A quick calibration with its sweep of learning rates."""
+    return run(*CALIBRATE, "m.safetensors", "--sweep", cwd=rig_folder)

@@ -1,0 +1,46 @@
+"""`tensegraph calibrate`: model, card and figures, interrupted or not."""
+
+import filecmp
+import hashlib
+import signal
+import subprocess
+import sys
+import time
+
+from command_line import CALIBRATE, run
+
+
+def test_calibrate_writes_model_card_and_figures(rig_folder, calibrated) -> None:
+    assert calibrated.returncode == 0, calibrated.stderr
+    assert "left out: strips/bad.csv: row 3, column resistance_ohm: expected a finite number, got 'x'" in (
+        calibrated.stdout
+    )
+    assert "speed 0.03 /s" in calibrated.stdout
+    assert "The LSTM" in calibrated.stdout
+    figures = {path.name: path.read_bytes() for path in (rig_folder / "m_figures").iterdir()}
+    assert sorted(figures) == ["curves.png", "errors.png", "losses.png", "predictions.png", "sweep.png"]
+    assert all(content.startswith(b"\x89PNG") for content in figures.values())
+    card = (rig_folder / "m.md").read_text()
+    digest = hashlib.sha256((rig_folder / "strips" / "s2.csv").read_bytes()).hexdigest()
+    assert f"| s2.csv | test | `{digest}` |" in card
+    assert "Left out:" in card
+    assert "the paper's eq. (9) stands in" in card
+    assert not list(rig_folder.glob("*.checkpoint"))
+
+
+def test_ctrl_c_and_the_same_command_again_give_the_same_bytes(rig_folder, calibrated) -> None:
+    command = [sys.executable, "-m", "tensegraph", *CALIBRATE, "again.safetensors"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+
+    def heed_ctrl_c() -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a job in the background is started deaf to it
+
+    with subprocess.Popen(command, cwd=rig_folder, preexec_fn=heed_ctrl_c, **quiet) as process:
+        until = time.monotonic() + 60
+        while not (rig_folder / "again.checkpoint").exists() and time.monotonic() < until:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=60) == 130
+    assert not (rig_folder / "again.safetensors").exists()
+    assert run(*CALIBRATE, "again.safetensors", cwd=rig_folder).returncode == 0
+    assert filecmp.cmp(rig_folder / "again.safetensors", rig_folder / "m.safetensors", shallow=False)

@@ -1,0 +1,77 @@
+"""`tensegraph compare`: every method on the same lengths."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from command_line import run
+from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
+from tensegraph.commands.compare import Measured, comparison_rows
+from tensegraph.io.comparison_tables import as_markdown, write_comparison_csv
+from tensegraph.models.evaluation.metrics import evaluate
+
+
+def test_compare_runs_every_method(trial_copy) -> None:
+    """With truth, without, and with a truth that is gone; what it says of the UKF is what evaluate says."""
+    seen = trial_copy(rows=60, name="seen")
+    blind = trial_copy(rows=60, name="blind", trial=lambda text: text[: text.index("[truth]")])
+    lost = trial_copy(rows=60, name="lost")
+    (lost / "truth.csv").unlink()
+    result = run("compare", seen, blind, lost, cwd=seen.parent)
+    assert result.returncode == 0, result.stderr
+    for words in (
+        "seen, rest shape held: node RMSE",
+        "seen, UKF: node RMSE",
+        "blind, graph, batch:",
+        "(no truth)",
+        "(truth not used: ",
+    ):
+        assert words in result.stdout
+    folder = seen.parent / "results/comparison"
+    assert sorted(p.name for p in folder.iterdir()) == ["comparison.csv", "comparison.md", "comparison.png"]
+    with (folder / "comparison.csv").open() as file:
+        rows = {(row["trial"], row["method"]): row for row in csv.DictReader(file)}
+    assert len(rows) == 3 + 4 * 6
+    assert rows["blind", "UKF"]["nodes_rmse_m"] == ""
+    assert float(rows["blind", "UKF"]["ms_per_frame"]) > 0
+    assert "(ukf)" in run("reconstruct", seen, "--method", "ukf", cwd=seen.parent).stdout
+    (alone,) = json.loads(run("evaluate", "results/seen", "--json", cwd=seen.parent).stdout)
+    assert float(rows["seen", "UKF"]["nodes_rmse_m"]) == pytest.approx(alone["absolute"]["nodes"]["rmse_m"], rel=1e-3)
+    assert float(rows["seen", "UKF"]["coverage_95"]) == pytest.approx(alone["consistency"]["coverage_95"], abs=0.02)
+
+
+class TestComparison:
+    def measured(self) -> list[Measured]:
+        structure = four_nodes()
+        made = []
+        for trial, errors, seconds in (("one", [[3, 0, 0]] * 2, 0.2), ("two", [[0, 0, 6]] * 6, 0.6)):
+            estimate = estimate_of(structure, moved(errors))
+            evaluation = evaluate(structure, TRUE_M, estimate, truth_of(len(errors)))
+            made.append(Measured(trial, "any", len(errors), seconds, evaluation, ""))
+        return [*made, Measured("three", "any", 4, np.nan, None, "gave up")]
+
+    def test_all_frames_of_all_trials_count_alike(self) -> None:
+        """Two frames of 3 mm and six of 6 mm: (2 * 9 + 6 * 36) / 8; 2 and 6 frames in 0.2 and 0.6 s."""
+        rows = comparison_rows(self.measured()[:2])
+        together = rows[0]
+        assert (together.trial, together.trials, together.frames) == ("all", 2, 8)
+        assert together.errors.nodes.rmse_m == pytest.approx(np.sqrt(234 / 8) / 1e3)
+        assert together.ms_per_frame == pytest.approx(100)
+        assert together.coverage_95 == pytest.approx(0)  # NEES 9 and 36 / 4 against 7.81
+        assert chi2.ppf(0.95, 3) == pytest.approx(7.81, abs=0.01)
+        assert [row.trial for row in rows[1:]] == ["one", "two"]
+
+    def test_a_method_that_gave_up_shows(self, tmp_path) -> None:
+        rows = comparison_rows(self.measured())
+        assert rows[0].trials == 2
+        text = as_markdown(rows, "tensegraph compare one two three")
+        assert "| three | - |" in text
+        assert "| *Mao et al.* | 21.2 | 35.8 | 39.4 |" in text
+        write_comparison_csv(rows, tmp_path / "c.csv")
+        lines = (tmp_path / "c.csv").read_text().splitlines()
+        assert len({line.count(",") for line in lines}) == 1
+        assert lines[1].startswith("published,,Caluwaerts et al.,,,0.0456,")
+        assert lines[-1].startswith("measured,three,any,0,4,,")

@@ -1,0 +1,170 @@
+"""`tensegraph reconstruct`: its table, its files, and what it says of loads."""
+
+import filecmp
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from command_line import run
+from tensegraph.commands.reconstruct import load_rows, rest_balance
+from tensegraph.models.structure.statics import Mechanics
+
+
+def test_it_ends_well_with_a_table(done) -> None:
+    _, batch, live = done
+    for result in (batch, live):
+        assert result.returncode == 0, result.stderr
+        for words in (
+            "frames",
+            "duration",
+            "ms per frame",
+            "mean sigma of a node",
+            "node RMSE",
+            "holding the rest shape",
+            "forces at rest",
+            "largest load",
+            "nodes above 0.2 N for 1 s",
+        ):
+            assert words in result.stdout
+    assert "(batch)" in batch.stdout
+    assert "(live)" in live.stdout
+
+
+@pytest.mark.parametrize("name", ["results/press", "live"])
+def test_the_result_is_whole(done, name: str) -> None:
+    folder = done[0] / name
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "ellipsoids.csv",
+        "estimated_loads.csv",
+        "lengths.csv",
+        "lengths.png",
+        "run.toml",
+        "shape.csv",
+        "shape.png",
+        "status.csv",
+    ]
+    assert not [p for p in folder.parent.iterdir() if p.name.startswith(".")]
+    run_toml = tomllib.loads((folder / "run.toml").read_text())
+    frames = run_toml["frames"]
+    assert run_toml["settings"]["noise"]["shape_prior_m"] == 0.06
+    assert set(run_toml["inputs"]) == {"trial.toml", "board0.csv", "board1.csv"}
+    shape = np.genfromtxt(folder / "shape.csv", delimiter=",", names=True)
+    assert len(shape) == frames
+    assert len(shape.dtype.names) == 1 + 36
+    assert (folder / "ellipsoids.csv").read_text().count("\n") == 1 + 12 * frames
+    assert (folder / "lengths.csv").read_text().count("\n") == 1 + 24 * frames
+    assert (folder / "estimated_loads.csv").read_text().count("\n") == 1 + 9 * frames
+    header, first, *_ = (folder / "status.csv").read_text().splitlines()
+    assert header == "t_s,status,smallest_singular_value,mechanism_sigma_m,branch,other_log_ratio"
+    assert first.startswith("0.0000,ok,")
+    for figure in ("lengths.png", "shape.png"):
+        assert (folder / figure).read_bytes().startswith(b"\x89PNG")
+
+
+def test_ellipsoids_hold_together(done) -> None:
+    """Semi-axes and quaternion of a row rebuild its covariance."""
+    from scipy.spatial.transform import Rotation
+    from scipy.stats import chi2
+
+    rows = np.genfromtxt(done[0] / "results/press/ellipsoids.csv", delimiter=",", names=True)[5::97]
+    names = ["cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2"]
+    xx, xy, xz, yy, yz, zz = (rows[name] for name in names)
+    covariance = np.moveaxis(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), -1, 0)
+    axes = Rotation.from_quat(np.stack([rows[q] for q in ("qx", "qy", "qz", "qw")], axis=1)).as_matrix()
+    semi = np.stack([rows[f"semi_{a}_m"] for a in "abc"], axis=1)
+    rebuilt = np.einsum("nij,nj,nkj->nik", axes, semi**2 / chi2.ppf(rows["probability"][0], 3), axes)
+    np.testing.assert_allclose(rebuilt, covariance, atol=1e-8)
+
+
+def test_truth_changes_nothing(done, tmp_path) -> None:
+    """Byte for byte the same result without truth files and table; only the timing in run.toml is the clock's."""
+    folder = done[0]
+    blind = tmp_path / "press"
+    blind.mkdir()
+    for source in (folder / "press").iterdir():
+        if source.name not in ("truth.csv", "loads.csv"):
+            text = source.read_text()
+            (blind / source.name).write_text(text[: text.index("[truth]")] if source.suffix == ".toml" else text)
+    result = run("reconstruct", "press", cwd=tmp_path)
+    assert result.returncode == 0
+    assert "RMSE" not in result.stdout
+    names = [p.name for p in (folder / "results/press").iterdir() if p.name != "run.toml"]
+    _, different, errors = filecmp.cmpfiles(folder / "results/press", tmp_path / "results/press", names, shallow=False)
+    assert not different
+    assert not errors
+    one, other = (
+        tomllib.loads((path / "results/press/run.toml").read_text()) | {"timing": None} for path in (folder, tmp_path)
+    )
+    assert one == other
+
+
+def test_a_truth_file_that_is_gone_is_said_and_stops_nothing(trial_copy) -> None:
+    path = trial_copy(rows=40)
+    (path / "truth.csv").unlink()
+    result = run("reconstruct", path, cwd=path.parent)
+    assert result.returncode == 0
+    assert "not used: " in result.stdout
+
+
+def test_several_trials_and_a_second_run(trial_copy) -> None:
+    one, two = trial_copy(rows=40, name="one"), trial_copy(rows=40, name="two")
+    for _ in range(2):  # an earlier result is replaced
+        result = run("reconstruct", one, two, "--live", "--out", "both", cwd=one.parent)
+        assert result.returncode == 0, result.stderr
+    assert (one.parent / "both" / "one" / "shape.csv").is_file()
+    assert (one.parent / "both" / "two" / "shape.csv").is_file()
+
+
+def test_a_config_file_is_used(trial_copy) -> None:
+    path = trial_copy(rows=40)
+    (path.parent / "config.toml").write_text("probability = 0.5\n[frames]\nrate_hz = 25.0\n")
+    result = run("reconstruct", path, "--live", "--config", "config.toml", "--out", "out", cwd=path.parent)
+    assert result.returncode == 0, result.stderr
+    written = tomllib.loads((path.parent / "out" / "run.toml").read_text())
+    assert written["settings"]["probability"] == 0.5
+    assert written["frames"] < 25
+
+
+def test_reconstruct_uses_the_model_it_is_given(rig_folder, calibrated, trial_copy) -> None:
+    path = trial_copy(rows=40)
+    other = run("reconstruct", path, "--live", "--model", rig_folder / "m.safetensors", "--out", "o", cwd=path.parent)
+    shipped = run("reconstruct", path, "--live", "--out", "s", cwd=path.parent)
+    assert other.returncode == shipped.returncode == 0, other.stderr
+    assert not filecmp.cmp(path.parent / "o" / "lengths.csv", path.parent / "s" / "lengths.csv", shallow=False)
+
+
+def test_a_trial_of_lengths_ends_with_its_table(trial_copy, example_structure) -> None:
+    path = trial_copy(rows=5)
+    text = (path / "trial.toml").read_text()
+    (path / "trial.toml").write_text(text[: text.index("[adc]")] + '[lengths]\nfile = "lengths.csv"\n')
+    length_m = example_structure.natural_length_m * 1.08
+    rows = [",".join(map(str, (0.02 * k, *length_m))) for k in range(5)]
+    (path / "lengths.csv").write_text("\n".join([",".join(["t_s", *(f"l{e}_m" for e in range(24))]), *rows, ""]))
+    result = run("reconstruct", path, "--out", "out", cwd=path.parent)
+    assert result.returncode == 0, result.stderr
+    assert "5" in result.stdout
+    assert "written to out" in result.stdout
+
+
+def test_rows_by_hand(loaded) -> None:
+    """Node 5 for 99 frames of 0.02 s, node 8 for 10 of them, which is too short."""
+    rows = dict(load_rows(loaded, 0.2))
+    assert rows["largest load"] == "2.00 N at node 5, t = 0.02 s"
+    assert rows["nodes above 0.2 N for 1 s"] == "5 (2.0 s)"
+
+
+def test_no_load_is_long_enough(loaded) -> None:
+    assert dict(load_rows(loaded, 3.0))["nodes above 3 N for 1 s"] == "none"
+
+
+def test_without_stiffness_nothing_is_said(loaded, rest) -> None:
+    assert load_rows(replace(loaded, loads=None), 0.2) == []
+    assert rest_balance(rest) == []
+
+
+def test_the_balance_at_rest(structure, rest) -> None:
+    mechanics = Mechanics(np.full(24, 400.0), structure.natural_length_m, 0.03, 0.02)
+    told = rest_balance(replace(rest, mechanics=mechanics, unbalanced_n=(0.4, 0.0021)))
+    assert told == [("forces at rest", "0.400 N rms unbalanced as given, 0.002 N after taring")]

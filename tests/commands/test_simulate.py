@@ -1,0 +1,123 @@
+"""`tensegraph simulate`: trials the same in form as recorded ones, the same bytes for one seed."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import run
+from plan_edits import PLANS, SHORT
+from tensegraph import InputError, reconstruct
+from tensegraph.commands.simulate import simulate
+
+
+def test_a_simulated_trial_is_reconstructed(tmp_path) -> None:
+    """The twin's commands as the README has them, on five seconds of the prism."""
+    text = (Path(__file__).parents[2] / "examples" / "plans" / "prism.toml").read_text()
+    text = text[: text.index("[[load.random]]")].replace("duration_s = 30.0", "duration_s = 5.0")
+    (tmp_path / "prism.toml").write_text(text)
+    result = run("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith("prism_01: ")
+    assert "written to prism_01" in result.stdout
+    result = run("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path)
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+    assert "prism_01: exists: expected a new name" in result.stderr
+    result = run("reconstruct", "prism_01", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "node RMSE" in result.stdout
+
+
+def test_a_bad_plan_is_one_line_and_nothing_is_written(tmp_path) -> None:
+    text = (Path(__file__).parents[2] / "examples" / "plans" / "press.toml").read_text()
+    (tmp_path / "bad.toml").write_text(text.replace("push_back", "push_bak"))
+    result = run("simulate", "bad.toml", "--out", "trial", cwd=tmp_path)
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+    line = 1 + text[: text.index("push_back")].count("\n")
+    assert f"bad.toml: line {line}: mechanics.push_bak: is no key of a plan" in result.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["bad.toml"]
+
+
+def shape_of(value: object) -> object:
+    """A TOML value's types, and the lengths of its lists."""
+    if isinstance(value, dict):
+        return {key: shape_of(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [shape_of(inner) for inner in value]
+    return type(value)
+
+
+def form(path: Path) -> list[tuple[str, ...]]:
+    """The header, and every form that a row's cells take: digits before the point do not count."""
+    header, *rows = path.read_bytes().decode().split("\r\n")
+    assert rows.pop() == ""
+    return [(header,), *sorted({tuple(re.sub(r"^-?\d+", "9", cell) for cell in row.split(",")) for row in rows[:1]})]
+
+
+def test_a_twin_s_trial_is_one_in_form(made, example) -> None:
+    """Same files, columns, digits and line ends; same keys, types and list lengths in trial.toml."""
+    assert {p.name for p in made.path.iterdir()} == {p.name for p in example.iterdir()}
+    mine, theirs = made.toml, tomllib.loads((example / "trial.toml").read_text())
+    assert shape_of(mine) == shape_of(theirs)
+    assert list(mine) == list(theirs)
+    assert not made.description.ignored_keys
+    for name in ("board0.csv", "board1.csv", "truth.csv", "loads.csv"):
+        digits = [
+            [len(cell.partition(".")[2]) for cell in row]
+            for row in (form(made.path / name)[1], form(example / name)[1])
+        ]
+        assert form(made.path / name)[0] == form(example / name)[0]
+        assert digits[0] == digits[1]
+
+
+def test_rows_come_as_boards_send_them(made) -> None:
+    for board in (0, 1):
+        rows = [row for row in made.readings() if row.board == board]
+        seq, device_us = np.array([row.seq for row in rows]), np.array([row.device_us for row in rows])
+        host_s = np.array([row.host_s for row in rows])
+        assert 290 < len(rows) <= 300
+        assert seq[0] <= 1
+        np.testing.assert_array_equal(np.diff(device_us), 20_000 * np.diff(seq))
+        assert (np.diff(host_s) > 0).all()
+    truth_s, truth_m = made.truth()
+    np.testing.assert_allclose(truth_s, np.arange(300) / 50)
+    assert np.ptp(truth_m[:100], axis=0).max() < 5e-6  # rest.seconds
+    assert np.ptp(truth_m, axis=0).max() > 0.005
+
+
+def test_same_plan_and_seed_same_bytes_another_seed_another_trial(made, tmp_path) -> None:
+    plan = made.path.parent / "press.toml"
+    again = simulate(plan, tmp_path / "again")
+    other = simulate(plan, tmp_path / "other", seed=2)
+    assert other.name == "press_02"
+    for file in made.path.iterdir():
+        assert (again.path / file.name).read_bytes() == file.read_bytes(), file.name
+        assert (other.path / file.name).read_bytes() != file.read_bytes(), file.name
+
+
+def test_faults_stand_in_the_truth(tmp_path) -> None:
+    edits = (*SHORT, ("until_s = 22.0", "until_s = 5.9"), ("from_s = 7.0", "from_s = 3.0"))
+    edits += (("at_s = 23.0", "at_s = 5.0"), ("from_s = 26.0", "from_s = 4.0"), ("until_s = 30.0", "until_s = 6.0"))
+    text = PLANS["prism"].read_text()
+    for old, new in edits:
+        text = text.replace(old, new)
+    (tmp_path / "prism.toml").write_text(text)
+    trial = simulate(tmp_path / "prism.toml", tmp_path / "out")
+    fault = {"kind": "open_circuit", "tendon": 7, "from_s": 4.0, "until_s": 6.0}
+    assert trial.toml["truth"]["fault"] == [fault]
+    counts = np.array([row.counts[7] for row in trial.readings()])
+    assert (counts[210:] == 1023).all()
+    result = reconstruct(trial, "live")
+    assert result.node_position_m.shape[1:] == (6, 3)
+    assert np.isfinite(result.node_position_m).all()
+
+
+def test_a_plan_that_is_not_there_and_a_trial_that_is(tmp_path) -> None:
+    with pytest.raises(InputError, match=r"none.toml: no such file"):
+        simulate(tmp_path / "none.toml", tmp_path / "out")
+    (tmp_path / "out").mkdir()
+    with pytest.raises(InputError, match=r"out: exists: expected a new name"):
+        simulate(PLANS["press"], tmp_path / "out")
+    assert not any((tmp_path / "out").iterdir())

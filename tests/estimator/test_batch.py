@@ -1,0 +1,23 @@
+"""The batch graph: lengths without their lag, and no frames at all."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from tensegraph import Settings
+from tensegraph.estimator.batch import BatchOptimizer
+
+
+def test_batch_takes_lengths_without_their_lag(structure, rest, lengths_of) -> None:
+    """Lengths that come two frames late are used two frames earlier; the last ones stand in for what never came."""
+    frames = [
+        replace(lengths_of(structure, rest.node_position_m, 0.02 * k, noise=1e-5 * k), lag_s=0.038) for k in range(9)
+    ]
+    shapes = list(BatchOptimizer(structure, rest, Settings()).estimate(frames))
+    assert [shape.t_s for shape in shapes] == [frame.t_s for frame in frames]
+    for shape, later in zip(shapes, [2, 3, 4, 5, 6, 7, 8, 8, 8], strict=True):
+        np.testing.assert_array_equal(shape.lengths.length_m, frames[later].length_m)
+
+
+def test_no_frames_give_no_shapes(structure, balanced) -> None:
+    assert list(BatchOptimizer(structure, balanced, Settings()).estimate([])) == []

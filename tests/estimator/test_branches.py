@@ -1,0 +1,39 @@
+"""The other shape with the same lengths."""
+
+import numpy as np
+
+from balance import pressed
+from tensegraph import Settings, Status
+from tensegraph.estimator.branches import OtherBranch
+from tensegraph.estimator.frame import FrameEstimator
+from tensegraph.estimator.graph import GraphBuilder
+from tensegraph.estimator.rest_step import rest_step
+from tensegraph.models.estimation import BranchSettings, NoiseSettings
+from tensegraph.models.structure.rest_shape import RestSettings
+from tensegraph.models.structure.rigidity import branch
+
+
+class TestBranches:
+    def test_without_stiffness_the_other_shape_is_told_of(self, example_structure, true_positions, lengths_of) -> None:
+        """Lengths alone do not tell the two apart: both are given, with the same lengths, on either side."""
+        t_s, positions = true_positions
+        true = positions[np.searchsorted(t_s, 8.0)]
+        rest = rest_step(example_structure, None, positions[0], RestSettings())
+        builder = GraphBuilder(example_structure, rest, NoiseSettings())
+        lengths = lengths_of(example_structure, true, sigma_m=2e-4)
+        shape = FrameEstimator(example_structure, rest, Settings()).update(lengths)
+        told = OtherBranch(builder, BranchSettings()).told(shape)
+        assert told.status == Status.TWO_SHAPES
+        other = told.other.node_position_m
+        assert branch(example_structure, other) == -branch(example_structure, shape.node_position_m)
+        np.testing.assert_allclose(
+            example_structure.tendon_length_m(other), example_structure.tendon_length_m(true), atol=0.001
+        )
+
+    def test_with_equilibrium_it_is_ruled_out(self, structure, balanced, lengths_of) -> None:
+        load = np.zeros((12, 3))
+        load[8] = [0, 2.0, -2.0]
+        true = pressed(structure, balanced, load)
+        builder = GraphBuilder(structure, balanced, NoiseSettings())
+        shape = FrameEstimator(structure, balanced, Settings()).update(lengths_of(structure, true, sigma_m=2e-4))
+        assert OtherBranch(builder, BranchSettings()).told(shape).status == Status.OK

@@ -1,0 +1,87 @@
+"""All estimators: exact on exact lengths, agreeing with each other, honest about what is missing."""
+
+import numpy as np
+import pytest
+
+from noise_settings import with_noise
+from tensegraph import Reconstruction, Settings, Status, three_strut
+from tensegraph.estimator.baselines import LeastSquares, UnscentedKalman
+from tensegraph.estimator.batch import BatchOptimizer
+from tensegraph.estimator.frame import FrameEstimator
+from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.models.evaluation.metrics import node_rmse_m
+from tensegraph.models.structure.rest_shape import RestShape
+from tensegraph.models.structure.rigidity import find_rest_shape
+
+ESTIMATORS = [FrameEstimator, LiveSmoother, BatchOptimizer]
+
+
+BASELINES = [LeastSquares, UnscentedKalman]
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_exact_lengths_give_the_exact_shape(estimator, example_structure, press, lengths_of) -> None:
+    """Noise off, priors next to off: what is left is the anchors' own 0.03 mm and the linearisation."""
+    t_s, positions, rest = press
+    settings = with_noise(shape_prior_m=10.0, stretching_m=1e-5, rod_m=1e-5, anchor_m=1e-5, motion_m_per_s15=30.0)
+    frames = [lengths_of(example_structure, x, t, 1e-5) for t, x in zip(t_s, positions, strict=True)]
+    shapes = list(estimator(example_structure, rest, settings).estimate(frames))
+    error = np.array([s.node_position_m for s in shapes]) - positions
+    assert np.sqrt((error**2).sum(-1)).max() < 0.002
+    assert np.median(np.sqrt((error**2).sum(-1))) < 0.0002
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS + BASELINES)
+def test_all_give_the_same_kind_of_shape(estimator, structure, rest, lengths_of) -> None:
+    frames = [lengths_of(structure, rest.node_position_m, 0.02 * k) for k in range(12)]
+    shapes = list(estimator(structure, rest, Settings()).estimate(frames))
+    assert [s.t_s for s in shapes] == [f.t_s for f in frames]
+    for shape in shapes:
+        assert shape.node_position_m.shape == (12, 3)
+        assert shape.covariance_m2.shape == (36, 36)
+        np.testing.assert_allclose(shape.covariance_m2, shape.covariance_m2.T, atol=1e-12)
+        assert np.linalg.eigvalsh(shape.covariance_m2).min() > 0
+        assert shape.status == Status.OK
+
+
+def test_smoothing_beats_single_frames(example_structure, press, lengths_of) -> None:
+    t_s, positions, rest = press
+    rng = np.random.default_rng(11)
+    frames = [
+        lengths_of(example_structure, x, t, noise=5e-4 * rng.standard_normal(24))
+        for t, x in zip(t_s, positions, strict=True)
+    ]
+    rmse = {}
+    for estimator in ESTIMATORS:
+        shapes = estimator(example_structure, rest, Settings()).estimate(frames)
+        rmse[estimator] = node_rmse_m(Reconstruction.of(example_structure, shapes), t_s, positions)
+    assert rmse[LiveSmoother] < rmse[FrameEstimator]
+    assert rmse[BatchOptimizer] < 1.1 * rmse[LiveSmoother]
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_missing_tendons_widen_and_are_said(estimator, structure, rest, lengths_of) -> None:
+    frames = [lengths_of(structure, rest.node_position_m, 0.02 * k) for k in range(10)]
+    whole = list(estimator(structure, rest, Settings()).estimate(frames))[-1]
+    for frame in frames:
+        frame.length_m[[5, 9, 20]] = np.nan
+    part = list(estimator(structure, rest, Settings()).estimate(frames))[-1]
+    assert part.status == Status.PARTIAL
+    assert np.trace(part.covariance_m2) > np.trace(whole.covariance_m2)
+    for frame in frames:
+        frame.length_m[:] = np.nan
+    none = list(estimator(structure, rest, Settings()).estimate(frames))[-1]
+    assert none.status == Status.PRIOR_ONLY
+    assert "no tendon was measured" in none.status.advice
+    assert np.trace(none.covariance_m2) > np.trace(part.covariance_m2)
+
+
+def test_any_structure_runs(lengths_of) -> None:
+    prism = three_strut(0.3, 0.18)
+    variance = np.full((6, 3), 0.0003**2)
+    variance[:3] = 0
+    rest = RestShape(find_rest_shape(prism), np.diag(variance.ravel()), "measured")
+    frames = [lengths_of(prism, rest.node_position_m, 0.02 * k) for k in range(8)]
+    for estimator in ESTIMATORS:
+        shape = list(estimator(prism, rest, Settings()).estimate(frames))[-1]
+        np.testing.assert_allclose(shape.node_position_m, rest.node_position_m, atol=1e-4)

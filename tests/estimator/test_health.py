@@ -1,0 +1,28 @@
+"""Sensors that drift."""
+
+import numpy as np
+
+from tensegraph import Settings, Status
+from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.models.values.readings import Flag
+
+
+class TestHealth:
+    def test_a_drifting_sensor_is_named_left_out_and_taken_back(self, structure, balanced, lengths_of) -> None:
+        """One sensor of 24 drifts by 2 mm/s for 5 s, then is right again."""
+        rng, frames = np.random.default_rng(6), []
+        for k in range(550):
+            drift = np.zeros(24)
+            drift[14] = 0.002 * np.clip(0.02 * k - 1, 0, 5) * (k < 300)
+            noise = drift + 2e-4 * rng.standard_normal(24)
+            frames.append(lengths_of(structure, balanced.node_position_m, 0.02 * k, 5e-4, noise))
+        shapes = list(LiveSmoother(structure, balanced, Settings()).estimate(frames))
+        named = np.array([shape.lengths.flags & Flag.IMPLAUSIBLE > 0 for shape in shapes])
+        assert not np.delete(named, 14, axis=1).any()
+        first = 0.02 * np.argmax(named[:, 14])
+        assert 1 < first < 1 + 0.75 + 2  # three sigma are reached after 0.75 s
+        assert named[250:300, 14].all()
+        assert not named[-50:, 14].any()
+        error = np.array([shape.node_position_m for shape in shapes]) - balanced.node_position_m
+        assert np.sqrt((error[200:300] ** 2).sum(-1)).max() < 0.004
+        assert shapes[260].status == Status.PARTIAL

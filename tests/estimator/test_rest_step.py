@@ -1,0 +1,68 @@
+"""The shape at rest, and what taring finds of stiffness."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from balance import K, nominal
+from tensegraph import Structure
+from tensegraph.estimator.rest_step import rest_step
+from tensegraph.models.structure.lengths import length_jacobian, member_length_m
+from tensegraph.models.structure.rest_shape import RestSettings
+from tensegraph.models.structure.statics import Mechanics
+
+
+def test_measured_rest_shape_keeps_rods_and_anchors(structure: Structure, rest) -> None:
+    """Rods and anchors are exact, so the measured nodes move onto them, and their uncertainty shrinks alike."""
+    noise = 0.0003 * np.random.default_rng(2).standard_normal((12, 3))
+    found = rest_step(structure, None, rest.node_position_m + noise, RestSettings())
+    assert found.source == "measured"
+    np.testing.assert_allclose(member_length_m(found.node_position_m, structure.rods), 0.3, atol=2e-6)
+    np.testing.assert_array_equal(found.node_position_m[:3], structure.anchor_position_m)
+    along_rod = length_jacobian(found.node_position_m, structure.rods).reshape(6, -1)
+    assert np.abs(np.diag(along_rod @ found.covariance_m2 @ along_rod.T)).max() < 1.1e-10
+    error = np.linalg.norm(found.node_position_m - rest.node_position_m)
+    assert error < np.linalg.norm(noise)
+
+
+def test_found_rest_shape_says_so(structure: Structure) -> None:
+    found = rest_step(structure, None, None, RestSettings())
+    assert found.source == "found"
+    lengths = found.lengths(structure, 2.0)
+    assert lengths.sigma_m[5] > 0.001
+
+
+class TestRestStep:
+    def test_nothing_measured_gives_a_shape_in_balance(self, structure, balanced) -> None:
+        assert balanced.source == "found"
+        assert balanced.unbalanced_n[1] < 0.001
+        assert np.sqrt(np.trace(balanced.covariance_m2) / 9) == pytest.approx(0.0033, rel=0.3)
+
+    def test_tare_finds_the_ratios_of_stiffness(self, structure) -> None:
+        """Stiffness drawn 10 % apart, shape measured exactly: ratios come back, the scale stays with the prior."""
+        rng = np.random.default_rng(4)
+        true = replace(nominal(structure), stiffness_n_per_m=K * np.exp(0.1 * rng.standard_normal(24)))
+        exact = RestSettings(measured_sigma_m=1e-6, stiffness_spread=1e-6, natural_length_sigma_m=1e-7)
+        at_rest = rest_step(structure, true, None, exact).node_position_m
+        found = rest_step(structure, nominal(structure), at_rest, RestSettings(measured_sigma_m=1e-5))
+        free = structure.free_tendons
+        error = np.log(found.mechanics.stiffness_n_per_m / true.stiffness_n_per_m)[free]
+        assert np.std(error) < 0.02
+        assert found.unbalanced_n[0] > 0.2
+        assert found.unbalanced_n[1] < 0.005
+
+    def test_covariance_is_honest(self, structure) -> None:
+        """Noise and spread drawn as assumed: the squared error over its covariance is one per coordinate."""
+        rng, nees = np.random.default_rng(5), []
+        exact = RestSettings(stiffness_spread=1e-6, natural_length_sigma_m=1e-7)
+        for _ in range(12):
+            stiffness = K * np.exp(0.1 * rng.standard_normal(24))
+            length_m = structure.natural_length_m + 0.0003 * rng.standard_normal(24)
+            true = Mechanics(stiffness, length_m, 0.03, 0.02)
+            at_rest = rest_step(structure, true, None, exact).node_position_m
+            measured = at_rest + 0.0003 * rng.standard_normal((12, 3))
+            found = rest_step(structure, nominal(structure), measured, RestSettings())
+            error = (found.node_position_m - at_rest)[3:].ravel()
+            nees.append(error @ np.linalg.pinv(found.covariance_m2[9:, 9:], 1e-9) @ error / 21)
+        assert 0.6 < np.mean(nees) < 1.5

@@ -1,0 +1,47 @@
+"""The live smoother: causal, bounded, and at one with the batch graph."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from noise_settings import with_noise
+from tensegraph import Settings
+from tensegraph.estimator.batch import BatchOptimizer
+from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.models.estimation import SmootherSettings
+
+
+def test_live_with_a_long_lag_ends_where_batch_ends(structure, rest, lengths_of) -> None:
+    """The newest frame's posterior is the same whether old frames are kept, marginalised or optimised at once."""
+    rng = np.random.default_rng(3)
+    frames = [
+        lengths_of(structure, rest.node_position_m, 0.02 * k, noise=1e-5 * rng.standard_normal(24)) for k in range(30)
+    ]
+    settings = with_noise(shape_prior_m=0.003)
+    batch = list(BatchOptimizer(structure, rest, settings).estimate(frames))[-1]
+    for lag in (2, 5, 40):
+        live = list(
+            LiveSmoother(structure, rest, replace(settings, smoother=SmootherSettings(lag=lag))).estimate(frames)
+        )[-1]
+        np.testing.assert_allclose(live.node_position_m, batch.node_position_m, atol=5e-6)
+        np.testing.assert_allclose(live.covariance_m2, batch.covariance_m2, rtol=0.02, atol=1e-10)
+
+
+def test_live_uses_the_past_only(structure, rest, lengths_of) -> None:
+    rng = np.random.default_rng(3)
+    frames = [
+        lengths_of(structure, rest.node_position_m, 0.02 * k, noise=5e-4 * rng.standard_normal(24)) for k in range(20)
+    ]
+    part = list(LiveSmoother(structure, rest, Settings()).estimate(frames[:10]))
+    whole = list(LiveSmoother(structure, rest, Settings()).estimate(frames))
+    for a, b in zip(part, whole, strict=False):
+        np.testing.assert_array_equal(a.node_position_m, b.node_position_m)
+
+
+def test_live_memory_is_bounded(structure, rest, lengths_of) -> None:
+    smoother = LiveSmoother(structure, rest, Settings())
+    sizes = []
+    for k in range(200):
+        smoother.update(lengths_of(structure, rest.node_position_m, 0.02 * k))
+        sizes.append((smoother._isam.size(), smoother._isam.getLinearizationPoint().size()))
+    assert len(set(sizes[50:])) == 1

@@ -1,0 +1,79 @@
+"""Model files: the same bytes, and what is refused."""
+
+import hashlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors import safe_open
+from safetensors.numpy import save_file
+
+from tensegraph import InputError
+from tensegraph.io.model_file import read_sensor_model, write_sensor_model
+from tensegraph.models.calibration.recipe import TrainingSettings
+from tensegraph.models.sensor.sensor_model import SensorModel
+
+CALIBRATION = Path(__file__).parents[2] / "examples" / "calibration"
+
+
+SHIPPED = Path(__file__).parents[2] / "models" / "data" / "stretching.safetensors"
+
+
+def stored(path):
+    """Return the tensors and the metadata of a model file as they stand."""
+    with safe_open(path, framework="numpy") as file:
+        return {name: file.get_tensor(name) for name in file.keys()}, json.loads(file.metadata()["tensegraph"])  # noqa: SIM118
+
+
+class TestModelFile:
+    def test_file_gives_the_same_bytes_and_values(self, model: SensorModel, tmp_path) -> None:
+        for name in ("a", "b"):
+            write_sensor_model(model, tmp_path / name)
+        assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+        again = read_sensor_model(tmp_path / "a")
+        assert again.provenance == model.provenance
+        assert again.ranges == model.ranges
+        np.testing.assert_array_equal(again.network.weights.weight_ih, model.network.weights.weight_ih)
+
+    def test_the_shipped_file_is_written_again_to_the_byte(self, model: SensorModel, tmp_path) -> None:
+        write_sensor_model(model, tmp_path / "m")
+        assert (tmp_path / "m").read_bytes() == SHIPPED.read_bytes()
+
+    def test_shipped_one_says_how_it_was_made(self, model: SensorModel) -> None:
+        assert stored(SHIPPED)[1]["units"]["change"] == "dR/R, fraction"
+        provenance = model.provenance
+        assert provenance.recipe["seed"] == 0
+        assert "random_small_s5" in provenance.held_out
+        for path in sorted(CALIBRATION.glob("*.csv")):  # it is made of what examples/ holds
+            assert provenance.data_sha256[path.name] == hashlib.sha256(path.read_bytes()).hexdigest()
+        assert provenance.recipe == json.loads(json.dumps(asdict(TrainingSettings())))
+        assert "random_small_s5" not in provenance.trained_on
+
+    @pytest.mark.parametrize(
+        ("name", "value", "message"),
+        [
+            ("weight_hh", None, "'weight_hh' is missing"),
+            ("bias", np.full(64, np.nan), "not finite"),
+            ("weight_ih", np.zeros((64, 2)), "do not fit together"),
+        ],
+    )
+    def test_unsound_files_are_refused(self, tmp_path, name, value, message) -> None:
+        tensors, metadata = stored(SHIPPED)
+        del tensors[name]
+        if value is not None:
+            tensors[name] = value
+        save_file(tensors, tmp_path / "m", {"tensegraph": json.dumps(metadata)})
+        with pytest.raises(InputError, match=message):
+            read_sensor_model(tmp_path / "m")
+
+    def test_what_is_no_model_is_refused(self, tmp_path) -> None:
+        (tmp_path / "m").write_text("no model")
+        with pytest.raises(InputError, match="is no model file"):
+            read_sensor_model(tmp_path / "m")
+        with pytest.raises(InputError, match="no such file"):
+            read_sensor_model(tmp_path / "none")
+        save_file({"a": np.zeros(1)}, tmp_path / "other")
+        with pytest.raises(InputError, match="expected format"):
+            read_sensor_model(tmp_path / "other")

@@ -1,0 +1,21 @@
+"""A recorded trial at its pace."""
+
+import time
+
+import numpy as np
+
+from tensegraph import open_trial
+from tensegraph.io.replay import Replay
+
+
+def test_a_replay_keeps_the_pace_of_the_trial(example) -> None:
+    """Two seconds of the trial, four times faster: rows come when they are due, never before."""
+    readings = [r for r in open_trial(example).readings() if r.host_s < 2.0]
+    replay, came_s = Replay(readings, speed=4.0), []
+    begin_s = time.perf_counter()
+    for _ in replay.rows():
+        came_s.append(time.perf_counter() - begin_s)
+    due_s = (np.array([r.host_s for r in readings]) - readings[0].host_s) / 4
+    assert (np.array(came_s) >= due_s - 1e-3).all()
+    assert np.median(came_s - due_s) < 0.02
+    assert replay.waiting() == 0

@@ -1,0 +1,93 @@
+"""Trials on disk: what is read, and what is refused and how."""
+
+import numpy as np
+import pytest
+
+from tensegraph import InputError, open_trial
+from tensegraph.pipeline import reconstruct
+from trial_edits import cell, lines, replaced
+
+REFUSED = [
+    ("board0", cell(7, 5, "abc"), r"board0.csv: row 7, column adc2: expected a finite number, got 'abc'"),
+    ("board0", cell(7, 5, "inf"), r"board0.csv: row 7, column adc2: expected a finite number, got 'inf'"),
+    ("board0", cell(7, 5, "nan"), r"board0.csv: row 7, column adc2: expected a finite number, got 'nan'"),
+    ("board0", cell(7, 5, ""), r"board0.csv: row 7, column adc2: expected a finite number, got ''"),
+    ("board0", cell(7, 5, "5.5"), r"board0.csv: row 7, column adc2: expected an integer, got 5.5"),
+    ("board1", cell(9, 0, "x"), r"board1.csv: row 9, column host_s"),
+    ("board1", lines(lambda r: [*r[:8], r[8].replace("\n", ",7\n"), *r[9:]]), r"row 9: expected 15 fields, got 16"),
+    ("board1", lines(lambda r: [*r[:8], "1,2,3\n", *r[9:]]), r"row 9: expected 15 fields, got 3"),
+    ("board1", replaced("adc11", "adc12"), r"board1.csv: row 1: column 'adc11' is missing"),
+    ("board1", replaced("device_us", "device"), r"board1.csv: row 1: column 'device_us' is missing"),
+    ("board1", lambda text: "", r"board1.csv: is empty"),
+    ("trial", replaced("rod_length_m = 0.3", "rod_length_m = -0.3"), r"trial.toml: rod_length_m\[0\]: expected a positive"),
+    ("trial", replaced("bits = 10", "bits = 99"), r"trial.toml: adc.bits: expected 1 to 24, got 99"),
+    ("trial", replaced('sensor_side = "ground"', 'sensor_side = "left"'), r"adc.sensor_side: .*got 'left'"),
+    ("trial", replaced('file = "board1.csv"', 'file = "board2.csv"'), r"board2.csv: no such file"),
+    ("trial", replaced("[[board]]", "[[bord]]"), r"expected one of \[\[board\]\], \[resistance\], \[lengths\], got none"),
+    ("trial", replaced("[0, 1], [1, 2]", "[0, 1], [1, 0]"), r"trial.toml: tendon 1 \(1-0\): joins the same nodes as tendon 0"),
+    ("trial", replaced("natural_resistance_ohm = [", "natural_resistance_ohm = [5, "), r"expected 24 finite numbers, got 25"),
+    ("trial", replaced("[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]", "[0, 0, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]"), r"is wired to"),
+    ("trial", replaced("[rest]", "[rest"), r"trial.toml: can not be read as TOML"),
+    ("trial", replaced("seconds = 2.0", "seconds = -2.0"), r"rest.seconds: .*got -2.0"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("file", "edit", "message"), REFUSED)
+def test_what_can_not_be_read_is_refused_in_one_line(trial_copy, file, edit, message) -> None:
+    path = trial_copy(rows=30, trial=lambda text: text) if file != "trial" else trial_copy(rows=30)
+    target = path / ("trial.toml" if file == "trial" else f"{file}.csv")
+    target.write_text(edit(target.read_text()))
+    with pytest.raises(InputError, match=message) as error:
+        reconstruct(path, "frame")
+    assert "\n" not in str(error.value)
+
+
+def test_missing_files_are_refused(tmp_path, trial_copy) -> None:
+    with pytest.raises(InputError, match=r"trial.toml: no such file"):
+        open_trial(tmp_path / "nothing")
+    path = trial_copy(rows=5)
+    (path / "board0.csv").unlink()
+    with pytest.raises(InputError, match=r"board0.csv: no such file"):
+        open_trial(path)
+
+
+def test_an_empty_trial_is_refused(trial_copy) -> None:
+    path = trial_copy(rows=0)
+    with pytest.raises(InputError, match=r"holds no readings: expected at least one row in board0.csv, board1.csv"):
+        reconstruct(path)
+
+
+def test_half_a_line_at_the_end_is_left_out_and_counted(trial_copy) -> None:
+    path = trial_copy(rows=60, board0=lambda text: text + "1.2345,60,43")
+    trial = open_trial(path)
+    rows = list(trial.readings())
+    assert trial.half_lines == 1
+    assert sum(row.board == 0 for row in rows) == 60
+
+
+def test_unknown_keys_of_a_trial_are_named_not_refused(trial_copy) -> None:
+    path = trial_copy(rows=5, trial=lambda text: text.replace("[rest]", "[rest]\nmeasured_by = 'us'"))
+    assert open_trial(path).description.ignored_keys == ("rest.measured_by",)
+
+
+class TestFaults:
+    @pytest.mark.parametrize(
+        ("line", "message"),
+        [
+            ("tendon = 24", r"truth\.fault\[0\]\.tendon: expected a tendon from 0 to 23, got 24"),
+            ("board = 2", r"truth\.fault\[0\]\.board: expected one of the trial's 2 boards, got 2"),
+            ("", r"truth\.fault\[0\]: expected either tendon or board"),
+            ("tendon = 1\nboard = 1", r"truth\.fault\[0\]: expected either tendon or board"),
+        ],
+    )
+    def test_faults_that_can_not_be(self, trial_copy, line, message) -> None:
+        table = f'\n[[truth.fault]]\nkind = "stuck"\nfrom_s = 1.0\nuntil_s = 2.0\n{line}\n'
+        trial = open_trial(trial_copy(trial=lambda text: text + table))
+        with pytest.raises(InputError, match=message):
+            trial.faults()
+
+    def test_a_board_s_fault_spoils_its_tendons(self, trial_copy) -> None:
+        table = '\n[[truth.fault]]\nkind = "unplugged"\nfrom_s = 1.0\nuntil_s = 2.0\nboard = 1\n'
+        (fault,) = open_trial(trial_copy(trial=lambda text: text + table)).faults()
+        assert fault.where == "board 1"
+        np.testing.assert_array_equal(fault.tendons, np.arange(12, 24))

@@ -1,0 +1,243 @@
+"""Live sessions as a user types them: from a replay, from boards on ptys, from emulated boards."""
+
+import filecmp
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tensegraph
+from tensegraph import open_trial
+from tensegraph.cli import main
+from tensegraph.io.result import write_tables
+
+TABLES = ["shape.csv", "ellipsoids.csv", "lengths.csv", "status.csv"]
+
+
+@pytest.fixture
+def typed(monkeypatch, capfd):
+    """Runs the command line in a directory, in this process; gives exit code, output and errors."""
+
+    def run(*arguments, cwd: Path) -> tuple[int, str, str]:
+        monkeypatch.chdir(cwd)
+        monkeypatch.setenv("COLUMNS", "120")
+        monkeypatch.setattr(sys, "argv", ["tensegraph", *map(str, arguments)])
+        monkeypatch.setattr(
+            "tensegraph.live.feeds.PATIENCE_S", 1.5
+        )  # no board of these tests takes a Mega's two seconds
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return (ended.value.code or 0, *capfd.readouterr())
+
+    return run
+
+
+def start(*arguments, cwd: Path) -> subprocess.Popen:
+    """Start `python -m tensegraph` in a directory."""
+    command = [sys.executable, "-m", "tensegraph", *map(str, arguments)]
+    environment = os.environ | {"COLUMNS": "120", "TERM": "dumb", "MPLBACKEND": "agg"}
+    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, cwd=cwd, env=environment, text=True, start_new_session=True, **pipes)
+
+
+def test_a_replay_is_the_offline_result_to_the_last_digit(trial_copy, typed) -> None:
+    """As fast as it goes, behind from the start: nothing is skipped for ten seconds. Recorded again it is the trial."""
+    path = trial_copy(rows=150)
+    folder = path.parent
+    (folder / "offline").mkdir()
+    write_tables(tensegraph.reconstruct(path, "live"), 0.95, folder / "offline")
+    code, said, error = typed(
+        "live", "--replay", path, "--speed", 1000, "--out", "replay", "--record", "again", cwd=folder
+    )
+    assert code == 0, error
+    assert tomllib.loads((folder / "replay" / "run.toml").read_text())["skipped_frames"] == 0
+    tables = [p.name for p in (folder / "offline").iterdir()]
+    assert set(TABLES) <= set(tables)
+    _, different, errors = filecmp.cmpfiles(folder / "offline", folder / "replay", tables, shallow=False)
+    assert not different
+    assert not errors
+    written = {p.name for p in (folder / "replay").iterdir()}
+    assert written >= {*(p.name for p in (folder / "offline").iterdir()), "run.toml", "lengths.png", "shape.png"}
+    assert "300 rows recorded in again" in said
+    for words in ("board 0", "rate", "lost rows", "latency", "largest sigma", "flagged"):
+        assert words in said
+    trials = open_trial(path), open_trial(folder / "again")
+    read, again = ([(r.board, r.host_s, *r.counts) for r in trial.readings()] for trial in trials)
+    assert read == again
+    assert "truth" not in trials[1].toml
+
+
+def test_a_twin_s_trial_comes_live(tmp_path, example, typed) -> None:
+    """From the plan to the recording, which is as good a trial as any, and knows no truth."""
+    plan = tmp_path / "short.toml"
+    text = (example.parent / "plans" / "press.toml").read_text()
+    plan.write_text(text.replace("duration_s = 30.0", "duration_s = 6.0").replace("until_s = 29.0", "until_s = 5.9"))
+    arguments = ("--speed", 1000, "--seconds", 2, "--record", "twin", "--out", "out")
+    code, _, error = typed("live", "--twin", plan, *arguments, cwd=tmp_path)
+    assert code == 0, error
+    trial = open_trial(tmp_path / "twin")
+    assert len(list(trial.readings())) > 190
+    assert trial.truth() is None
+    assert (tmp_path / "out" / "shape.csv").read_text().count("\n") > 95
+
+
+def test_ctrl_c_leaves_a_whole_result_and_trial(tmp_path, rig, emulated) -> None:
+    """Emulated boards at 50 Hz: recorded without a gap, and offline gives the same shapes as live did."""
+    ports = [word for board in emulated for word in ("--port", board.port)]
+    process = start("live", "--rig", rig, *ports, "--record", "first", "--out", "live", cwd=tmp_path)
+    until_s = time.monotonic() + 60
+    while not (tmp_path / "first").exists():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < until_s
+        time.sleep(0.05)
+    time.sleep(3.0)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of the group
+    out, error = process.communicate(timeout=60)
+    assert process.returncode == 0, error
+    assert "tared: tendons changed by" in out
+    live = tomllib.loads((tmp_path / "live" / "run.toml").read_text())
+    trial = open_trial(tmp_path / "first")
+    assert [board.firmware for board in trial.table.board] == ["tensegraph_mega 1"] * 2
+    rows = list(trial.readings())
+    assert len(rows) == live["recorded_rows"]
+    for board in (0, 1):
+        seqs = [row.seq for row in rows if row.board == board]
+        assert len(seqs) > 150
+        assert (np.diff(seqs) == 1).all()
+    assert all(port["bad_crc"] == port["garbage"] == 0 for port in live["ports"].values())
+    offline = tensegraph.reconstruct(tmp_path / "first", "live")
+    assert live["frames"] + live["skipped_frames"] == len(offline)
+    shapes = np.genfromtxt(tmp_path / "live" / "shape.csv", delimiter=",", skip_header=1)
+    assert len(shapes) == live["frames"]
+    assert np.isin(shapes[:, 0], np.round(offline.t_s, 4)).all()
+    if live["skipped_frames"] == 0:
+        (tmp_path / "offline").mkdir()
+        write_tables(offline, 0.95, tmp_path / "offline")
+        _, different, _ = filecmp.cmpfiles(tmp_path / "live", tmp_path / "offline", TABLES, shallow=False)
+        assert not different
+
+
+def test_one_board_and_no_disk_are_enough_to_go_on_with(tmp_path, rig, pty_boards, typed) -> None:
+    """Twelve sensors are missing, then the recording's directory vanishes: both are said, the shapes go on."""
+    board = pty_boards("one", 0)
+    rig.write_text(rig.read_text().replace("seconds = 2.0", "seconds = 0.0"))
+
+    def vanish() -> None:
+        file = tmp_path / "gone" / "board0.csv"
+        while not file.exists() or file.read_bytes().count(b"\n") < 20:
+            time.sleep(0.02)
+        shutil.rmtree(tmp_path / "gone")
+
+    threading.Thread(target=vanish, daemon=True).start()
+    arguments = ("--port", board.port, "--record", "gone", "--out", "out", "--seconds", 2.5)
+    code, said, error = typed("live", "--rig", rig, *arguments, cwd=tmp_path)
+    assert code == 2
+    assert error == "tensegraph: gone: the recording ended: its files are gone\n"
+    assert "1 of 2 boards answered" in said
+    status = (tmp_path / "out" / "status.csv").read_text().splitlines()[1:]
+    assert float(status[-1].split(",")[0]) > 2.0
+    assert len(status) > 60
+    lengths = [line.split(",") for line in (tmp_path / "out" / "lengths.csv").read_text().splitlines()[1:]]
+    missing = {int(tendon) for _, tendon, _, _, _, flags, *_ in lengths if "missing" in flags}
+    assert missing >= set(range(12, 24))
+    assert all("missing" in flags for _, tendon, _, _, _, flags, *_ in lengths if int(tendon) >= 12)
+    assert not all("missing" in flags for _, tendon, _, _, _, flags, *_ in lengths if int(tendon) < 12)
+    assert not any(",ok," in line for line in status)
+
+
+def test_record_and_ports(tmp_path, rig, pty_boards, typed) -> None:
+    ports = [str(pty_boards(name, k).port) for k, name in enumerate(("zero", "one"))]
+    code, said, error = typed("ports", *ports, tmp_path / "none", cwd=tmp_path)
+    assert code == 0, error
+    assert re.search(r"│ 0 +│ pty 1 +│ 0 +│ 50 Hz │ 12", said)
+    assert "not there" in said
+    rig.write_text(rig.read_text().replace("seconds = 2.0", "seconds = 0.0").replace("ports = []", f"ports = {ports}"))
+    code, said, error = typed("record", "--rig", rig, "--out", "trials/first", "--seconds", 1, cwd=tmp_path)
+    assert code == 0, error
+    rows = int(re.search(r"(\d+) rows recorded in trials/first", said)[1])
+    trial = open_trial(tmp_path / "trials" / "first")
+    assert len(list(trial.readings())) == rows > 90
+    assert trial.name == "first"
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+00:00", trial.table.recorded_utc)
+
+
+REFUSED = [
+    (["live"], "expected one of --rig, --replay and --twin"),
+    (["live", "--twin", "rig.toml"], "rig.toml: line"),
+    (["live", "--rig", "rig.toml", "--speed", "2"], "--speed goes with --replay and --twin, --port with --rig"),
+    (["live", "--replay", "nothing"], "nothing/trial.toml: no such file"),
+    (["live", "--replay", "trial", "--record", "trial"], "trial: exists: expected a new name for the trial"),
+    (["live", "--replay", "trial", "--out", "trial"], "trial: exists and is no earlier result"),
+    (["live", "--replay", "trial", "--view", "--out", "x"], "no window can be opened"),
+    (["record", "--rig", "rig.toml", "--out", "trial"], "trial: exists: expected a new name for the trial"),
+    (
+        ["record", "--rig", "twice.toml", "--out", "x"],
+        "board[1].board_id: expected a number from 0 to 255, each once, got '0'",
+    ),
+    (["record", "--rig", "rig.toml", "--out", "x", "--port", "nowhere"], "no board answers on nowhere: not there"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), REFUSED)
+def test_what_can_not_be_is_one_line_and_exit_code_2(trial_copy, rig, typed, arguments, message) -> None:
+    trial_copy(rows=40)
+    (rig.parent / "twice.toml").write_text(rig.read_text().replace("board_id = 1", "board_id = 0"))
+    code, _, error = typed(*arguments, cwd=rig.parent)
+    assert code == 2
+    assert error.count("\n") == 1
+    assert message in error
+    assert not (rig.parent / "x").exists()
+
+
+def resident_mb(pid: int) -> float:
+    found = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text())
+    return int(found[1]) / 1024 if found else 0.0  # a process that is ending has none
+
+
+@pytest.mark.long
+def test_ten_minutes(tmp_path, rig, emulated) -> None:
+    """Both emulated boards at 50 Hz, gtsam and the recorder on the same cores: nothing lost, in time, memory flat.
+
+    TENSEGRAPH_MINUTES sets another duration.
+    """
+    minutes = float(os.environ.get("TENSEGRAPH_MINUTES", "10"))
+    ports = [word for board in emulated for word in ("--port", board.port)]
+    seconds = ("--seconds", 60 * minutes)
+    process = start("live", "--rig", rig, *ports, *seconds, "--record", "long", "--out", "live", cwd=tmp_path)
+    memory_mb, began_s = [], time.monotonic()
+    while process.poll() is None:
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        memory_mb.append(
+            [time.monotonic() - began_s, resident_mb(process.pid), sum(map(resident_mb, map(int, children)))]
+        )
+        time.sleep(5)
+    _, errors = process.communicate()
+    assert process.returncode == 0, errors
+    live = tomllib.loads((tmp_path / "live" / "run.toml").read_text())
+    rows = list(open_trial(tmp_path / "long").readings())
+    delay_ms = []
+    for board, emulator in enumerate(emulated):
+        emulator.unplug()
+        seqs = [row.seq for row in rows if row.board == board]
+        assert set(np.diff(seqs) % 2**16) == {1}
+        assert len(seqs) > 50 * 60 * minutes * 0.95
+        left_s = dict(np.loadtxt(emulator.log)) if minutes < 20 else {}
+        delay_s = np.array([row.host_s - left_s[row.seq] for row in rows if row.board == board])
+        delay_ms.append(1e3 * np.quantile(delay_s - delay_s.min(), [0.5, 0.99]))
+    settled = [sizes for sizes in memory_mb if sizes[0] > 60 and min(sizes) > 0]
+    print(f"rows {len(rows)}, frames {live['frames']}, skipped {live['skipped_frames']}, latency {live['latency']}")
+    print(f"port to stamp, median and 99 %: {np.round(delay_ms, 2).tolist()} ms; {live['boards']}")
+    print(f"memory after a minute and at the end, MB: {settled[0][1:]}, {settled[-3][1:]}")
+    assert live["latency"]["p99_ms"] + max(p99 for _, p99 in delay_ms) < 40
+    assert live["skipped_rows"] == 0
+    assert settled[-3][1] - settled[0][1] < 60
+    assert settled[-3][2] - settled[0][2] < 10

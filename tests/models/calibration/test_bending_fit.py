@@ -1,0 +1,50 @@
+"""The fit of eq. (9)."""
+
+import numpy as np
+import pytest
+
+from strips import triangle
+from tensegraph.models.calibration.bending_fit import fit_bending
+from tensegraph.models.calibration.recordings import Recording
+from tensegraph.models.sensor.bending import COEFFICIENTS, FoldedPolynomial
+
+
+class TestBendingFit:
+    T_S = np.arange(0, 200, 0.05)
+
+    def recording(self, noise: float = 0.0, seed: int = 0) -> Recording:
+        """A static strip that follows eq. (9), less its constant, bent by 0.8 and back."""
+        strain = triangle("bend", 0.02, high=-0.8, t_s=self.T_S).strain
+        change = np.polyval([*COEFFICIENTS[:-1], 0.0], strain)
+        return Recording(
+            "bend", self.T_S, strain, change + noise * np.random.default_rng(seed).standard_normal(len(change))
+        )
+
+    def test_eq_9_is_found_again(self) -> None:
+        """Up to the lag that is undone but was not there, 0.2 s of 0.02 /s: the curve runs between the branches."""
+        recording = self.recording()
+        fit = fit_bending([recording], [recording])
+        assert fit is not None
+        strain = np.linspace(-0.8, 0, 50)
+        expected = np.polyval([*COEFFICIENTS[:-1], 0.0], strain)
+        np.testing.assert_allclose(np.polyval(fit.coefficients, strain), expected, atol=0.005)
+        assert fit.r2 > 0.9995
+        assert fit.held_out_r2 == pytest.approx(fit.r2, abs=1e-6)
+        assert fit.curve().polynomial.x_fold == pytest.approx(FoldedPolynomial().x_fold, abs=0.01)
+
+    def test_covariance_is_no_less_than_what_noise_does(self) -> None:
+        """Against the spread of the coefficients over 40 noisy recordings."""
+        fits = [fit_bending([self.recording(0.01, seed)], []) for seed in range(40)]
+        coefficients, covariances = zip(*[(fit.coefficients, fit.covariance) for fit in fits if fit], strict=True)
+        spread = np.std(coefficients, axis=0)
+        expected = np.mean([np.sqrt(np.diag(covariance)) for covariance in covariances], axis=0)
+        assert (expected > 0.8 * spread).all()
+        assert (expected < 4 * spread).all()
+
+    def test_without_bending_there_is_none(self) -> None:
+        assert fit_bending([triangle("a", 0.05)], []) is None
+
+    def test_a_curve_without_a_fold_inverts_up_to_zero(self) -> None:
+        straight = FoldedPolynomial([0, 0, 0, 0, 2.0, 0])
+        assert straight.x_fold == 0
+        assert straight.inverse(-0.5) == pytest.approx(-0.25, abs=1e-6)

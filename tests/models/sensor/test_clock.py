@@ -1,0 +1,101 @@
+"""A board's clock laid onto the host's, from past rows only."""
+
+import numpy as np
+import pytest
+
+from tensegraph import BoardReading
+from tensegraph.models.sensor.clock import BoardClock, ClockSettings, _LowerLine
+
+COUNTS = np.full(2, 500)
+
+
+def rows(n: int, *, rate_ppm=100.0, jitter_s=0.003, seed=0, seq0=0, device0_us=0, period_s=0.02, from_s=1.0):
+    """Rows of a board with exponential delay behind 2 ms, and their true times."""
+    rng = np.random.default_rng(seed)
+    t_s = from_s + period_s * np.arange(n)
+    device_us = device0_us + np.round(1e6 * (t_s - from_s) * (1 + rate_ppm * 1e-6)).astype(np.int64)
+    host_s = np.maximum.accumulate(t_s + 0.002 + rng.exponential(jitter_s, n))
+    readings = [BoardReading(0, host_s[k], (seq0 + k) % 2**16, int(device_us[k]) % 2**32, COUNTS) for k in range(n)]
+    return readings, t_s
+
+
+class TestClock:
+    def test_is_right_to_a_fraction_of_the_jitter(self) -> None:
+        readings, true_s = rows(3000)
+        clock = BoardClock(ClockSettings())
+        error_s = np.array([clock.time_s(row) for row in readings]) - true_s
+        assert np.abs(error_s[250:]).max() < 0.0005
+        assert error_s.max() < 0.01
+        assert clock.counts.lost_rows == clock.counts.dropped_rows == clock.counts.restarts == 0
+
+    @pytest.mark.parametrize("rate_ppm", [-4000.0, 0.0, 4000.0])
+    def test_follows_a_resonator(self, rate_ppm: float) -> None:
+        readings, true_s = rows(3000, rate_ppm=rate_ppm)
+        clock = BoardClock(ClockSettings())
+        error_s = np.array([clock.time_s(row) for row in readings]) - true_s
+        assert np.abs(error_s[1000:]).max() < 0.002
+
+    def test_is_causal(self) -> None:
+        """The time of a row does not depend on later rows."""
+        readings, _ = rows(400)
+        clocks = BoardClock(ClockSettings()), BoardClock(ClockSettings())
+        whole = [clocks[0].time_s(row) for row in readings]
+        part = [clocks[1].time_s(row) for row in readings[:200]]
+        assert whole[:200] == part
+
+    def test_line_touches_the_lower_hull_by_hand(self) -> None:
+        line = _LowerLine(ClockSettings(rate_prior_s=1e-9, max_rate_error=1.0))
+        for x, y in [(0.0, 0.0), (1.0, 0.05), (2.0, 0.002), (3.0, 0.07), (4.0, 0.004)]:
+            line.add(x, y)
+        assert line.value(3.0) == pytest.approx(0.003)
+
+    def test_counters_wrap(self) -> None:
+        readings, true_s = rows(600, seq0=2**16 - 300, device0_us=2**32 - 6_000_000)
+        clock = BoardClock(ClockSettings())
+        error_s = np.array([clock.time_s(row) for row in readings]) - true_s
+        assert np.abs(error_s[250:]).max() < 0.001
+        assert clock.counts.lost_rows == clock.counts.restarts == 0
+
+    def test_lost_rows_are_counted(self) -> None:
+        readings, _ = rows(100)
+        clock = BoardClock(ClockSettings())
+        for row in readings[:40] + readings[47:]:
+            assert clock.time_s(row) is not None
+        assert clock.counts.lost_rows == 7
+
+    def test_late_and_double_rows_are_dropped(self) -> None:
+        readings, _ = rows(100)
+        clock = BoardClock(ClockSettings())
+        shuffled = [*readings[:50], readings[49], readings[51], readings[50], *readings[52:]]
+        times = [clock.time_s(row) for row in shuffled]
+        assert clock.counts.dropped_rows == 2
+        kept = [t for t in times if t is not None]
+        assert (np.diff(kept) > 0).all()
+
+    @pytest.mark.parametrize("boot", [0, 1])
+    def test_a_restarted_board_is_taken_on(self, boot: int) -> None:
+        """Its counters begin at zero again; with a boot column at once, without after one row."""
+        before, _ = rows(500, seq0=40_000, device0_us=3_000_000_000)
+        after, true_s = rows(500, from_s=13.0, seed=1)
+        after = [BoardReading(0, r.host_s, r.seq, r.device_us, r.counts, boot) for r in after]
+        clock = BoardClock(ClockSettings())
+        times = [clock.time_s(row) for row in before + after][500:]
+        assert clock.counts.restarts == 1
+        assert clock.counts.dropped_rows == 1 - boot
+        assert np.abs(np.array(times[100:]) - true_s[100:]).max() < 0.01
+
+    def test_host_stamps_that_go_back_do_no_harm(self) -> None:
+        readings, true_s = rows(1000)
+        r = readings[500]
+        readings[500] = BoardReading(0, r.host_s - 5.0, r.seq, r.device_us, r.counts)
+        clock = BoardClock(ClockSettings())
+        error_s = np.array([clock.time_s(row) for row in readings]) - true_s
+        assert clock.counts.host_steps == 1
+        assert np.abs(error_s[250:]).max() < 0.001
+
+    def test_a_host_clock_set_back_for_good_does_no_harm(self) -> None:
+        readings, true_s = rows(1500)
+        moved = [BoardReading(0, r.host_s - 3600.0, r.seq, r.device_us, r.counts) for r in readings[500:]]
+        clock = BoardClock(ClockSettings())
+        error_s = np.array([clock.time_s(row) for row in readings[:500] + moved]) - true_s
+        assert np.abs(error_s[250:]).max() < 0.01

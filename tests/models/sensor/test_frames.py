@@ -1,0 +1,107 @@
+"""From readings of boards that are not synchronised to frames of all sensors."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tensegraph import Flag, ResistanceReading
+from tensegraph.models.sensor.frames import FrameAssembler, FrameSettings
+from tensegraph.models.sensor.gate import GateSettings
+
+
+def reading(
+    t_s: float, value: float, source: int = 0, arrival_s: float | None = None, flags: int = 0
+) -> ResistanceReading:
+    tendon = np.array([2 * source, 2 * source + 1])
+    ohm = np.array([value, 2 * value])
+    return ResistanceReading(
+        source, t_s, t_s if arrival_s is None else arrival_s, tendon, ohm, ohm * 0, np.full(2, flags)
+    )
+
+
+def assembler(sources: int = 1, **settings) -> FrameAssembler:
+    return FrameAssembler(np.ones(2 * sources), sources, FrameSettings(**settings), GateSettings(max_rate_per_s=1e9))
+
+
+class TestFrames:
+    @settings(max_examples=40, deadline=None)
+    @given(st.floats(0.0, 0.019), st.sampled_from([0.01, 0.02, 0.013, 0.04]))
+    def test_a_ramp_stays_a_ramp(self, offset_s: float, period_s: float) -> None:
+        """Whatever the boards' rate and phase, the mean over a frame of a straight line is its value at the middle."""
+        frames = assembler()
+        got = [f for k in range(100) for f in frames.add(reading(offset_s + period_s * k, 5 + k * period_s + offset_s))]
+        assert len(got) > 20
+        for frame in got[2:]:
+            assert frame.resistance_ohm[0] == pytest.approx(5 + frame.t_s, abs=1e-9)
+
+    def test_mean_by_hand(self) -> None:
+        """Readings 0, 1, 0 at 0.98, 1.00, 1.02: the mean over [0.99, 1.01] of the two straight lines is 3/4."""
+        frames = assembler()
+        got = [f for t, v in ((0.98, 1.0), (1.0, 2.0), (1.02, 1.0), (1.04, 1.0)) for f in frames.add(reading(t, v))]
+        assert {round(f.t_s, 3): f.resistance_ohm[0] for f in got}[1.0] == pytest.approx(1.75)
+
+    def test_every_reading_counts_once(self) -> None:
+        """An impulse in one reading, at any phase, adds one reading's share over all frames."""
+        for offset_s in (0.0, 0.004, 0.011):
+            frames = assembler()
+            values = np.ones(60)
+            values[30] = 2.0
+            got = [f for k, v in enumerate(values) for f in frames.add(reading(offset_s + 0.02 * k, v))]
+            assert sum(f.resistance_ohm[0] - 1 for f in got) == pytest.approx(1.0)
+
+    def test_noise_of_fast_boards_is_averaged(self) -> None:
+        rng, frames = np.random.default_rng(0), assembler()
+        got = [f for k in range(4000) for f in frames.add(reading(0.005 * k, 1 + 0.01 * rng.standard_normal()))]
+        assert np.std([f.resistance_ohm[0] for f in got]) < 0.0055
+
+    def test_a_lost_row_is_bridged_and_a_gap_is_missing(self) -> None:
+        frames = assembler()
+        kept = [k for k in range(200) if k != 50 and not 100 <= k < 120]
+        got = {round(f.t_s, 3): f for k in kept for f in frames.add(reading(0.02 * k, 1 + k))}
+        assert got[1.0].resistance_ohm[0] == pytest.approx(51)
+        assert np.isnan(got[2.2].resistance_ohm[0])
+        assert got[2.2].flags[0] & Flag.MISSING
+        assert got[3.0].resistance_ohm[0] == pytest.approx(151)
+
+    def test_a_silent_board_is_not_waited_for(self) -> None:
+        frames, got = assembler(2), []
+        for k in range(200):
+            got += frames.add(reading(0.02 * k, 1 + 0.01 * (k % 2), source=0))
+            if not 50 <= k < 150:
+                got += frames.add(reading(0.02 * k + 0.007, 3 + 0.01 * (k % 2), source=1, arrival_s=0.02 * k + 0.008))
+            late_s = 0.02 * k - (got[-1].t_s if got else 0)
+            assert late_s < 0.16
+        missing = [f.t_s for f in got if np.isnan(f.resistance_ohm[2])]
+        assert 1.0 < missing[0] < 1.2
+        assert 2.9 < missing[-1] < 3.05
+        assert all(np.isfinite(f.resistance_ohm[0]) for f in got)
+
+    def test_frames_do_not_depend_on_what_comes_later(self) -> None:
+        values = 1 + 0.1 * np.sin(np.arange(100))
+        runs = []
+        for until in (60, 100):
+            frames = assembler()
+            runs.append([f for k in range(until) for f in frames.add(reading(0.02 * k, values[k]))])
+        for short, long in zip(*runs, strict=False):
+            assert short.resistance_ohm[0] == long.resistance_ohm[0]
+
+    def test_one_reading_is_one_frame(self) -> None:
+        frames = assembler()
+        assert list(frames.add(reading(0.0034, 7.0))) == []
+        (frame,) = frames.finish()
+        assert frame.resistance_ohm[0] == 7.0
+
+    def test_none_is_none(self) -> None:
+        assert list(assembler().finish()) == []
+
+    def test_flags_of_the_readings_reach_the_frame(self) -> None:
+        frames, got = assembler(), []
+        for k in range(20):
+            flagged = k == 10
+            got += frames.add(
+                reading(0.02 * k, np.nan if flagged else 1.0, flags=int(Flag.SATURATED) if flagged else 0)
+            )
+        flags = {round(f.t_s, 3): int(f.flags[0]) for f in got}
+        assert flags[0.2] == Flag.SATURATED
+        assert flags[0.1] == 0

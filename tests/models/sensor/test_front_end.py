@@ -1,0 +1,144 @@
+"""The front end as a whole: from frames of resistance to lengths with sigma, mode and flags."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tensegraph import Flag, Mode
+from tensegraph.io.model_file import read_sensor_model
+from tensegraph.models.sensor.bending import BendingCurve
+from tensegraph.models.sensor.front_end import FrontEnd, FrontEndSettings
+from tensegraph.models.sensor.sensor_model import SensorModel
+from tensegraph.models.values.readings import ResistanceFrame, RestLengths
+
+
+def front_end(model: SensorModel, count: int = 4, rest_strain: float | None = 0.08, **kwargs) -> FrontEnd:
+    rest = (
+        None
+        if rest_strain is None
+        else RestLengths(1.0, np.full(count, 0.17 * (1 + rest_strain)), np.full(count, 3e-4))
+    )
+    return FrontEnd(model, np.full(count, 6e6), np.full(count, 0.17), rest, FrontEndSettings(**kwargs), 0.02)
+
+
+def frame(k: int, change, flags=0) -> ResistanceFrame:
+    change = np.broadcast_to(np.asarray(change, dtype=float), (4,))
+    flags = np.where(np.isnan(change), int(Flag.MISSING), 0) | flags
+    return ResistanceFrame(0.02 * k, 6e6 * (1 + change), np.full(4, 6e3), flags)
+
+
+class TestFrontEnd:
+    def test_rest_is_where_it_is_said_to_be(self, model: SensorModel) -> None:
+        end = front_end(model)
+        for k in range(200):
+            lengths = end.step(frame(k, [0.07, 0.08, 0.085, 0.1]))
+        np.testing.assert_allclose(lengths.length_m, 0.17 * 1.08, atol=2e-4)
+        assert (lengths.mode == Mode.STRETCHING).all()
+        assert (lengths.flags == 0).all()
+
+    def test_bending_is_found_and_left_again(self, model: SensorModel) -> None:
+        end = front_end(model)
+        path = np.concatenate([np.full(100, 0.08), np.linspace(0.08, -0.3, 100), np.full(150, -0.3)])
+        path = np.concatenate([path, np.linspace(-0.3, 0.08, 100), np.full(300, 0.08)])
+        lengths = [end.step(frame(k, y)) for k, y in enumerate(path)]
+        assert (lengths[340].mode == Mode.BENDING).all()
+        expected = BendingCurve().strain(-0.3, 0.01)[0]
+        np.testing.assert_allclose(lengths[340].length_m / 0.17 - 1, expected, atol=0.03)
+        assert (lengths[-1].mode == Mode.STRETCHING).all()
+
+    def test_sigma_spans_both_modes_near_zero_strain(self, model: SensorModel) -> None:
+        end = front_end(model, rest_strain=0.05)
+        sure = [end.step(frame(k, 0.043)) for k in range(60)][-1]
+        doubtful = [end.step(frame(k, -0.003)) for k in range(60, 160)][-1]
+        assert (doubtful.flags & Flag.AMBIGUOUS).all()
+        assert (doubtful.sigma_m > 3 * sure.sigma_m).all()
+
+    @pytest.mark.parametrize("bad", [[np.nan], [np.nan] * 10, [np.nan] * 60])
+    def test_gaps_never_poison_the_state(self, model: SensorModel, bad) -> None:
+        clean, hurt = front_end(model), front_end(model)
+        path = np.concatenate([np.full(100, 0.08), 0.08 + 0.03 * np.sin(np.linspace(0, 9, 600))])
+        for k, y in enumerate(path):
+            expected = clean.step(frame(k, y))
+            change = np.full(4, y)
+            if 300 <= k < 300 + len(bad):
+                change[1] = np.nan
+            lengths = hurt.step(frame(k, change))
+            if np.isnan(change[1]):
+                assert np.isnan(lengths.length_m[1])
+                assert np.isinf(lengths.sigma_m[1])
+                assert lengths.flags[1] & Flag.MISSING
+        assert np.isfinite(lengths.length_m).all()
+        assert abs(lengths.length_m[1] - expected.length_m[1]) < 0.0005
+        np.testing.assert_allclose(lengths.length_m[[0, 2, 3]], expected.length_m[[0, 2, 3]], atol=1e-12)
+
+    def test_a_sensor_back_from_a_long_gap_warms_up(self, model: SensorModel) -> None:
+        end = front_end(model)
+        for k in range(100):
+            end.step(frame(k, 0.08))
+        for k in range(100, 200):
+            end.step(frame(k, [0.08, np.nan, 0.08, 0.08]))
+        back = end.step(frame(200, 0.08))
+        assert back.flags[1] & Flag.WARMING_UP
+        assert back.sigma_m[1] > 2 * back.sigma_m[0]
+        assert back.flags[0] == 0
+
+    def test_readings_beyond_training_are_flagged_and_widened(self, model: SensorModel) -> None:
+        end = front_end(model)
+        for k in range(60):
+            usual = end.step(frame(k, 0.08))
+        beyond = [end.step(frame(k, y)) for k, y in enumerate(np.linspace(0.08, 2.6, 200), start=60)][-1]
+        assert (beyond.flags & Flag.OUT_OF_RANGE).all()
+        assert (beyond.sigma_m > 10 * usual.sigma_m).all()
+
+    def test_too_fast_is_flagged_and_widened(self, model: SensorModel) -> None:
+        end = front_end(model)
+        for k in range(60):
+            usual = end.step(frame(k, 0.08))
+        fast = end.step(frame(60, 0.15))
+        assert (fast.flags & Flag.TOO_FAST).all()
+        assert (fast.sigma_m > 1.5 * usual.sigma_m).all()
+
+    def test_without_rest_shape_all_sensors_warm_up(self, model: SensorModel) -> None:
+        end = front_end(model, rest_strain=None)
+        first, last = end.step(frame(0, 0.08)), [end.step(frame(k, 0.08)) for k in range(1, 600)][-1]
+        assert (first.flags & Flag.WARMING_UP).all()
+        assert not (last.flags & Flag.WARMING_UP).any()
+        assert (last.sigma_m < first.sigma_m).all()
+
+    def test_a_unified_network_measures_bent_tendons_too(self, model: SensorModel) -> None:
+        """The same weights called unified: bent, the length is no longer the polynomial's; stretched it is the same."""
+        unified = replace(model, unified=True)
+        split_end, unified_end = front_end(model), front_end(unified)
+        for k, y in enumerate(np.linspace(0.08, -0.4, 200)):
+            split, one = split_end.step(frame(k, y)), unified_end.step(frame(k, y))
+            if k == 20:
+                np.testing.assert_array_equal(split.length_m, one.length_m)
+        assert (one.mode == Mode.BENDING).all()
+        assert (np.abs(split.length_m - one.length_m) > 1e-3).all()
+
+    def test_a_model_without_bending_recordings_uses_the_paper_s_curve(self, model: SensorModel) -> None:
+        bare = replace(model, bending=None)
+        paper, own = bare.bending_curve("strain"), model.bending_curve("strain")
+        assert paper.change(-0.4) == BendingCurve().change(-0.4)
+        assert own.change(-0.4) != paper.change(-0.4)
+        np.testing.assert_allclose(own.change([-0.2, -0.4, -0.7]), paper.change([-0.2, -0.4, -0.7]), atol=0.02)
+
+    def test_both_readings_of_eq_9_run(self, model: SensorModel) -> None:
+        ends = []
+        for abscissa in ("strain", "resistance"):
+            end = front_end(model, bending_abscissa=abscissa)
+            ends.append([end.step(frame(k, y)) for k, y in enumerate(np.linspace(0.08, -0.5, 300))][-1].length_m[0])
+        assert abs(ends[0] - ends[1]) > 0.005
+
+    @settings(max_examples=15, deadline=None)
+    @given(st.lists(st.floats(-0.99, 5.0) | st.just(float("nan")), min_size=5, max_size=60))
+    def test_whatever_comes_lengths_are_finite_or_missing(self, path) -> None:
+        end = front_end(read_sensor_model())
+        for k, y in enumerate(path):
+            lengths = end.step(frame(k, y))
+            assert np.isfinite(lengths.length_m[0]) == np.isfinite(y)
+            assert not np.isnan(lengths.sigma_m).any()
+            assert (lengths.sigma_m > 0).all()

@@ -1,0 +1,40 @@
+"""Whether a structure rests, from its sensors."""
+
+import numpy as np
+import pytest
+
+import tensegraph
+from tensegraph import open_trial
+from tensegraph.models.sensor.stillness import StillnessWatch
+
+
+@pytest.mark.parametrize(("from_s", "still"), [(0.0, True), (4.0, False)])
+def test_stillness(example, model, from_s: float, still: bool) -> None:
+    """The example rests for two seconds, and is pressed after four."""
+    trial = open_trial(example)
+    d, boards = trial.description, trial.description.boards(tensegraph.Settings().clock)
+    watch = StillnessWatch(model.gauge, d.natural_resistance_ohm, d.structure.natural_length_m)
+    for row in trial.readings():
+        reading = boards.reading(row)
+        if reading is not None and from_s <= row.host_s < from_s + 2:
+            watch.add(reading)
+    motion = watch.motion()
+    assert motion.still == still
+    assert (motion.largest_m < 0.001) == still
+
+
+def test_a_bad_sensor_alone_does_not_move_the_structure(example, model) -> None:
+    d = open_trial(example).description
+    watch = StillnessWatch(model.gauge, d.natural_resistance_ohm, d.structure.natural_length_m)
+    for k in range(100):
+        resistance_ohm = d.natural_resistance_ohm.copy()
+        resistance_ohm[7] *= 1 + 0.01 * k  # drifts away
+        resistance_ohm[8] = np.nan
+        none = np.zeros(24, dtype=np.int64)
+        watch.add(tensegraph.ResistanceReading(0, 0.02 * k, 0.02 * k, np.arange(24), resistance_ohm, none, none))
+    motion = watch.motion()
+    assert motion.still
+    assert motion.tendon == 7
+    # 12.5 rows of 1 % from one average to the next, six averages inside, 24 mm of length for 10 % at this slope
+    L0 = d.structure.natural_length_m[7]
+    assert motion.largest_m == pytest.approx(5 * 0.125 * L0 / model.gauge.slope(np.zeros(1))[0], rel=0.05)

@@ -1,0 +1,64 @@
+"""Running stretch sensors: settled, at any rate, beyond their training."""
+
+import numpy as np
+import pytest
+
+from tensegraph.models.sensor.sensor_model import SensorModel
+from tensegraph.models.sensor.stretching import Extrapolation, StrainSpread, StretchingSensors
+
+
+class TestStretchingSensors:
+    def test_settled_sensors_stay(self, model: SensorModel) -> None:
+        sensors, change = StretchingSensors(model, 2), np.array([0.05, 0.12])
+        settled = sensors.settle(change, np.array([True, True]), 0.1)
+        for _ in range(200):
+            strain, sigma = sensors.step(change, np.zeros(2), 0.1)
+        np.testing.assert_allclose(strain, settled, atol=5e-4)
+        assert (sigma > 0).all()
+
+    def test_same_motion_at_any_rate_gives_the_same_strain(self, model: SensorModel) -> None:
+        """The true time step is an input: a slow stretch read at 10, 25 and 100 Hz ends at about the same strain."""
+        ends = []
+        for rate_hz in (10, 25, 100):
+            sensors, step_s = StretchingSensors(model, 1), 1 / rate_hz
+            sensors.settle(np.array([0.05]), np.array([True]), step_s)
+            for t_s in np.arange(0, 4, step_s):
+                strain, _ = sensors.step(np.array([0.05 + 0.015 * t_s]), np.array([0.015]), step_s)
+            ends.append(strain[0])
+        assert np.ptp(ends) < 0.004
+
+    def test_spread_is_a_running_deviation(self) -> None:
+        spread = StrainSpread(1)
+        values = [spread.step(np.array([x]), 0.1)[0] for x in np.tile([0.0, 0.1], 5000)]
+        assert values[0] == 0
+        assert values[-1] == pytest.approx(0.05, rel=0.01)
+
+
+class TestExtrapolation:
+    def test_widens_at_once_and_forgets_slowly(self, model: SensorModel) -> None:
+        """Twice the fastest trained rate doubles sigma; after 3 s of rest 1 + 1/e is left of that."""
+        outside, still = Extrapolation(model, 1), np.zeros(1)
+        factor, extra, beyond = outside.step(still, np.array([2 * model.ranges.rate_per_s]), still, 0.1)
+        assert factor[0] == pytest.approx(2.0)
+        assert beyond[0]
+        assert extra[0] == 0
+        factor, _, beyond = outside.step(still, still, still, 3.0)
+        assert factor[0] == pytest.approx(1 + np.exp(-1))
+        assert not beyond[0]
+
+    def test_strain_faster_than_trained_adds_the_lag_times_the_excess(self, model: SensorModel) -> None:
+        """Steady strain at the fastest trained rate and 0.1 /s more: sigma 0.4 s * 0.1 /s on top."""
+        outside, still, rate = Extrapolation(model, 1), np.zeros(1), model.ranges.strain_rate_per_s + 0.1
+        for k in range(200):
+            factor, extra, beyond = outside.step(still, still, np.array([rate * 0.02 * k]), 0.02)
+        assert factor[0] == 1
+        assert extra[0] == pytest.approx(0.04, rel=0.01)
+        assert beyond[0]
+
+    def test_grows_with_the_distance_beyond_the_trained_change(self, model: SensorModel) -> None:
+        outside, still = Extrapolation(model, 1), np.zeros(1)
+        far = np.array([model.ranges.change[1] + 0.3])
+        strain = model.gauge.stretched_strain(far)
+        _, extra, beyond = outside.step(far, still, strain, 0.02)
+        assert beyond[0]
+        assert extra[0] == pytest.approx(0.3 / model.gauge.slope(strain)[0])

@@ -1,0 +1,46 @@
+"""Loads from what the balance of forces leaves over: which are observable, and which node they are given to."""
+
+import numpy as np
+import pytest
+
+from four_nodes import TRUE_M, four_nodes
+from tensegraph.models.structure.external_loads import Observable, external_loads, observable_loads, observable_part
+from tensegraph.models.structure.statics import Statics
+
+
+class TestLoads:
+    def test_what_is_observable(self, structure) -> None:
+        seen = observable_loads(structure)
+        assert [seen[n] for n in (0, 3, 4, 5)] == [Observable.NONE, Observable.ACROSS_ROD, *[Observable.ALL] * 2]
+
+    def test_along_a_floating_rod_by_hand(self, structure, balanced) -> None:
+        """The axial sum goes to the end that is pushed more across."""
+        statics = Statics(structure, balanced.mechanics)
+        r = np.zeros(len(statics.group))
+        nodes = statics.nodes.tolist()
+        r[3 * nodes.index(4)] = 0.5
+        r[27 + statics.floating_rods.tolist().index([4, 5])] = 2.0
+        loads = external_loads(statics, balanced.node_position_m, r, np.full(len(r), 0.01))
+        w = balanced.node_position_m[5] - balanced.node_position_m[4]
+        np.testing.assert_allclose(loads.force_n[4], [-0.5, 0, 0] - 2 * w / np.linalg.norm(w))
+        np.testing.assert_allclose(loads.force_n[5], 0, atol=1e-15)
+        assert loads.sigma_n[4] == pytest.approx(np.sqrt(0.04 / 3))
+
+
+class TestObservablePart:
+    def test_the_observable_part_by_hand(self) -> None:
+        """Of (6, 0, 0), w w^T F = 6 / 6 (1, 1, 2): (5, -1, -2) is left; anchors show nothing."""
+        force = np.tile([6.0, 0, 0], (4, 1))
+        part = observable_part(four_nodes(), force, TRUE_M)
+        np.testing.assert_allclose(part[3], [5, -1, -2], atol=1e-12)
+        assert np.isnan(part[:3]).all()
+        np.testing.assert_array_equal(force[3], [6, 0, 0])
+
+    def test_all_of_it_on_a_floating_rod(self, structure, rest) -> None:
+        """Of the six-strut, rods 4-5, 7-8 and 10-11 float."""
+        force = np.random.default_rng(0).standard_normal((12, 3))
+        part = observable_part(structure, force, rest.node_position_m)
+        np.testing.assert_array_equal(part[[4, 5, 7, 8, 10, 11]], force[[4, 5, 7, 8, 10, 11]])
+        for anchor, node in ((0, 3), (1, 6), (2, 9)):
+            along = rest.node_position_m[node] - rest.node_position_m[anchor]
+            assert part[node] @ along == pytest.approx(0, abs=1e-12)

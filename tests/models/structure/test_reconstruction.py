@@ -1,0 +1,36 @@
+"""The shapes of a whole trial as one value."""
+
+import numpy as np
+import pytest
+
+from tensegraph import Reconstruction, Settings
+from tensegraph.estimator.frame import FrameEstimator
+from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.models.estimation import NoiseSettings
+from tensegraph.models.structure.lengths import length_jacobian
+
+
+class TestReconstruction:
+    def test_innovations(self, structure, rest, lengths_of) -> None:
+        frames = [lengths_of(structure, rest.node_position_m, 0.02 * k) for k in range(4)]
+        frames[-1].length_m[7] = np.nan
+        frames[-1].sigma_m[7] = np.inf
+        result = Reconstruction.of(structure, LiveSmoother(structure, rest, Settings()).estimate(frames))
+        np.testing.assert_allclose(result.predicted_m, structure.tendon_length_m(result.node_position_m))
+        assert (result.innovation_sigma_m[0] < 0.0005).all()
+        jacobian = length_jacobian(result.node_position_m[-1], structure.tendons).reshape(24, -1)
+        expected = np.sqrt(jacobian[7] @ result.covariance_m2[-1] @ jacobian[7])
+        assert result.innovation_sigma_m[-1, 7] == pytest.approx(expected)
+
+    def test_mechanism_is_seen(self, structure, rest, lengths_of) -> None:
+        frames = [lengths_of(structure, rest.node_position_m, 0.02 * k) for k in range(3)]
+        result = Reconstruction.of(structure, FrameEstimator(structure, rest, Settings()).estimate(frames))
+        assert (result.smallest_singular_value < 1e-3).all()
+        assert (result.mechanism_sigma_m > 0.9 * NoiseSettings().shape_prior_m).all()
+
+    def test_iterates_as_shapes(self, structure, rest, lengths_of) -> None:
+        frames = [lengths_of(structure, rest.node_position_m, 0.02 * k) for k in range(3)]
+        result = Reconstruction.of(structure, FrameEstimator(structure, rest, Settings()).estimate(frames))
+        again = Reconstruction.of(structure, iter(result))
+        np.testing.assert_array_equal(again.covariance_m2, result.covariance_m2)
+        assert len(again) == 3

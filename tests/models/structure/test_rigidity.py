@@ -1,0 +1,60 @@
+"""The rest shape, its one mechanism and its one self-stress."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tensegraph import InputError, Structure, six_strut, three_strut
+from tensegraph.models.structure.lengths import member_length_m
+from tensegraph.models.structure.rigidity import find_rest_shape, free_length_jacobian, rigidity
+
+
+def test_rest_shape_of_six_strut_by_hand(structure: Structure, rest) -> None:
+    """Parallel rods half a rod apart: all tendons sqrt(3/8) of a rod, the top triangle sqrt(3)/2 of a rod up."""
+    position = find_rest_shape(structure)
+    np.testing.assert_allclose(structure.tendon_length_m(position), 0.3 * np.sqrt(3 / 8), atol=1e-5)
+    np.testing.assert_allclose(member_length_m(position, structure.rods), 0.3, atol=1e-5)
+    np.testing.assert_allclose(position[[5, 8, 11], 2], 0.3 * np.sqrt(3) / 2, atol=1e-4)
+
+
+def test_rest_shape_of_prism_turns_by_150_degrees() -> None:
+    prism = three_strut(0.3, 0.18)
+    position = find_rest_shape(prism)
+    centre = position[:3].mean(axis=0)
+    angle = np.rad2deg(np.arctan2(*(position[3] - centre)[[1, 0]]) - np.arctan2(*(position[0] - centre)[[1, 0]]))
+    assert angle % 360 == pytest.approx(150, abs=0.1)
+    np.testing.assert_allclose(member_length_m(position, prism.rods), 0.3, atol=1e-5)
+
+
+@pytest.mark.parametrize("make", [lambda: six_strut(0.3), lambda: three_strut(0.3, 0.18)], ids=["six", "three"])
+def test_one_mechanism_and_one_self_stress_at_rest(make) -> None:
+    """Both are prestressed with one infinitesimal mechanism, the fact that decides this project (Pellegrino, 1986)."""
+    structure = make()
+    facts = rigidity(structure, find_rest_shape(structure))
+    assert (facts.mechanisms, facts.self_stresses) == (1, 1)
+    assert facts.rank == 3 * len(structure.free_nodes) - 1
+    assert facts.smallest_singular_value < 1e-4
+    jacobian = free_length_jacobian(structure, find_rest_shape(structure))
+    assert np.linalg.norm(jacobian @ facts.mechanism[structure.free_nodes].ravel()) < 1e-4
+
+
+def test_loaded_shape_is_stiff(example_structure: Structure, true_positions) -> None:
+    pressed = true_positions[1][np.argmax(np.abs(true_positions[1] - true_positions[1][0]).sum(axis=(1, 2)))]
+    facts = rigidity(example_structure, pressed)
+    assert facts.mechanisms == 0
+    assert 1e-3 < facts.smallest_singular_value < 0.1
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.05, 3.0), st.floats(0.01, 0.3))
+def test_any_six_strut_rests_on_its_base(rod_m: float, prestrain: float) -> None:
+    structure = six_strut(rod_m, prestrain=prestrain)
+    assert structure.natural_length_m[0] * (1 + prestrain) == pytest.approx(rod_m * np.sqrt(3 / 8))
+    base = structure.anchor_position_m
+    assert member_length_m(base, np.array([[0, 1], [1, 2], [0, 2]])) == pytest.approx(rod_m * np.sqrt(3 / 8))
+
+
+def test_impossible_prism_is_refused() -> None:
+    with pytest.raises(InputError, match="can not stand"):
+        three_strut(0.1, 0.3)

@@ -1,0 +1,32 @@
+"""Ellipsoids of a covariance."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from tensegraph.models.structure.shape import ellipsoids
+
+
+class TestEllipsoids:
+    def test_axes_by_hand(self) -> None:
+        """Variances 1, 4, 9 along z, y, x: semi-axes 3, 2, 1 times sqrt(chi2_3(0.95)) = 2.7955."""
+        region = ellipsoids(np.diag([9.0, 4.0, 1.0]), 0.95)
+        np.testing.assert_allclose(region.semi_axis_m, 2.7954834829 * np.array([3, 2, 1]))
+        np.testing.assert_allclose(np.abs(region.axes), np.eye(3), atol=1e-12)
+
+    def test_are_right_handed_and_rebuild_the_covariance(self) -> None:
+        a = np.random.default_rng(0).standard_normal((5, 3, 3))
+        covariance = a @ a.swapaxes(-1, -2)
+        region = ellipsoids(covariance, 0.68)
+        np.testing.assert_allclose(np.linalg.det(region.axes), 1)
+        scale = chi2.ppf(0.68, 3)
+        rebuilt = np.einsum("nij,nj,nkj->nik", region.axes, region.semi_axis_m**2 / scale, region.axes)
+        np.testing.assert_allclose(rebuilt, covariance, atol=1e-12)
+
+    def test_hold_their_share(self) -> None:
+        rng = np.random.default_rng(0)
+        covariance = np.diag([4.0, 1.0, 0.25])
+        points = rng.multivariate_normal(np.zeros(3), covariance, 20_000)
+        region = ellipsoids(covariance, 0.5)
+        inside = (((points @ region.axes) / region.semi_axis_m) ** 2).sum(axis=1) <= 1
+        assert inside.mean() == pytest.approx(0.5, abs=0.02)

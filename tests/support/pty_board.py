@@ -1,0 +1,58 @@
+"""A board by its bytes alone."""
+
+import os
+import threading
+import time
+import tty
+from pathlib import Path
+
+from tensegraph.io.boards.protocol import Row, frame
+from tensegraph.models.values.link import Hello
+
+
+class PtyBoard:
+    """A board of ours by its bytes alone, on a pty: for what firmware would never do. One row each 20 ms."""
+
+    def __init__(self, port: Path, board_id: int, channels: int = 12) -> None:
+        self.port, self.board_id, self.channels = port, board_id, channels
+        self.boot, self.seq = 0, 0
+        self.interfere: bytes = b""
+        """Put on the line once, between two frames."""
+        self.sent: list[tuple[int, int]] = []
+        """(boot, seq) of every row that a port took."""
+        self._stop, self._thread = threading.Event(), threading.Thread()
+
+    def plug(self) -> None:
+        """Make the port, and begin to send."""
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.port.symlink_to(os.ttyname(self._slave))
+        self._stop.clear()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def unplug(self) -> None:
+        """Take the port away; the board starts anew when it is plugged in again."""
+        if self._thread.is_alive():
+            self._stop.set()
+            self._thread.join()
+            self.port.unlink()
+            os.close(self._master)
+            os.close(self._slave)
+            self.boot, self.seq = self.boot + 1, 0
+
+    def _run(self) -> None:
+        start_s = time.perf_counter()
+        while not self._stop.wait(max(start_s + 0.02 * self.seq - time.perf_counter(), 0)):
+            codes = tuple((self.seq + 31 * c) % 1024 for c in range(self.channels))
+            data = frame(Row(self.board_id, self.boot, self.seq, 20_000 * self.seq, codes))
+            if self.seq % 50 == 0:
+                data += frame(Hello(self.board_id, self.boot, 20_000 * self.seq, 50, self.channels, "pty 1"))
+            try:
+                os.write(self._master, self.interfere + data)
+                self.sent.append((self.boot, self.seq))
+            except BlockingIOError:  # nobody reads
+                pass
+            self.interfere = b""
+            self.seq += 1

@@ -1,0 +1,165 @@
+"""The loop on trials that are not as they should be, and on other sources than boards."""
+
+import numpy as np
+import pytest
+
+from tensegraph import Flag, Settings, open_trial
+from tensegraph.pipeline import Pipeline, reconstruct
+from trial_edits import cell, lines
+
+
+@pytest.mark.parametrize("method", ["batch", "live", "frame"])
+def test_a_trial_of_one_row_a_board_is_one_frame(trial_copy, method) -> None:
+    result = reconstruct(trial_copy(rows=1), method)
+    assert 1 <= len(result) <= 3
+    assert np.isfinite(result.node_position_m).all()
+
+
+def test_one_board_alone_is_enough(trial_copy) -> None:
+    path = trial_copy(rows=60)
+    header = (path / "board1.csv").read_text().splitlines()[0]
+    (path / "board1.csv").write_text(header + "\n")
+    result = reconstruct(path, "live")
+    assert (result.flags[:, 12:] & Flag.MISSING).all()
+    assert not (result.flags[5:, :12] & Flag.MISSING).any()
+
+
+def test_a_board_that_counts_past_its_end_goes_on(trial_copy) -> None:
+    """16-bit rows and 32-bit microseconds wrap in the middle; the result is the same to the microsecond."""
+
+    def shifted(rows):
+        out = rows[:1]
+        for row in rows[1:]:
+            host_s, seq, device_us, *codes = row.split(",")
+            out.append(
+                ",".join(
+                    [
+                        host_s,
+                        str((int(seq) + 65_500) % 2**16),
+                        str((int(device_us) + 2**32 - 4_300_000) % 2**32),
+                        *codes,
+                    ]
+                )
+            )
+        return out
+
+    plain, wrapped = (
+        reconstruct(trial_copy(), "live"),
+        reconstruct(trial_copy(name="wrapped", board0=lines(shifted)), "live"),
+    )
+    np.testing.assert_allclose(wrapped.node_position_m, plain.node_position_m, atol=1e-6)
+
+
+def test_rows_out_of_order_are_dropped_and_counted(trial_copy) -> None:
+    path = trial_copy(board0=lines(lambda rows: [*rows[:50], rows[51], rows[50], *rows[52:]]))
+    trial = open_trial(path)
+    pipeline = pipeline_of(trial)
+    frames = list(pipeline.lengths(trial.readings()))
+    assert pipeline.boards.counts[0].dropped_rows == 1
+    assert len(frames) > 100
+
+
+def pipeline_of(trial, model=None) -> Pipeline:
+    from tensegraph.io.model_file import read_sensor_model
+
+    return Pipeline(trial.description, Settings(), model or read_sensor_model())
+
+
+def test_absurd_codes_are_left_out_and_named(trial_copy) -> None:
+    path = trial_copy(
+        board0=lines(
+            lambda rows: [cell(1, 6, row.split(",")[6] if k == 0 else "-7")(row) for k, row in enumerate(rows)]
+        )
+    )
+    result = reconstruct(path, "live")
+    assert (result.flags[:, 3] & Flag.MISSING).all()
+    assert (result.flags[:-1, 3] & Flag.OUT_OF_RANGE).all()
+    assert np.isfinite(result.node_position_m).all()
+
+
+def test_an_open_circuit_and_a_spike_are_named_and_do_not_stop(trial_copy) -> None:
+    def broken(rows):
+        for k in range(60, len(rows)):
+            rows[k] = cell(1, 8, "1023")(rows[k])
+        rows[40] = cell(1, 4, "900")(rows[40])
+        return rows
+
+    result = reconstruct(trial_copy(board1=lines(broken)), "live")
+    assert result.flags[100, 17] & Flag.SATURATED
+    assert result.flags[100, 17] & Flag.MISSING
+    assert (result.flags[:, 13] & Flag.OUTLIER).any()
+    assert not (result.flags[:, 13] & Flag.MISSING).any()
+    assert result.status[100] == "partial"
+
+
+def as_resistance(path, trial) -> None:
+    """Rewrite a trial of counts as one of resistance."""
+    pipeline = pipeline_of(trial)
+    readings = [pipeline.boards.reading(row) for row in trial.readings()]
+    both = {}
+    for reading in readings:
+        both.setdefault(round(reading.t_s * 50), np.full(24, np.nan))[reading.tendon] = reading.resistance_ohm
+    header = ",".join(["t_s", *(f"r{e}_ohm" for e in range(24))])
+    rows = [",".join([f"{k / 50:.3f}", *(f"{v:.0f}" if v == v else "" for v in both[k])]) for k in sorted(both)]
+    (path / "resistance.csv").write_text("\n".join([header, *rows, ""]))
+    text = (path / "trial.toml").read_text()
+    text = text[: text.index("[[board]]")] + '[resistance]\nfile = "resistance.csv"\n'
+    (path / "trial.toml").write_text(text)
+
+
+def test_resistance_stands_in_for_counts(trial_copy) -> None:
+    path = trial_copy(rows=150)
+    counts = reconstruct(path, "live")
+    as_resistance(path, open_trial(path))
+    resistance = reconstruct(path, "live")
+    error = np.abs(resistance.node_position_m[-20:].mean(axis=0) - counts.node_position_m[-20:].mean(axis=0))
+    assert error.max() < 0.003
+
+
+def test_lengths_stand_in_for_counts(trial_copy) -> None:
+    path = trial_copy(rows=150)
+    counts = reconstruct(path, "live")
+    header = ",".join(["t_s", *(f"l{e}_m" for e in range(24)), *(f"s{e}_m" for e in range(24))])
+    rows = [
+        ",".join(repr(float(value)) for value in (t, *length, *sigma))
+        for t, length, sigma in zip(counts.t_s, counts.length_m, counts.sigma_m, strict=True)
+    ]
+    (path / "lengths.csv").write_text("\n".join([header, *rows, ""]))
+    text = (path / "trial.toml").read_text()
+    (path / "trial.toml").write_text(text[: text.index("[adc]")] + '[lengths]\nfile = "lengths.csv"\n')
+    lengths = reconstruct(path, "live")
+    # what part of sigma is the rest shape's is not in the file, so weights differ a little
+    np.testing.assert_allclose(lengths.node_position_m, counts.node_position_m, atol=0.0015)
+
+
+def test_lengths_without_sigma_with_gaps_and_with_stamps_that_go_back(trial_copy) -> None:
+    path = trial_copy(rows=5)
+    header = ",".join(["t_s", *(f"l{e}_m" for e in range(24))])
+    good = ",".join(["0.184"] * 24)
+    rows = [
+        f"0.00,{good}",
+        f"0.02,{good.replace('0.184', '', 1)}",
+        f"0.01,{good}",
+        f"0.05,{good.replace('0.184', '-1', 1)}",
+    ]
+    (path / "lengths.csv").write_text("\n".join([header, *rows, ""]))
+    text = (path / "trial.toml").read_text()
+    (path / "trial.toml").write_text(text[: text.index("[adc]")] + '[lengths]\nfile = "lengths.csv"\n')
+    trial = open_trial(path)
+    result = reconstruct(trial, "live")
+    assert result.t_s.tolist() == [0.0, 0.02, 0.05]
+    assert trial.dropped_rows == 1
+    assert result.flags[:, 0].tolist() == [0, Flag.MISSING, Flag.OUT_OF_RANGE]
+    np.testing.assert_allclose(result.sigma_m[0], Settings().noise.unstated_m)
+
+
+def test_truth_never_reaches_the_estimate(trial_copy) -> None:
+    with_truth = trial_copy()
+    without = trial_copy(name="blind", trial=lambda text: text[: text.index("[truth]")])
+    (without / "truth.csv").unlink()
+    (without / "loads.csv").unlink()
+    for method in ("batch", "live"):
+        a, b = reconstruct(with_truth, method), reconstruct(without, method)
+        np.testing.assert_array_equal(a.node_position_m, b.node_position_m)
+        np.testing.assert_array_equal(a.covariance_m2, b.covariance_m2)
+    assert open_trial(with_truth).hashes() == open_trial(without).hashes()
