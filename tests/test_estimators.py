@@ -14,6 +14,7 @@ from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.graph import GraphBuilder
 from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.factors.noise import weigh
 from tensegraph.models.estimation import NoiseSettings, SmootherSettings
 from tensegraph.models.evaluation.alignment import interpolated
 from tensegraph.models.evaluation.metrics import node_rmse_m
@@ -211,7 +212,7 @@ class TestCovariance:
         settings = with_noise(anchor_m=1e-6)
         shape = FrameEstimator(structure, rest, settings).update(lengths)
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        GraphBuilder(structure, rest, settings.noise).add_frame(graph, 0, lengths)
+        GraphBuilder(structure, rest, settings.noise).add_frame(graph, 0, weigh(lengths, settings.noise))
         for node, x in enumerate(shape.node_position_m):
             values.insertPoint3(node, x)
         expected = np.linalg.inv(graph.linearize(values).hessian()[0]) + rest.covariance_m2

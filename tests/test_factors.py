@@ -8,7 +8,7 @@ from tensegraph import Flag, Mode, TendonLengths
 from tensegraph.factors.anchor import anchor_factors
 from tensegraph.factors.keys import frame_keys, key_list
 from tensegraph.factors.motion import constant_velocity_factors, still_factors
-from tensegraph.factors.noise import SIGMA_STEP, tendon_noises, tendon_sigma_m
+from tensegraph.factors.noise import SIGMA_STEP, tendon_noises, tendon_sigma_m, weigh
 from tensegraph.factors.rod import rod_factors
 from tensegraph.factors.shape_prior import shape_prior_factors
 from tensegraph.factors.tendon import tendon_factors
@@ -38,7 +38,7 @@ def all_factors(structure, rest, lengths):
     return {
         "anchor": anchor_factors(structure, KEYS[0], NOISE),
         "rod": rod_factors(structure, KEYS[0], NOISE),
-        "tendon": tendon_factors(structure, KEYS[0], lengths, NOISE),
+        "tendon": tendon_factors(structure, KEYS[0], weigh(lengths, NOISE), NOISE.robust),
         "shape prior": shape_prior_factors(free, KEYS[0], rest.node_position_m, NOISE.shape_prior_m),
         "still": still_factors(free, KEYS[0], KEYS[1], 0.02, NOISE.motion_m_per_s15),
         "constant velocity": constant_velocity_factors(free, KEYS, (0.02, 0.03), NOISE.motion_m_per_s15),
@@ -78,7 +78,7 @@ def test_rod_and_tendon_errors_by_hand(structure, rest, lengths_of) -> None:
     rod = gtsam.RangeFactor3(0, 3, 0.299, rod_factors(structure, KEYS[0], short)[0].noiseModel())
     assert rod.error(values) == pytest.approx(0.5 * 5**2, rel=1e-2)
     lengths.length_m[3] += 0.002
-    tendon = tendon_factors(structure, KEYS[0], lengths, NOISE)[3]
+    tendon = tendon_factors(structure, KEYS[0], weigh(lengths, NOISE), NOISE.robust)[3]
     assert tendon.error(values) == pytest.approx(0.5 * 0.002**2 / (0.0005**2 + 0.0002**2), rel=2 * SIGMA_STEP)
 
 
@@ -119,7 +119,7 @@ def test_sigma_of_a_tendon_in_one_place() -> None:
 def test_missing_tendons_have_no_factor(structure, rest, lengths_of) -> None:
     lengths = lengths_of(structure, rest.node_position_m)
     lengths.length_m[[4, 7]] = np.nan
-    assert len(tendon_factors(structure, KEYS[0], lengths, NOISE)) == 22
+    assert len(tendon_factors(structure, KEYS[0], weigh(lengths, NOISE), NOISE.robust)) == 22
 
 
 def test_noise_models_are_kept() -> None:
@@ -134,7 +134,7 @@ def test_robust_kernels_cap_an_outlier(structure, rest, lengths_of, robust) -> N
     lengths.length_m[3] += 0.05
     values = values_of([rest.node_position_m])
     plain, capped = (
-        tendon_factors(structure, KEYS[0], lengths, NoiseSettings(robust=kernel))[3].error(values)
+        tendon_factors(structure, KEYS[0], weigh(lengths, NOISE), kernel)[3].error(values)
         for kernel in ("none", robust)
     )
     assert capped < 0.1 * plain

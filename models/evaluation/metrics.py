@@ -60,7 +60,8 @@ def evaluate(
         rotation, shift_m = rigid_alignment(
             true_m[known][:, free].reshape(-1, 3), estimate.node_position_m[known][:, free].reshape(-1, 3)
         )
-        true_m, true_rest_m = true_m @ rotation.as_matrix().T + shift_m, true_rest_m @ rotation.as_matrix().T + shift_m
+        true_m = true_m @ rotation.as_matrix().T + shift_m
+        true_rest_m = true_rest_m @ rotation.as_matrix().T + shift_m
         rotation_deg = float(np.rad2deg(rotation.magnitude()))
     compared = compare_frames(structure, estimate, true_m, known, truth.loads)
     moved = compared.node_error_m - (rest_position_m - true_rest_m)[free]
@@ -107,7 +108,8 @@ def compare_frames(
         loads: true ones, if they are known.
     """
     free = structure.free_nodes
-    estimated_m, true_m = estimate.node_position_m[known], true_m[known]
+    estimated_m = estimate.node_position_m[known]
+    true_m = true_m[known]
     covariance_m2 = estimate.node_covariance_m2[known]
     error_m = estimated_m - true_m
     node_error_m = error_m[:, free]
@@ -136,7 +138,8 @@ def compare_frames(
 
 def shape_errors(node_error_m: NDArray[np.float64], face_error_m: NDArray[np.float64]) -> ShapeErrors:
     """Return the paper's three figures of (..., 3) errors of free nodes and of faces' centres."""
-    nodes, faces = node_error_m.reshape(-1, 3), face_error_m.reshape(-1, 3)
+    nodes = node_error_m.reshape(-1, 3)
+    faces = face_error_m.reshape(-1, 3)
     return ShapeErrors(errors_of(nodes), errors_of(faces), errors_of(np.concatenate([nodes, faces])))
 
 
@@ -162,13 +165,13 @@ def regimes(compared: ComparedFrames, slack: NDArray[np.bool_], load_threshold_n
         masks = {"quiet": ~loaded, "loaded": loaded} | masks
     return tuple(
         Regime(
-            name,
-            int(mask.sum()),
-            errors_of(compared.node_error_m[mask].reshape(-1, 3)).rmse_m,
-            of_known(np.mean, compared.nees[mask]),
-            coverage(compared.nees[mask], 0.68),
-            coverage(compared.nees[mask], 0.95),
-            of_known(np.median, compared.node_sigma_m[mask]),
+            name=name,
+            frames=int(mask.sum()),
+            node_rmse_m=errors_of(compared.node_error_m[mask].reshape(-1, 3)).rmse_m,
+            nees=of_known(np.mean, compared.nees[mask]),
+            coverage_68=coverage(compared.nees[mask], 0.68),
+            coverage_95=coverage(compared.nees[mask], 0.95),
+            median_sigma_m=of_known(np.median, compared.node_sigma_m[mask]),
         )
         for name, mask in masks.items()
     )

@@ -12,7 +12,7 @@ from ..values.tables import Positive, Probability
 from .bending import LagFree
 from .sensor_model import SensorModel
 from .stretching import Extrapolation, StrainSpread, StretchingSensors
-from .taring import RestTare, Taring
+from .taring import RestShift, Taring
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,15 +52,19 @@ class FrontEnd:
         frame_step_s: float,
     ) -> None:
         count = len(natural_length_m)
-        self._model, self._settings, self._gauge = model, settings, model.gauge
+        self._model = model
+        self._settings = settings
+        self._gauge = model.gauge
         self._frame_step_s = frame_step_s
-        self._R0, self._L0 = natural_resistance_ohm, natural_length_m
+        self._R0 = natural_resistance_ohm
+        self._L0 = natural_length_m
         self._bending = model.bending_curve(settings.bending_abscissa)
         self._taring = Taring(self._gauge, self._bending, rest, natural_length_m)
         self._mode = np.full(count, int(Mode.STRETCHING))
         self._stretching = StretchingSensors(model, count)
-        self._spread, self._extrapolation = StrainSpread(count), Extrapolation(model, count)
-        self._rest_tare = RestTare(self._taring.rest_strain)
+        self._spread = StrainSpread(count)
+        self._extrapolation = Extrapolation(model, count)
+        self._rest_shift = RestShift(self._taring.rest_strain)
         self._change = np.zeros(count)
         self._seen_s = np.full(count, -np.inf)
         self._warm_s = np.full(count, np.nan)
@@ -77,7 +81,8 @@ class FrontEnd:
         stretched, stretched_sigma = self._stretched(change, rate, frame.t_s, step_s)  # f_3
         bent, bent_sigma = self._bending.strain(lag_free, np.hypot(self._settings.bending_sigma, 0.5 * lag))  # f_4
         if self._model.unified:  # one network for both
-            bent, bent_sigma = stretched, stretched_sigma
+            bent = stretched
+            bent_sigma = stretched_sigma
         probability = self._decide_mode(lag_free, frame.t_s)
         strain = np.where(self._mode == Mode.BENDING, bent, stretched)  # eq. (3)
         variance = (1 - probability) * (stretched_sigma**2 + (stretched - strain) ** 2)
@@ -91,7 +96,15 @@ class FrontEnd:
         sigma = np.where(missing, np.inf, np.sqrt(variance) * self._L0)
         rest_sigma = np.where(missing, 0.0, np.sqrt(1 - probability) * self._taring.rest_sigma * self._L0)
         flags = np.where(missing, frame.flags | (flags & Flag.MISFIT), flags)
-        return TendonLengths(frame.t_s, length, sigma, self._mode, flags, rest_sigma, self._model.lag_s)
+        return TendonLengths(
+            t_s=frame.t_s,
+            length_m=length,
+            sigma_m=sigma,
+            mode=self._mode,
+            flags=flags,
+            rest_sigma_m=rest_sigma,
+            lag_s=self._model.lag_s,
+        )
 
     @property
     def exchanged(self) -> list[tuple[int, int]]:
@@ -125,7 +138,8 @@ class FrontEnd:
             self._warm_s = np.where(fresh & ~self._rests(frame.t_s), frame.t_s, self._warm_s)
         step_s = frame.t_s - np.where(seen & ~fresh, self._seen_s, np.nan)
         rate = np.nan_to_num((change - self._change) / step_s)
-        self._change, self._seen_s = change, np.where(seen, frame.t_s, self._seen_s)
+        self._change = change
+        self._seen_s = np.where(seen, frame.t_s, self._seen_s)
         flags = frame.flags | np.where(np.abs(rate) > self._model.ranges.rate_per_s, Flag.TOO_FAST, 0)
         in_range = (change <= self._model.ranges.change[1]) & self._bending.in_range(change)
         return change, rate, flags | np.where(in_range, 0, Flag.OUT_OF_RANGE)
@@ -138,7 +152,7 @@ class FrontEnd:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return strain and sigma of a stretched tendon, f_3 of eq. (3)."""
         strain, sigma = self._stretching.step(change, rate, step_s)
-        strain = self._rest_tare.corrected(strain, self._taring.is_resting(t_s) & (self._seen_s == t_s))
+        strain = self._rest_shift.corrected(strain, self._taring.is_resting(t_s) & (self._seen_s == t_s))
         widening, beyond, _ = self._extrapolation.step(change, rate, strain, step_s)
         sigma = sigma * widening * self._model.sigma_scale.at(self._spread.step(strain, step_s))
         warm_for_s = np.nan_to_num(t_s - self._warm_s, nan=np.inf)

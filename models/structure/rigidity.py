@@ -35,8 +35,7 @@ class Rigidity:
 
 def free_length_jacobian(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (..., rods + free tendons, 3 * free nodes), the Jacobian whose rank and determinant decide."""
-    jacobian = length_jacobian(node_position_m, structure.free_members)[..., structure.free_nodes, :]
-    return jacobian.reshape(*jacobian.shape[:-2], -1)
+    return length_jacobian(node_position_m, structure.free_members, structure.free_coordinates)
 
 
 def rigidity(structure: Structure, node_position_m: NDArray[np.float64]) -> Rigidity:
@@ -70,13 +69,15 @@ def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
     Raises:
         IndeterminateError: when no start leads to a shape that keeps the rods' lengths.
     """
-    free, scale = structure.free_nodes, float(structure.rod_length_m.mean())
+    free = structure.free_nodes
+    scale = float(structure.rod_length_m.mean())
     base = structure.anchor_position_m
     rod_weight = 100.0  # a rod gives way 1e4 times less than a tendon: 1e-5 of its length here
 
     def place(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
         position = np.empty((structure.node_count, 3))
-        position[structure.anchors], position[free] = base, coordinates.reshape(-1, 3)
+        position[structure.anchors] = base
+        position[free] = coordinates.reshape(-1, 3)
         return position
 
     def residual(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -86,9 +87,10 @@ def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
         return np.concatenate([rod_weight * rod_error, stretch])
 
     def jacobian(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        rows = length_jacobian(place(coordinates), np.concatenate([structure.rods, structure.tendons]))
+        members = np.concatenate([structure.rods, structure.tendons])
+        rows = length_jacobian(place(coordinates), members, structure.free_coordinates)
         rows[: len(structure.rods)] *= rod_weight
-        return rows[:, free].reshape(len(rows), -1)
+        return rows
 
     rng = np.random.default_rng(0)
     shapes = []
