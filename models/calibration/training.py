@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ..sensor.bending import BendingCurve
 from ..sensor.lstm import CURVE_MEMORIES, MEMORY_S, STRAIN_SCALE, LstmWeights, Scaling
@@ -95,10 +96,15 @@ class _Training:
         )
         self._scaling = _scaling(split.training)
         self._step_s = _step_range(split.training, settings.relative_step)
-        torch.manual_seed(settings.seed)
-        self._rng = np.random.default_rng(settings.seed)
         everything = (*split.training, *split.validation)
         self._means = {(r.name, len(r.t_s)): r.running_means(np.array(MEMORY_S)) for r in everything}
+        self._prepare(split, units, validation_units)
+
+    def _prepare(self, split: Split, units: NDArray[np.float64], validation_units: NDArray[np.float64]) -> None:
+        """Set up the network and what optimises it; gains and offsets come in units of their spread."""
+        settings = self._settings
+        torch.manual_seed(settings.seed)
+        self._rng = np.random.default_rng(settings.seed)
         self._network = StretchingModule(3 + len(MEMORY_S), settings.hidden, units)
         self._own_of_validation = torch.tensor(validation_units, dtype=torch.float32, requires_grad=True)
         names = {name: k for k, name in enumerate(self._names)}
