@@ -46,13 +46,18 @@ class LeastSquares:
             return np.asarray((member_length_m(self._placed(x), members) - target_m) * weight)
 
         def jacobian(x: NDArray[np.float64]) -> NDArray[np.float64]:
-            rows = length_jacobian(self._placed(x), members)[:, self._free].reshape(len(members), -1)
-            return rows * weight[:, None]
+            return length_jacobian(self._placed(x), members, self._structure.free_coordinates) * weight[:, None]
 
         solution = least_squares(residual, self._position[self._free].ravel(), jacobian)
         self._position = self._placed(solution.x)
         status = status_of(lengths, self._structure) if solution.success else Status.NOT_CONVERGED
-        return Shape(lengths.t_s, self._position, self._covariance(solution.jac), status, lengths)
+        return Shape(
+            t_s=lengths.t_s,
+            node_position_m=self._position,
+            covariance_m2=self._covariance(solution.jac),
+            status=status,
+            lengths=lengths,
+        )
 
     def _placed(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
         position = self._position.copy()
@@ -118,7 +123,13 @@ class UnscentedKalman:
             raise IndeterminateError(f"t = {lengths.t_s:.3f} s: the filter's covariance is no longer one") from error
         self._filter.P = 0.5 * (self._filter.P + self._filter.P.T) + 1e-12 * np.eye(len(self._filter.x))
         position = self._filter.x.reshape(-1, 3).copy()
-        return Shape(lengths.t_s, position, self._filter.P.copy(), status_of(lengths, self._structure), lengths)
+        return Shape(
+            t_s=lengths.t_s,
+            node_position_m=position,
+            covariance_m2=self._filter.P.copy(),
+            status=status_of(lengths, self._structure),
+            lengths=lengths,
+        )
 
     def _measure(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         position = x.reshape(-1, 3)

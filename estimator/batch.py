@@ -1,12 +1,13 @@
 """A whole trial at once: all frames in one graph, Levenberg-Marquardt, covariances of every frame."""
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from ..factors.noise import WeightedLengths, weigh
 from ..models.settings import Settings
 from ..models.structure.external_loads import ExternalLoads
 from ..models.structure.rest_shape import RestShape
@@ -23,8 +24,10 @@ MAX_BATCH_ITERATIONS = 50
 RELATIVE_DECREASE = 1e-3
 PUSH_S = 0.12
 """Standard deviation of the Gaussian that averages loads: 0.3 s at half its height, as a push takes to build up."""
-MIN_DAMPING, MAX_DAMPING = 1e2, 1e10
-"""In 1 / m^2: from a prior of 0.1 m to one of 0.01 mm."""
+MIN_DAMPING = 1e2
+"""In 1 / m^2: a prior of 0.1 m about the last values, ..."""
+MAX_DAMPING = 1e10
+"""... and one of 0.01 mm."""
 
 
 class BatchOptimizer:
@@ -47,45 +50,60 @@ class BatchOptimizer:
         Raises:
             IndeterminateError: when nothing holds some node.
         """
-        graph, values, admitted = self._graph(_without_lag(list(frames)))
+        problem = self._problem(_without_lag(list(frames)))
         try:
-            values, converged = _optimize(graph, values, progress)
+            values, converged = _optimize(problem.graph, problem.start, progress)
             positions = np.array(gtsam.utilities.extractPoint3(values)).reshape(-1, self._builder.node_count, 3)
-            assessed = [
-                self._evidence.assess(position, lengths) for lengths, position in zip(admitted, positions, strict=True)
-            ]
+            assessed = list(map(self._evidence.assess, positions, problem.measured))
         except RuntimeError as error:
             raise IndeterminateError(str(error).splitlines()[0]) from error
+        frames = [measured.lengths for measured in problem.measured]
+        loads = _over_pushes([assessment.loads for assessment in assessed], frames)
         branches = OtherBranch(self._builder, self._settings.branch)
-        all_loads = _over_pushes([loads for _, loads in assessed], admitted)
-        for lengths, position, (covariance, _), loads in zip(admitted, positions, assessed, all_loads, strict=True):
-            status = status_of(lengths, self._builder.structure) if converged else Status.NOT_CONVERGED
-            yield branches.told(Shape(lengths.t_s, position, covariance, status, lengths, loads))
+        for k, lengths in enumerate(frames):
+            shape = Shape(
+                t_s=lengths.t_s,
+                node_position_m=positions[k],
+                covariance_m2=assessed[k].covariance_m2,
+                status=status_of(lengths, self._builder.structure) if converged else Status.NOT_CONVERGED,
+                lengths=lengths,
+                loads=loads[k],
+            )
+            yield branches.with_other(shape)
 
-    def _graph(
-        self, frames: list[TendonLengths]
-    ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, list[TendonLengths]]:
-        """Return the graph of all frames, the live estimate of each as the start, and the lengths that it admitted."""
-        graph, values, admitted = gtsam.NonlinearFactorGraph(), gtsam.Values(), []
+    def _problem(self, frames: list[TendonLengths]) -> "_Problem":
+        """Return the graph of all frames, the live estimate of each as its start."""
+        problem = _Problem(gtsam.NonlinearFactorGraph(), gtsam.Values(), [])
         times_s = [lengths.t_s for lengths in frames]
         live = LiveSmoother(self._builder.structure, self._builder.rest, self._settings)
         for frame, shape in enumerate(live.estimate(frames)):
-            admitted.append(shape.lengths)
-            self._builder.add_frame(graph, frame, shape.lengths)
-            self._builder.add_motion(graph, frame, times_s[max(frame - 2, 0) : frame + 1])
+            measured = weigh(shape.lengths, self._builder.noise)
+            problem.measured.append(measured)
+            self._builder.add_frame(problem.graph, frame, measured)
+            self._builder.add_motion(problem.graph, frame, times_s[max(frame - 2, 0) : frame + 1])
             for key, position in zip(self._builder.keys(frame), shape.node_position_m, strict=True):
-                values.insertPoint3(key, position)
-        return graph, values, admitted
+                problem.start.insertPoint3(key, position)
+        return problem
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Problem:
+    """The graph of a whole trial, with its start."""
+
+    graph: gtsam.NonlinearFactorGraph
+    start: gtsam.Values
+    measured: list[WeightedLengths]
+    """Of each frame, without the sensors that the live estimate left out."""
 
 
 def _over_pushes(loads: list[ExternalLoads | None], frames: list[TendonLengths]) -> list[ExternalLoads | None]:
     """Return the loads averaged over the time in which a hand builds up a push."""
-    known = [of for of in loads if of is not None]
+    known = [each for each in loads if each is not None]
     if len(known) < 2 or len(known) < len(loads):
         return loads
     step_s = float(np.median(np.diff([lengths.t_s for lengths in frames])))
-    force_n = gaussian_filter1d(np.array([of.force_n for of in known]), PUSH_S / step_s, axis=0, mode="nearest")
-    return [replace(of, force_n=force) for of, force in zip(known, force_n, strict=True)]
+    force_n = gaussian_filter1d(np.array([each.force_n for each in known]), PUSH_S / step_s, axis=0, mode="nearest")
+    return [replace(each, force_n=force) for each, force in zip(known, force_n, strict=True)]
 
 
 def _without_lag(frames: list[TendonLengths]) -> list[TendonLengths]:
@@ -109,9 +127,11 @@ def _optimize(
     It ends when the error falls by less than a part in a thousand: along the mechanism the error is so flat that it
     would creep for a hundred iterations after a part in 1e5 of it, a tenth of one standard deviation of one length.
     """
-    error, damping = graph.error(values), 0.0
+    error = graph.error(values)
+    damping = 0.0
     for iteration in range(MAX_BATCH_ITERATIONS):
-        linear, before = graph.linearize(values), error
+        linear = graph.linearize(values)
+        before = error
         while damping <= MAX_DAMPING:
             moved = values.retract(_damped(linear, values, damping).optimize())
             error = graph.error(moved)
@@ -120,7 +140,8 @@ def _optimize(
             damping = max(10 * damping, MIN_DAMPING)
         else:
             return values, False
-        values, damping = moved, damping / 10 if damping > MIN_DAMPING else 0.0
+        values = moved
+        damping = damping / 10 if damping > MIN_DAMPING else 0.0
         progress(iteration + 1, error)
         if before - error <= RELATIVE_DECREASE * before:
             return values, True
@@ -133,7 +154,9 @@ def _damped(linear: gtsam.GaussianFactorGraph, values: gtsam.Values, damping: fl
         return linear
     damped = gtsam.GaussianFactorGraph()
     damped.push_back(linear)
-    identity, zero, unit = np.sqrt(damping) * np.eye(3), np.zeros(3), gtsam.noiseModel.Unit.Create(3)
+    identity = np.sqrt(damping) * np.eye(3)
+    zero = np.zeros(3)
+    unit = gtsam.noiseModel.Unit.Create(3)
     for key in values.keys():  # noqa: SIM118 (not a mapping)
         damped.add(gtsam.JacobianFactor(key, identity, zero, unit))
     return damped

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..factors.noise import weigh
 from ..models.estimation import BranchSettings
 from ..models.structure.rigidity import branch, free_length_jacobian
 from ..models.structure.shape import OtherShape, Shape, Status
@@ -23,11 +24,12 @@ class OtherBranch:
     """Looks, now and then, whether the other shape explains a frame as well."""
 
     def __init__(self, builder: GraphBuilder, settings: BranchSettings) -> None:
-        self._builder, self._settings = builder, settings
+        self._builder = builder
+        self._settings = settings
         self._looked_s = -np.inf
         self._found: OtherShape | None = None
 
-    def told(self, shape: Shape) -> Shape:
+    def with_other(self, shape: Shape) -> Shape:
         """Return the shape, with the other one if that explained the newest frame looked at about as well."""
         if self._builder.structure.is_square and shape.t_s - self._looked_s >= self._settings.look_every_s:
             self._looked_s = shape.t_s
@@ -36,8 +38,9 @@ class OtherBranch:
 
     def _other(self, position_m: NDArray[np.float64], lengths: TendonLengths) -> OtherShape | None:
         structure = self._builder.structure
-        here = self._builder.minimum(lengths, position_m)
-        there = self._builder.minimum(lengths, self._across(here.node_position_m))
+        measured = weigh(lengths, self._builder.noise)
+        here = self._builder.minimum(measured, position_m)
+        there = self._builder.minimum(measured, self._across(here.node_position_m))
         if branch(structure, there.node_position_m) * branch(structure, position_m) > 0:
             return None
         log_ratio = there.error - here.error
@@ -51,7 +54,8 @@ class OtherBranch:
         motion = np.zeros_like(position_m)
         motion[structure.free_nodes] = right[-1].reshape(-1, 3)
         a, b = structure.free_members.T
-        difference, relative = position_m[b] - position_m[a], motion[b] - motion[a]
+        difference = position_m[b] - position_m[a]
+        relative = motion[b] - motion[a]
         length = np.linalg.norm(difference, axis=1)
         along = np.einsum("ek,ek->e", relative, difference) / length
         curvature = left[:, -1] @ ((np.sum(relative**2, axis=1) - along**2) / length)

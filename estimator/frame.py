@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 
+from ..factors.noise import weigh
 from ..models.settings import Settings
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.shape import Shape, Status
@@ -28,8 +29,14 @@ class FrameEstimator:
         Raises:
             IndeterminateError: when nothing holds some node.
         """
-        found = self._builder.minimum(lengths, self._builder.rest.node_position_m)
-        position = found.node_position_m
-        covariance, loads = self._evidence.assess(position, lengths)
-        status = status_of(lengths, self._builder.structure) if found.converged else Status.NOT_CONVERGED
-        return Shape(lengths.t_s, position, covariance, status, lengths, loads)
+        measured = weigh(lengths, self._builder.noise)
+        found = self._builder.minimum(measured, self._builder.rest.node_position_m)
+        assessed = self._evidence.assess(found.node_position_m, measured)
+        return Shape(
+            t_s=lengths.t_s,
+            node_position_m=found.node_position_m,
+            covariance_m2=assessed.covariance_m2,
+            status=status_of(lengths, self._builder.structure) if found.converged else Status.NOT_CONVERGED,
+            lengths=lengths,
+            loads=assessed.loads,
+        )

@@ -11,6 +11,7 @@ from ..factors.anchor import anchor_factors
 from ..factors.equilibrium import equilibrium_factor
 from ..factors.keys import frame_keys
 from ..factors.motion import constant_velocity_factors, still_factors
+from ..factors.noise import WeightedLengths
 from ..factors.rod import rod_factors
 from ..factors.shape_prior import shape_prior_factors
 from ..factors.tendon import tendon_factors
@@ -44,7 +45,9 @@ class GraphBuilder:
     """Writes the factors of one frame after another."""
 
     def __init__(self, structure: Structure, rest: RestShape, noise: NoiseSettings) -> None:
-        self.structure, self.rest, self.noise = structure, rest, noise
+        self.structure = structure
+        self.rest = rest
+        self.noise = noise
         self.node_count = structure.node_count
         self._free = structure.free_nodes.tolist()
         self.statics = Statics(structure, rest.mechanics) if rest.mechanics else None
@@ -53,30 +56,32 @@ class GraphBuilder:
         """Return the keys of a frame's nodes."""
         return frame_keys(frame, self.node_count)
 
-    def add_frame(self, graph: gtsam.NonlinearFactorGraph, frame: int, lengths: TendonLengths) -> None:
+    def add_frame(self, graph: gtsam.NonlinearFactorGraph, frame: int, measured: WeightedLengths) -> None:
         """Add what a frame says by itself: anchors, rods, tendons, equilibrium, and the weak shape prior.
 
         Raises:
             IndeterminateError: when that leaves some node undetermined.
         """
-        missing = self._missing_information(lengths)
+        missing = self._missing_information(measured.lengths)
         if missing:
-            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {missing}")
+            raise IndeterminateError(f"t = {measured.lengths.t_s:.3f} s: {missing}")
         keys = self.keys(frame)
         for factors in (
             anchor_factors(self.structure, keys, self.noise),
             rod_factors(self.structure, keys, self.noise),
-            tendon_factors(self.structure, keys, lengths, self.noise),
+            tendon_factors(self.structure, keys, measured, self.noise.robust),
             shape_prior_factors(self._free, keys, self.rest.node_position_m, self.noise.shape_prior_m),
         ):
             _add(graph, factors)
         if self.statics:
             graph.add(equilibrium_factor(self.statics, keys, self.noise.force_n))
 
-    def minimum(self, lengths: TendonLengths, start_m: NDArray[np.float64]) -> FrameMinimum:
+    def minimum(self, measured: WeightedLengths, start_m: NDArray[np.float64]) -> FrameMinimum:
         """Return where a frame's own factors have their least error next to (nodes, 3) positions."""
-        graph, values, keys = gtsam.NonlinearFactorGraph(), gtsam.Values(), self.keys(0)
-        self.add_frame(graph, 0, lengths)
+        graph = gtsam.NonlinearFactorGraph()
+        values = gtsam.Values()
+        keys = self.keys(0)
+        self.add_frame(graph, 0, measured)
         for key, position in zip(keys, start_m, strict=True):
             values.insertPoint3(key, position)
         parameters = gtsam.LevenbergMarquardtParams()
@@ -94,7 +99,8 @@ class GraphBuilder:
             frame: number of the frame, 0 for the first.
             times_s: times of the last frames up to this one, at least three of them from frame 2 on.
         """
-        q, keys = self.noise.motion_m_per_s15, self.keys(frame)
+        q = self.noise.motion_m_per_s15
+        keys = self.keys(frame)
         if frame < 2 and not self.rest.at_start:
             return
         if frame == 0:
@@ -112,7 +118,7 @@ class GraphBuilder:
         if np.isfinite(self.noise.shape_prior_m) or self.statics:
             return None
         members = np.concatenate([self.structure.rods, self.structure.tendons[lengths.usable]])
-        jacobian = length_jacobian(self.rest.node_position_m, members)[:, self._free].reshape(len(members), -1)
+        jacobian = length_jacobian(self.rest.node_position_m, members, self.structure.free_coordinates)
         _, singular_value, motion = np.linalg.svd(jacobian)
         rank = int((singular_value > SINGULAR).sum())
         if rank == jacobian.shape[1]:

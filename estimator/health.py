@@ -10,16 +10,15 @@ estimated with and without the sensor, and it is left out when doing without exp
 wrong length of 5 mm needs a residual and a phantom load at either end, one pressed node needs no wrong length.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from ..factors.noise import tendon_sigma_m
+from ..factors.noise import WeightedLengths
 from ..models.estimation import HealthSettings
-from ..models.structure.lengths import length_jacobian
+from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.shape import Shape
-from ..models.values.readings import Flag, TendonLengths
+from ..models.values.low_pass import low_pass_weight
+from ..models.values.readings import Flag
 from .graph import GraphBuilder
 
 LEAST_REDUNDANCY = 0.05
@@ -30,45 +29,44 @@ class SensorHealth:
     """Decides, frame by frame, whose lengths to use."""
 
     def __init__(self, builder: GraphBuilder, settings: HealthSettings) -> None:
-        self._builder, self._settings = builder, settings
+        self._builder = builder
+        self._settings = settings
         self._held_m2 = builder.rest.covariance_m2
         count = len(builder.structure.tendons)
         self._mean_z = np.zeros(count)
         self._out = np.zeros(count, dtype=np.bool_)
         self._agrees_since_s = np.full(count, np.inf)
-        self._last_s, self._checked_s = np.nan, np.full(count, -np.inf)
+        self._last_s = np.nan
+        self._checked_s = np.full(count, -np.inf)
         self._against = np.zeros(count)
 
-    def admit(self, lengths: TendonLengths) -> TendonLengths:
+    def admit(self, measured: WeightedLengths) -> WeightedLengths:
         """Return the lengths without those of sensors that are left out."""
-        if not self._out.any():
-            return lengths
-        flags = lengths.flags | np.where(self._out, int(Flag.IMPLAUSIBLE), 0)
-        return replace(lengths, sigma_m=np.where(self._out, np.inf, lengths.sigma_m), flags=flags)
+        return measured.without(self._out, Flag.IMPLAUSIBLE) if self._out.any() else measured
 
-    def observe(self, shape: Shape, lengths: TendonLengths) -> None:
+    def observe(self, shape: Shape, measured: WeightedLengths) -> None:
         """Take note of how a frame's lengths, left out or not, agree with its shape."""
-        step_s = lengths.t_s - self._last_s if np.isfinite(self._last_s) else 0.0
-        self._last_s = lengths.t_s
-        z = self._studentised(shape, lengths)
+        step_s = shape.t_s - self._last_s if np.isfinite(self._last_s) else 0.0
+        self._last_s = shape.t_s
+        z = self._studentised(shape, measured)
         seen = np.isfinite(z)
-        weight = -np.expm1(-step_s / self._settings.memory_s)
+        weight = low_pass_weight(step_s, self._settings.memory_s)
         self._mean_z += np.where(seen, weight * (np.nan_to_num(z) - self._mean_z), 0.0)
-        self._take_back(lengths.t_s, seen)
-        if lengths.t_s - self._checked_s.max() >= self._settings.check_every_s:
-            self._check(shape, lengths)
+        self._take_back(shape.t_s, seen)
+        if shape.t_s - self._checked_s.max() >= self._settings.check_every_s:
+            self._check(shape, measured)
 
-    def _studentised(self, shape: Shape, lengths: TendonLengths) -> NDArray[np.float64]:
+    def _studentised(self, shape: Shape, measured: WeightedLengths) -> NDArray[np.float64]:
         structure = self._builder.structure
-        sigma_m = tendon_sigma_m(lengths, self._builder.noise)
-        jacobian = length_jacobian(shape.node_position_m, structure.tendons).reshape(len(sigma_m), -1)
+        sigma_m = measured.sigma_m
+        jacobian = length_jacobian(shape.node_position_m, structure.tendons)
         own = shape.covariance_m2 - self._held_m2
-        predicted = np.sum((jacobian @ own) * jacobian, axis=-1)
+        predicted = propagated_variance(jacobian, own)
         variance = np.where(np.isfinite(sigma_m), sigma_m, 1.0) ** 2
         least = LEAST_REDUNDANCY * variance
         variance = np.where(self._out, variance + predicted, np.maximum(variance - predicted, least))
         usable = np.isfinite(sigma_m) & structure.is_free_tendon
-        error = np.where(usable, lengths.length_m, np.nan) - structure.tendon_length_m(shape.node_position_m)
+        error = np.where(usable, measured.lengths.length_m, np.nan) - structure.tendon_length_m(shape.node_position_m)
         return np.asarray(error / np.sqrt(variance))
 
     def _take_back(self, t_s: float, seen: NDArray[np.bool_]) -> None:
@@ -77,20 +75,20 @@ class SensorHealth:
         self._agrees_since_s = np.where(agrees, np.minimum(self._agrees_since_s, t_s), np.inf)
         self._out &= ~(t_s - self._agrees_since_s >= self._settings.take_back_s)
 
-    def _check(self, shape: Shape, lengths: TendonLengths) -> None:
+    def _check(self, shape: Shape, measured: WeightedLengths) -> None:
         """Estimate the frame without a sensor that stands out, if one does: the one not checked for longest.
 
         What speaks against it adds up (Page's cumulative sum): each check adds its log ratio less what is expected.
         """
         settings = self._settings
-        stands_out = (np.abs(self._mean_z) > settings.suspect_sigma) & ~self._out & np.isfinite(lengths.sigma_m)
+        stands_out = (np.abs(self._mean_z) > settings.suspect_sigma) & ~self._out & np.isfinite(measured.sigma_m)
         self._against *= stands_out
         if not stands_out.any():
             return
         suspect = int(np.argmin(np.where(stands_out, self._checked_s, np.inf)))
-        self._checked_s[suspect] = lengths.t_s
-        admitted = self.admit(lengths)
-        without = replace(admitted, sigma_m=np.where(np.arange(len(self._out)) == suspect, np.inf, admitted.sigma_m))
+        self._checked_s[suspect] = shape.t_s
+        admitted = self.admit(measured)
+        without = admitted.without(np.arange(len(self._out)) == suspect)
         start_m = shape.node_position_m
         gain = self._builder.minimum(admitted, start_m).error - self._builder.minimum(without, start_m).error
         self._against[suspect] = max(self._against[suspect] + gain - settings.expected_log_ratio, 0.0)

@@ -61,10 +61,16 @@ def rest_step(
     covariance_m2 = _of_all_nodes(structure, sigma_m**2 * covariance[:size, :size])
     position_m = problem.position_m(z)
     if mechanics is None:
-        return RestShape(position_m, covariance_m2, source)
+        return RestShape(node_position_m=position_m, covariance_m2=covariance_m2, source=source)
     tared = problem.tared(mechanics, z)
     unbalanced_n = _rms_n(structure, mechanics, position_m), _rms_n(structure, tared, position_m)
-    return RestShape(position_m, covariance_m2, source, tared, unbalanced_n=unbalanced_n)
+    return RestShape(
+        node_position_m=position_m,
+        covariance_m2=covariance_m2,
+        source=source,
+        mechanics=tared,
+        unbalanced_n=unbalanced_n,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +92,8 @@ class _RestProblem:
 
     def position_m(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (nodes, 3) positions."""
-        position, free = self.known_m.copy(), self.structure.free_nodes
+        position = self.known_m.copy()
+        free = self.structure.free_nodes
         position[free] += self.sigma_m * z[: 3 * len(free)].reshape(-1, 3)
         return position
 
@@ -99,13 +106,15 @@ class _RestProblem:
 
     def rows(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the residuals over their sigmas, without the prior's, and their Jacobian."""
-        (r, J), (f, F) = self._rods(z), self._balance(z)
+        (r, J) = self._rods(z)
+        (f, F) = self._balance(z)
         return np.concatenate([r, f]), np.concatenate([J, F])
 
     def _rods(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        structure, position = self.structure, self.position_m(z)
+        structure = self.structure
+        position = self.position_m(z)
         rod_error = member_length_m(position, structure.rods) - structure.rod_length_m
-        by_node = length_jacobian(position, structure.rods)[:, structure.free_nodes].reshape(len(rod_error), -1)
+        by_node = length_jacobian(position, structure.rods, structure.free_coordinates)
         jacobian = np.zeros((len(rod_error), len(z)))
         jacobian[:, : by_node.shape[1]] = self.sigma_m * by_node
         return rod_error / ROD_SIGMA_M, jacobian / ROD_SIGMA_M
@@ -113,7 +122,8 @@ class _RestProblem:
     def _balance(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         if self.nominal is None:
             return np.zeros(0), np.zeros((0, len(z)))
-        statics, position = Statics(self.structure, self.tared(self.nominal, z)), self.position_m(z)
+        statics = Statics(self.structure, self.tared(self.nominal, z))
+        position = self.position_m(z)
         r, by_position = statics.residual_and_jacobian(position)
         by_log_stiffness, by_natural_length = statics.mechanics_jacobian(position)
         parts = [

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.keys import key_list
+from ..factors.noise import WeightedLengths, weigh
 from ..models.settings import Settings
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.shape import Shape
@@ -44,31 +45,43 @@ class LiveSmoother:
         Raises:
             IndeterminateError: when nothing holds some node.
         """
-        read, lengths = lengths, self._health.admit(lengths) if self._health else lengths
-        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        measured = weigh(lengths, self._builder.noise)
+        admitted = self._health.admit(measured) if self._health else measured
         self._times_s.append(lengths.t_s)
-        self._builder.add_frame(graph, self._frame, lengths)
-        self._builder.add_motion(graph, self._frame, self._times_s)
-        keys = list(self._builder.keys(self._frame))
-        if self._frame == 0 and not self._builder.rest.at_start:
-            start_m = self._builder.minimum(lengths, self._builder.rest.node_position_m).node_position_m
-            self._positions.extend([start_m] * 2)
-        for key, position in zip(keys, self._predict(), strict=True):
-            values.insertPoint3(key, position)
         try:
-            self._isam.update(graph, values, self._update_parameters())
-            position = np.array(gtsam.utilities.extractPoint3(self._isam.calculateEstimate(keys)))
-            covariance, loads = self._evidence.assess(position, lengths)
+            position = self._smoothed(admitted)
+            assessed = self._evidence.assess(position, admitted)
         except RuntimeError as error:
             raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {str(error).splitlines()[0]}") from error
         self._forget()
         self._frame += 1
         self._positions.append(position)
-        status = status_of(lengths, self._builder.structure)
-        shape = Shape(lengths.t_s, position, covariance, status, lengths, loads)
+        shape = Shape(
+            t_s=lengths.t_s,
+            node_position_m=position,
+            covariance_m2=assessed.covariance_m2,
+            status=status_of(admitted.lengths, self._builder.structure),
+            lengths=admitted.lengths,
+            loads=assessed.loads,
+        )
         if self._health:
-            self._health.observe(shape, read)
-        return self._branches.told(shape)
+            self._health.observe(shape, measured)
+        return self._branches.with_other(shape)
+
+    def _smoothed(self, measured: WeightedLengths) -> NDArray[np.float64]:
+        """Return the (nodes, 3) positions of the newest frame, after it has joined the graph."""
+        graph = gtsam.NonlinearFactorGraph()
+        self._builder.add_frame(graph, self._frame, measured)
+        self._builder.add_motion(graph, self._frame, self._times_s)
+        if self._frame == 0 and not self._builder.rest.at_start:
+            start_m = self._builder.minimum(measured, self._builder.rest.node_position_m).node_position_m
+            self._positions.extend([start_m] * 2)
+        values = gtsam.Values()
+        keys = list(self._builder.keys(self._frame))
+        for key, position in zip(keys, self._predict(), strict=True):
+            values.insertPoint3(key, position)
+        self._isam.update(graph, values, self._update_parameters())
+        return np.array(gtsam.utilities.extractPoint3(self._isam.calculateEstimate(keys)))
 
     def _predict(self) -> NDArray[np.float64]:
         """Return where the nodes are if they keep their velocity."""

@@ -12,16 +12,28 @@ every frame along. On the development trials 95 % ellipsoids of marginals over f
 75 %), these cover 92 to 98 % (slack 86 to 92 %).
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.equilibrium import squared_norms
-from ..factors.noise import tendon_sigma_m
+from ..factors.noise import WeightedLengths
 from ..models.structure.external_loads import ExternalLoads, external_loads
+from ..models.structure.lengths import propagated_variance
 from ..models.structure.rigidity import free_length_jacobian
 from ..models.values.errors import IndeterminateError
-from ..models.values.readings import TendonLengths
 from .graph import GraphBuilder
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assessment:
+    """How sure a shape is, and what loads it shows."""
+
+    covariance_m2: NDArray[np.float64]
+    """(3 nodes, 3 nodes) of all coordinates, node by node."""
+    loads: ExternalLoads | None
+    """None where the stiffness of the tendons is not known."""
 
 
 class FrameEvidence:
@@ -29,26 +41,27 @@ class FrameEvidence:
 
     def __init__(self, builder: GraphBuilder) -> None:
         self._builder = builder
-        structure, noise = builder.structure, builder.noise
+        structure = builder.structure
+        noise = builder.noise
         self._held = builder.rest.covariance_m2.copy()
         anchored = np.setdiff1d(np.arange(3 * structure.node_count), structure.free_coordinates)
         self._held[anchored, anchored] += noise.anchor_m**2
 
-    def assess(
-        self, node_position_m: NDArray[np.float64], lengths: TendonLengths
-    ) -> tuple[NDArray[np.float64], ExternalLoads | None]:
-        """Return the (3 nodes, 3 nodes) covariance, and the loads where stiffness is known.
+    def assess(self, node_position_m: NDArray[np.float64], measured: WeightedLengths) -> Assessment:
+        """Return the covariance of a shape, and its loads where stiffness is known.
 
         Args:
             node_position_m: (nodes, 3) the estimate.
-            lengths: that it was made from.
+            measured: the lengths that it was made from.
 
         Raises:
             IndeterminateError: when the shape prior is off and nothing else holds some motion.
         """
-        structure, noise, statics = self._builder.structure, self._builder.noise, self._builder.statics
+        structure = self._builder.structure
+        noise = self._builder.noise
+        statics = self._builder.statics
         free = structure.free_coordinates
-        sigma_m = tendon_sigma_m(lengths, noise)[structure.free_tendons]
+        sigma_m = measured.sigma_m[structure.free_tendons]
         weight = np.concatenate([np.full(len(structure.rods), 1 / noise.rod_m), 1 / sigma_m])
         weighted = free_length_jacobian(structure, node_position_m) * weight[:, None]
         information = weighted.T @ weighted + np.eye(len(free)) / noise.shape_prior_m**2
@@ -65,6 +78,6 @@ class FrameEvidence:
         covariance = self._held.copy()
         covariance[np.ix_(free, free)] += own
         if not statics:
-            return covariance, None
-        variance = np.sum((by_position @ own) * by_position, axis=-1)
-        return covariance, external_loads(statics, node_position_m, r, variance)
+            return Assessment(covariance, None)
+        variance = propagated_variance(by_position, own)
+        return Assessment(covariance, external_loads(statics, node_position_m, r, variance))

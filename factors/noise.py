@@ -1,5 +1,6 @@
 """Noise models, each made once; and the one place that says how far a tendon's length is to be trusted."""
 
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 
 import gtsam
@@ -14,10 +15,36 @@ KERNELS = {
     "cauchy": gtsam.noiseModel.mEstimator.Cauchy.Create(2.3849),
 }
 """At 95 % efficiency on Gaussian noise."""
-BENDING, AMBIGUOUS = int(Mode.BENDING), int(Flag.AMBIGUOUS)
-"""As plain numbers: an array compared with an enumeration takes ten times as long."""
+# plain numbers: an array compared with an enumeration takes ten times as long
+BENDING = int(Mode.BENDING)
+AMBIGUOUS = int(Flag.AMBIGUOUS)
 SIGMA_STEP = 0.01
 """Sigmas of tendons are rounded to within half of this ratio, so that their models can be kept."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WeightedLengths:
+    """One instant of all tendons with the sigma that each length has in the graph."""
+
+    lengths: TendonLengths
+    sigma_m: NDArray[np.float64]
+    """(tendons,) see `tendon_sigma_m`; inf for a tendon that is left out."""
+
+    def without(self, left_out: NDArray[np.bool_], flag: Flag | None = None) -> "WeightedLengths":
+        """Return the same without some tendons.
+
+        Args:
+            left_out: (tendons,) which of them.
+            flag: says why, in their flags; none if None.
+        """
+        flags = self.lengths.flags | np.where(left_out, int(flag or 0), 0)
+        lengths = replace(self.lengths, sigma_m=np.where(left_out, np.inf, self.lengths.sigma_m), flags=flags)
+        return WeightedLengths(lengths, np.where(left_out, np.inf, self.sigma_m))
+
+
+def weigh(lengths: TendonLengths, settings: NoiseSettings) -> WeightedLengths:
+    """Return the lengths of one instant with their sigma in the graph."""
+    return WeightedLengths(lengths, tendon_sigma_m(lengths, settings))
 
 
 def tendon_sigma_m(lengths: TendonLengths, settings: NoiseSettings) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
 """Sensor models on disk: safetensors, all metadata as one JSON string, so that one model gives the same bytes."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from importlib.resources import files
 from pathlib import Path
@@ -136,20 +136,10 @@ def _sensor_model(tensors: Tensors, table: Mapping[str, Any]) -> SensorModel:
     weights = LstmWeights(**{part.name: tensor(part.name) for part in fields(LstmWeights)})
     memory_s = np.array(metadata.memory_s, dtype=np.float64)
     golden = GoldenVector(tensor("golden_input"), tensor("golden_output"))
-    spread = metadata.spread
-    gauge = StaticGauge(tensor("strain_knots"), tensor("change_knots"), spread.gain_sigma, spread.offset_sigma)
-    curve = RateCurve(
-        gauge=gauge,
-        memory_s=memory_s[: len(tensor("curve_scale")) - 1],
-        scale=tensor("curve_scale"),
-        range=tensor("curve_range"),
-        coefficients=tensor("curve_coefficients"),
-        factor=tensor("curve_factor"),
-    )
     bends = "bending" in tensors
     return SensorModel(
         network=StretchingNetwork(weights, metadata.scaling, memory_s, golden),
-        curve=curve,
+        curve=_rate_curve(tensor, memory_s, metadata.spread),
         mode_odds=ModeOdds(tensor("mode_change"), tensor("mode_log_odds")),
         bending=BendingCoefficients(tensor("bending"), tensor("bending_covariance")) if bends else None,
         ranges=metadata.ranges,
@@ -157,4 +147,18 @@ def _sensor_model(tensors: Tensors, table: Mapping[str, Any]) -> SensorModel:
         sigma_scale=SigmaScale(*metadata.sigma_scale),
         lag_s=metadata.lag_s,
         unified=metadata.unified,
+    )
+
+
+def _rate_curve(
+    tensor: Callable[[str], NDArray[np.float64]], memory_s: NDArray[np.float64], spread: _Spread
+) -> RateCurve:
+    gauge = StaticGauge(tensor("strain_knots"), tensor("change_knots"), spread.gain_sigma, spread.offset_sigma)
+    return RateCurve(
+        gauge=gauge,
+        memory_s=memory_s[: len(tensor("curve_scale")) - 1],
+        scale=tensor("curve_scale"),
+        range=tensor("curve_range"),
+        coefficients=tensor("curve_coefficients"),
+        factor=tensor("curve_factor"),
     )

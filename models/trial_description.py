@@ -34,12 +34,12 @@ class StructureTable:
             InputError: when it is none.
         """
         return Structure(
-            np.array(self.rods),
-            np.array(self.tendons),
-            np.array(self.rod_length_m),
-            np.array(self.natural_length_m),
-            np.array(self.anchors),
-            np.array(self.anchor_position_m),
+            rods=np.array(self.rods),
+            tendons=np.array(self.tendons),
+            rod_length_m=np.array(self.rod_length_m),
+            natural_length_m=np.array(self.natural_length_m),
+            anchors=np.array(self.anchors),
+            anchor_position_m=np.array(self.anchor_position_m),
         )
 
 
@@ -204,20 +204,23 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
     if table.resistance or table.lengths:
         source = "resistance" if table.resistance else "lengths"
     return TrialDescription(
-        structure,
-        _mechanics(table.mechanics, structure) if table.mechanics else None,
-        table.rest.seconds,
-        _rest_position(table.rest, structure),
-        source,
-        _natural_resistance(table, len(structure.tendons)) if source != "lengths" else np.empty(0),
-        _divider(table) if source == "counts" else None,
-        _wiring(table.board, len(structure.tendons)) if source == "counts" else (),
-        ignored_keys,
+        structure=structure,
+        mechanics=_mechanics(table.mechanics, structure) if table.mechanics else None,
+        rest_seconds=table.rest.seconds,
+        rest_position_m=_rest_position(table.rest, structure),
+        source=source,
+        natural_resistance_ohm=_natural_resistance(table, len(structure.tendons))
+        if source != "lengths"
+        else np.empty(0),
+        divider=_divider(table) if source == "counts" else None,
+        tendons_of_board=_wiring(table.board, len(structure.tendons)) if source == "counts" else (),
+        ignored_keys=ignored_keys,
     )
 
 
 def _mechanics(table: MechanicsTable, structure: Structure) -> Mechanics:
-    stiffness, tendons = np.array(table.tendon_stiffness_n_per_m), len(structure.tendons)
+    stiffness = np.array(table.tendon_stiffness_n_per_m)
+    tendons = len(structure.tendons)
     if stiffness.shape not in ((), (tendons,)) or not np.isfinite(stiffness).all():
         raise InputError(
             f"mechanics.tendon_stiffness_n_per_m: expected one finite number or {tendons}, got {stiffness.size}"

@@ -38,8 +38,8 @@ def write_calibration_figures(calibration: Calibration, directory: Path) -> None
 
 def write_curves_figure(calibration: Calibration, path: Path) -> None:
     """Draw resistance against strain by speed, with the fits (the paper's Figs. 3D and 4G)."""
-    own, bending = calibration.trained.own, calibration.bending
-    recordings = on_common_curve(calibration.split.training, own)
+    bending = calibration.bending
+    recordings = on_common_curve(calibration.split.training, calibration.trained.gain_and_offset)
     kinds = [("stretching", [r for r in recordings if r.stretched_share > 0.9])]
     if bending:
         kinds.append(("bending", [r for r in recordings if r.stretched_share < 0.1]))

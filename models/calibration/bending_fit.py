@@ -55,12 +55,20 @@ def fit_bending(recordings: Sequence[Recording], held_out: Sequence[Recording]) 
         test_x, test_y = (np.concatenate(column) for column in zip(*tested, strict=True))
         held_out_r2 = 1 - float(np.var(test_y - np.polyval(coefficients, test_x)) / np.var(test_y))
     r2 = 1 - sigma**2 / float(np.var(y))
-    return BendingFit(coefficients, covariance, r2, held_out_r2, sigma, float(x.min()))
+    return BendingFit(
+        coefficients=coefficients,
+        covariance=covariance,
+        r2=r2,
+        held_out_r2=held_out_r2,
+        residual_sigma=sigma,
+        lowest_strain=float(x.min()),
+    )
 
 
 def _lag_free_bending(recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return strain and lag-free dR/R of the settled bent samples."""
-    lag_free, step_s = LagFree(1), np.diff(recording.t_s, prepend=2 * recording.t_s[0] - recording.t_s[1])
+    lag_free = LagFree(1)
+    step_s = np.diff(recording.t_s, prepend=2 * recording.t_s[0] - recording.t_s[1])
     pairs = zip(recording.change, step_s, strict=True)
     change = np.array([lag_free.step(np.array([y]), float(dt))[0][0] for y, dt in pairs])
     chosen = recording.settled & (recording.strain < 0) & (recording.t_s > recording.scored_from_s)

@@ -26,10 +26,14 @@ from .gauge_fit import LEAST_GAIN_SIGMA, fit_gauge
 from .mode_fit import fit_mode
 from .recipe import Trained, TrainingSettings
 from .recordings import Recording, Split
+from .strain_estimators import NetworkEstimator, StrainEstimator
 from .strip_baselines import PolynomialEstimator, StaticEstimator, on_common_curve
-from .strips import NetworkEstimator, StrainEstimator, StripRun, Tare, run_strips, tare_strips
+from .strip_gains import StripGain, tare_strips
+from .strips import StripRun, run_strips
 
-LSTM, STATIC, POLYNOMIAL = "LSTM", "static curve", "polynomial of rates"
+LSTM = "LSTM"
+STATIC = "static curve"
+POLYNOMIAL = "polynomial of rates"
 """The estimators' names."""
 
 
@@ -56,12 +60,12 @@ def calibrate_model(
     signed = settings.unified
     mode_odds = _mode_odds(split, bending)
     trained = _with_spread(trained, bending, mode_odds, split, settings)
-    common = on_common_curve(split.training, trained.own)
+    common = on_common_curve(split.training, trained.gain_and_offset)
     model = _model(trained, bending, common, mode_odds, settings)
     left = np.zeros((2, 2))
-    known = {name: Tare(own, left) for name, own in trained.own.items()}
+    known = {name: StripGain(found, left) for name, found in trained.gain_and_offset.items()}
     whole = tare_strips(NetworkEstimator(model), split.validation, trained.gauge, signed, seconds=np.inf)
-    exact = {name: Tare(tare.own, left) for name, tare in whole.items()}
+    exact = {name: StripGain(tare.gain_and_offset, left) for name, tare in whole.items()}
     validation = run_strips(NetworkEstimator(model), split.validation, trained.gauge, exact | known, signed)
     model = replace(model, sigma_scale=fit_sigma_scale(validation), lag_s=lag_s(validation))
     estimators: dict[str, StrainEstimator] = {
@@ -87,15 +91,18 @@ def _with_spread(
     gains: spread^2 = mean((gain - mean gain)^2 + the variance left of each). The mean of all stays as in the training:
     what is common to all strips is the curve's.
     """
-    model = _model(trained, bending, on_common_curve(split.training, trained.own), mode_odds, settings)
-    signed, stretched = settings.unified, [r for r in split.training if r.stretched_share > 0.3]
-    tares = tare_strips(NetworkEstimator(model), stretched, trained.gauge, signed, np.inf, trained.own)
-    gains, left = np.array([(tare.own[0], tare.covariance[0, 0]) for tare in tares.values()]).T
+    model = _model(trained, bending, on_common_curve(split.training, trained.gain_and_offset), mode_odds, settings)
+    signed = settings.unified
+    stretched = [r for r in split.training if r.stretched_share > 0.3]
+    tares = tare_strips(NetworkEstimator(model), stretched, trained.gauge, signed, np.inf, trained.gain_and_offset)
+    gains, left = np.array([(tare.gain_and_offset[0], tare.covariance[0, 0]) for tare in tares.values()]).T
     found = float(np.sqrt(np.var(gains) + np.mean(left))) if len(gains) > 1 else 0.0  # one strip has no spread
-    common = np.mean([trained.own[name] - tare.own for name, tare in tares.items()], axis=0)
-    own = dict(trained.own) | {name: tare.own + common for name, tare in tares.items()}
+    common = np.mean([trained.gain_and_offset[name] - tare.gain_and_offset for name, tare in tares.items()], axis=0)
+    gain_and_offset = dict(trained.gain_and_offset) | {
+        name: tare.gain_and_offset + common for name, tare in tares.items()
+    }
     gauge = replace(trained.gauge, gain_sigma=max(found, LEAST_GAIN_SIGMA))
-    return replace(trained, curve=replace(trained.curve, gauge=gauge), own=own)
+    return replace(trained, curve=replace(trained.curve, gauge=gauge), gain_and_offset=gain_and_offset)
 
 
 def lag_s(runs: Sequence[StripRun]) -> float:
@@ -181,7 +188,8 @@ def _fastest_strain(recordings: Sequence[Recording]) -> float:
     """Return the rate of strain that 99.9 % of the stretched samples stay under, smoothed as at run time."""
     rates = []
     for r in recordings:
-        step_s, stretched = float(np.median(np.diff(r.t_s))), r.strain >= 0
+        step_s = float(np.median(np.diff(r.t_s)))
+        stretched = r.strain >= 0
         width = max(round(STRAIN_RATE_S / step_s), 1)
         rate = np.abs(r.strain[width:] - r.strain[:-width]) / (r.t_s[width:] - r.t_s[:-width])
         rates.append(rate[stretched[width:] & stretched[:-width]])

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from ..sensor.bending import BendingCurve
-from ..sensor.gauge import StaticGauge
+from ..sensor.gauge import StaticGauge, common_change
 from ..values.errors import InputError
 from .recordings import Recording
 
@@ -42,11 +42,12 @@ def fit_gauge(
     widest = max(float(np.ptp(settled[name][1])) for name in stretched)
     offset_sigma = float(np.std(at_start)) if len(at_start) > 2 else 0.1 * widest  # too few to say: left to each
     high = max(float(settled[name][0].max()) for name in stretched)
-    gain_sigma, knots = 0.05, np.array([knot for knot in KNOTS if knot < 0.95 * high] + [high])
+    gain_sigma = 0.05
+    knots = np.array([knot for knot in KNOTS if knot < 0.95 * high] + [high])
     gauge = StaticGauge(knots, knots.copy(), gain_sigma, offset_sigma)
     for _ in range(20):
         strain = np.concatenate([settled[name][0] for name in stretched])
-        change = np.concatenate([(settled[name][1] - own[name][1]) / own[name][0] for name in stretched])
+        change = np.concatenate([common_change(settled[name][1], *own[name]) for name in stretched])
         gauge = StaticGauge(knots, _rising_curve(strain, change, knots), gain_sigma, offset_sigma)
         own = {name: _own_gain_and_offset(*settled[name], gauge, bending) for name in settled}
         gain_sigma = max(float(np.std([gain for gain, _ in own.values()])), LEAST_GAIN_SIGMA)
@@ -57,12 +58,14 @@ def _rising_curve(
     strain: NDArray[np.float64], change: NDArray[np.float64], knots: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return dR/R at the knots, 0 at the first, that fits best among the curves that rise everywhere."""
-    weight, widths = _weight(strain), np.diff(knots)
+    weight = _weight(strain)
+    widths = np.diff(knots)
     pieces = np.clip(strain[:, None] - knots[:-1], 0, widths)
     least = LEAST_SLOPE * float(np.polyfit(strain, change, 1)[0])
     if not least > 0:
         raise InputError("the resistance does not rise with strain: expected a sensor whose resistance does")
-    triangle, right = np.linalg.qr(pieces * weight[:, None]), (change - pieces.sum(axis=1) * least) * weight
+    triangle = np.linalg.qr(pieces * weight[:, None])
+    right = (change - pieces.sum(axis=1) * least) * weight
     slopes = least + nnls(triangle.R, triangle.Q.T @ right)[0]
     return np.concatenate([[0.0], np.cumsum(slopes * widths)])
 

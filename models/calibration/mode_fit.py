@@ -9,7 +9,9 @@ from ..sensor.bending import LagFree
 from ..sensor.sensor_model import ModeOdds
 from .recordings import Recording
 
-CHANGE_STEP, CHANGE_RANGE, KERNEL = 0.001, (-0.3, 0.3), 0.004
+CHANGE_STEP = 0.001
+CHANGE_RANGE = (-0.3, 0.3)
+KERNEL = 0.004
 """Bins of dR/R, and the width to which they are smoothed."""
 
 
@@ -23,7 +25,8 @@ def fit_mode(recordings: Sequence[Recording]) -> ModeOdds:
     edges = np.arange(*CHANGE_RANGE, CHANGE_STEP)
     counts = np.zeros((2, len(edges) - 1))
     for recording in recordings:
-        lag_free, step_s = LagFree(1), np.diff(recording.t_s, prepend=recording.t_s[0] - 0.05)
+        lag_free = LagFree(1)
+        step_s = np.diff(recording.t_s, prepend=recording.t_s[0] - 0.05)
         pairs = zip(recording.change, step_s, strict=True)
         change, lag = np.array([lag_free.step(np.array([y]), float(dt)) for y, dt in pairs])[..., 0].T
         settled = recording.settled & (np.abs(lag) < KERNEL)

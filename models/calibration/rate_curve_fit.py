@@ -27,7 +27,9 @@ def fit_rate_curve(
     coefficients, normal = ridge(terms, strain)
     residual_sigma = np.sqrt(INDEPENDENT) * np.std(strain - terms @ coefficients)
     factor = residual_sigma * np.linalg.inv(np.linalg.cholesky(normal)).T
-    return RateCurve(gauge, memory_s, scale, between, coefficients, factor)
+    return RateCurve(
+        gauge=gauge, memory_s=memory_s, scale=scale, range=between, coefficients=coefficients, factor=factor
+    )
 
 
 def ridge(terms: NDArray[np.float64], strain: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -98,7 +98,7 @@ class Trained:
     """The network's."""
     curve: RateCurve
     """What it corrects."""
-    own: Mapping[str, NDArray[np.float64]]
+    gain_and_offset: Mapping[str, NDArray[np.float64]]
     """(2,) gain and offset of each strip trained on."""
     scaling: Scaling
     """Of the inputs."""

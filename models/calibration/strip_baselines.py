@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
+from ..sensor.gauge import common_change
 from ..sensor.lstm import running_means
 from ..sensor.rate_curve import products, rate_inputs
 from .rate_curve_fit import ridge
 from .recordings import Recording
-from .strips import Followed
+from .strain_estimators import Followed
 
 FILTERS_S = np.array([0.3, 2.0, 10.0])
 """Time constants of the filters: the sensor's lag, and its relaxation over seconds."""
@@ -76,8 +77,7 @@ class PolynomialEstimator:
 def on_common_curve(recordings: Sequence[Recording], own: Mapping[str, NDArray[np.float64]]) -> list[Recording]:
     """Return recordings with each one's own gain and offset undone."""
     return [
-        Recording(r.name, r.t_s, r.strain, (r.change - own[r.name][1]) / own[r.name][0], r.scored_from_s)
-        for r in recordings
+        Recording(r.name, r.t_s, r.strain, common_change(r.change, *own[r.name]), r.scored_from_s) for r in recordings
     ]
 
 

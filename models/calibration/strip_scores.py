@@ -42,14 +42,14 @@ class StripScore:
         )
         z = np.abs(error / sigma)
         return cls(
-            len(error),
-            float(np.sqrt(np.mean(error**2))),
-            float(1 - np.mean(error**2) / max(np.var(strain), 1e-12)),
-            float(np.mean(z < 1)),
-            float(np.mean(z < 1.96)),
-            float(np.median(sigma)),
-            float(np.mean([correlation_time_s(run) for run in runs])),
-            float(np.mean(beyond)),
+            samples=len(error),
+            rmse=float(np.sqrt(np.mean(error**2))),
+            r2=float(1 - np.mean(error**2) / max(np.var(strain), 1e-12)),
+            coverage_68=float(np.mean(z < 1)),
+            coverage_95=float(np.mean(z < 1.96)),
+            median_sigma=float(np.median(sigma)),
+            correlation_s=float(np.mean([correlation_time_s(run) for run in runs])),
+            beyond=float(np.mean(beyond)),
         )
 
 

@@ -1,4 +1,4 @@
-"""Training of the stretching network, eqs. (10)-(15), on calibration recordings. The one module that imports torch."""
+"""Training of the stretching network, eqs. (10)-(15), on calibration recordings."""
 
 import hashlib
 import io
@@ -13,14 +13,13 @@ import torch
 from numpy.typing import NDArray
 
 from ..sensor.bending import BendingCurve
-from ..sensor.gauge import StaticGauge
-from ..sensor.lstm import CURVE_MEMORIES, LOG_VARIANCE_RANGE, MEMORY_S, STRAIN_SCALE, LstmWeights, Scaling
-from ..sensor.rate_curve import RateCurve, product_indices
+from ..sensor.lstm import CURVE_MEMORIES, MEMORY_S, STRAIN_SCALE, LstmWeights, Scaling
 from .gauge_fit import INDEPENDENT, fit_gauge
 from .rate_curve_fit import fit_rate_curve
 from .recipe import CHECK_EVERY, Checkpoint, History, NoCheckpoint, Trained, TrainingSettings
 from .recordings import Recording, Split
 from .strip_baselines import on_common_curve
+from .torch_network import StretchingModule, curve_strain, sample_loss, scaled_gaussian_loss
 
 
 def train(
@@ -63,32 +62,6 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-class _Network(torch.nn.Module):
-    """The LSTM with its head, and the gain and offset of each strip, in units of their spread."""
-
-    def __init__(self, inputs: int, hidden: int, own: NDArray[np.float64]) -> None:
-        super().__init__()
-        self.lstm = torch.nn.LSTM(inputs, hidden, batch_first=True)
-        self.head = torch.nn.Linear(hidden, 2)
-        self.register_buffer("mean_own", torch.tensor(own.mean(axis=0), dtype=torch.float32))
-        self.own_away = torch.nn.Parameter(torch.tensor(own, dtype=torch.float32))
-        with torch.no_grad():
-            forget_bias = dict(self.lstm.named_parameters())["bias_ih_l0"][hidden : 2 * hidden]
-            forget_bias += 1.0  # remember, to begin with
-            self.head.weight *= torch.tensor([[0.0], [0.3]])  # start on the curve
-            self.head.bias[0] = 0.0
-
-    @property
-    def own(self) -> torch.Tensor:
-        """(strips, 2) with the mean that they began with: a gain common to all strips is the curve's."""
-        return self.own_away - self.own_away.mean(dim=0) + self.get_buffer("mean_own")
-
-    def forward(self, x: torch.Tensor, state: Any) -> tuple[torch.Tensor, torch.Tensor, Any]:
-        h, state = self.lstm(x, state)
-        mean, log_variance = self.head(h).unbind(-1)
-        return mean, log_variance.clamp(*LOG_VARIANCE_RANGE), state
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Batch:
     """Pieces of recordings: (sequences, steps) each."""
@@ -113,19 +86,26 @@ class _Training:
         common = on_common_curve(split.training, {name: np.array(pair) for name, pair in own.items()})
         self._curve = fit_rate_curve(common, self._gauge, np.array(MEMORY_S[:CURVE_MEMORIES]), settings.unified)
         _, own_of_validation = fit_gauge([*split.training, *split.validation], bending)
-        self._recordings, self._spread = split.training, np.array([self._gauge.gain_sigma, self._gauge.offset_sigma])
+        self._recordings = split.training
+        self._spread = np.array([self._gauge.gain_sigma, self._gauge.offset_sigma])
         self._names = [r.name for r in split.training]
         own_of_all = own_of_validation | own
         units, validation_units = (
             np.array([(np.array(own_of_all[r.name]) - [1, 0]) / self._spread for r in recordings])
             for recordings in (split.training, split.validation)
         )
-        self._scaling, self._step_s = _scaling(split.training), _step_range(split.training, settings.relative_step)
-        torch.manual_seed(settings.seed)
-        self._rng = np.random.default_rng(settings.seed)
+        self._scaling = _scaling(split.training)
+        self._step_s = _step_range(split.training, settings.relative_step)
         everything = (*split.training, *split.validation)
         self._means = {(r.name, len(r.t_s)): r.running_means(np.array(MEMORY_S)) for r in everything}
-        self._network = _Network(3 + len(MEMORY_S), settings.hidden, units)
+        self._prepare(split, units, validation_units)
+
+    def _prepare(self, split: Split, units: NDArray[np.float64], validation_units: NDArray[np.float64]) -> None:
+        """Set up the network and what optimises it; gains and offsets come in units of their spread."""
+        settings = self._settings
+        torch.manual_seed(settings.seed)
+        self._rng = np.random.default_rng(settings.seed)
+        self._network = StretchingModule(3 + len(MEMORY_S), settings.hidden, units)
         self._own_of_validation = torch.tensor(validation_units, dtype=torch.float32, requires_grad=True)
         names = {name: k for k, name in enumerate(self._names)}
         self._known_of_validation = [(k, names[r.name]) for k, r in enumerate(split.validation) if r.name in names]
@@ -164,14 +144,15 @@ class _Training:
 
     def _epoch(self, epoch: int) -> float:
         batch = self._draw(self._recordings, self._rng)
-        state, losses = None, []
+        state = None
+        losses = []
         likelihood = epoch >= self.history.likelihood_from
         for chunk in self._chunks:
             x, curve = self._inputs(batch, self._network.own, chunk)
             mean, log_variance, state = self._network(x, state)
             state = tuple(s.detach() for s in state)
             error = mean + (curve - batch.strain[:, chunk]) / STRAIN_SCALE
-            loss = _loss(error, log_variance, batch.counted[:, chunk], likelihood)
+            loss = sample_loss(error, log_variance, batch.counted[:, chunk], likelihood)
             prior = self._prior_weight * (self._network.own**2).sum() if likelihood else 0.0
             self._optimizer.zero_grad()
             (loss + prior).backward()  # type: ignore[no-untyped-call]
@@ -185,15 +166,21 @@ class _Training:
 
     def _validate(self, epoch: int) -> None:
         """Check the loss on strips not trained on; only their gain and offset are fitted, a step a check."""
-        likelihood, history = epoch > self.history.likelihood_from, self.history
+        likelihood = epoch > self.history.likelihood_from
+        history = self.history
         own = self._own_of_validation
         with torch.no_grad():  # of a strip that is trained on it is known
             for k, strip in self._known_of_validation:
                 own[k] = self._network.own[strip]
         x, curve = self._inputs(self._validation, own, slice(0, self._settings.steps))
         mean, log_variance, _ = self._network(x, None)
-        error, counted = mean + (curve - self._validation.strain) / STRAIN_SCALE, self._validation.counted
-        loss = _scaled_loss(error, log_variance, counted) if likelihood else _loss(error, log_variance, counted, False)
+        error = mean + (curve - self._validation.strain) / STRAIN_SCALE
+        counted = self._validation.counted
+        loss = (
+            scaled_gaussian_loss(error, log_variance, counted)
+            if likelihood
+            else sample_loss(error, log_variance, counted, False)
+        )
         if likelihood:
             self._tare.zero_grad()
             (loss + self._prior_weight * (own**2).sum()).backward()  # type: ignore[no-untyped-call]
@@ -201,21 +188,23 @@ class _Training:
         history.validation_epoch.append(epoch)
         history.validation_loss.append(loss.item())
         if likelihood and loss.item() < history.best_loss:
-            history.best_epoch, history.best_loss, self._best = epoch, loss.item(), self._copy()
+            history.best_epoch = epoch
+            history.best_loss = loss.item()
+            self._best = self._copy()
 
     def _copy(self) -> dict[str, torch.Tensor]:
         return {name: value.detach().clone() for name, value in self._network.state_dict().items()}
 
     def _draw(self, recordings: Sequence[Recording], rng: np.random.Generator) -> _Batch:
         """Return random pieces of recordings, each with its own time step and noise."""
-        count, steps = self._settings.sequences, self._settings.steps
-        strain, change, means = (
-            np.empty((count, steps)),
-            np.empty((count, steps)),
-            np.empty((count, steps, len(MEMORY_S))),
-        )
+        count = self._settings.sequences
+        steps = self._settings.steps
+        strain = np.empty((count, steps))
+        change = np.empty((count, steps))
+        means = np.empty((count, steps, len(MEMORY_S)))
         low, high = self._step_s
-        step_s, strip = np.exp(rng.uniform(np.log(low), np.log(high), count)), np.empty(count, dtype=np.int64)
+        step_s = np.exp(rng.uniform(np.log(low), np.log(high), count))
+        strip = np.empty(count, dtype=np.int64)
         counts = np.zeros((count, steps), dtype=np.bool_)
         for k in range(count):
             strip[k] = rng.integers(len(recordings))
@@ -224,7 +213,8 @@ class _Training:
             last_start_s = r.t_s[-1] - step_s[k] * (steps - 1)
             first_start_s = min(max(r.t_s[0], r.scored_from_s), last_start_s)  # earlier pieces would count less
             t_s = rng.uniform(first_start_s, last_start_s) + step_s[k] * np.arange(steps)
-            strain[k], change[k] = np.interp(t_s, r.t_s, r.strain), np.interp(t_s, r.t_s, r.change)
+            strain[k] = np.interp(t_s, r.t_s, r.strain)
+            change[k] = np.interp(t_s, r.t_s, r.change)
             means[k] = np.stack([np.interp(t_s, r.t_s, column) for column in self._means[r.name, len(r.t_s)].T], axis=1)
             counts[k] = t_s > r.scored_from_s
         noise = rng.uniform(*self._settings.noise, (count, 1)) * rng.standard_normal((count, steps))
@@ -296,42 +286,14 @@ class _Training:
             head_bias=p["head.bias"],
         )
         named = dict(zip(self._names, own, strict=True))
-        return Trained(weights, self._curve, named, self._scaling, self._step_s, self.history)
-
-
-def curve_strain(curve: RateCurve, common: torch.Tensor, means: torch.Tensor) -> torch.Tensor:
-    """Return `RateCurve.strain` in torch, which can differentiate it."""
-    scale, low, high, coefficients = (
-        torch.tensor(a, dtype=torch.float32) for a in (curve.scale, *curve.range, curve.coefficients)
-    )
-    inputs = torch.cat([common[..., None], common[..., None] - means], dim=-1)
-    held = torch.minimum(torch.maximum(inputs, low), high)
-    factors = torch.cat([torch.ones_like(held[..., :1]), held / scale], dim=-1)
-    first, second, third = (factors[..., index] for index in product_indices(held.shape[-1]).T)
-    static = _static_strain(curve.gauge, held[..., 0])
-    strain = (first * second * third) @ coefficients[:-1] + coefficients[-1] * static
-    return strain + _static_strain(curve.gauge, common) - static
-
-
-def _static_strain(gauge: StaticGauge, common: torch.Tensor) -> torch.Tensor:
-    """Return `StaticGauge.stretched_strain` as a sum of ramps."""
-    slopes = np.diff(gauge.strain_knots) / np.diff(gauge.change_knots)
-    strain = float(slopes[0]) * common
-    for knot, bend in zip(gauge.change_knots[1:-1].tolist(), np.diff(slopes).tolist(), strict=True):
-        strain = strain + bend * torch.relu(common - knot)
-    return strain.clamp(max=gauge.most_strain)
-
-
-def _loss(error: torch.Tensor, log_variance: torch.Tensor, counted: torch.Tensor, likelihood: bool) -> torch.Tensor:
-    loss = 0.5 * (error**2 * torch.exp(-log_variance) + log_variance) if likelihood else error**2
-    return (loss * counted).sum() / counted.sum().clamp(min=1)
-
-
-def _scaled_loss(error: torch.Tensor, log_variance: torch.Tensor, counted: torch.Tensor) -> torch.Tensor:
-    """Return the Gaussian loss with sigma multiplied by what makes it least: sigma is scaled after the training."""
-    count = counted.sum().clamp(min=1)
-    mean_square = (error**2 * torch.exp(-log_variance) * counted).sum() / count
-    return 0.5 * ((log_variance * counted).sum() / count + torch.log(mean_square + 1e-12) + 1)
+        return Trained(
+            weights=weights,
+            curve=self._curve,
+            gain_and_offset=named,
+            scaling=self._scaling,
+            step_s=self._step_s,
+            history=self.history,
+        )
 
 
 def _scaling(recordings: Sequence[Recording]) -> Scaling:

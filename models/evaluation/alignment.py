@@ -20,7 +20,8 @@ def interpolated(
     share = (t_s - truth_s[after - 1]) / step_s
     outside = (share < 0) | (share > 1) | (step_s > MAX_HOLE * np.median(np.diff(truth_s)))
     share = np.where(outside & (share != 0) & (share != 1), np.nan, share)[:, None, None]
-    before_m, after_m = truth_position_m[after - 1], truth_position_m[after]
+    before_m = truth_position_m[after - 1]
+    after_m = truth_position_m[after]
     between = (1 - share) * before_m + share * after_m
     return np.asarray(np.where(share == 0, before_m, np.where(share == 1, after_m, between)))
 
@@ -33,6 +34,7 @@ def rigid_alignment(points_m: NDArray[np.float64], onto_m: NDArray[np.float64]) 
         onto_m: (points, 3) q.
     """
     known = np.isfinite(points_m).all(axis=1)
-    points_m, onto_m = points_m[known], onto_m[known]
+    points_m = points_m[known]
+    onto_m = onto_m[known]
     rotation, _ = Rotation.align_vectors(onto_m - onto_m.mean(axis=0), points_m - points_m.mean(axis=0))
     return rotation, onto_m.mean(axis=0) - rotation.apply(points_m.mean(axis=0))

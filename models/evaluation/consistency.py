@@ -39,7 +39,8 @@ def consistency(structure: Structure, estimate: Estimate, compared: ComparedFram
 def normalised_error_squared(error_m: NDArray[np.float64], covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (...,) NEES e^T P^-1 e of (..., 3) errors; nan where either is unknown."""
     known = np.isfinite(error_m).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-2, -1))
-    e, covariance = error_m[known], covariance_m2[known]
+    e = error_m[known]
+    covariance = covariance_m2[known]
     sure = np.linalg.eigvalsh(covariance)[:, 0] <= 0  # claims to know some direction exactly
     solved = np.linalg.solve(np.where(sure[:, None, None], np.eye(3), covariance), e[..., None])[..., 0]
     nees = np.full(known.shape, np.nan)

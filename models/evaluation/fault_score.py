@@ -24,7 +24,14 @@ def score_fault(fault: Fault, estimate: Estimate) -> FaultScore:
     delay_s = None
     if len(seen) and seen.all():
         delay_s = float((estimate.t_s[during][named.argmax(axis=0)] - fault.from_s).max())
-    return FaultScore(fault.kind, fault.where, fault.from_s, len(seen), int(seen.sum()), delay_s)
+    return FaultScore(
+        kind=fault.kind,
+        where=fault.where,
+        from_s=fault.from_s,
+        tendons=len(seen),
+        named=int(seen.sum()),
+        delay_s=delay_s,
+    )
 
 
 def false_alarm_share(faults: Iterable[Fault], estimate: Estimate) -> float:

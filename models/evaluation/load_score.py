@@ -17,7 +17,8 @@ def score_loads(compared: ComparedFrames, threshold_n: float) -> LoadScore | Non
     true_n = np.linalg.norm(compared.true_load_n, axis=-1)
     estimated_n = np.linalg.norm(compared.estimated_load_n, axis=-1)
     known = np.isfinite(error_n)
-    loaded, called = known & (true_n > threshold_n), known & (estimated_n > threshold_n)
+    loaded = known & (true_n > threshold_n)
+    called = known & (estimated_n > threshold_n)
     quiet = known & ~loaded.any(axis=1)[:, None]
     clear = np.where(known, true_n, 0.0).max(axis=1) > CLEAR_LOAD_N
     true_n, estimated_n = (np.where(known, n, -np.inf)[clear] for n in (true_n, estimated_n))

@@ -53,19 +53,16 @@ def evaluate(
             f"truth from {truth.t_s[0]:.3f} to {truth.t_s[-1]:.3f} s covers no frame of the estimate, "
             f"{estimate.t_s[0]:.3f} to {estimate.t_s[-1]:.3f} s: expected both on the host clock"
         )
-    rest = (estimate.t_s <= estimate.t_s[0] + truth.rest_seconds) & (truth.rest_seconds > 0)
-    true_rest_m = mean_over_frames(true_m[rest])
     rotation_deg = None
     if align:
         rotation, shift_m = rigid_alignment(
             true_m[known][:, free].reshape(-1, 3), estimate.node_position_m[known][:, free].reshape(-1, 3)
         )
-        true_m, true_rest_m = true_m @ rotation.as_matrix().T + shift_m, true_rest_m @ rotation.as_matrix().T + shift_m
+        true_m = true_m @ rotation.as_matrix().T + shift_m
         rotation_deg = float(np.rad2deg(rotation.magnitude()))
+    rest = (estimate.t_s <= estimate.t_s[0] + truth.rest_seconds) & (truth.rest_seconds > 0)
+    rest_error_m = rest_position_m - mean_over_frames(true_m[rest])
     compared = compare_frames(structure, estimate, true_m, known, truth.loads)
-    moved = compared.node_error_m - (rest_position_m - true_rest_m)[free]
-    faces = structure.faces
-    moved_faces = compared.face_error_m - (rest_position_m - true_rest_m)[faces].mean(axis=1)
     node_rmse_m = np.sqrt(mean_over_frames((compared.node_error_m**2).sum(axis=-1)))
     node_height_rmse_m = np.sqrt(mean_over_frames(compared.node_error_m[..., 2] ** 2))
     good = np.flatnonzero(compared.frame_error_m <= GOOD_M)
@@ -74,7 +71,7 @@ def evaluate(
         frames_without_truth=int((~known).sum()),
         rotation_deg=rotation_deg,
         absolute=shape_errors(compared.node_error_m, compared.face_error_m),
-        displacement=shape_errors(moved, moved_faces) if np.isfinite(moved).any() else None,
+        displacement=_displacement_errors(structure, compared, rest_error_m),
         node_rmse_m=node_rmse_m,
         node_height_rmse_m=node_height_rmse_m,
         worst_node=int(free[np.nanargmax(node_rmse_m)]),
@@ -88,6 +85,15 @@ def evaluate(
         structure=structure,
         compared=compared,
     )
+
+
+def _displacement_errors(
+    structure: Structure, compared: ComparedFrames, rest_error_m: NDArray[np.float64]
+) -> ShapeErrors | None:
+    """Return the errors of the motion away from the rest shape, whose own error is (nodes, 3); None without a rest."""
+    nodes = compared.node_error_m - rest_error_m[structure.free_nodes]
+    faces = compared.face_error_m - rest_error_m[structure.faces].mean(axis=1)
+    return shape_errors(nodes, faces) if np.isfinite(nodes).any() else None
 
 
 def compare_frames(
@@ -107,7 +113,8 @@ def compare_frames(
         loads: true ones, if they are known.
     """
     free = structure.free_nodes
-    estimated_m, true_m = estimate.node_position_m[known], true_m[known]
+    estimated_m = estimate.node_position_m[known]
+    true_m = true_m[known]
     covariance_m2 = estimate.node_covariance_m2[known]
     error_m = estimated_m - true_m
     node_error_m = error_m[:, free]
@@ -136,7 +143,8 @@ def compare_frames(
 
 def shape_errors(node_error_m: NDArray[np.float64], face_error_m: NDArray[np.float64]) -> ShapeErrors:
     """Return the paper's three figures of (..., 3) errors of free nodes and of faces' centres."""
-    nodes, faces = node_error_m.reshape(-1, 3), face_error_m.reshape(-1, 3)
+    nodes = node_error_m.reshape(-1, 3)
+    faces = face_error_m.reshape(-1, 3)
     return ShapeErrors(errors_of(nodes), errors_of(faces), errors_of(np.concatenate([nodes, faces])))
 
 
@@ -162,13 +170,13 @@ def regimes(compared: ComparedFrames, slack: NDArray[np.bool_], load_threshold_n
         masks = {"quiet": ~loaded, "loaded": loaded} | masks
     return tuple(
         Regime(
-            name,
-            int(mask.sum()),
-            errors_of(compared.node_error_m[mask].reshape(-1, 3)).rmse_m,
-            of_known(np.mean, compared.nees[mask]),
-            coverage(compared.nees[mask], 0.68),
-            coverage(compared.nees[mask], 0.95),
-            of_known(np.median, compared.node_sigma_m[mask]),
+            name=name,
+            frames=int(mask.sum()),
+            node_rmse_m=errors_of(compared.node_error_m[mask].reshape(-1, 3)).rmse_m,
+            nees=of_known(np.mean, compared.nees[mask]),
+            coverage_68=coverage(compared.nees[mask], 0.68),
+            coverage_95=coverage(compared.nees[mask], 0.95),
+            median_sigma_m=of_known(np.median, compared.node_sigma_m[mask]),
         )
         for name, mask in masks.items()
     )

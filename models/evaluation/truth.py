@@ -52,7 +52,8 @@ def known_faults(truth: TruthTable, trial: TrialDescription, where: str) -> tupl
     Raises:
         InputError: for a tendon or board that is not there, or an interval that ends before it begins.
     """
-    tendons, boards = len(trial.structure.tendons), len(trial.tendons_of_board)
+    tendons = len(trial.structure.tendons)
+    boards = len(trial.tendons_of_board)
     faults = []
     for index, fault in enumerate(truth.fault):
         name = f"{where}: truth.fault[{index}]"
@@ -61,11 +62,13 @@ def known_faults(truth: TruthTable, trial: TrialDescription, where: str) -> tupl
         if fault.tendon is not None and fault.board is None:
             if not 0 <= fault.tendon < tendons:
                 raise InputError(f"{name}.tendon: expected a tendon from 0 to {tendons - 1}, got {fault.tendon}")
-            place, spoilt = f"tendon {fault.tendon}", np.array([fault.tendon])
+            place = f"tendon {fault.tendon}"
+            spoilt = np.array([fault.tendon])
         elif fault.board is not None and fault.tendon is None:
             if not 0 <= fault.board < boards:
                 raise InputError(f"{name}.board: expected one of the trial's {boards} boards, got {fault.board}")
-            place, spoilt = f"board {fault.board}", trial.tendons_of_board[fault.board]
+            place = f"board {fault.board}"
+            spoilt = trial.tendons_of_board[fault.board]
         else:
             raise InputError(f"{name}: expected either tendon or board")
         faults.append(Fault(fault.kind, place, spoilt, fault.from_s, fault.until_s))

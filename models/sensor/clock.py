@@ -86,7 +86,9 @@ class BoardClock:
                 return None
         if row.host_s >= self._host_s:
             self._line.add(self._device_s, row.host_s - self._device_s)
-        self._last, self._suspect, self._host_s = row, None, max(row.host_s, self._host_s)
+        self._last = row
+        self._suspect = None
+        self._host_s = max(row.host_s, self._host_s)
         time_s = self._device_s + self._line.value(self._device_s) - self._minimum_delay_s
         self._time_s = max(time_s, self._time_s + 1e-6)
         return self._time_s
@@ -127,7 +129,9 @@ class _LowerLine:
     def clear(self) -> None:
         """Forget all points."""
         self._lowest.clear()
-        self._rate, self._origin_s, self._offset_s = 0.0, 0.0, np.inf
+        self._rate = 0.0
+        self._origin_s = 0.0
+        self._offset_s = np.inf
 
     def add(self, device_s: float, offset_s: float) -> None:
         """Take a point in; the line never lies above it, unless it is impossibly far below."""
@@ -154,7 +158,8 @@ class _LowerLine:
         edge = min(max(int(np.searchsorted(hull[:, 0], middle)), 1), len(hull) - 1)
         span_s = points[-1, 0] - points[0, 0]
         if edge > 0 and span_s > 0:
-            (left_s, left), (right_s, right) = hull[edge - 1], hull[edge]
+            (left_s, left) = hull[edge - 1]
+            (right_s, right) = hull[edge]
             trust = span_s**2 / (span_s**2 + self._settings.rate_prior_s**2)
             limit = self._settings.max_rate_error
             self._rate = float(np.clip((right - left) / (right_s - left_s), -limit, limit)) * trust
@@ -168,7 +173,8 @@ def _lower_hull(points: NDArray[np.float64]) -> NDArray[np.float64]:
     hull: list[NDArray[np.float64]] = []
     for point in points:
         while len(hull) > 1:
-            (x0, y0), (x1, y1) = hull[-2], hull[-1]
+            (x0, y0) = hull[-2]
+            (x1, y1) = hull[-1]
             if (x1 - x0) * (point[1] - y0) > (y1 - y0) * (point[0] - x0):
                 break
             hull.pop()

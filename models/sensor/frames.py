@@ -114,7 +114,9 @@ class FrameAssembler:
     def __init__(
         self, natural_ohm: NDArray[np.float64], sources: int, frames: FrameSettings, gate: GateSettings
     ) -> None:
-        self._natural_ohm, self._settings, self._gate = natural_ohm, frames, gate
+        self._natural_ohm = natural_ohm
+        self._settings = frames
+        self._gate = gate
         self._sources: list[_Source | None] = [None] * sources
         self._next: int | None = None
         self._first_arrival_s = np.nan
@@ -150,7 +152,8 @@ class FrameAssembler:
         assert self._next is not None
         rate_hz = self._settings.rate_hz
         count = len(self._natural_ohm)
-        value, sigma = np.full(count, np.nan), np.full(count, np.nan)
+        value = np.full(count, np.nan)
+        sigma = np.full(count, np.nan)
         flags = np.full(count, int(Flag.MISSING))
         for source in self._sources:
             if source is not None:

@@ -12,7 +12,7 @@ from ..values.tables import Positive, Probability
 from .bending import LagFree
 from .sensor_model import SensorModel
 from .stretching import Extrapolation, StrainSpread, StretchingSensors
-from .taring import RestTare, Taring
+from .taring import RestShift, Taring
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +39,28 @@ class FrontEndSettings:
     """The less likely mode is mentioned from here on."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _HeldChange:
+    """dR/R on the common curve, gaps filled with the last value."""
+
+    change: NDArray[np.float64]
+    """(tendons,)"""
+    rate_per_s: NDArray[np.float64]
+    """(tendons,) zero after a gap."""
+    flags: NDArray[np.int64]
+    """(tendons,) `Flag` bits."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Strain:
+    """Strain of all tendons, with its sigma."""
+
+    value: NDArray[np.float64]
+    """(tendons,)"""
+    sigma: NDArray[np.float64]
+    """(tendons,)"""
+
+
 class FrontEnd:
     """Turns frames of resistance into frames of length, one after another; the same live and offline."""
 
@@ -52,15 +74,19 @@ class FrontEnd:
         frame_step_s: float,
     ) -> None:
         count = len(natural_length_m)
-        self._model, self._settings, self._gauge = model, settings, model.gauge
+        self._model = model
+        self._settings = settings
+        self._gauge = model.gauge
         self._frame_step_s = frame_step_s
-        self._R0, self._L0 = natural_resistance_ohm, natural_length_m
+        self._R0 = natural_resistance_ohm
+        self._L0 = natural_length_m
         self._bending = model.bending_curve(settings.bending_abscissa)
         self._taring = Taring(self._gauge, self._bending, rest, natural_length_m)
         self._mode = np.full(count, int(Mode.STRETCHING))
         self._stretching = StretchingSensors(model, count)
-        self._spread, self._extrapolation = StrainSpread(count), Extrapolation(model, count)
-        self._rest_tare = RestTare(self._taring.rest_strain)
+        self._spread = StrainSpread(count)
+        self._extrapolation = Extrapolation(model, count)
+        self._rest_shift = RestShift(self._taring.rest_strain)
         self._change = np.zeros(count)
         self._seen_s = np.full(count, -np.inf)
         self._warm_s = np.full(count, np.nan)
@@ -72,26 +98,16 @@ class FrontEnd:
         step_s = frame.t_s - self._last_s if np.isfinite(self._last_s) else self._frame_step_s
         self._last_s = frame.t_s
         change = self._taring.common_change(frame.t_s, frame.resistance_ohm / self._R0 - 1)  # eq. (8)
-        change, rate, flags = self._hold_missing(frame, change)
-        lag_free, lag = self._lag_free.step(change, step_s)
-        stretched, stretched_sigma = self._stretched(change, rate, frame.t_s, step_s)  # f_3
-        bent, bent_sigma = self._bending.strain(lag_free, np.hypot(self._settings.bending_sigma, 0.5 * lag))  # f_4
+        held = self._hold_missing(frame, change)
+        lag_free, lag = self._lag_free.step(held.change, step_s)
+        stretched = self._stretched(held, frame.t_s, step_s)  # f_3
+        bent = self._bent(lag_free, lag)  # f_4
         if self._model.unified:  # one network for both
-            bent, bent_sigma = stretched, stretched_sigma
+            bent = stretched
         probability = self._decide_mode(lag_free, frame.t_s)
-        strain = np.where(self._mode == Mode.BENDING, bent, stretched)  # eq. (3)
-        variance = (1 - probability) * (stretched_sigma**2 + (stretched - strain) ** 2)
-        variance += probability * (bent_sigma**2 + (bent - strain) ** 2)
-        ambiguous = np.minimum(probability, 1 - probability) > self._settings.ambiguous_probability
-        flags |= np.where(ambiguous, Flag.AMBIGUOUS, 0)
-        flags |= np.where(frame.t_s - self._warm_s < self._settings.warm_up_s, Flag.WARMING_UP, 0)
-        flags |= np.where(self._taring.misfit, Flag.MISFIT, 0)
-        missing = (flags & (Flag.MISSING | Flag.MISFIT)) != 0
-        length = np.where(missing, np.nan, (1 + strain) * self._L0)  # eq. (4)
-        sigma = np.where(missing, np.inf, np.sqrt(variance) * self._L0)
-        rest_sigma = np.where(missing, 0.0, np.sqrt(1 - probability) * self._taring.rest_sigma * self._L0)
-        flags = np.where(missing, frame.flags | (flags & Flag.MISFIT), flags)
-        return TendonLengths(frame.t_s, length, sigma, self._mode, flags, rest_sigma, self._model.lag_s)
+        strain = self._in_its_mode(stretched, bent, probability)  # eq. (3)
+        flags = self._flags(held.flags, probability, frame.t_s)
+        return self._lengths(frame, strain, probability, flags)  # eq. (4)
 
     @property
     def exchanged(self) -> list[tuple[int, int]]:
@@ -113,10 +129,8 @@ class FrontEnd:
         self._mode = np.where(probability > limit, int(Mode.BENDING), int(Mode.STRETCHING))
         return np.asarray(probability)
 
-    def _hold_missing(
-        self, frame: ResistanceFrame, change: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-        """Return dR/R with gaps held, its rate, and the flags; start sensors afresh that come back from long gaps."""
+    def _hold_missing(self, frame: ResistanceFrame, change: NDArray[np.float64]) -> _HeldChange:
+        """Return dR/R with gaps held; start sensors afresh that come back from long gaps."""
         seen = np.isfinite(change)
         fresh = seen & (frame.t_s - self._seen_s > self._settings.settle_after_s)
         change = np.where(seen, change, self._change)
@@ -125,24 +139,61 @@ class FrontEnd:
             self._warm_s = np.where(fresh & ~self._rests(frame.t_s), frame.t_s, self._warm_s)
         step_s = frame.t_s - np.where(seen & ~fresh, self._seen_s, np.nan)
         rate = np.nan_to_num((change - self._change) / step_s)
-        self._change, self._seen_s = change, np.where(seen, frame.t_s, self._seen_s)
+        self._change = change
+        self._seen_s = np.where(seen, frame.t_s, self._seen_s)
         flags = frame.flags | np.where(np.abs(rate) > self._model.ranges.rate_per_s, Flag.TOO_FAST, 0)
         in_range = (change <= self._model.ranges.change[1]) & self._bending.in_range(change)
-        return change, rate, flags | np.where(in_range, 0, Flag.OUT_OF_RANGE)
+        return _HeldChange(change, rate, flags | np.where(in_range, 0, Flag.OUT_OF_RANGE))
 
     def _rests(self, t_s: float) -> NDArray[np.bool_]:
         return self._taring.tared & self._taring.is_resting(t_s)
 
-    def _stretched(
-        self, change: NDArray[np.float64], rate: NDArray[np.float64], t_s: float, step_s: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return strain and sigma of a stretched tendon, f_3 of eq. (3)."""
-        strain, sigma = self._stretching.step(change, rate, step_s)
-        strain = self._rest_tare.corrected(strain, self._taring.is_resting(t_s) & (self._seen_s == t_s))
-        widening, beyond, _ = self._extrapolation.step(change, rate, strain, step_s)
+    def _stretched(self, held: _HeldChange, t_s: float, step_s: float) -> _Strain:
+        """Return the strain of each tendon if it is stretched, f_3 of eq. (3)."""
+        strain, sigma = self._stretching.step(held.change, held.rate_per_s, step_s)
+        strain = self._rest_shift.corrected(strain, self._taring.is_resting(t_s) & (self._seen_s == t_s))
+        widening, beyond, _ = self._extrapolation.step(held.change, held.rate_per_s, strain, step_s)
         sigma = sigma * widening * self._model.sigma_scale.at(self._spread.step(strain, step_s))
         warm_for_s = np.nan_to_num(t_s - self._warm_s, nan=np.inf)
         warm_up = self._settings.warm_up_sigma * np.exp(-warm_for_s / self._settings.warm_up_s)
-        curve = self._stretching.curve_sigma(change)
-        parts = (sigma, self._taring.sigma(strain, change), curve, beyond, warm_up)
-        return strain, np.asarray(np.sqrt(sum(part**2 for part in parts)))
+        curve = self._stretching.curve_sigma(held.change)
+        parts = (sigma, self._taring.sigma(strain, held.change), curve, beyond, warm_up)
+        return _Strain(strain, np.asarray(np.sqrt(sum(part**2 for part in parts))))
+
+    def _bent(self, lag_free: NDArray[np.float64], lag: NDArray[np.float64]) -> _Strain:
+        """Return the strain of each tendon if it is bent, f_4 of eq. (3): half of the lag undone is not trusted."""
+        return _Strain(*self._bending.strain(lag_free, np.hypot(self._settings.bending_sigma, 0.5 * lag)))
+
+    def _in_its_mode(self, stretched: _Strain, bent: _Strain, probability: NDArray[np.float64]) -> _Strain:
+        """Return the strain in the mode that each tendon is in, with the sigma of both modes as they are likely."""
+        strain = np.where(self._mode == Mode.BENDING, bent.value, stretched.value)
+        variance = (1 - probability) * (stretched.sigma**2 + (stretched.value - strain) ** 2)
+        variance += probability * (bent.sigma**2 + (bent.value - strain) ** 2)
+        return _Strain(strain, np.sqrt(variance))
+
+    def _flags(self, flags: NDArray[np.int64], probability: NDArray[np.float64], t_s: float) -> NDArray[np.int64]:
+        """Return the flags with those added that the history of a sensor gives."""
+        ambiguous = np.minimum(probability, 1 - probability) > self._settings.ambiguous_probability
+        warming_up = t_s - self._warm_s < self._settings.warm_up_s
+        for flag, where in (
+            (Flag.AMBIGUOUS, ambiguous),
+            (Flag.WARMING_UP, warming_up),
+            (Flag.MISFIT, self._taring.misfit),
+        ):
+            flags = flags | np.where(where, int(flag), 0)
+        return flags
+
+    def _lengths(
+        self, frame: ResistanceFrame, strain: _Strain, probability: NDArray[np.float64], flags: NDArray[np.int64]
+    ) -> TendonLengths:
+        missing = (flags & (Flag.MISSING | Flag.MISFIT)) != 0
+        rest_sigma_m = np.sqrt(1 - probability) * self._taring.rest_sigma * self._L0
+        return TendonLengths(
+            t_s=frame.t_s,
+            length_m=np.where(missing, np.nan, (1 + strain.value) * self._L0),
+            sigma_m=np.where(missing, np.inf, strain.sigma * self._L0),
+            mode=self._mode,
+            flags=np.where(missing, frame.flags | (flags & Flag.MISFIT), flags),
+            rest_sigma_m=np.where(missing, 0.0, rest_sigma_m),
+            lag_s=self._model.lag_s,
+        )

@@ -36,7 +36,8 @@ class ReadingGate:
         self._last_s = np.nan
         self._same_since_s = np.full(sensors, np.nan)
         self._run = np.zeros(sensors)
-        self._same, self._seen = np.full(sensors, 49.0), np.full(sensors, 50.0)  # a quiet sensor, until it shows noise
+        self._same = np.full(sensors, 49.0)  # a quiet sensor, until it shows noise
+        self._seen = np.full(sensors, 50.0)
 
     def check(
         self, t_s: float, value: NDArray[np.float64], sigma: NDArray[np.float64], flags: NDArray[np.int64]

@@ -52,6 +52,13 @@ class StaticGauge:
         return _interpolate(strain, self.strain_knots, self.change_knots)
 
 
+def common_change(
+    change: NDArray[np.float64], gain: NDArray[np.float64] | float, offset: NDArray[np.float64] | float
+) -> NDArray[np.float64]:
+    """Return the dR/R that a sensor of gain 1 and offset 0 would read: (y - offset) / gain."""
+    return np.asarray((change - offset) / gain)
+
+
 def _interpolate(x: NDArray[np.float64], xs: NDArray[np.float64], ys: NDArray[np.float64]) -> NDArray[np.float64]:
     inside = np.interp(x, xs, ys)
     below = (x - xs[0]) * (ys[1] - ys[0]) / (xs[1] - xs[0])

@@ -120,7 +120,9 @@ class Lstm:
         """Return (sensors, 2) outputs and the next state, from (sensors, features) inputs."""
         n = self.hidden
         gates = np.tanh(np.concatenate([x, state.h], axis=1) @ self._weight + self._bias)
-        i, f, o = 0.5 + 0.5 * gates[:, :n], 0.5 + 0.5 * gates[:, n : 2 * n], 0.5 + 0.5 * gates[:, 3 * n :]
+        i = 0.5 + 0.5 * gates[:, :n]
+        f = 0.5 + 0.5 * gates[:, n : 2 * n]
+        o = 0.5 + 0.5 * gates[:, 3 * n :]
         c = f * state.c + i * gates[:, 2 * n : 3 * n]  # eqs. (10)-(13)
         h = o * np.tanh(c)  # eqs. (14), (15)
         return h @ self._head_weight + self._head_bias, LstmState(h, c)
@@ -128,7 +130,8 @@ class Lstm:
 
 def run_lstm(lstm: Lstm, x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (steps, 2) outputs for one sensor's (steps, features) inputs, from a fresh state."""
-    state, outputs = lstm.initial_state(1), []
+    state = lstm.initial_state(1)
+    outputs = []
     for row in x:
         output, state = lstm.step(row[None], state)
         outputs.append(output[0])

@@ -49,7 +49,9 @@ class StretchingSensors:
 
         In steps as long as those to come: settled in others, a sensor at rest would drift by 0.001 of strain in 10 s.
         """
-        state, still, strain = self._lstm.initial_state(len(change)), np.zeros(len(change)), np.zeros(len(change))
+        state = self._lstm.initial_state(len(change))
+        still = np.zeros(len(change))
+        strain = np.zeros(len(change))
         means = np.repeat(change[:, None], len(self._memory_s), axis=1)
         for _ in range(round(SETTLING_S / step_s)):
             strain, _, state = self._evaluate(change, still, step_s, means, state)
@@ -98,7 +100,8 @@ class Extrapolation:
     def __init__(self, model: SensorModel, sensors: int) -> None:
         self._ranges = model.ranges
         self._gauge = model.gauge
-        self._ratio, self._excess = np.zeros(sensors), np.zeros(sensors)
+        self._ratio = np.zeros(sensors)
+        self._excess = np.zeros(sensors)
         self._smooth: NDArray[np.float64] | None = None
 
     def step(

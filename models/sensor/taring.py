@@ -7,9 +7,11 @@ from numpy.typing import NDArray
 
 from ..values.readings import RestLengths
 from .bending import BendingCurve
-from .gauge import StaticGauge
+from .gauge import StaticGauge, common_change
 
-CURVE_SIGMA, FOLD_SIGMA, FOLD_STRAIN = 0.004, 0.01, 0.02
+CURVE_SIGMA = 0.004
+FOLD_SIGMA = 0.01
+FOLD_STRAIN = 0.02
 """Error of the gauge curve in dR/R, and of eq. (9), which may hold for strains below the last one."""
 MISFIT_SIGMA = 5.0
 """Beyond this a rest reading is no matter of gain and offset: a natural resistance wrong by 4 %. The 192 sensors of the
@@ -33,7 +35,8 @@ class Taring:
         self, gauge: StaticGauge, bending: BendingCurve, rest: RestLengths | None, natural_length_m: NDArray[np.float64]
     ) -> None:
         count = len(natural_length_m)
-        self._gauge, self._rest_s = gauge, rest.seconds if rest else 0.0
+        self._gauge = gauge
+        self._rest_s = rest.seconds if rest else 0.0
         self.rest_strain = rest.length_m / natural_length_m - 1 if rest else np.full(count, np.nan)
         self.rest_change = gauge.change(self.rest_strain, bending)
         self._rest_sigma = rest.sigma_m / natural_length_m if rest else np.full(count, np.nan)
@@ -43,9 +46,11 @@ class Taring:
         self._rest_change_sigma = np.sqrt(gain_variance + gauge.offset_sigma**2 + strain_variance + curve_sigma**2)
         self._gain_share = gain_variance / (gain_variance + gauge.offset_sigma**2 + strain_variance)
         self._gain_sigma_left = gauge.gain_sigma * np.sqrt(1 - self._gain_share)
-        self._mean, self._count = np.zeros(count), np.zeros(count)
+        self._mean = np.zeros(count)
+        self._count = np.zeros(count)
         self._first_s: float | None = None
-        self.gain, self.offset = np.ones(count), np.zeros(count)
+        self.gain = np.ones(count)
+        self.offset = np.zeros(count)
         self.misfit = np.zeros(count, dtype=np.bool_)
         """(tendons,) which sensors read at rest what no sensor on that tendon would; none when the rest is in doubt."""
         self.in_doubt = False
@@ -84,16 +89,16 @@ class Taring:
         return np.where(self.tared, self._rest_sigma, 0.0)
 
     def is_resting(self, t_s: float) -> bool:
-        """Whether the structure still stands at its rest shape; the first frame asked for starts the clock."""
-        if self._first_s is None:
-            self._first_s = t_s
-        return t_s - self._first_s < self._rest_s
+        """Whether the structure still stands at its rest shape: for the rest seconds from the first frame on."""
+        return self._first_s is not None and t_s - self._first_s < self._rest_s
 
     def common_change(self, t_s: float, change: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (tendons,) dR/R on the common curve; while the structure rests, learn gain and offset first."""
+        if self._first_s is None:
+            self._first_s = t_s
         if self.is_resting(t_s):
             self._learn(change)
-        return (change - self.offset) / self.gain
+        return common_change(change, self.gain, self.offset)
 
     def sigma(self, strain: NDArray[np.float64], change: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (tendons,) the strain sigma that gain, offset and rest shape leave at a strain with its dR/R."""
@@ -117,12 +122,13 @@ class Taring:
         self.offset = np.where(self.tared, (1 - share) * innovation, 0.0)
 
 
-class RestTare:
+class RestShift:
     """Shifts the network's strain so that its mean while the structure rests is the known one."""
 
     def __init__(self, rest_strain: NDArray[np.float64]) -> None:
         self._rest_strain = np.where(rest_strain >= 0, rest_strain, np.nan)
-        self._sum, self._count = np.zeros(len(rest_strain)), np.zeros(len(rest_strain))
+        self._sum = np.zeros(len(rest_strain))
+        self._count = np.zeros(len(rest_strain))
 
     def corrected(self, strain: NDArray[np.float64], resting: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return (tendons,) strain shifted; those that are read at rest are learned from first."""

@@ -84,9 +84,12 @@ def external_loads(
         residual_n: (..., rows) of `Statics.residual_n` there.
         residual_variance_n2: (..., rows) of it.
     """
-    lead, count = node_position_m.shape[:-2], statics.structure.node_count
-    nodes, rods = statics.nodes, statics.floating_rods
-    across, axial = residual_n[..., : 3 * len(nodes)], residual_n[..., 3 * len(nodes) :]
+    lead = node_position_m.shape[:-2]
+    count = statics.structure.node_count
+    nodes = statics.nodes
+    rods = statics.floating_rods
+    across = residual_n[..., : 3 * len(nodes)]
+    axial = residual_n[..., 3 * len(nodes) :]
     force = np.full((*lead, count, 3), np.nan)
     force[..., nodes, :] = -across.reshape(*lead, -1, 3)
     variance = np.full((*lead, count), np.inf)

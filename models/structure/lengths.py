@@ -13,8 +13,16 @@ def member_length_m(node_position_m: ArrayLike, members: NDArray[np.int64]) -> N
     return length
 
 
-def length_jacobian(node_position_m: ArrayLike, members: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return d|x_b - x_a| / dx, (..., members, nodes, 3): the unit vector u at b, -u at a."""
+def length_jacobian(
+    node_position_m: ArrayLike, members: NDArray[np.int64], coordinates: NDArray[np.int64] | None = None
+) -> NDArray[np.float64]:
+    """Return d|x_b - x_a| / dx, (..., members, coordinates): the unit vector u at b, -u at a.
+
+    Args:
+        node_position_m: (..., nodes, 3)
+        members: (members, 2) node pairs.
+        coordinates: those to derive by, of all (3 nodes,); all if None.
+    """
     position = np.asarray(node_position_m, dtype=np.float64)
     difference = position[..., members[:, 1], :] - position[..., members[:, 0], :]
     unit = difference / np.linalg.norm(difference, axis=-1, keepdims=True)
@@ -22,4 +30,10 @@ def length_jacobian(node_position_m: ArrayLike, members: NDArray[np.int64]) -> N
     row = np.arange(len(members))
     jacobian[..., row, members[:, 1], :] = unit
     jacobian[..., row, members[:, 0], :] = -unit
-    return jacobian
+    jacobian = jacobian.reshape(*jacobian.shape[:-2], -1)
+    return jacobian if coordinates is None else np.take(jacobian, coordinates, axis=-1)
+
+
+def propagated_variance(jacobian: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., rows), the variance h P h^T of each row h of a (..., rows, n) Jacobian, P (..., n, n)."""
+    return np.asarray(np.einsum("...ei,...ij,...ej->...e", jacobian, covariance, jacobian))

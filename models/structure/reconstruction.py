@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..values.errors import InputError
 from ..values.readings import TendonLengths
 from .external_loads import ExternalLoads
-from .lengths import length_jacobian
+from .lengths import length_jacobian, propagated_variance
 from .rigidity import branch, free_length_jacobian
 from .shape import Ellipsoids, OtherShape, Shape, Status, ellipsoids, node_blocks
 from .structure import Structure
@@ -55,17 +55,17 @@ class Reconstruction:
         each = [shape.loads for shape in collected if shape.loads is not None]
         loads = ExternalLoads(np.array([of.force_n for of in each]), np.array([of.sigma_n for of in each]))
         return cls(
-            structure,
-            np.array([shape.t_s for shape in collected]),
-            np.array([shape.node_position_m for shape in collected]),
-            np.array([shape.covariance_m2 for shape in collected]),
-            tuple(shape.status for shape in collected),
-            np.array([shape.lengths.length_m for shape in collected]),
-            np.array([shape.lengths.sigma_m for shape in collected]),
-            np.array([shape.lengths.mode for shape in collected]),
-            np.array([shape.lengths.flags for shape in collected]),
-            loads if len(each) == len(collected) else None,
-            tuple(shape.other for shape in collected),
+            structure=structure,
+            t_s=np.array([shape.t_s for shape in collected]),
+            node_position_m=np.array([shape.node_position_m for shape in collected]),
+            covariance_m2=np.array([shape.covariance_m2 for shape in collected]),
+            status=tuple(shape.status for shape in collected),
+            length_m=np.array([shape.lengths.length_m for shape in collected]),
+            sigma_m=np.array([shape.lengths.sigma_m for shape in collected]),
+            mode=np.array([shape.lengths.mode for shape in collected]),
+            flags=np.array([shape.lengths.flags for shape in collected]),
+            loads=loads if len(each) == len(collected) else None,
+            others=tuple(shape.other for shape in collected),
         )
 
     def __len__(self) -> int:
@@ -73,16 +73,22 @@ class Reconstruction:
 
     def __iter__(self) -> Iterator[Shape]:
         for k in range(len(self)):
-            lengths = TendonLengths(self.t_s[k], self.length_m[k], self.sigma_m[k], self.mode[k], self.flags[k])
+            lengths = TendonLengths(
+                t_s=self.t_s[k],
+                length_m=self.length_m[k],
+                sigma_m=self.sigma_m[k],
+                mode=self.mode[k],
+                flags=self.flags[k],
+            )
             loads = ExternalLoads(self.loads.force_n[k], self.loads.sigma_n[k]) if self.loads else None
             yield Shape(
-                self.t_s[k],
-                self.node_position_m[k],
-                self.covariance_m2[k],
-                self.status[k],
-                lengths,
-                loads,
-                self.others[k],
+                t_s=self.t_s[k],
+                node_position_m=self.node_position_m[k],
+                covariance_m2=self.covariance_m2[k],
+                status=self.status[k],
+                lengths=lengths,
+                loads=loads,
+                other=self.others[k],
             )
 
     @property
@@ -112,8 +118,7 @@ class Reconstruction:
         prediction, where it was not.
         """
         jacobian = length_jacobian(self.node_position_m, self.structure.tendons)
-        jacobian = jacobian.reshape(*jacobian.shape[:2], -1)
-        predicted = np.einsum("tei,tij,tej->te", jacobian, self.covariance_m2, jacobian, optimize=True)
+        predicted = propagated_variance(jacobian, self.covariance_m2)
         measured = np.isfinite(self.sigma_m)
         left = np.where(measured, self.sigma_m, 0.0) ** 2 - predicted
         return np.asarray(np.sqrt(np.where(measured, np.maximum(left, 1e-12), np.maximum(predicted, 0.0))))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..values.readings import RestLengths
 from ..values.tables import Positive
-from .lengths import length_jacobian
+from .lengths import length_jacobian, propagated_variance
 from .statics import Mechanics
 from .structure import Structure
 
@@ -47,7 +47,6 @@ class RestShape:
 
     def lengths(self, structure: Structure, seconds: float) -> RestLengths:
         """Return the tendon lengths at rest with their sigma."""
-        jacobian = length_jacobian(self.node_position_m, structure.tendons).reshape(len(structure.tendons), -1)
-        variance = np.einsum("ij,jk,ik->i", jacobian, self.covariance_m2, jacobian)
+        variance = propagated_variance(length_jacobian(self.node_position_m, structure.tendons), self.covariance_m2)
         length_m = structure.tendon_length_m(self.node_position_m)
         return RestLengths(seconds, length_m, np.sqrt(np.maximum(variance, 1e-12)))

@@ -14,6 +14,11 @@ SINGULAR = 1e-6
 """A singular value of the (dimensionless) length Jacobian below this is zero: at the regular six-strut shape the
 mechanism's is 1.6e-8, the next one 0.16, under load the mechanism's is above 2e-3 nearly always."""
 
+ROD_WEIGHT = 100.0
+"""A rod gives way 1e4 times less than a tendon: by 1e-5 of its length."""
+STARTS = 8
+"""Random shapes from which the rest shape is looked for."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rigidity:
@@ -35,8 +40,7 @@ class Rigidity:
 
 def free_length_jacobian(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (..., rods + free tendons, 3 * free nodes), the Jacobian whose rank and determinant decide."""
-    jacobian = length_jacobian(node_position_m, structure.free_members)[..., structure.free_nodes, :]
-    return jacobian.reshape(*jacobian.shape[:-2], -1)
+    return length_jacobian(node_position_m, structure.free_members, structure.free_coordinates)
 
 
 def rigidity(structure: Structure, node_position_m: NDArray[np.float64]) -> Rigidity:
@@ -70,32 +74,16 @@ def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
     Raises:
         IndeterminateError: when no start leads to a shape that keeps the rods' lengths.
     """
-    free, scale = structure.free_nodes, float(structure.rod_length_m.mean())
+    energy = _TendonEnergy(structure)
     base = structure.anchor_position_m
-    rod_weight = 100.0  # a rod gives way 1e4 times less than a tendon: 1e-5 of its length here
-
-    def place(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        position = np.empty((structure.node_count, 3))
-        position[structure.anchors], position[free] = base, coordinates.reshape(-1, 3)
-        return position
-
-    def residual(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        position = place(coordinates)
-        rod_error = member_length_m(position, structure.rods) - structure.rod_length_m
-        stretch = structure.tendon_length_m(position) - structure.natural_length_m
-        return np.concatenate([rod_weight * rod_error, stretch])
-
-    def jacobian(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        rows = length_jacobian(place(coordinates), np.concatenate([structure.rods, structure.tendons]))
-        rows[: len(structure.rods)] *= rod_weight
-        return rows[:, free].reshape(len(rows), -1)
-
+    scale = float(structure.rod_length_m.mean())
+    free = structure.free_nodes
     rng = np.random.default_rng(0)
     shapes = []
-    for _ in range(8):
+    for _ in range(STARTS):
         start = base.mean(axis=0) + scale * rng.uniform([-0.6, -0.6, 0.0], [0.6, 0.6, 1.0], (len(free), 3))
-        solution = least_squares(residual, start.ravel(), jacobian, method="trf", xtol=1e-10, ftol=1e-12)
-        position = place(solution.x)
+        solution = least_squares(energy.residual, start.ravel(), energy.jacobian, method="trf", xtol=1e-10, ftol=1e-12)
+        position = energy.position_m(solution.x)
         rod_error = np.abs(member_length_m(position, structure.rods) / structure.rod_length_m - 1)
         if rod_error.max() < 1e-2 and position[free, 2].mean() > base[:, 2].mean():
             shapes.append((solution.cost, position))
@@ -104,3 +92,32 @@ def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
             "the structure has no rest shape with these rod, tendon and anchor lengths: check their units"
         )
     return min(shapes, key=lambda shape: shape[0])[1]
+
+
+class _TendonEnergy:
+    """The sum of (l - L0)^2 over the tendons, and of the rods' errors with a large weight, by the free coordinates."""
+
+    def __init__(self, structure: Structure) -> None:
+        self._structure = structure
+        self._members = np.concatenate([structure.rods, structure.tendons])
+
+    def position_m(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (nodes, 3) positions, anchors where they are."""
+        position = np.empty((self._structure.node_count, 3))
+        position[self._structure.anchors] = self._structure.anchor_position_m
+        position[self._structure.free_nodes] = coordinates.reshape(-1, 3)
+        return position
+
+    def residual(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (rods + tendons,) the terms of the sum."""
+        structure = self._structure
+        position = self.position_m(coordinates)
+        rod_error = member_length_m(position, structure.rods) - structure.rod_length_m
+        stretch = structure.tendon_length_m(position) - structure.natural_length_m
+        return np.concatenate([ROD_WEIGHT * rod_error, stretch])
+
+    def jacobian(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return their derivative (rods + tendons, 3 free)."""
+        rows = length_jacobian(self.position_m(coordinates), self._members, self._structure.free_coordinates)
+        rows[: len(self._structure.rods)] *= ROD_WEIGHT
+        return rows

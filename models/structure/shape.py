@@ -49,7 +49,8 @@ class Ellipsoids:
 def ellipsoids(covariance_m2: NDArray[np.float64], probability: float) -> Ellipsoids:
     """Return the regions (x - mean)^T C^-1 (x - mean) <= chi2_3(probability) of (..., 3, 3) covariances."""
     variance, axes = np.linalg.eigh(covariance_m2)
-    variance, axes = np.maximum(variance[..., ::-1], 0.0), axes[..., ::-1].copy()
+    variance = np.maximum(variance[..., ::-1], 0.0)
+    axes = axes[..., ::-1].copy()
     axes[..., 2] *= np.sign(np.linalg.det(axes))[..., None]
     return Ellipsoids(probability, np.sqrt(chi2.ppf(probability, 3) * variance), axes)
 

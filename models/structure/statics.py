@@ -42,19 +42,22 @@ class Statics:
     """
 
     def __init__(self, structure: Structure, mechanics: Mechanics) -> None:
-        self.structure, self.mechanics = structure, mechanics
+        self.structure = structure
+        self.mechanics = mechanics
         count = structure.node_count
         self._a, self._b = structure.tendons.T
         tendons = np.arange(len(structure.tendons))
         self._incidence = np.zeros((count, len(tendons)))
-        self._incidence[self._a, tendons], self._incidence[self._b, tendons] = 1.0, -1.0
+        self._incidence[self._a, tendons] = 1.0
+        self._incidence[self._b, tendons] = -1.0
         self._pairs = -(self._incidence[:, None] * self._incidence[None]).reshape(count * count, -1)
         weight_n = np.zeros((count, 3))
         np.add.at(weight_n[:, 2], structure.rods.ravel(), -0.5 * mechanics.rod_mass_kg * GRAVITY_M_PER_S2)
         self._weight_n = weight_n
         self.nodes = structure.free_nodes
         partner = np.arange(count)
-        partner[structure.rods], partner[structure.rods[:, ::-1]] = structure.rods[:, ::-1], structure.rods
+        partner[structure.rods] = structure.rods[:, ::-1]
+        partner[structure.rods[:, ::-1]] = structure.rods
         self._partner = partner[self.nodes]
         self._on_rod = (self._partner != self.nodes)[:, None]
         self.floating_rods = structure.rods[np.isin(structure.rods, self.nodes).all(axis=1)]
@@ -89,8 +92,12 @@ class Statics:
             dr_n/dx = P K_n - ((w . f_n) I + w f_n^T) (P / ell) at n, + the same at its partner
             ds/dx   = w^T (K_i + K_j) -+ (f_i + f_j)^T P / ell at i and j
         """
-        x, nodes, rods = node_position_m, self.nodes, self.floating_rods
-        lead, count, eye = x.shape[:-2], self.structure.node_count, np.eye(3)
+        x = node_position_m
+        nodes = self.nodes
+        rods = self.floating_rods
+        lead = x.shape[:-2]
+        count = self.structure.node_count
+        eye = np.eye(3)
         unit, length, stiffness, tension = self._tensions(x)
         force = self._weight_n - self._incidence @ (tension[..., None] * unit)
         uu = unit[..., :, None] * unit[..., None, :]

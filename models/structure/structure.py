@@ -33,7 +33,8 @@ class Structure:
     """(anchors, 3) their positions; they define the frame of every result."""
 
     def __post_init__(self) -> None:
-        rods, tendons = _node_pairs("rods", self.rods), _node_pairs("tendons", self.tendons)
+        rods = _node_pairs("rods", self.rods)
+        tendons = _node_pairs("tendons", self.tendons)
         anchors = np.asarray(self.anchors, dtype=np.int64).reshape(-1)
         _check_topology(rods, tendons, anchors)
         values = {
@@ -171,7 +172,12 @@ def _on_triangle(
     """Anchor nodes 0, 1, 2 to an equilateral triangle in the plane z = 0, node 0 at the origin, 1 on the x axis."""
     triangle = side_m * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, np.sqrt(3) / 2, 0.0]])
     return Structure(
-        np.array(rods), np.array(tendons), np.array(rod_length_m), np.array(natural_length_m), np.arange(3), triangle
+        rods=np.array(rods),
+        tendons=np.array(tendons),
+        rod_length_m=np.array(rod_length_m),
+        natural_length_m=np.array(natural_length_m),
+        anchors=np.arange(3),
+        anchor_position_m=triangle,
     )
 
 

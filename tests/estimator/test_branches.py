@@ -22,7 +22,7 @@ class TestBranches:
         builder = GraphBuilder(example_structure, rest, NoiseSettings())
         lengths = lengths_of(example_structure, true, sigma_m=2e-4)
         shape = FrameEstimator(example_structure, rest, Settings()).update(lengths)
-        told = OtherBranch(builder, BranchSettings()).told(shape)
+        told = OtherBranch(builder, BranchSettings()).with_other(shape)
         assert told.status == Status.TWO_SHAPES
         other = told.other.node_position_m
         assert branch(example_structure, other) == -branch(example_structure, shape.node_position_m)
@@ -36,4 +36,4 @@ class TestBranches:
         true = pressed(structure, balanced, load)
         builder = GraphBuilder(structure, balanced, NoiseSettings())
         shape = FrameEstimator(structure, balanced, Settings()).update(lengths_of(structure, true, sigma_m=2e-4))
-        assert OtherBranch(builder, BranchSettings()).told(shape).status == Status.OK
+        assert OtherBranch(builder, BranchSettings()).with_other(shape).status == Status.OK

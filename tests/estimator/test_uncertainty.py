@@ -9,6 +9,7 @@ from scipy.stats import chi2
 from noise_settings import with_noise
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.graph import GraphBuilder
+from tensegraph.factors.noise import weigh
 from tensegraph.models.estimation import NoiseSettings
 from tensegraph.models.structure.lengths import length_jacobian
 
@@ -20,7 +21,7 @@ class TestCovariance:
         settings = with_noise(anchor_m=1e-6)
         shape = FrameEstimator(structure, rest, settings).update(lengths)
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        GraphBuilder(structure, rest, settings.noise).add_frame(graph, 0, lengths)
+        GraphBuilder(structure, rest, settings.noise).add_frame(graph, 0, weigh(lengths, settings.noise))
         for node, x in enumerate(shape.node_position_m):
             values.insertPoint3(node, x)
         expected = np.linalg.inv(graph.linearize(values).hessian()[0]) + rest.covariance_m2

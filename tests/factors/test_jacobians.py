@@ -6,6 +6,7 @@ import pytest
 from graph_values import KEYS, NOISE, values_of
 from tensegraph.factors.anchor import anchor_factors
 from tensegraph.factors.motion import constant_velocity_factors, still_factors
+from tensegraph.factors.noise import weigh
 from tensegraph.factors.rod import rod_factors
 from tensegraph.factors.shape_prior import shape_prior_factors
 from tensegraph.factors.tendon import tendon_factors
@@ -22,7 +23,7 @@ def all_factors(structure, rest, lengths):
     return {
         "anchor": anchor_factors(structure, KEYS[0], NOISE),
         "rod": rod_factors(structure, KEYS[0], NOISE),
-        "tendon": tendon_factors(structure, KEYS[0], lengths, NOISE),
+        "tendon": tendon_factors(structure, KEYS[0], weigh(lengths, NOISE), NOISE.robust),
         "shape prior": shape_prior_factors(free, KEYS[0], rest.node_position_m, NOISE.shape_prior_m),
         "still": still_factors(free, KEYS[0], KEYS[1], 0.02, NOISE.motion_m_per_s15),
         "constant velocity": constant_velocity_factors(free, KEYS, (0.02, 0.03), NOISE.motion_m_per_s15),

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from strips import triangle
 from tensegraph.models.calibration.strip_baselines import StaticEstimator
-from tensegraph.models.calibration.strips import Tare, TareSearch, run_strips, tare_strips
+from tensegraph.models.calibration.strip_gains import StripGain, StripGainSearch, tare_strips
+from tensegraph.models.calibration.strips import run_strips
 from tensegraph.models.sensor.gauge import StaticGauge
 
 
@@ -16,7 +17,7 @@ class TestTare:
 
     def test_sigma_left_by_hand(self) -> None:
         """d strain / d (gain, offset) = (y, 1) / slope: with y = 0.1, slope 2, sigmas 0.04 and 0.003: 0.0025."""
-        tare = Tare(np.array([1.0, 0.0]), np.diag([0.04**2, 0.003**2]))
+        tare = StripGain(np.array([1.0, 0.0]), np.diag([0.04**2, 0.003**2]))
         assert tare.sigma(np.array(0.1), np.array(2.0)) == pytest.approx(np.hypot(0.004, 0.003) / 2)
 
     @given(st.floats(0.9, 1.1), st.floats(-0.005, 0.005))
@@ -26,21 +27,21 @@ class TestTare:
         tare = tare_strips(estimator, [triangle("a", 0.1, gain=gain, offset=offset)], self.gauge)["a"]
         sigma = np.sqrt(np.diag(tare.covariance))
         assert (sigma < [0.05, 0.003]).all()
-        assert (np.abs(tare.own - [gain, offset]) < 3 * sigma).all()
+        assert (np.abs(tare.gain_and_offset - [gain, offset]) < 3 * sigma).all()
 
     def test_a_step_that_makes_things_worse_is_halved(self) -> None:
         """atan(x) = 0 from x = 2: Newton's step leads to -3.5, and on to -13.9, 280, ..."""
-        search = TareSearch(Tare(np.array([2.0, 0.0]), np.eye(2)))
+        search = StripGainSearch(StripGain(np.array([2.0, 0.0]), np.eye(2)))
         for _ in range(30):
-            x, y = 20 * search.next_own  # so that the limit on a step does not hide it
+            x, y = 20 * search.next_try  # so that the limit on a step does not hide it
             error, slopes = np.array([np.arctan(x), y]), 20 * np.array([1 / (1 + x**2), 1.0])
             search.take(float(error @ error), slopes * error, np.diag(slopes**2))
-        np.testing.assert_allclose(search.best.own, 0, atol=1e-6)
+        np.testing.assert_allclose(search.best.gain_and_offset, 0, atol=1e-6)
 
     def test_what_was_trained_on_keeps_its_tare_and_early_samples_do_not_score(self) -> None:
         estimator = StaticEstimator(np.array([-0.5, 0.5]), np.array([-0.5, 0.5]), 0.002)
         r = triangle("a", 0.1, gain=1.2)
-        known = {"a": Tare(np.array([1.2, 0.0]), np.zeros((2, 2)))}
+        known = {"a": StripGain(np.array([1.2, 0.0]), np.zeros((2, 2)))}
         (run,) = run_strips(estimator, [r], self.gauge, known)
         np.testing.assert_allclose(run.error, 0, atol=1e-12)
         np.testing.assert_allclose(run.sigma, 0.002)

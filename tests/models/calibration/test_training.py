@@ -51,7 +51,7 @@ def test_the_network_undoes_a_lag_that_the_curve_can_not(calibrated) -> None:
 
 def test_gains_are_found_along_with_the_network(calibrated) -> None:
     """In proportion: one gain for all is the curve's. The last two strips validate and test."""
-    own = calibrated[0].trained.own
+    own = calibrated[0].trained.gain_and_offset
     gains = np.array([own[f"random_s{k}"][0] for k in range(4)])
     np.testing.assert_allclose(gains / gains.mean(), np.array(GAINS[:4]), rtol=0.03)
     assert 0.03 < calibrated[0].trained.gauge.gain_sigma < 0.1
@@ -104,7 +104,7 @@ def test_running_needs_no_torch_and_gives_what_torch_gives(calibrated) -> None:
 def test_the_curve_trained_on_is_the_one_run(calibrated) -> None:
     import torch
 
-    from tensegraph.models.calibration.training import curve_strain
+    from tensegraph.models.calibration.torch_network import curve_strain
 
     curve, rng = calibrated[0].model.curve, np.random.default_rng(0)
     change, means = rng.uniform(-0.1, 0.5, 300), rng.uniform(-0.1, 0.5, (300, CURVE_MEMORIES))
