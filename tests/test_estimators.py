@@ -9,11 +9,12 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from tensegraph import IndeterminateError, Reconstruction, Settings, Status, three_strut
-from tensegraph.estimator.baselines import LeastSquares, UnscentedKalman
 from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.graph import GraphBuilder
+from tensegraph.estimator.least_squares import LeastSquares
 from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.estimator.unscented_kalman import UnscentedKalman
 from tensegraph.models.estimation import NoiseSettings, SmootherSettings
 from tensegraph.models.evaluation.alignment import interpolated
 from tensegraph.models.evaluation.metrics import node_rmse_m

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from tensegraph import Flag, InputError, Reconstruction, Structure, open_trial, six_strut, stream, three_strut
-from tensegraph.commands.compare import HELD, Measured, comparison_rows
-from tensegraph.commands.evaluate import ScoredResult
+from tensegraph.commands.compare import NO_METHOD, Measured, comparison_rows
 from tensegraph.io.comparison_tables import as_markdown, write_comparison_csv
+from tensegraph.io.evaluation_tables import ScoredResult
 from tensegraph.io.positions import read_positions
 from tensegraph.io.result import read_estimate, write_tables
 from tensegraph.models.evaluation.alignment import interpolated, rigid_alignment
@@ -322,10 +322,10 @@ class TestTruth:
         """Only some nodes, in any order, with blank cells where a marker was hidden."""
         path = tmp_path / "mocap.csv"
         path.write_text("n1_z_m,t_s,n1_x_m,n1_y_m\n3,0.0,1,2\n,0.1,,\n")
-        t_s, positions = read_positions(path, 3)
-        np.testing.assert_array_equal(t_s, [0.0, 0.1])
-        np.testing.assert_array_equal(positions[:, 1], [[1, 2, 3], [np.nan] * 3])
-        assert np.isnan(positions[:, [0, 2]]).all()
+        positions = read_positions(path, 3)
+        np.testing.assert_array_equal(positions.t_s, [0.0, 0.1])
+        np.testing.assert_array_equal(positions.node_position_m[:, 1], [[1, 2, 3], [np.nan] * 3])
+        assert np.isnan(positions.node_position_m[:, [0, 2]]).all()
 
     @pytest.mark.parametrize(
         ("text", "message"),
@@ -592,7 +592,7 @@ def test_a_score_is_json_without_holes() -> None:
 
     structure = four_nodes()
     estimate = estimate_of(structure, moved([[0, 0, 1]] * 3), variance_m2=(1e-6, 1e-6, 0.0))
-    score = ScoredResult(Path("out"), "toy", HELD, evaluate(structure, TRUE_M, estimate, truth_of(3)))
+    score = ScoredResult(Path("out"), "toy", NO_METHOD, evaluate(structure, TRUE_M, estimate, truth_of(3)))
     read = json.loads(json.dumps(score.as_json(), allow_nan=False))
     assert read["consistency"]["nees"] == [None]
     assert read["absolute"]["nodes"]["rmse_m"] == pytest.approx(0.001)

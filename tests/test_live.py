@@ -21,8 +21,8 @@ from tensegraph import TendonLengths, open_trial
 from tensegraph.cli import main
 from tensegraph.io.replay import Replay
 from tensegraph.io.result import write_tables
-from tensegraph.live.feeds import Rig
-from tensegraph.live.session import Activity, NewestFrames
+from tensegraph.live.activity import Activity, NewestFrames
+from tensegraph.live.rig import Rig
 from tensegraph.models.sensor.stillness import StillnessWatch
 
 TABLES = ["shape.csv", "ellipsoids.csv", "lengths.csv", "status.csv"]
@@ -36,9 +36,7 @@ def typed(monkeypatch, capfd):
         monkeypatch.chdir(cwd)
         monkeypatch.setenv("COLUMNS", "120")
         monkeypatch.setattr(sys, "argv", ["tensegraph", *map(str, arguments)])
-        monkeypatch.setattr(
-            "tensegraph.live.feeds.PATIENCE_S", 1.5
-        )  # no board of these tests takes a Mega's two seconds
+        monkeypatch.setattr("tensegraph.live.rig.PATIENCE_S", 1.5)  # no board of these tests takes a Mega's two seconds
         with pytest.raises(SystemExit) as ended:
             main()
         return (ended.value.code or 0, *capfd.readouterr())
@@ -238,7 +236,7 @@ def test_late_frames_are_skipped_until_the_newest() -> None:
     empty = np.empty(0)
     frames = [TendonLengths(float(k), empty, empty, empty, empty) for k in range(len(script))]
     activity = Activity(boards=2)
-    kept = [frame.t_s for frame in NewestFrames(Backlog(script), activity).of(iter(frames))]
+    kept = [frame.t_s for frame in NewestFrames(Backlog(script), activity).select(iter(frames))]
     assert kept == [0, 1, 2, 3, 7, 8]
     assert activity.skipped_frames == 3
 

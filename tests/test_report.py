@@ -12,7 +12,7 @@ import pytest
 
 from tensegraph import Reconstruction, Status, Structure, open_trial, stream
 from tensegraph.commands.reconstruct import load_rows, rest_balance
-from tensegraph.io.figures.shape_figures import load_arrows_mm, write_shape_figure
+from tensegraph.io.figures.shape_figures import load_arrows, write_shape_figure
 from tensegraph.models.structure.external_loads import ExternalLoads
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.structure.statics import Mechanics
@@ -61,19 +61,19 @@ def test_without_stiffness_nothing_is_said(pressed, rest) -> None:
 
 def test_the_balance_at_rest(structure, rest) -> None:
     mechanics = Mechanics(np.full(24, 400.0), structure.natural_length_m, 0.03, 0.02)
-    told = rest_balance(replace(rest, mechanics=mechanics, unbalanced_n=(0.4, 0.0021)))
-    assert told == [("forces at rest", "0.400 N rms unbalanced as given, 0.002 N after taring")]
+    rows = rest_balance(replace(rest, mechanics=mechanics, unbalanced_n=(0.4, 0.0021)))
+    assert rows == [("forces at rest", "0.400 N rms unbalanced as given, 0.002 N after taring")]
 
 
 def test_an_arrow_ends_at_the_node_it_pushes(pressed) -> None:
     """2 N downwards is 60 mm, from above; at a sigma of 0.3 N, 0.5 N is not drawn."""
     pressed.loads.sigma_n[15, 8] = 0.3
-    tails_mm, pushes_mm = load_arrows_mm(pressed, 15, 0.2)
-    np.testing.assert_allclose(pushes_mm, [[0, 0, -60]])
-    np.testing.assert_allclose(tails_mm + pushes_mm, 1e3 * pressed.node_position_m[15, [5]])
-    assert len(load_arrows_mm(pressed, 12, 0.2)[0]) == 2
-    assert len(load_arrows_mm(pressed, 0, 0.2)[0]) == 0
-    assert len(load_arrows_mm(replace(pressed, loads=None), 15, 0.2)[0]) == 0
+    arrows = load_arrows(pressed, 15, 0.2)
+    np.testing.assert_allclose(arrows.push_mm, [[0, 0, -60]])
+    np.testing.assert_allclose(arrows.tail_mm + arrows.push_mm, 1e3 * pressed.node_position_m[15, [5]])
+    assert len(load_arrows(pressed, 12, 0.2).tail_mm) == 2
+    assert len(load_arrows(pressed, 0, 0.2).tail_mm) == 0
+    assert len(load_arrows(replace(pressed, loads=None), 15, 0.2).tail_mm) == 0
 
 
 @pytest.mark.parametrize("known", [True, False])

@@ -56,7 +56,7 @@ REFUSED = [
     ("trial", replaced("[0, 1], [1, 2]", "[0, 1], [1, 0]"), r"trial.toml: tendon 1 \(1-0\): joins the same nodes as tendon 0"),
     ("trial", replaced("natural_resistance_ohm = [", "natural_resistance_ohm = [5, "), r"expected 24 finite numbers, got 25"),
     ("trial", replaced("[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]", "[0, 0, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]"), r"is wired to"),
-    ("trial", replaced("[rest]", "[rest"), r"trial.toml: can not be read as TOML"),
+    ("trial", replaced("[rest]", "[rest"), r"trial.toml: cannot be read as TOML"),
     ("trial", replaced("seconds = 2.0", "seconds = -2.0"), r"rest.seconds: .*got -2.0"),
 ]  # fmt: skip
 
@@ -274,7 +274,7 @@ class TestSettings:
             ("[noise]\nrobust = 'hard'\n", r"noise.robust: .*got 'hard'"),
             ("probability = 95\n", r"probability: .*got 95"),
             ("[smoother]\nlag = 1\n", r"smoother.lag: .*got 1"),
-            ("probability = \n", r"can not be read as TOML"),
+            ("probability = \n", r"cannot be read as TOML"),
             ("[frames]\nrate_hz = 0\n", r"frames.rate_hz: .*got 0"),
         ],
     )
