@@ -47,7 +47,7 @@ class CsvFile:
         except FileNotFoundError as error:
             raise InputError(f"{self.path}: no such file") from error
         except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{self.path}: can not be read: {error}") from error
+            raise InputError(f"{self.path}: cannot be read: {error}") from error
         raise InputError(f"{self.path}: is empty: expected a header with {', '.join(self.columns)}")
 
     def __iter__(self) -> Iterator[list[float]]:

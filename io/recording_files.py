@@ -25,14 +25,14 @@ class RecordingFolder:
     sha256: dict[str, str]
     """Of each of their files."""
     left_out: list[str]
-    """One line for each file that can not be used: which, where and why."""
+    """One line for each file that cannot be used: which, where and why."""
 
 
 def read_rig(path: Path | None) -> StripRig:
     """Return the rig described in a TOML file, or the default.
 
     Raises:
-        InputError: for a file that can not be read, a key that is none, or a value that can not be.
+        InputError: for a file that cannot be read, a key that is none, or a value that cannot be.
     """
     if path is None:
         return StripRig()
@@ -51,7 +51,7 @@ def rig_text(rig: StripRig) -> str:
 
 
 def read_recordings(folder: Path, rig: StripRig) -> RecordingFolder:
-    """Return all recordings of a folder, and why the others can not be used.
+    """Return all recordings of a folder, and why the others cannot be used.
 
     Raises:
         InputError: when there is no usable one.

@@ -21,14 +21,14 @@ def read_toml(path: Path) -> dict[str, Any]:
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: can not be read as TOML: {error}") from error
+        raise InputError(f"{path}: cannot be read as TOML: {error}") from error
 
 
 def read_settings(path: Path | None) -> Settings:
     """Return the settings of a configuration file, or the defaults.
 
     Raises:
-        InputError: for a file that can not be read, a key that is no setting, or a value that can not be.
+        InputError: for a file that cannot be read, a key that is no setting, or a value that cannot be.
     """
     if path is None:
         return Settings()

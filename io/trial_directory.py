@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..models.evaluation.truth import Fault, TrueLoads, known_faults
 from ..models.trial_description import TrialDescription, TrialTable, describe_trial
 from ..models.values.errors import InputError
 from ..models.values.readings import BoardReading, Flag, Mode, ResistanceReading, TendonLengths
+from ..models.values.stamped_positions import StampedPositions
 from .csv import CsvFile
 from .positions import read_forces, read_positions
 from .toml import read_toml
@@ -42,7 +42,7 @@ class Trial:
         """Yield the measurements in order of arrival; to be iterated once.
 
         Raises:
-            InputError: at the first row that can not be read, or when there is none.
+            InputError: at the first row that cannot be read, or when there is none.
         """
         sources: dict[str, Callable[[], Iterator[Reading]]]
         sources = {"counts": self._rows, "resistance": self._resistances, "lengths": self._lengths}
@@ -70,8 +70,8 @@ class Trial:
             result[name] = hashlib.sha256((self.path / name).read_bytes()).hexdigest()
         return result
 
-    def truth(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Return (frames,) t_s and (frames, nodes, 3) true positions, if the trial has them. Evaluation only."""
+    def truth(self) -> StampedPositions | None:
+        """Return the true positions, if the trial has them. Evaluation only."""
         if self.table.truth is None:
             return None
         return read_positions(self.path / self.table.truth.file, self.description.structure.node_count)
@@ -80,7 +80,7 @@ class Trial:
         """Return the external forces that the trial is known to have, if it names them. Evaluation only."""
         if self.table.truth is None or self.table.truth.loads is None:
             return None
-        return TrueLoads(*read_forces(self.path / self.table.truth.loads, self.description.structure.node_count))
+        return read_forces(self.path / self.table.truth.loads, self.description.structure.node_count)
 
     def faults(self) -> tuple[Fault, ...]:
         """Return the faults that the trial is known to have. Evaluation only."""

@@ -112,4 +112,4 @@ def _reason(error: Exception) -> str:
     if number is None:
         return "the device is gone"
     reason = {2: "not there", 11: "in use by another program", 13: "no permission", 16: "in use by another program"}
-    return reason.get(number, f"can not be opened: {error}")
+    return reason.get(number, f"cannot be opened: {error}")

@@ -99,7 +99,7 @@ class SerialLink:
     def begin(self, origin_s: float, path: Path | None = None, metadata: Mapping[str, Any] | None = None) -> None:
         """Begin a trial with the first row from `origin_s` on; record it if a path is given.
 
-        A recording that can not be, or ends early, says so in `state`.
+        A recording that cannot be, or ends early, says so in `state`.
         """
         self._pipe.send(_Begin(origin_s, path, metadata or {}))
 
