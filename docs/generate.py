@@ -30,6 +30,15 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).parents[1]
 SKIPPED = {"tests", "examples", "benchmarks", "docs", "build", "dist", "site"}
 """Folders beside the package's own."""
+PAGES = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+    "models/data/stretching.md": "reference/model-card.md",
+}
+"""Files of the repository that are pages, so that nothing is said twice."""
+PICTURES = ("examples/*.png",)
+"""Their pictures, and those that pages link to as `../examples/...`."""
 FIELDS = re.compile(r"<!-- fields: (?P<name>[\w.]+)(?P<notes>.*?)-->", re.DOTALL)
 BASICS = {float: "number", int: "whole number", str: "text", bool: "true or false", type(None): "none"}
 
@@ -52,7 +61,12 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the page of every module."""
+    """Add the page of every module, and what stands elsewhere in the repository and is a page here."""
+    for path, page in PAGES.items():
+        files.append(File.generated(config, page, content=within_site((ROOT / path).read_text(encoding="utf-8"))))
+    for path in PICTURES:
+        for picture in sorted(ROOT.glob(path)):
+            files.append(File.generated(config, picture.relative_to(ROOT).as_posix(), abs_src_path=str(picture)))
     for module in modules():
         text = f"---\ntitle: {module.removeprefix('tensegraph.')}\n---\n\n::: {module}\n"
         files.append(File.generated(config, module_page(module), content=text))
@@ -61,11 +75,19 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Return a page with its comments replaced by what they ask for."""
+    markdown = re.sub(r"\]\((?:\.\./)+examples/", f"]({'../' * page.file.src_uri.count('/')}examples/", markdown)
     if "<!-- settings -->" in markdown:
         markdown = markdown.replace("<!-- settings -->", settings_text())
     if "<!-- commands -->" in markdown:
         markdown = markdown.replace("<!-- commands -->", commands_text())
     return FIELDS.sub(lambda match: fields_table(dataclass_named(match["name"]), notes_of(match["notes"])), markdown)
+
+
+def within_site(text: str) -> str:
+    """Return Markdown of the repository's root with its links as they are in the site."""
+    for path, page in PAGES.items():
+        text = text.replace(f"]({path})", f"]({page})")
+    return text.replace("](docs/", "](")
 
 
 def copied_package() -> Path:
@@ -155,9 +177,9 @@ def docstrings(kind: type[Any]) -> dict[str, str]:
     assert isinstance(body, ast.ClassDef)
     said = {}
     for field, text in zip(body.body, body.body[1:], strict=False):
-        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(text, ast.Expr):
-            if isinstance(text.value, ast.Constant) and isinstance(text.value.value, str):
-                said[field.target.id] = " ".join(text.value.value.split())
+        match field, text:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(words))):
+                said[name] = " ".join(words.split())
     return said
 
 
@@ -238,5 +260,3 @@ def options_table(command: Any) -> str:
 def escaped(text: str) -> str:
     """Return text that is safe in a cell of a table."""
     return " ".join(text.split()).replace("|", "\\|").replace("[", "\\[")
-
-

@@ -36,7 +36,7 @@ def draw_structure(
     axes.add_collection3d(Line3DCollection(x_mm[structure.tendons], colors=colour, linewidths=0.8, linestyles=style))
     axes.scatter(*x_mm[structure.anchors].T, marker="^", s=45, color=BLACK, depthshade=False)
     for node, position in enumerate(x_mm if numbered else ()):
-        axes.text(*(position + [4, 4, 6]), str(node), fontsize=8)
+        axes.text(position[0] + 4, position[1] + 4, position[2] + 6, str(node), fontsize=8)
 
 
 def set_space(axes: Axes3D, node_position_m: NDArray[np.float64]) -> None:

@@ -18,7 +18,8 @@ def main() -> None:
     description = trial.description
     structure = description.structure
     rest = rest_step(structure, description.mechanics, description.rest_position_m, Settings().rest)
-    assert description.mechanics is not None and rest.mechanics is not None
+    assert description.mechanics is not None
+    assert rest.mechanics is not None
     figure = Figure(figsize=(12, 4.2), layout="constrained")
     bars, time = figure.subplots(1, 2, width_ratios=[1, 1.7])
 
@@ -35,7 +36,8 @@ def main() -> None:
     bars.legend(frameon=False, loc="upper left", ncols=2)
 
     result, true_loads = reconstruct(trial, "batch"), open_trial(TRIAL).true_loads()
-    assert result.loads is not None and true_loads is not None
+    assert result.loads is not None
+    assert true_loads is not None
     truth = open_trial(TRIAL).truth()
     assert truth is not None
     seen_n = observable_part(structure, true_loads.force_n, truth[1])
