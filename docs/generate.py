@@ -52,9 +52,13 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     config.plugins["mkdocstrings"].config["handlers"]["python"]["paths"] = [str(copied_package())]
     rooms: dict[str, list[dict[str, str]]] = {}
     for module in modules():
-        room = ".".join(module.split(".")[:3] if module.startswith("tensegraph.models.") else module.split(".")[:2])
-        rooms.setdefault(room, []).append({module.removeprefix("tensegraph."): module_page(module)})
-    section = [{room: pages} if len(pages) > 1 else pages[0] for room, pages in rooms.items()]
+        _, *room, name = module.split(".")
+        if room[:1] == ["models"]:
+            room = room[:2]
+        else:
+            room, name = room[:1], ".".join([*room[1:], name])
+        rooms.setdefault(".".join(room), []).append({name: module_page(module)})
+    section: list[Any] = [{room: pages} for room, pages in rooms.items() if room] + rooms.get("", [])
     reference = next(entry["Reference"] for entry in config.nav if isinstance(entry, dict) and "Reference" in entry)
     reference.append({"Modules": section})
     return config
@@ -253,10 +257,10 @@ def options_table(command: Any) -> str:
     """Return a Markdown table of a command's arguments and options."""
     context = command.make_context(command.name, [], resilient_parsing=True)
     records = [parameter.get_help_record(context) for parameter in command.get_params(context)]
-    rows = [f"| `{escaped(record[0])}` | {escaped(record[1])} |" for record in records if record]
+    rows = [f"| `{record[0].replace('|', chr(92) + '|')}` | {escaped(record[1])} |" for record in records if record]
     return "\n".join(["| | |", "|---|---|", *rows])
 
 
 def escaped(text: str) -> str:
     """Return text that is safe in a cell of a table."""
-    return " ".join(text.split()).replace("|", "\\|").replace("[", "\\[")
+    return re.sub(r"([|\[\]*_<])", r"\\\1", " ".join(text.split()))
