@@ -48,6 +48,11 @@ def imported(path: Path, root: Path) -> set[str]:
     return {name.removeprefix("tensegraph.") for name in names_imported(path, root) if name.startswith("tensegraph.")}
 
 
+def libraries_of(path: Path, root: Path) -> set[str]:
+    """Return the first part of every name that a file imports."""
+    return {name.split(".")[0] for name in names_imported(path, root)}
+
+
 def import_graph(root: Path) -> dict[str, set[str]]:
     """Return for each module the modules that it imports."""
     found = modules(root)
