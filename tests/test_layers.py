@@ -246,7 +246,7 @@ FAULTY: list[tuple[Check, dict[str, str]]] = [
     (evaluation_in_estimates, {"factors/a.py": "from ..models import evaluation"}),
     (libraries_elsewhere, {"models/sensor/lstm.py": "def f():\n    import torch.nn"}),
     (libraries_elsewhere, {"commands/a.py": "from mujoco import MjModel"}),
-    (libraries_elsewhere, {"estimator/a.py": "from filterpy.kalman import UnscentedKalmanFilter"}),
+    (libraries_elsewhere, {"commands/a.py": "from filterpy.kalman import UnscentedKalmanFilter"}),
     (libraries_elsewhere, {"io/a.py": "import gtsam"}),
     (libraries_of_several_modules, {"estimator/a.py": "import filterpy", "estimator/b.py": "import filterpy.kalman"}),
     (circles, {"models/a.py": "from .b import B", "models/b.py": "from . import a"}),
