@@ -1,51 +1,202 @@
-"""The arrows between folders: imports never flow back, at any depth of a file, relative or absolute."""
+"""The rooms of the package: which may import which, at any depth of a file, and that a name means one thing.
 
-import ast
+Each check returns what breaks it, so that it runs on the package, where it finds nothing, and on small trees, where it
+has to find something.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from import_graph import (
+    classes,
+    constants,
+    cycle,
+    import_graph,
+    imported,
+    inside,
+    libraries_of,
+    modules,
+    room,
+)
+
 ROOT = Path(__file__).parents[1]
-MAY_IMPORT = {"models": set(), "factors": {"models"}, "estimator": {"models", "factors"}, "io": {"models"}}
-FOLDERS = set(MAY_IMPORT)
+MOST_MODULES = 15
+BASIS = {"models.values", "models.structure", "models.sensor"}
+RUNNING = BASIS | {"models.trial_description", "models.settings", "models.estimation"}
+"""What of models/ runs with every trial; sensors are calibrated, simulated and evaluated beside it."""
+
+MODELS_MAY_IMPORT = {
+    "models.values": set(),
+    "models.structure": {"models.values"},
+    "models.sensor": {"models.values"},
+    "models.trial_description": BASIS,
+    "models.estimation": BASIS,
+    "models.settings": BASIS | {"models.estimation"},
+    "models.calibration": BASIS,
+    "models.twin": RUNNING,
+    "models.evaluation": RUNNING,
+    "models.data": set(),
+    "models.__init__": set(),
+}
+MAY_IMPORT = {
+    "models": set(),
+    "factors": {"models"},
+    "estimator": {"models", "factors"},
+    "io": {"models"},
+}
+"""The other folders and the modules at the root see everything."""
+
+ALONE = {
+    "torch": {"models.calibration.training", "models.calibration.torch_network"},
+    "mujoco": {"models.twin.engine"},
+    "filterpy": {"estimator"},
+    "gtsam": {"factors", "estimator"},
+}
+"""Libraries that are imported in these places and nowhere else."""
+
+ONCE = ("filterpy", "mujoco")
+"""Libraries that one module imports: filterpy has had no maintainer since 2018."""
+
+Check = Callable[[Path], Iterator[str]]
 
 
-def imported(path: Path, root: Path = ROOT) -> set[str]:
-    """Return the dotted names below tensegraph that a file imports."""
-    package = ["tensegraph", *path.relative_to(root).parent.parts]
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            base = package[: len(package) - node.level + 1] if node.level else []
-            module = ".".join([*base, *([node.module] if node.module else [])])
-            found |= {module} | {f"{module}.{alias.name}" for alias in node.names}
-    return {name.removeprefix("tensegraph.") for name in found if name.startswith("tensegraph.")}
+def back_arrows_between_folders(root: Path) -> Iterator[str]:
+    """Models, factors, estimator and io import along the arrows, and nothing at the root."""
+    known = modules(root)
+    for name, path in known.items():
+        folder = name.split(".")[0]
+        if folder in MAY_IMPORT:
+            seen = {other.split(".")[0] for other in imported(path, root)}
+            at_root = {other for other in known if "." not in other}
+            folders = {*MAY_IMPORT, "commands", "live"}
+            for other in sorted(seen & (folders | at_root) - MAY_IMPORT[folder] - {folder}):
+                yield f"{name} imports {other}"
 
 
-def folders_imported(path: Path, root: Path = ROOT) -> set[str]:
-    return {name.split(".")[0] for name in imported(path, root)} & FOLDERS
+def back_arrows_inside_models(root: Path) -> Iterator[str]:
+    """Values, then structure and sensor, then what describes a trial, then twin and evaluation."""
+    for name, others in import_graph(root).items():
+        if inside(name, "models"):
+            for other in sorted(others):
+                if inside(other, "models") and room(other) not in MODELS_MAY_IMPORT.get(room(name), set()) | {
+                    room(name)
+                }:
+                    yield f"{name} imports {other}"
 
 
-def root_modules_imported(path: Path) -> set[str]:
-    return {name.split(".")[0] for name in imported(path)} & {p.stem for p in ROOT.glob("*.py")}
+def rooms_without_arrows(root: Path) -> Iterator[str]:
+    """A new room of models/ stands in the table of arrows."""
+    yield from sorted({room(name) for name in modules(root) if inside(name, "models")} - MODELS_MAY_IMPORT.keys())
 
 
-@pytest.mark.parametrize("folder", sorted(MAY_IMPORT))
-def test_imports_follow_the_arrows(folder: str) -> None:
-    for path in (ROOT / folder).rglob("*.py"):
-        assert folders_imported(path) <= MAY_IMPORT[folder] | {folder}, path
-        assert not root_modules_imported(path), path
+def calibration_at_run_time(root: Path) -> Iterator[str]:
+    """What runs with a trial needs nothing of what calibrated its sensors."""
+    places = ("models", "factors", "estimator", "pipeline", "live")
+    for name, path in modules(root).items():
+        running = any(inside(name, place) for place in places) and not inside(name, "models.calibration")
+        if running and any(inside(other, "models.calibration") for other in imported(path, root)):
+            yield name
 
 
-def test_only_the_root_sees_truth() -> None:
-    for folder in FOLDERS:
-        for path in (ROOT / folder).rglob("*.py"):
-            names = imported(path)
-            assert not any(name.startswith("estimator.evaluation") for name in names), path
-            if folder in ("factors", "estimator") and path.name != "evaluation.py":
-                assert not any(name.startswith("models.evaluation") for name in names), path
+def evaluation_in_estimates(root: Path) -> Iterator[str]:
+    """No estimator and no factor sees what compares it with the truth."""
+    for name, path in modules(root).items():
+        estimates = inside(name, "estimator") or inside(name, "factors")
+        if estimates and any(inside(other, "models.evaluation") for other in imported(path, root)):
+            yield name
+
+
+def libraries_elsewhere(root: Path) -> Iterator[str]:
+    """Heavy libraries are imported in the places that need them."""
+    for name, path in modules(root).items():
+        for library in sorted(libraries_of(path, root) & ALONE.keys()):
+            if not any(inside(name, place) for place in ALONE[library]):
+                yield f"{name} imports {library}"
+
+
+def libraries_of_several_modules(root: Path) -> Iterator[str]:
+    """Some libraries are imported by one module."""
+    for library in ONCE:
+        found = [name for name, path in modules(root).items() if library in libraries_of(path, root)]
+        if len(found) > 1:
+            yield f"{library}: {', '.join(found)}"
+
+
+def circles(root: Path) -> Iterator[str]:
+    """No module imports itself by way of others."""
+    if found := cycle(import_graph(root)):
+        yield " -> ".join(found)
+
+
+def shared(names_of: Callable[[Path], set[str]], root: Path) -> Iterator[str]:
+    """Yield the names that several modules define."""
+    where = defaultdict(list)
+    for module, path in modules(root).items():
+        for name in names_of(path):
+            where[name].append(module)
+    for name, found in sorted(where.items()):
+        if len(found) > 1:
+            yield f"{name}: {', '.join(found)}"
+
+
+def modules_of_one_name(root: Path) -> Iterator[str]:
+    """No two modules have one base name, but for the packages' own."""
+    return shared(lambda path: {path.stem} - {"__init__"}, root)
+
+
+def classes_of_one_name(root: Path) -> Iterator[str]:
+    """No two classes have one name."""
+    return shared(classes, root)
+
+
+def constants_defined_twice(root: Path) -> Iterator[str]:
+    """A constant is defined in one place."""
+    return shared(constants, root)
+
+
+def crowded_rooms(root: Path) -> Iterator[str]:
+    """A folder holds no more modules than one can look over."""
+    count = defaultdict(int)
+    for path in modules(root).values():
+        count[path.parent] += path.name != "__init__.py"
+    for folder, number in count.items():
+        if number > MOST_MODULES:
+            yield f"{folder.relative_to(root).as_posix()}: {number} modules"
+
+
+CHECKS: list[Check] = [
+    back_arrows_between_folders,
+    back_arrows_inside_models,
+    rooms_without_arrows,
+    calibration_at_run_time,
+    evaluation_in_estimates,
+    libraries_elsewhere,
+    libraries_of_several_modules,
+    circles,
+    modules_of_one_name,
+    classes_of_one_name,
+    constants_defined_twice,
+    crowded_rooms,
+]
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_the_package_keeps(check: Check) -> None:
+    assert list(check(ROOT)) == [], check.__doc__
+
+
+def test_every_module_is_looked_at() -> None:
+    """The table of rooms is the tree, and the checks see all of it."""
+    seen = {path.relative_to(ROOT).parts[0] for path in modules(ROOT).values()}
+    assert seen >= {*MAY_IMPORT, "commands", "live", "pipeline.py", "cli.py"}
+    assert {room(name) for name in modules(ROOT) if inside(name, "models")} == MODELS_MAY_IMPORT.keys()
+    for library, places in ALONE.items():
+        for place in places:
+            found = [path for name, path in modules(ROOT).items() if inside(name, place)]
+            assert any(library in libraries_of(path, ROOT) for path in found), (library, place)
 
 
 def test_io_has_no_init() -> None:
@@ -53,17 +204,12 @@ def test_io_has_no_init() -> None:
     assert not (ROOT / "io" / "__init__.py").exists()
 
 
-def test_torch_is_imported_for_training_alone() -> None:
-    for folder in [*FOLDERS, "."]:
-        for path in (ROOT / folder).glob("*.py"):
-            text = path.read_text()
-            assert ("import torch" in text) == (path.name == "training.py"), path
-
-
-def test_mujoco_is_imported_by_the_twin_alone() -> None:
-    for folder in [*FOLDERS, "."]:
-        for path in (ROOT / folder).glob("*.py"):
-            assert ("import mujoco" in path.read_text()) == (path.name == "twin.py"), path
+def written(root: Path, files: dict[str, str]) -> Path:
+    """Make a small tree of files."""
+    for name, text in files.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    return root
 
 
 @pytest.mark.parametrize(
@@ -74,10 +220,76 @@ def test_mujoco_is_imported_by_the_twin_alone() -> None:
         "from tensegraph.io import trial",
         "import tensegraph.io.trial",
         "def f():\n    from ..io import csv",
+        "from ..pipeline import stream",
+        "from .. import pipeline",
+        "from ..live import session",
     ],
 )
 def test_a_back_arrow_is_seen(tmp_path: Path, line: str) -> None:
-    (tmp_path / "models").mkdir()
-    path = tmp_path / "models" / "new.py"
-    path.write_text(line)
-    assert "io" in folders_imported(path, tmp_path)
+    root = written(tmp_path, {"models/new.py": line, "pipeline.py": ""})
+    assert len(list(back_arrows_between_folders(root))) == 1
+
+
+FAULTY: list[tuple[Check, dict[str, str]]] = [
+    (back_arrows_between_folders, {"factors/rod.py": "from ..estimator import frame"}),
+    (back_arrows_between_folders, {"io/boards/port.py": "from ...estimator.frame import FrameEstimator"}),
+    (back_arrows_inside_models, {"models/values/a.py": "from ..sensor.b import B", "models/sensor/b.py": ""}),
+    (back_arrows_inside_models, {"models/sensor/a.py": "from ..structure.b import B", "models/structure/b.py": ""}),
+    (back_arrows_inside_models, {"models/sensor/a.py": "from ..settings import B", "models/settings.py": ""}),
+    (back_arrows_inside_models, {"models/settings.py": "from .twin.b import B", "models/twin/b.py": ""}),
+    (back_arrows_inside_models, {"models/twin/a.py": "from ..evaluation import b", "models/evaluation/b.py": ""}),
+    (rooms_without_arrows, {"models/cellar/a.py": ""}),
+    (calibration_at_run_time, {"pipeline.py": "from .models.calibration.strips import Strip"}),
+    (calibration_at_run_time, {"models/sensor/a.py": "def f():\n    from ..calibration import strips"}),
+    (calibration_at_run_time, {"live/a.py": "from ..models import calibration"}),
+    (evaluation_in_estimates, {"estimator/a.py": "from ..models.evaluation.truth import Truth"}),
+    (evaluation_in_estimates, {"factors/a.py": "from ..models import evaluation"}),
+    (libraries_elsewhere, {"models/sensor/lstm.py": "def f():\n    import torch.nn"}),
+    (libraries_elsewhere, {"commands/a.py": "from mujoco import MjModel"}),
+    (libraries_elsewhere, {"commands/a.py": "from filterpy.kalman import UnscentedKalmanFilter"}),
+    (libraries_elsewhere, {"io/a.py": "import gtsam"}),
+    (libraries_of_several_modules, {"estimator/a.py": "import filterpy", "estimator/b.py": "import filterpy.kalman"}),
+    (circles, {"models/a.py": "from .b import B", "models/b.py": "from . import a"}),
+    (
+        circles,
+        {
+            "models/sensor/a.py": "from .b import B",
+            "models/sensor/b.py": "def f():\n    from ..values.c import C",
+            "models/values/c.py": "import tensegraph.models.sensor.a",
+        },
+    ),
+    (modules_of_one_name, {"io/boards/trial.py": "", "commands/trial.py": ""}),
+    (classes_of_one_name, {"io/a.py": "class Score: ...", "models/twin/b.py": "class Score: ..."}),
+    (constants_defined_twice, {"io/a.py": "LIMIT_M = 1.0", "models/b.py": "LIMIT_M: float = 1.0"}),
+    (constants_defined_twice, {"io/a.py": "LEFT, RIGHT = 0, 1", "models/b.py": "RIGHT = 1"}),
+    (crowded_rooms, {f"io/boards/m{k}.py": "" for k in range(16)}),
+]
+
+
+@pytest.mark.parametrize(
+    ("check", "files"), FAULTY, ids=[f"{check.__name__}-{next(iter(files))}" for check, files in FAULTY]
+)
+def test_each_check_can_fail(tmp_path: Path, check: Check, files: dict[str, str]) -> None:
+    assert len(list(check(written(tmp_path, files)))) == 1
+
+
+def test_each_check_has_a_tree_that_breaks_it() -> None:
+    assert {check for check, _ in FAULTY} == set(CHECKS)
+
+
+def test_a_sound_tree_passes_all(tmp_path: Path) -> None:
+    files = {
+        "models/values/a.py": "A_M = 1.0\nclass A: ...",
+        "models/sensor/b.py": "from ..values.a import A, A_M\nclass B: ...",
+        "models/settings.py": "from .sensor.b import B",
+        "models/calibration/training.py": "import torch\nfrom ..sensor.b import B",
+        "models/evaluation/d.py": "from ..settings import B",
+        "factors/e.py": "import gtsam\nfrom ..models.settings import B",
+        "estimator/f.py": "from ..factors.e import gtsam",
+        "io/g.py": "from ..models.evaluation import d",
+        "pipeline.py": "from .estimator.f import gtsam\nfrom .io import g",
+        "live/h.py": "from ..pipeline import g",
+        "commands/i.py": "from ..models.calibration.training import B",
+    }
+    root = written(tmp_path, files)
+    assert [line for check in CHECKS for line in check(root)] == []

@@ -10,7 +10,7 @@ import numpy as np
 
 from tensegraph import open_trial, stream
 
-ROBUSTNESS = Path(__file__).parents[2] / "examples" / "robustness.py"
+ROBUSTNESS = Path(__file__).parents[2] / "benchmarks" / "robustness.py"
 
 
 def test_the_example_of_robustness(trial_copy) -> None:

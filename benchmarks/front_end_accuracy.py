@@ -14,6 +14,8 @@ from tensegraph.models.sensor.frames import FrameAssembler
 from tensegraph.models.sensor.taring import Taring
 from tensegraph.pipeline import Pipeline
 
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
 
 def static_lengths(trial, pipeline: Pipeline, model) -> np.ndarray:
     """Return (frames, tendons) lengths by the gauge curve alone."""
@@ -62,4 +64,4 @@ def main(trials: list[Path]) -> None:
 
 
 if __name__ == "__main__":
-    main([Path(argument) for argument in sys.argv[1:]] or [Path(__file__).parent / "press_01"])
+    main([Path(argument) for argument in sys.argv[1:]] or [EXAMPLES / "press_01"])

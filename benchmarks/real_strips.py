@@ -15,6 +15,7 @@ from tensegraph.models.calibration.strip_scores import StripScore
 from tensegraph.models.calibration.training import train
 from tensegraph.models.sensor.bending import BendingCurve
 
+RIG = Path(__file__).parents[1] / "examples" / "cb_silicone_rig.toml"
 OTHER_MIX = "1_10_*"
 
 
@@ -53,4 +54,4 @@ def split_by_files(recordings: list[Recording]) -> Split:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else Path(__file__).parent / "cb_silicone_rig.toml")
+    main(Path(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else RIG)

@@ -24,7 +24,7 @@ from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.trial_description import TrialDescription
 from tensegraph.pipeline import Pipeline
 
-HERE = Path(__file__).parent
+EXAMPLES = Path(__file__).parents[1] / "examples"
 MOST_DEAD = 6
 Method = Literal["live", "batch"]
 
@@ -175,9 +175,9 @@ def main(
 ) -> None:
     """Write the figure and print the table."""
     with tempfile.TemporaryDirectory() as folder:
-        plans = [] if trials else [HERE / "plans" / f"{name}.toml" for name in ("squeeze", "slack")]
+        plans = [] if trials else [EXAMPLES / "plans" / f"{name}.toml" for name in ("squeeze", "slack")]
         made = [simulate(plan, Path(folder) / plan.stem) for plan in plans]
-        opened = [open_trial(path) for path in trials or [HERE / "press_01"]] + made
+        opened = [open_trial(path) for path in trials or [EXAMPLES / "press_01"]] + made
         if draws:
             results = {}
             for trial in opened:

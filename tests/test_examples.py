@@ -1,0 +1,43 @@
+"""The numbered examples run as they stand, from any directory, and print what they are there to show."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9]*.py"))
+SHOWN = {
+    "01_reconstruct": r"(?s)6 rods, 24 tendons.*\nthe largest load is \d\.\d\d N, at node \d+, .*written to",
+    "02_live": r"(?s)\n 2\.00 s: OK, .*\n 2\.\d\d s: node 8 is pressed",
+    "03_own_structure": r"300 shapes of 6 nodes; nodes 3 to 5 sink by .*\npressed across the struts with \[1\.91",
+    "04_calibrate": r"(?s)\nLSTM +0\.0\d+ +\d+%.*\nstatic curve .*\n201 shapes with the model",
+    "05_own_estimator": r"(?s)batch +400 shapes.*\nextended-kalman +400 shapes.*mm apart in the median",
+    "06_own_factor": r"(?s)lengths alone .*\nwith the height of node 8 ",
+}
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_runs(example: Path, tmp_path: Path, trial_copy) -> None:
+    arguments = [trial_copy(rows=300)] if example.stem == "01_reconstruct" else []  # it takes the whole trial
+    command = [sys.executable, example, *arguments]
+    environment = os.environ | {"PYTHONWARNINGS": "error::DeprecationWarning:__main__"}
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=240, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert re.search(SHOWN.get(example.stem, "."), done.stdout), done.stdout
+
+
+def test_examples_are_read_top_to_bottom() -> None:
+    """Numbered without a gap, each short, without the parsing of a command line."""
+    assert [int(path.name[:2]) for path in EXAMPLES] == list(range(1, len(EXAMPLES) + 1))
+    assert {path.stem for path in EXAMPLES} >= SHOWN.keys()
+    for path in EXAMPLES:
+        text = path.read_text()
+        assert 25 <= text.count("\n") <= 75, path
+        assert "argparse" not in text, path
+        assert "typer" not in text, path
