@@ -208,9 +208,9 @@ def type_text(hint: Any) -> str:
 def bound_text(bound: object) -> str:
     """Return a bound of a number."""
     if isinstance(bound, Gt):
-        return f"> {bound.gt}"
+        return f"&gt;&nbsp;{bound.gt}"
     if isinstance(bound, Ge):
-        return f"≥ {bound.ge}"
+        return f"≥&nbsp;{bound.ge}"
     if isinstance(bound, Interval):
         return f"between {bound.gt} and {bound.lt}"
     return str(bound)
