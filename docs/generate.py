@@ -208,9 +208,9 @@ def type_text(hint: Any) -> str:
 def bound_text(bound: object) -> str:
     """Return a bound of a number."""
     if isinstance(bound, Gt):
-        return f"> {bound.gt}"
+        return f"&gt;&nbsp;{bound.gt}"
     if isinstance(bound, Ge):
-        return f"≥ {bound.ge}"
+        return f"≥&nbsp;{bound.ge}"
     if isinstance(bound, Interval):
         return f"between {bound.gt} and {bound.lt}"
     return str(bound)
@@ -257,10 +257,10 @@ def options_table(command: Any) -> str:
     """Return a Markdown table of a command's arguments and options."""
     context = command.make_context(command.name, [], resilient_parsing=True)
     records = [parameter.get_help_record(context) for parameter in command.get_params(context)]
-    rows = [f"| `{record[0].replace('|', chr(92) + '|')}` | {escaped(record[1])} |" for record in records if record]
+    rows = [f"| `{record[0]}` | {escaped(record[1])} |" for record in records if record]
     return "\n".join(["| | |", "|---|---|", *rows])
 
 
 def escaped(text: str) -> str:
     """Return text that is safe in a cell of a table."""
-    return re.sub(r"([|\[\]*_<])", r"\\\1", " ".join(text.split()))
+    return re.sub(r"([|\[\]*_])", r"\\\1", " ".join(text.split())).replace("<", "&lt;")
