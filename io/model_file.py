@@ -1,7 +1,7 @@
 """Sensor models on disk: safetensors, all metadata as one JSON string, so that one model gives the same bytes."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from importlib.resources import files
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
+from safetensors.numpy import save
 
 from ..models.sensor.gauge import StaticGauge
 from ..models.sensor.lstm import LstmWeights, Scaling
@@ -61,7 +61,8 @@ class _Metadata:
 def write_sensor_model(model: SensorModel, path: Path) -> None:
     """Write a model file."""
     tensors = {name: np.ascontiguousarray(tensor) for name, tensor in _tensors(model).items()}
-    save_file(tensors, path, {METADATA_KEY: json.dumps(_metadata(model), sort_keys=True)})
+    metadata = {METADATA_KEY: json.dumps(_metadata(model), sort_keys=True)}
+    path.write_bytes(save(tensors, metadata))  # safetensors' own writer makes files that only their owner can read
 
 
 def read_sensor_model(path: Path | None = None) -> SensorModel:
@@ -86,7 +87,9 @@ def read_sensor_model(path: Path | None = None) -> SensorModel:
 
 
 def _tensors(model: SensorModel) -> Tensors:
-    weights, curve, golden = model.network.weights, model.curve, model.network.golden
+    weights = model.network.weights
+    curve = model.curve
+    golden = model.network.golden
     tensors = {part.name: getattr(weights, part.name) for part in fields(weights)} | {
         "strain_knots": curve.gauge.strain_knots,
         "change_knots": curve.gauge.change_knots,
@@ -105,7 +108,8 @@ def _tensors(model: SensorModel) -> Tensors:
 
 
 def _metadata(model: SensorModel) -> dict[str, Any]:
-    gauge, scale = model.gauge, model.sigma_scale
+    gauge = model.gauge
+    scale = model.sigma_scale
     return {
         "format": FORMAT,
         "units": UNITS,
@@ -136,20 +140,10 @@ def _sensor_model(tensors: Tensors, table: Mapping[str, Any]) -> SensorModel:
     weights = LstmWeights(**{part.name: tensor(part.name) for part in fields(LstmWeights)})
     memory_s = np.array(metadata.memory_s, dtype=np.float64)
     golden = GoldenVector(tensor("golden_input"), tensor("golden_output"))
-    spread = metadata.spread
-    gauge = StaticGauge(tensor("strain_knots"), tensor("change_knots"), spread.gain_sigma, spread.offset_sigma)
-    curve = RateCurve(
-        gauge=gauge,
-        memory_s=memory_s[: len(tensor("curve_scale")) - 1],
-        scale=tensor("curve_scale"),
-        range=tensor("curve_range"),
-        coefficients=tensor("curve_coefficients"),
-        factor=tensor("curve_factor"),
-    )
     bends = "bending" in tensors
     return SensorModel(
         network=StretchingNetwork(weights, metadata.scaling, memory_s, golden),
-        curve=curve,
+        curve=_rate_curve(tensor, memory_s, metadata.spread),
         mode_odds=ModeOdds(tensor("mode_change"), tensor("mode_log_odds")),
         bending=BendingCoefficients(tensor("bending"), tensor("bending_covariance")) if bends else None,
         ranges=metadata.ranges,
@@ -157,4 +151,19 @@ def _sensor_model(tensors: Tensors, table: Mapping[str, Any]) -> SensorModel:
         sigma_scale=SigmaScale(*metadata.sigma_scale),
         lag_s=metadata.lag_s,
         unified=metadata.unified,
+    )
+
+
+def _rate_curve(
+    tensor: Callable[[str], NDArray[np.float64]], memory_s: NDArray[np.float64], spread: _Spread
+) -> RateCurve:
+    gauge = StaticGauge(tensor("strain_knots"), tensor("change_knots"), spread.gain_sigma, spread.offset_sigma)
+    scale = tensor("curve_scale")
+    return RateCurve(
+        gauge=gauge,
+        memory_s=memory_s[: len(scale) - 1],
+        scale=scale,
+        range=tensor("curve_range"),
+        coefficients=tensor("curve_coefficients"),
+        factor=tensor("curve_factor"),
     )

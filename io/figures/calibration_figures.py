@@ -53,7 +53,8 @@ def write_calibration_figures(calibration: Calibration, directory: Path) -> None
 
 def write_curves_figure(calibration: Calibration, path: Path) -> None:
     """Draw resistance against strain by speed, with the fits (the paper's Figs. 3D and 4G)."""
-    own, bending = calibration.trained.own, calibration.bending
+    own = calibration.trained.own
+    bending = calibration.bending
     recordings = on_common_curve(calibration.split.training, own)
     kinds = [("stretching", [r for r in recordings if r.stretched_share > 0.9])]
     if bending:
@@ -109,8 +110,10 @@ def write_losses_figure(history: History, path: Path) -> None:
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     epoch = np.arange(1, len(history.training_loss) + 1)
-    training, checked = np.array(history.training_loss), np.array(history.validation_epoch)
-    validation, change = np.array(history.validation_loss), history.likelihood_from
+    training = np.array(history.training_loss)
+    checked = np.array(history.validation_epoch)
+    validation = np.array(history.validation_loss)
+    change = history.likelihood_from
     for axis, early in ((left, True), (right, False)):
         chosen = epoch <= change if early else epoch > change
         chosen_checks = checked <= change if early else checked > change
