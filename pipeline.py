@@ -58,7 +58,8 @@ class Pipeline:
     """Everything between the readings of one trial and its shapes, set up once from the trial's description."""
 
     def __init__(self, trial: TrialDescription, settings: Settings, model: SensorModel) -> None:
-        self.trial, self.settings = trial, settings
+        self.trial = trial
+        self.settings = settings
         rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, settings.rest)
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None

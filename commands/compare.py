@@ -171,7 +171,8 @@ class TrialComparison:
         return self._measured(label, seconds, Estimate.of(Reconstruction.of(self._structure, shapes)))
 
     def _measured(self, method: str, seconds: float, estimate: Estimate) -> Measured:
-        evaluation, note = None, self._note
+        evaluation = None
+        note = self._note
         if self._truth is not None:
             try:
                 evaluation = evaluate(self._structure, self._pipeline.rest.node_position_m, estimate, self._truth)

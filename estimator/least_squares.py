@@ -24,7 +24,8 @@ class LeastSquares:
     """
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
-        self._structure, self._noise = structure, settings.noise
+        self._structure = structure
+        self._noise = settings.noise
         self._free = structure.free_nodes
         self._position = rest.node_position_m.copy()
 

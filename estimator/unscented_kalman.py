@@ -25,10 +25,13 @@ class UnscentedKalman:
     """
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
-        self._structure, self._noise = structure, settings.noise
+        self._structure = structure
+        self._noise = settings.noise
         self._members = np.concatenate([structure.rods, structure.tendons])
         self._last_s: float | None = None
-        size, rods, anchors = 3 * structure.node_count, len(structure.rods), 3 * len(structure.anchors)
+        size = 3 * structure.node_count
+        rods = len(structure.rods)
+        anchors = 3 * len(structure.anchors)
         points = MerweScaledSigmaPoints(size, alpha=1e-3, beta=2.0, kappa=3.0 - size)
         measured = len(self._members) + anchors
         self._filter = UnscentedKalmanFilter(size, measured, 1.0, self._measure, lambda x, dt: x, points)

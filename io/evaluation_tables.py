@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Group
 from rich.table import Table
 
-from ..models.evaluation.evaluation import Errors, Evaluation, FaultScore, Regime
+from ..models.evaluation.evaluation import Consistency, Errors, Evaluation, FaultScore, Regime
 from ..models.evaluation.load_score import CLEAR_LOAD_N
 
 
@@ -18,9 +18,13 @@ class ScoredResult:
     """One result, evaluated."""
 
     result: Path
+    """Its directory."""
     trial: str
+    """Name of the trial that it is of."""
     method: str
+    """That made it."""
     evaluation: Evaluation
+    """What came out."""
 
     def title(self) -> str:
         """Return what was evaluated, in few words."""
@@ -57,8 +61,6 @@ def as_text(numbers: object) -> str:
 
 def _facts(e: Evaluation) -> list[tuple[str, str]]:
     """Return name and text of everything that is not a distance."""
-    c = e.consistency
-    inside = int(((c.nees >= c.nees_band[:, 0]) & (c.nees <= c.nees_band[:, 1])).sum())
     worst_mm = 1e3 * np.nanmax(e.node_rmse_m)
     rows = [
         ("frames compared", f"{e.frames}, and {e.frames_without_truth} without truth"),
@@ -69,7 +71,17 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
         rows.append(("truth aligned", f"turned by {e.rotation_deg:.2f} degrees"))
     if e.wrong_branch_frames is not None:
         rows.append(("on the wrong branch", f"{e.wrong_branch_frames} frames"))
+    rows += _consistency_facts(e.consistency)
+    rows += _load_facts(e)
+    rows += [(f"fault: {fault.kind}, {fault.where}", _seen(fault)) for fault in e.faults]
+    rows.append(("false alarms", f"{e.false_alarm_share:.2%} of the healthy readings"))
+    return rows
+
+
+def _consistency_facts(c: Consistency) -> list[tuple[str, str]]:
+    rows = []
     if np.isfinite(c.median_sigma_m):
+        inside = int(((c.nees >= c.nees_band[:, 0]) & (c.nees <= c.nees_band[:, 1])).sum())
         rows += [
             (
                 "within ellipsoids of 50, 68, 95 %",
@@ -84,9 +96,6 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
     if np.isfinite(c.nis):
         band = f"95 % band {c.nis_band[0]:.2f} to {c.nis_band[1]:.2f}"
         rows.append(("NIS of the lengths (1 is right)", f"{c.nis:.2f}; {band}"))
-    rows += _load_facts(e)
-    rows += [(f"fault: {fault.kind}, {fault.where}", _seen(fault)) for fault in e.faults]
-    rows.append(("false alarms", f"{e.false_alarm_share:.2%} of the healthy readings"))
     return rows
 
 

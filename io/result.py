@@ -86,7 +86,8 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
     t_s = positions.t_s
     if np.isnan(positions.node_position_m).any():
         raise InputError(f"{directory / 'shape.csv'}: expected the positions of all {structure.node_count} nodes")
-    nodes, tendons = np.arange(structure.node_count), np.arange(len(structure.tendons))
+    nodes = np.arange(structure.node_count)
+    tendons = np.arange(len(structure.tendons))
     ellipsoid = _read_blocks(directory / "ellipsoids.csv", "node", nodes, t_s, COVARIANCE_COLUMNS)
     covariance_m2 = np.empty((*ellipsoid.shape[:2], 3, 3))
     row, column = np.triu_indices(3)
@@ -119,7 +120,8 @@ def _read_loads(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> E
     rows = _read_blocks(path, "node", structure.free_nodes, t_s, ("fx_n", "fy_n", "fz_n", "sigma_n"))
     force_n = np.full((len(t_s), structure.node_count, 3), np.nan)
     sigma_n = np.full(force_n.shape[:2], np.inf)
-    force_n[:, structure.free_nodes], sigma_n[:, structure.free_nodes] = rows[..., :3], rows[..., 3]
+    force_n[:, structure.free_nodes] = rows[..., :3]
+    sigma_n[:, structure.free_nodes] = rows[..., 3]
     return ExternalLoads(force_n, sigma_n)
 
 

@@ -73,7 +73,7 @@ def check_writable(path: Path) -> None:
     Raises:
         InputError: when that one is no directory, or cannot be written to.
     """
-    parent = next(parent for parent in path.absolute().parents if parent.exists())
+    parent = next(parent for parent in Path(os.path.abspath(path)).parents if parent.exists())
     if not parent.is_dir():
         raise InputError(f"{path}: cannot be written: {parent} is not a directory")
     if not os.access(parent, os.W_OK | os.X_OK):

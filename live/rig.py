@@ -7,7 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
-from ..io.boards.process import LinkPlan, SerialLink
+from ..io.boards.hub import LinkPlan
+from ..io.boards.process import SerialLink
 from ..io.toml import read_toml
 from ..models.sensor.sensor_model import SensorModel
 from ..models.sensor.stillness import RestMotion, StillnessWatch

@@ -117,7 +117,8 @@ class Session:
         Args:
             path: of the result directory, from which the trial is found again.
         """
-        p, state = self.activity, self._feed.state()
+        p = self.activity
+        state = self._feed.state()
         median_ms, p99_ms = p.latency_ms()
         boards = self.pipeline.boards
         return {

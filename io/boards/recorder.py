@@ -53,7 +53,9 @@ class Recorder:
 
     def __init__(self, path: Path, metadata: Mapping[str, Any], *, with_boot: bool = False) -> None:
         check_vacant(path)
-        self._path, self._metadata, self._with_boot = path, metadata, with_boot
+        self._path = path
+        self._metadata = metadata
+        self._with_boot = with_boot
         self._files = ExitStack()
         boards = metadata.get("board", ())
         with written_whole(path) as (inside,):
@@ -136,7 +138,8 @@ class RecorderThread:
     """
 
     def __init__(self, recorder: Recorder) -> None:
-        self._recorder, self._queue = recorder, queue.SimpleQueue[BoardReading | None]()
+        self._recorder = recorder
+        self._queue = queue.SimpleQueue[BoardReading | None]()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self.rows = 0
         """Written so far."""

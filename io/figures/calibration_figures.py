@@ -109,8 +109,10 @@ def write_losses_figure(history: History, path: Path) -> None:
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     epoch = np.arange(1, len(history.training_loss) + 1)
-    training, checked = np.array(history.training_loss), np.array(history.validation_epoch)
-    validation, change = np.array(history.validation_loss), history.likelihood_from
+    training = np.array(history.training_loss)
+    checked = np.array(history.validation_epoch)
+    validation = np.array(history.validation_loss)
+    change = history.likelihood_from
     for axis, early in ((left, True), (right, False)):
         chosen = epoch <= change if early else epoch > change
         chosen_checks = checked <= change if early else checked > change

@@ -136,7 +136,8 @@ def _draw_height(
     true_m: NDArray[np.float64],
     sigma_m: NDArray[np.float64] | None,
 ) -> None:
-    estimated_mm, true_mm = 1e3 * estimated_m, 1e3 * true_m
+    estimated_mm = 1e3 * estimated_m
+    true_mm = 1e3 * true_m
     if sigma_m is not None:
         half_mm = 1e3 * BAND * sigma_m
         axis.fill_between(t_s, estimated_mm - half_mm, estimated_mm + half_mm, color=BLUE, alpha=0.25, lw=0)
@@ -184,7 +185,8 @@ def _draw_coverage(axis: Axes, e: Evaluation) -> None:
 
 
 def _draw_nodes(axis: Axes, e: Evaluation) -> None:
-    free, sigma_m = e.structure.free_nodes, e.compared.node_sigma_m
+    free = e.structure.free_nodes
+    sigma_m = e.compared.node_sigma_m
     place = np.arange(len(free))
     axis.bar(place - 0.2, 1e3 * e.node_rmse_m, 0.4, color=BLUE, label="RMSE")
     axis.bar(place + 0.2, 1e3 * e.node_height_rmse_m, 0.4, color=GREEN, label="RMSE of height")

@@ -83,7 +83,8 @@ class StructureDrawing:
             int(node): [axis.plot([], [], [], color=RED, lw=0.8)[0] for _ in range(3)] for node in structure.free_nodes
         }
         axis.scatter(*rest_mm[structure.anchors].T, marker="^", color=GREEN, s=30)
-        low, high = rest_mm.min(axis=0), rest_mm.max(axis=0)
+        low = rest_mm.min(axis=0)
+        high = rest_mm.max(axis=0)
         half = 0.6 * float(np.max(high - low))
         for name, middle in zip("xyz", 0.5 * (low + high), strict=True):
             getattr(axis, f"set_{name}lim")(middle - half, middle + half)
@@ -107,7 +108,8 @@ class StructureDrawing:
         for node, ellipses in self._ellipses.items():
             half_axes_mm = 1e3 * (regions.axes[node] * regions.semi_axis_m[node]).T
             for k, ellipse in enumerate(ellipses):
-                a, b = half_axes_mm[k], half_axes_mm[(k + 1) % 3]
+                a = half_axes_mm[k]
+                b = half_axes_mm[(k + 1) % 3]
                 ellipse.set_data_3d(*(position_mm[node] + np.outer(np.cos(angle), a) + np.outer(np.sin(angle), b)).T)
         self._axis.set_title(f"t = {shape.t_s:.2f} s")
 

@@ -81,7 +81,8 @@ def _draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
             r.t_s, 0, 1, where=where, transform=axis.get_xaxis_transform(), color=color, alpha=alpha, lw=0
         )
     known = np.concatenate([length_mm[np.isfinite(length_mm)], 1e3 * r.predicted_m[:, e]])
-    low, high = known.min(), known.max()
+    low = known.min()
+    high = known.max()
     margin = max(0.15 * (high - low), 1.5)
     axis.set_ylim(low - margin, high + margin)
     a, b = r.structure.tendons[e]
@@ -153,8 +154,10 @@ def load_arrows(r: Reconstruction, k: int, load_threshold_n: float) -> LoadArrow
 def _limits_mm(r: Reconstruction, more_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (3, 2) limits of a cube that holds every node of every frame, and some points more."""
     points_mm = np.concatenate([1e3 * r.node_position_m.reshape(-1, 3), more_mm])
-    low, high = points_mm.min(axis=0), points_mm.max(axis=0)
-    middle, half = 0.5 * (low + high), 0.52 * float(np.max(high - low))
+    low = points_mm.min(axis=0)
+    high = points_mm.max(axis=0)
+    middle = 0.5 * (low + high)
+    half = 0.52 * float(np.max(high - low))
     return np.stack([middle - half, middle + half], axis=1)
 
 
