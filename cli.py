@@ -11,7 +11,7 @@ import typer
 from .models.values.errors import TensegraphError
 
 if TYPE_CHECKING:
-    from .commands.terminal import Terminal
+    from .io.reports.terminal import Terminal
 
 app = typer.Typer(
     help="Shape of a tensegrity, with uncertainty, from its strain-sensing tendons.",
@@ -56,7 +56,7 @@ def _examples(*commands: str) -> str:
 
 
 def _terminal(quiet: bool, verbose: bool) -> "Terminal":
-    from .commands.terminal import Terminal
+    from .io.reports.terminal import Terminal
 
     return Terminal(quiet=quiet, verbose=verbose)
 

@@ -9,9 +9,10 @@ from rich.progress import TextColumn
 
 from ..io.calibration_output import CalibrationPaths, CheckpointFile
 from ..io.figures.calibration_figures import write_calibration_figures, write_sweep_figure
-from ..io.model_card import CalibrationReport
 from ..io.model_file import write_sensor_model
 from ..io.recording_files import RecordingFolder, read_recordings, read_rig
+from ..io.reports.model_card import CalibrationReport
+from ..io.reports.terminal import Terminal
 from ..models.calibration.bending_fit import BendingFit, fit_bending
 from ..models.calibration.calibrated_model import calibrate_model
 from ..models.calibration.recipe import Trained, TrainingSettings
@@ -19,7 +20,6 @@ from ..models.calibration.recordings import Recording, Split
 from ..models.calibration.strip_rig import StripRig
 from ..models.sensor.bending import BendingCurve
 from ..models.values.errors import TensegraphError
-from .terminal import Terminal
 
 SWEEP = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0)
 """Learning rates tried."""

@@ -9,9 +9,10 @@ import numpy as np
 from rich.markdown import Markdown
 from rich.progress import Progress
 
-from ..io.comparison_tables import as_markdown, write_comparison_csv
 from ..io.figures.comparison_figure import write_comparison_figure
 from ..io.model_file import read_sensor_model
+from ..io.reports.comparison_tables import as_markdown, write_comparison_csv
+from ..io.reports.terminal import Terminal
 from ..io.result import result_directory
 from ..io.toml import read_settings
 from ..io.trial_directory import Trial, open_trial
@@ -29,7 +30,6 @@ from ..models.values.errors import IndeterminateError, InputError
 from ..models.values.readings import TendonLengths
 from ..pipeline import ESTIMATORS, Pipeline
 from .paths import distinct_names
-from .terminal import Terminal
 
 COMPARISON_FILE = "comparison.csv"
 NO_METHOD = "rest shape held"

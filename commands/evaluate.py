@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from ..estimator.rest_step import rest_step
-from ..io.evaluation_tables import ScoredResult, as_text
 from ..io.figures.evaluation_figures import write_errors_figure, write_heights_figure, write_loads_figure
 from ..io.positions import read_positions
+from ..io.reports.evaluation_tables import ScoredResult, as_text
+from ..io.reports.terminal import Terminal
 from ..io.result import RUN_FILE, read_estimate, read_run, result_directory
 from ..io.trial_directory import Trial, open_trial
 from ..models.evaluation.metrics import evaluate
@@ -16,7 +17,6 @@ from ..models.settings import Settings
 from ..models.values.errors import InputError
 from ..models.values.tables import parse_table
 from .paths import result_paths
-from .terminal import Terminal
 
 EVALUATION_FILE = "evaluation.json"
 

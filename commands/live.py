@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ..io.model_file import read_sensor_model
+from ..io.reports.terminal import Terminal
 from ..io.result import RUN_FILE
 from ..io.toml import read_settings
 from ..io.whole import check_replaceable, check_vacant
@@ -19,7 +20,6 @@ from ..models.structure.shape import Shape
 from ..models.values.errors import TensegraphError
 from ..pipeline import Pipeline
 from .record import report_recording
-from .terminal import Terminal
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 from rich.table import Table
 
 from ..io.boards.port import PortAnswer, ask, usb_ports
+from ..io.reports.terminal import Terminal
 from ..models.values.errors import TensegraphError
-from .terminal import Terminal
 
 
 def list_ports(ports: Sequence[str], baud: int, seconds: float, terminal: Terminal) -> None:

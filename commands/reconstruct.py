@@ -12,6 +12,7 @@ from rich.table import Table
 
 from ..io.model_file import read_sensor_model
 from ..io.provenance import relative_path, versions
+from ..io.reports.terminal import Terminal
 from ..io.result import RUN_FILE
 from ..io.toml import read_settings
 from ..io.trial_directory import Trial, open_trial
@@ -21,15 +22,12 @@ from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.rest_shape import RestShape
 from ..models.values.errors import InputError
-from ..models.values.readings import LEFT_OUT, MOMENTARY, Flag
+from ..models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag
 from ..pipeline import Pipeline, write_result
 from .paths import result_paths
-from .terminal import Terminal
 
 LONG_S = 1.0
 """A node that carries a load for longer, in all, is named."""
-SENSOR_FLAGS = ~MOMENTARY
-"""Flags that tell of a sensor, not of a moment."""
 
 
 def reconstruct_trials(

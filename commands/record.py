@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..io.model_file import read_sensor_model
+from ..io.reports.terminal import Terminal
 from ..io.whole import check_vacant
 from ..live.activity import Activity
 from ..live.feeds import boards_feed
@@ -14,7 +15,6 @@ from ..models.settings import Settings
 from ..models.values.errors import RecordingError
 from ..models.values.link import LinkState
 from ..models.values.readings import BoardReading
-from .terminal import Terminal
 
 
 def record_boards(

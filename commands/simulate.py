@@ -5,11 +5,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..io.boards.recorder import Recorder
+from ..io.plan_file import read_plan
+from ..io.provenance import simulation_provenance
 from ..io.trial_directory import Trial, open_trial
+from ..io.whole import check_vacant, written_whole
+from ..models.twin.virtual_trial import simulate as simulate_plan
+from ..models.values.stamped_positions import StampedPositions
 
-if TYPE_CHECKING:  # what a simulation needs takes half a second to import, and `import tensegraph` names `simulate`
-    from ..models.twin.virtual_trial import VirtualTrial
-    from .terminal import Terminal
+if TYPE_CHECKING:  # rich, which Python's `simulate` does without
+    from ..io.reports.terminal import Terminal
 
 
 def simulate(plan: str | Path, out: str | Path, seed: int | None = None) -> Trial:
@@ -25,31 +30,17 @@ def simulate(plan: str | Path, out: str | Path, seed: int | None = None) -> Tria
         IndeterminateError: when the structure has no rest shape.
         TensegraphError: when it does not come to rest, its motion runs away, or MuJoCo is not installed.
     """
-    from ..io.boards.recorder import Recorder
-    from ..io.whole import check_vacant, written_whole
-    from ..models.values.stamped_positions import StampedPositions
-
     out = Path(out)
     check_vacant(out)
-    trial = virtual_trial(plan, seed)
+    parsed = read_plan(Path(plan))
+    if seed is not None:
+        parsed = replace(parsed, seed=seed)
+    trial = simulate_plan(parsed, simulation_provenance(Path(plan), parsed.seed))
     with written_whole(out) as (inside,), Recorder(inside, trial.metadata) as recorder:
         for reading in trial.readings:
             recorder.add(reading)
         recorder.add_truth(StampedPositions(trial.t_s, trial.node_position_m), trial.load_n)
     return open_trial(out)
-
-
-def virtual_trial(plan: str | Path, seed: int | None = None) -> "VirtualTrial":
-    """Return what `simulate` writes: the readings of a plan's boards, and the truth."""
-    from importlib.metadata import version
-
-    from ..io.plan_file import read_plan
-    from ..models.twin.virtual_trial import simulate as simulate_plan
-
-    parsed = read_plan(Path(plan))
-    parsed = parsed if seed is None else replace(parsed, seed=seed)
-    provenance = f"simulated: tensegraph {version('tensegraph')}, plan {Path(plan).name}, seed {parsed.seed}"
-    return simulate_plan(parsed, provenance)
 
 
 def simulate_trial(plan: Path, out: Path, seed: int | None, terminal: "Terminal") -> None:

@@ -15,3 +15,8 @@ def versions(solver: str = "gtsam") -> dict[str, str]:
 def relative_path(start: Path, end: Path) -> str:
     """Return the path from one directory to another, relative, so that both may be moved together."""
     return Path(os.path.relpath(end.resolve(), start.resolve())).as_posix()
+
+
+def simulation_provenance(plan: Path, seed: int) -> str:
+    """Return what trial.toml says of where a simulated trial comes from."""
+    return f"simulated: tensegraph {version('tensegraph')}, plan {plan.name}, seed {seed}"

@@ -8,14 +8,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from ..commands.simulate import virtual_trial
 from ..io.boards.process import SerialLink
 from ..io.boards.recorder import Recorder, RecorderThread
+from ..io.plan_file import read_plan
+from ..io.provenance import simulation_provenance
 from ..io.replay import Replay
 from ..io.trial_directory import Reading, open_trial
 from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
 from ..models.trial_description import TrialDescription, describe_trial
+from ..models.twin.virtual_trial import simulate as simulate_plan
 from ..models.values.errors import InputError
 from ..models.values.link import LinkState, rebased
 from ..models.values.readings import BoardReading
@@ -137,7 +139,8 @@ def twin_feed(plan: Path, speed: float, record: Path | None) -> Iterator[Feed]:
     Raises:
         TensegraphError: when the plan cannot be simulated, or the recording not be written.
     """
-    trial = virtual_trial(plan)
+    parsed = read_plan(plan)
+    trial = simulate_plan(parsed, simulation_provenance(plan, parsed.seed))
     source = Replay(trial.readings, speed)
     _, description = describe_trial(without_truth(trial.metadata), str(plan))
     feed = Feed(

@@ -12,11 +12,10 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from ..commands.reconstruct import SENSOR_FLAGS
-from ..commands.terminal import Terminal
+from ..io.reports.terminal import Terminal
 from ..models.sensor.clock import ClockCounts
 from ..models.values.link import LinkState
-from ..models.values.readings import Flag
+from ..models.values.readings import SENSOR_FLAGS, Flag
 from .activity import Activity
 
 

@@ -17,17 +17,7 @@ from ...models.structure.shape import Shape
 from ...models.structure.structure import Structure
 from ...models.values.errors import TensegraphError
 from ...models.values.readings import Mode
-from .style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    RED,
-    add_legend_below,
-    anchor_handle,
-    structure_handles,
-)
+from .style import BLACK, BLUE, GREEN, GREY, ORANGE, RED, add_legend_below, anchor_handle, structure_handles
 
 PAUSE_S = 0.05
 """For the window's own events, between two drawings."""

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..sensor.lstm import running_means
+from ..sensor.stretching import SETTLING_S
 from ..values.errors import InputError
 
-SETTLING_S = 10.0
-"""Time left out at a recording's start, while the sensor's unknown past fades. The strip is tared in it."""
 STEADY_RATIO = 1.5
 """A recording is of one speed when its 90 % quantile of speed, while moving, is below this many times the 25 %."""
 EVERY = 6
@@ -43,7 +42,7 @@ class Recording:
 
     @property
     def settled(self) -> NDArray[np.bool_]:
-        """(samples,) those after the start, whose past is known."""
+        """(samples,) those after the start, in which the sensor's unknown past fades; the strip is tared in it."""
         return np.asarray(self.t_s - self.t_s[0] >= SETTLING_S)
 
     def counted(self, signed: bool) -> NDArray[np.bool_]:

@@ -59,6 +59,8 @@ class Flag(IntFlag):
 
 MOMENTARY = Flag.TOO_FAST | Flag.WARMING_UP | Flag.AMBIGUOUS
 """Flags that tell of a moment; any other tells of a sensor."""
+SENSOR_FLAGS = ~MOMENTARY
+"""Flags that tell of a sensor, not of a moment."""
 LEFT_OUT = Flag.MISSING | Flag.OUTLIER | Flag.IMPLAUSIBLE | Flag.MISFIT
 """Flags for which a length is left out."""
 

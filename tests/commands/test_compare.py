@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from command_line import run
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
 from tensegraph.commands.compare import Measured, comparison_rows
-from tensegraph.io.comparison_tables import as_markdown, write_comparison_csv
+from tensegraph.io.reports.comparison_tables import as_markdown, write_comparison_csv
 from tensegraph.models.evaluation.metrics import evaluate
 
 

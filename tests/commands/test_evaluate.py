@@ -10,7 +10,7 @@ import pytest
 from command_line import run
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
 from tensegraph.commands.compare import NO_METHOD
-from tensegraph.io.evaluation_tables import ScoredResult
+from tensegraph.io.reports.evaluation_tables import ScoredResult
 from tensegraph.models.evaluation.metrics import evaluate
 
 

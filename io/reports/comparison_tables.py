@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow, Published
-from ..models.evaluation.evaluation import Errors, ShapeErrors
+from ...models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow, Published
+from ...models.evaluation.evaluation import Errors, ShapeErrors
 
 
 def as_markdown(rows: Sequence[ComparisonRow], command: str) -> str:

@@ -9,8 +9,8 @@ import numpy as np
 from rich.console import Group
 from rich.table import Table
 
-from ..models.evaluation.evaluation import Consistency, Errors, Evaluation, FaultScore, Regime
-from ..models.evaluation.load_score import CLEAR_LOAD_N
+from ...models.evaluation.evaluation import Consistency, Errors, Evaluation, FaultScore, Regime
+from ...models.evaluation.load_score import CLEAR_LOAD_N
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
 
-from ..models.values.errors import TensegraphError
+from ...models.values.errors import TensegraphError
 
 
 class Terminal:

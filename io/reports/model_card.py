@@ -5,13 +5,13 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from rich.table import Table
 
-from ..models.calibration.bending_fit import BendingFit
-from ..models.calibration.calibrated_model import LSTM, Calibration
-from ..models.calibration.strip_rig import StripRig
-from ..models.calibration.strip_scores import StripScore, by_speed
-from ..models.sensor.sensor_model import SensorModel, TrainedRanges
-from .provenance import versions
-from .recording_files import RecordingFolder, rig_text
+from ...models.calibration.bending_fit import BendingFit
+from ...models.calibration.calibrated_model import LSTM, Calibration
+from ...models.calibration.strip_rig import StripRig
+from ...models.calibration.strip_scores import StripScore, by_speed
+from ...models.sensor.sensor_model import SensorModel, TrainedRanges
+from ..provenance import versions
+from ..recording_files import RecordingFolder, rig_text
 
 
 @dataclass(frozen=True, slots=True, eq=False)
