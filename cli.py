@@ -1,165 +1,189 @@
-"""The command line: `tensegraph --help`."""
+"""The command line: `tensegraph --help`. What a command does is in `commands/`, imported when it is chosen."""
 
 import math
 import sys
-import time
-from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.console import Console
-from rich.markdown import Markdown
-from rich.progress import Progress
 
-from .commands.calibrate import COLUMNS, calibrate_folder
-from .commands.compare import COMPARISON_FILE, comparison_rows, measure, write_comparison
-from .commands.evaluate import EVALUATION_FILE, as_text, score_result, write_score
-from .commands.reconstruct import Run
-from .commands.simulate import simulate as simulate_trial
-from .io.boards.port import ask, usb_ports
-from .io.boards.recorder import check_trial_path
-from .io.calibration_output import CalibrationPaths
-from .io.comparison_tables import as_markdown
-from .io.model_file import read_sensor_model
-from .io.recording_files import read_rig
-from .io.result import RUN_FILE, check_result_path
-from .io.toml import read_settings
-from .io.trial_directory import Trial, open_trial
-from .live.feeds import Feed, Rig, boards_feed, replay_feed, twin_feed
-from .live.panel import BesideTheRig, Panel, ports_table, shown
-from .live.session import Activity, LiveResult, Session, stopped_by_signals
-from .models.calibration.recipe import TrainingSettings
-from .models.sensor.sensor_model import SensorModel
-from .models.settings import Settings
-from .models.structure.reconstruction import Reconstruction
-from .models.trial_description import LinkTable
-from .models.values.errors import RecordingError, TensegraphError
-from .models.values.link import LinkState
-from .models.values.readings import BoardReading, TendonLengths
-from .pipeline import Method, Pipeline, write_result
+from .models.values.errors import TensegraphError
+
+if TYPE_CHECKING:
+    from .commands.terminal import Terminal
 
 app = typer.Typer(
     help="Shape of a tensegrity, with uncertainty, from its strain-sensing tendons.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
-console = Console()
 
-MODEL = Annotated[Path | None, typer.Option(help="Sensor model that `calibrate` wrote. [default: the one that ships]")]
+Config = Annotated[
+    Path | None, typer.Option(help="Settings that differ from the defaults, as TOML.", show_default=False)
+]
+Model = Annotated[
+    Path | None, typer.Option(help="Sensor model that `calibrate` wrote.", show_default="the one that ships")
+]
+Ports = Annotated[
+    list[str] | None,
+    typer.Option("--port", help="Serial port; may be repeated.", show_default="the rig's, or all"),
+]
+Seconds = Annotated[float, typer.Option(min=0, help="End by itself after so many seconds.", show_default="at Ctrl-C")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show results' paths and errors only.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show how long each stage takes, on stderr.")]
 
 
-@app.command()
+def main() -> None:
+    """Run the command line; what is wrong with the input or the disk is one line on stderr and exit code 2."""
+    try:
+        app()
+    except TensegraphError as error:
+        _end(str(error))
+    except OSError as error:
+        _end(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+
+
+def _end(message: str) -> None:
+    print(f"tensegraph: {message}", file=sys.stderr)
+    sys.exit(2)
+
+
+def _examples(*commands: str) -> str:
+    """Return the end of a help page: one command a line, which typer wants a paragraph each."""
+    return "\n\n".join(["Examples:", *commands])
+
+
+def _terminal(quiet: bool, verbose: bool) -> "Terminal":
+    from .commands.terminal import Terminal
+
+    return Terminal(quiet=quiet, verbose=verbose)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        print(f"tensegraph {version('tensegraph')}")
+        raise typer.Exit
+
+
+@app.callback()
+def tensegraph(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Shape of a tensegrity, with uncertainty, from its strain-sensing tendons."""
+
+
+@app.command(
+    epilog=_examples(
+        "tensegraph reconstruct examples/press_01",
+        "tensegraph reconstruct examples/press_01 --live --out results/live",
+        "tensegraph reconstruct examples/press_01 --method ukf --out results/ukf",
+    )
+)
 def reconstruct(
     trials: Annotated[list[Path], typer.Argument(help="Trial directories, each with a trial.toml.")],
     method: Annotated[
-        Literal["graph", "least-squares", "ukf"],
-        typer.Option(help="The factor graph, the paper's least squares, or an unscented Kalman filter."),
+        Literal["graph", "frame", "least-squares", "ukf"],
+        typer.Option(
+            help="The factor graph over all frames, the same of each frame alone, the paper's least squares, "
+            "or an unscented Kalman filter."
+        ),
     ] = "graph",
     live: Annotated[
-        bool, typer.Option("--live", help="Use the past only, frame by frame, as least-squares and ukf do anyway.")
+        bool, typer.Option("--live", help="Use the past only, frame by frame, as the other methods do anyway.")
     ] = False,
     out: Annotated[
         Path | None,
-        typer.Option(help="Result directory; of several trials the one that holds theirs. [default: results/TRIAL]"),
+        typer.Option(
+            help="Result directory; of several trials the one that holds theirs.", show_default="results/TRIAL"
+        ),
     ] = None,
-    config: Annotated[Path | None, typer.Option(help="Settings that differ from the defaults, as TOML.")] = None,
-    model: MODEL = None,
+    config: Config = None,
+    model: Model = None,
+    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures too.")] = True,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    r"""Reconstruct recorded trials: shapes with ellipsoids, lengths, status, figures.
+    """Reconstruct recorded trials: shapes with ellipsoids, lengths, status, figures."""
+    from .commands.reconstruct import reconstruct_trials
 
-    \b
-    tensegraph reconstruct examples/press_01
-    tensegraph reconstruct examples/press_01 --live --out results/press_01_live
-    tensegraph reconstruct examples/press_01 --method ukf --out results/press_01_ukf
-    """
-    settings, sensor_model = read_settings(config), read_sensor_model(model)
-    chosen: Method = method if method != "graph" else "live" if live else "batch"
-    opened = [open_trial(path) for path in trials]
-    results = _result_paths(trials, out, Path("results"), RUN_FILE)
-    for trial, path in zip(opened, results, strict=True):
-        run = _run(trial, chosen, settings, sensor_model)
-        write_result(run.reconstruction, path, f"{trial.name}, {run.method}", run.as_table(path), settings)
-        console.print(run.summary())
-        console.print(f"written to {path}", highlight=False)
+    reconstruct_trials(
+        trials,
+        method if method != "graph" else "live" if live else "batch",
+        out=out,
+        config=config,
+        model=model,
+        figures=figures,
+        terminal=_terminal(quiet, verbose),
+    )
 
 
-@app.command()
+@app.command(
+    epilog=_examples(
+        "tensegraph evaluate results/press_01",
+        "tensegraph evaluate results/press_01 --truth mocap.csv --align",
+    )
+)
 def evaluate(
     results: Annotated[list[Path], typer.Argument(help="Result directories, as reconstruct writes them.")],
     truth: Annotated[
-        Path | None, typer.Option(help="Stamped node positions (t_s, n0_x_m ...). [default: the trial's own]")
+        Path | None,
+        typer.Option(help="Stamped node positions (t_s, n0_x_m ...).", show_default="the trial's own"),
     ] = None,
-    trial: Annotated[Path | None, typer.Option(help="Trial directory. [default: where the result says]")] = None,
+    trial: Annotated[Path | None, typer.Option(help="Trial directory.", show_default="where the result says")] = None,
     align: Annotated[bool, typer.Option("--align", help="Turn and shift the truth so that it fits best.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON in place of tables.")] = False,
     out: Annotated[
         Path | None,
-        typer.Option(help="Where to; of several results, what holds theirs. [default: results/evaluation/RESULT]"),
+        typer.Option(help="Where to; of several results, what holds theirs.", show_default="results/evaluation/RESULT"),
     ] = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    r"""Evaluate results against the truth: errors, honesty of the ellipsoids, faults seen, with figures.
+    """Evaluate results against the truth: errors, honesty of the ellipsoids, faults seen, with figures."""
+    from .commands.evaluate import evaluate_results
 
-    \b
-    tensegraph evaluate results/press_01
-    tensegraph evaluate results/press_01 --truth mocap.csv --align
-    """
-    written = _result_paths(results, out, Path("results/evaluation"), EVALUATION_FILE)
-    scores = [score_result(path, truth, trial, align=align) for path in results]
-    for score, path in zip(scores, written, strict=True):
-        write_score(score, path)
-        if not json:
-            console.print(score.as_table())
-            console.print(f"written to {path}", highlight=False)
-    if json:
-        print(as_text([score.as_json() for score in scores]), end="")
+    evaluate_results(
+        results,
+        truth=truth,
+        trial=trial,
+        align=align,
+        json_only=json,
+        out=out,
+        terminal=_terminal(quiet, verbose),
+    )
 
 
-@app.command()
+@app.command(epilog=_examples("tensegraph compare examples/press_01"))
 def compare(
     trials: Annotated[list[Path], typer.Argument(help="Trial directories, with truth.")],
     out: Annotated[Path, typer.Option(help="Where the table and the figure go.")] = Path("results/comparison"),
-    config: Annotated[Path | None, typer.Option(help="Settings that differ from the defaults, as TOML.")] = None,
-    model: MODEL = None,
+    config: Config = None,
+    model: Model = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    r"""Compare all methods on the same lengths: the paper's Table I, measured here.
+    """Compare all methods on the same lengths: the paper's Table I, measured here."""
+    from .commands.compare import compare_trials
 
-    \b
-    tensegraph compare examples/press_01
-    """
-    _distinct_names(trials)
-    check_result_path(out, COMPARISON_FILE)
-    settings, sensor_model = read_settings(config), read_sensor_model(model)
-    opened = [open_trial(path) for path in trials]
-    measured = []
-    with Progress(*COLUMNS, console=console, transient=True) as progress:
-
-        def track(frames: Iterable[TendonLengths], total: int, name: str) -> Iterable[TendonLengths]:
-            task = progress.add_task(name, total=total)
-            for frame in frames:
-                yield frame
-                progress.advance(task)
-            progress.remove_task(task)  # its line stays, with what came out
-
-        for trial in opened:
-            for one in measure(trial, settings, sensor_model, track):
-                measured.append(one)
-                progress.console.print(one.line(), highlight=False)
-    rows = comparison_rows(measured)
-    command = "tensegraph compare " + " ".join(trial.path.as_posix() for trial in opened)
-    write_comparison(rows, command, out)
-    console.print(Markdown(as_markdown(rows, command)))
-    console.print(f"written to {out}", highlight=False)
+    compare_trials(trials, out=out, config=config, model=model, terminal=_terminal(quiet, verbose))
 
 
-@app.command()
+@app.command(
+    epilog=_examples(
+        "tensegraph calibrate examples/calibration --out rubber.safetensors",
+        "tensegraph reconstruct examples/press_01 --model rubber.safetensors",
+    )
+)
 def calibrate(
     folder: Annotated[Path, typer.Argument(help="Folder of calibration recordings (*.csv).")],
     out: Annotated[Path, typer.Option(help="Model file to write (*.safetensors); card and figures go beside it.")],
-    rig: Annotated[Path | None, typer.Option(help="Which columns are what, in which units, as TOML.")] = None,
+    rig: Annotated[
+        Path | None, typer.Option(help="Which columns are what, in which units, as TOML.", show_default=False)
+    ] = None,
     hold_out: Annotated[
         list[str] | None, typer.Option(help="Recordings to test with, by name (*_0.05_*); may be repeated.")
     ] = None,
@@ -168,197 +192,99 @@ def calibrate(
     ] = None,
     unified: Annotated[bool, typer.Option("--unified", help="One signed network for bending and stretching.")] = False,
     sweep: Annotated[bool, typer.Option("--sweep", help="Try learning rates first, and draw the losses.")] = False,
-    epochs: Annotated[int, typer.Option(help="Most epochs of the training.", min=1)] = TrainingSettings().epochs,
-    learning_rate: Annotated[float, typer.Option(help="Peak of the schedule.")] = TrainingSettings().learning_rate,
+    epochs: Annotated[int, typer.Option(help="Most epochs of the training.", min=1)] = 200,
+    learning_rate: Annotated[float, typer.Option(help="Peak of the schedule.")] = 0.01,
     seed: Annotated[int, typer.Option(help="Of the training's random numbers.")] = 0,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    r"""Calibrate the sensors from recordings of strips: model file, model card, figures.
+    """Calibrate the sensors from recordings of strips: model file, model card, figures."""
+    from .commands.calibrate import HoldOut, calibrate_folder
+    from .models.calibration.recipe import TrainingSettings
 
-    \b
-    tensegraph calibrate examples/calibration --out rubber.safetensors
-    tensegraph reconstruct examples/press_01 --model rubber.safetensors
-    """
-    if hold_out and hold_out_tail is not None:
-        raise TensegraphError("--hold-out and --hold-out-tail: expected one of them, got both")
-    settings = TrainingSettings(epochs=epochs, learning_rate=learning_rate, unified=unified, seed=seed)
-    try:
-        calibrate_folder(
-            folder, CalibrationPaths(out), read_rig(rig), settings, hold_out, hold_out_tail, sweep, console
-        )
-    except KeyboardInterrupt:
-        console.print("interrupted: the same command goes on from where it was")
-        raise typer.Exit(130) from None
-
-
-PORTS = Annotated[
-    list[str] | None, typer.Option("--port", help="Serial port; may be repeated. [default: the rig's, or all]")
-]
-SECONDS = Annotated[float, typer.Option(min=0, help="End by itself after so long. [default: at Ctrl-C]")]
+    calibrate_folder(
+        folder,
+        out,
+        rig=rig,
+        hold_out=HoldOut(tuple(hold_out or ()), hold_out_tail),
+        settings=TrainingSettings(epochs=epochs, learning_rate=learning_rate, unified=unified, seed=seed),
+        sweep=sweep,
+        terminal=_terminal(quiet, verbose),
+    )
 
 
 @app.command()
 def ports(
-    ports: Annotated[list[str] | None, typer.Argument(help="Ports to ask. [default: all USB serial ports]")] = None,
-    baud: Annotated[int, typer.Option(help="Of the boards' firmware.")] = LinkTable().baud,
+    ports: Annotated[
+        list[str] | None, typer.Argument(help="Ports to ask.", show_default="all USB serial ports")
+    ] = None,
+    baud: Annotated[int, typer.Option(help="Of the boards' firmware.")] = 500_000,
     seconds: Annotated[float, typer.Option(help="To listen at most; a Mega takes two to start.")] = 4.0,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """List serial ports, and the boards that answer on them."""
-    found = usb_ports()
-    asked = {port: found.get(port, "") for port in ports} if ports else found
-    if not asked:
-        raise TensegraphError("no USB serial port: is a board plugged in?")
-    with ThreadPoolExecutor(len(asked)) as pool:  # each waits for its own board
-        answers = list(pool.map(lambda port: ask(port, asked[port], baud, seconds), asked))
-    console.print(ports_table(answers))
+    from .commands.ports import list_ports
+
+    list_ports(ports or [], baud, seconds, _terminal(quiet, verbose))
 
 
-@app.command()
+@app.command(epilog=_examples("tensegraph record --rig examples/rig.toml --out trials/first"))
 def record(
     rig: Annotated[Path, typer.Option(help="Description of structure, sensors and boards, as examples/rig.toml.")],
     out: Annotated[Path, typer.Option(help="Trial directory to write; must not exist.")],
-    model: MODEL = None,
-    port: PORTS = None,
-    seconds: SECONDS = math.inf,
+    model: Model = None,
+    port: Ports = None,
+    seconds: Seconds = math.inf,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    r"""Record the boards into a trial directory; Ctrl-C ends it.
+    """Record the boards into a trial directory; Ctrl-C ends it."""
+    from .commands.record import record_boards
 
-    \b
-    tensegraph record --rig examples/rig.toml --out trials/first
-    """
-    check_trial_path(out)
-    setup, settings = Rig.read(rig), Settings()
-    boards, activity = setup.description.boards(settings.clock), Activity(len(setup.table.board))
-    with boards_feed(setup, port or [], out, settings, read_sensor_model(model), BesideTheRig(console)) as feed:
-        screen = Panel(f"recording {out}, Ctrl-C ends it", activity, lambda: boards.counts, feed.state)
-        with stopped_by_signals(feed.source), shown(screen, console):
-            for row in feed.rows:
-                assert isinstance(row, BoardReading)
-                activity.count(row, feed.source.late_s())
-                boards.reading(row)  # for the clocks' counts
-                if row.host_s > seconds or feed.state().recording_error:
-                    feed.source.stop()
-    _end_recording(out, feed.state())
+    terminal = _terminal(quiet, verbose)
+    record_boards(rig, out, model=model, ports=port or [], seconds=seconds, terminal=terminal)
 
 
-@app.command()
+@app.command(
+    epilog=_examples(
+        "tensegraph live --rig examples/rig.toml --record trials/first",
+        "tensegraph live --replay examples/press_01 --speed 4",
+        "tensegraph live --twin examples/plans/press.toml",
+    )
+)
 def live(
     rig: Annotated[Path | None, typer.Option(help="As for record: the shape from the boards.")] = None,
     replay: Annotated[Path | None, typer.Option(help="Instead: the shape from a recorded trial.")] = None,
     twin: Annotated[Path | None, typer.Option(help="Or: from the simulation of a plan, at its pace ...")] = None,
     speed: Annotated[float, typer.Option(min=1e-3, help="... or so many times faster.")] = 1.0,
     record: Annotated[Path | None, typer.Option(help="Trial directory to record into; must not exist.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Result directory. [default: results/NAME]")] = None,
-    config: Annotated[Path | None, typer.Option(help="Settings that differ from the defaults, as TOML.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Result directory.", show_default="results/NAME")] = None,
+    config: Config = None,
     view: Annotated[bool, typer.Option("--view", help="Show the shape in a window.")] = False,
-    model: MODEL = None,
-    port: PORTS = None,
-    seconds: SECONDS = math.inf,
+    model: Model = None,
+    port: Ports = None,
+    seconds: Seconds = math.inf,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    r"""Show the shape while it moves, and keep it: from the boards or from a trial; Ctrl-C ends it.
+    """Show the shape while it moves, and keep it: from the boards or from a trial; Ctrl-C ends it."""
+    from .commands.live import LiveSource, show_live
 
-    \b
-    tensegraph live --rig examples/rig.toml --record trials/first
-    tensegraph live --replay examples/press_01 --speed 4
-    tensegraph live --twin examples/plans/press.toml
-    """
-    if sum(given is not None for given in (rig, replay, twin)) != 1:
-        raise TensegraphError("expected one of --rig, --replay and --twin")
-    if (rig is not None and speed != 1) or (rig is None and port):
-        raise TensegraphError("--speed goes with --replay and --twin, --port with --rig")
-    settings, sensor_model = read_settings(config), read_sensor_model(model)
-    named = record or replay or (twin and twin.with_suffix(""))
-    path = out or Path("results") / (named.resolve().name if named else "live")
-    check_result_path(path)
-    if record is not None:
-        check_trial_path(record)
-    with ExitStack() as stack:
-        if rig is not None:
-            people = BesideTheRig(console)
-            feed = stack.enter_context(boards_feed(Rig.read(rig), port or [], record, settings, sensor_model, people))
-        elif replay is not None:
-            feed = stack.enter_context(replay_feed(replay, speed, record))
-        else:
-            assert twin is not None
-            feed = stack.enter_context(twin_feed(twin, speed, record))
-        session = Session(feed, Pipeline(feed.description, settings, sensor_model), seconds)
-        _show_session(session, feed, path, view)
-    console.print(f"written to {path}", highlight=False)
-    if record is not None:
-        _end_recording(record, feed.state())
+    source = LiveSource(rig=rig, replay=replay, twin=twin, speed=speed, ports=tuple(port or ()), record=record)
+    terminal = _terminal(quiet, verbose)
+    show_live(source, out=out, config=config, model=model, view=view, seconds=seconds, terminal=terminal)
 
 
-@app.command()
+@app.command(epilog=_examples("tensegraph simulate examples/plans/press.toml --out trials/press"))
 def simulate(
     plan: Annotated[Path, typer.Argument(help="Plan (*.toml), such as those in examples/plans.")],
     out: Annotated[Path, typer.Option(help="Trial directory to write.")],
     seed: Annotated[int | None, typer.Option(min=0, help="Instead of the plan's own.")] = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Simulate a structure, its sensors and its boards: a trial with its truth."""
-    start = time.perf_counter()
-    trial = simulate_trial(plan, out, seed)
-    seconds = time.perf_counter() - start
-    console.print(f"{trial.name}: {trial.row_count()} rows in {seconds:.1f} s, written to {out}", highlight=False)
+    from .commands.simulate import simulate_trial
 
-
-def _show_session(session: Session, feed: Feed, path: Path, view: bool) -> None:
-    """Run a session to its end, on the screen and into a result directory."""
-    pipeline = session.pipeline
-    structure, probability = pipeline.trial.structure, pipeline.settings.probability
-    clocks = pipeline.boards.counts if pipeline.boards else []
-    screen = Panel(f"live, from {feed.origin}; Ctrl-C ends it", session.activity, lambda: clocks, feed.state)
-    with LiveResult(path, structure, pipeline.settings) as result:
-        with ExitStack() as stack:
-            window = None
-            if view:
-                from .io.figures.live_view import LiveView  # pyplot takes a second to import
-
-                window = stack.enter_context(LiveView(structure, pipeline.rest.node_position_m, probability))
-            stack.enter_context(stopped_by_signals(feed.source))
-            stack.enter_context(shown(screen, console))
-            for shape in session.shapes():
-                result.add(shape)
-                if window is not None:
-                    window.show(shape)
-        result.finish(f"{feed.name}, live", session.as_table(path))
-
-
-def _end_recording(path: Path, state: LinkState) -> None:
-    if state.recording_error:
-        raise RecordingError(state.recording_error)
-    console.print(f"{state.recorded_rows} rows recorded in {path}", highlight=False)
-
-
-def _result_paths(sources: list[Path], out: Path | None, default: Path, marker: str) -> list[Path]:
-    """Return where what comes of each source goes; refuse, before any work, what could not be written there."""
-    names = _distinct_names(sources)
-    paths = [out] if out and len(sources) == 1 else [(out or default) / name for name in names]
-    for path in paths:
-        check_result_path(path, marker)
-    return paths
-
-
-def _distinct_names(sources: list[Path]) -> list[str]:
-    """Return the directories' names; refuse two alike, since what comes of them is told apart by them."""
-    names = [source.resolve().name for source in sources]
-    for name in {name for name in names if names.count(name) > 1}:
-        raise TensegraphError(f"two of these are named {name}: take them one by one, each with its --out")
-    return names
-
-
-def _run(trial: Trial, method: Method, settings: Settings, model: SensorModel) -> Run:
-    pipeline = Pipeline(trial.description, settings, model)
-    with Progress(*COLUMNS, console=console, transient=True) as progress:
-        readings = progress.track(trial.readings(), total=trial.row_count(), description=trial.name)
-        start = time.perf_counter()
-        reconstruction = Reconstruction.of(trial.description.structure, pipeline.estimate(readings, method))
-        seconds = time.perf_counter() - start
-    return Run(trial, method, settings, pipeline, reconstruction, seconds)
-
-
-def main() -> None:
-    """Run the command line; what is wrong with the input is one line on stderr and exit code 2."""
-    try:
-        app()
-    except TensegraphError as error:
-        Console(stderr=True).print(f"tensegraph: {error}", highlight=False, markup=False, soft_wrap=True)
-        sys.exit(2)
+    simulate_trial(plan, out, seed, _terminal(quiet, verbose))

@@ -3,16 +3,15 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from .estimator.baselines import LeastSquares, UnscentedKalman
 from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
+from .estimator.least_squares import LeastSquares
 from .estimator.rest_step import rest_step
 from .estimator.smoother import LiveSmoother
-from .io.figures.shape_figures import write_figures
 from .io.model_file import read_sensor_model
 from .io.result import result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
@@ -25,9 +24,8 @@ from .models.structure.rest_shape import RestShape
 from .models.structure.shape import Shape
 from .models.structure.structure import Structure
 from .models.trial_description import TrialDescription
+from .models.values.errors import InputError
 from .models.values.readings import BoardReading, ResistanceReading, TendonLengths
-
-Method = Literal["batch", "live", "frame", "least-squares", "ukf"]
 
 
 class Estimator(Protocol):
@@ -38,21 +36,30 @@ class Estimator(Protocol):
         ...
 
 
-ESTIMATORS: dict[Method, Callable[[Structure, RestShape, Settings], Estimator]] = {
+def unscented_kalman(structure: Structure, rest: RestShape, settings: Settings) -> Estimator:
+    """Return an `UnscentedKalman`; filterpy is imported for it alone."""
+    from .estimator.unscented_kalman import UnscentedKalman
+
+    return UnscentedKalman(structure, rest, settings)
+
+
+ESTIMATORS: dict[str, Callable[[Structure, RestShape, Settings], Estimator]] = {
     "batch": BatchOptimizer,
     "live": LiveSmoother,
     "frame": FrameEstimator,
     "least-squares": LeastSquares,
-    "ukf": UnscentedKalman,
+    "ukf": unscented_kalman,
 }
-"""A method of your own stands here: its name in `Method`, and a class of the form above."""
+"""Each method by its name. To add one: `tensegraph.pipeline.ESTIMATORS["mine"] = MyEstimator`; from then on
+`reconstruct`, `stream` and the comparison of methods know it in this process."""
 
 
 class Pipeline:
     """Everything between the readings of one trial and its shapes, set up once from the trial's description."""
 
     def __init__(self, trial: TrialDescription, settings: Settings, model: SensorModel) -> None:
-        self.trial, self.settings = trial, settings
+        self.trial = trial
+        self.settings = settings
         rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, settings.rest)
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
@@ -68,12 +75,18 @@ class Pipeline:
             1 / settings.frames.rate_hz,
         )
 
-    def estimate(self, readings: Iterable[Reading], method: Method = "batch") -> Iterator[Shape]:
+    def estimate(self, readings: Iterable[Reading], method: str = "batch") -> Iterator[Shape]:
         """Yield the shape of every frame, live ones as soon as they can be known."""
         return self.shapes(self.lengths(readings), method)
 
-    def shapes(self, frames: Iterable[TendonLengths], method: Method) -> Iterator[Shape]:
-        """Yield the shape of every frame of lengths."""
+    def shapes(self, frames: Iterable[TendonLengths], method: str) -> Iterator[Shape]:
+        """Yield the shape of every frame of lengths.
+
+        Raises:
+            InputError: for a method that is not in `ESTIMATORS`.
+        """
+        if method not in ESTIMATORS:
+            raise InputError(f"method '{method}': expected one of {', '.join(ESTIMATORS)}")
         return ESTIMATORS[method](self.trial.structure, self.rest, self.settings).estimate(frames)
 
     def lengths(self, readings: Iterable[Reading]) -> Iterator[TendonLengths]:
@@ -101,7 +114,7 @@ class Pipeline:
 
 def reconstruct(
     trial: Trial | str | Path,
-    method: Method = "batch",
+    method: str = "batch",
     *,
     settings: Settings | None = None,
     model: SensorModel | None = None,
@@ -111,12 +124,13 @@ def reconstruct(
     Args:
         trial: an opened trial, or the path of its directory.
         method: `batch` uses all frames for each, `live` only those up to it, `frame` that frame alone; of others,
-            `least-squares` is the paper's, `ukf` an unscented Kalman filter (both use the past only).
+            `least-squares` is the paper's, `ukf` an unscented Kalman filter (both use the past only). Any other
+            name in `ESTIMATORS` will do.
         settings: defaults if None.
         model: of the sensors; the one that ships with the package if None.
 
     Raises:
-        InputError: for anything in the trial that can not be read.
+        InputError: for anything in the trial that cannot be read.
         IndeterminateError: when the readings and priors leave some node free.
     """
     trial = trial if isinstance(trial, Trial) else open_trial(trial)
@@ -127,7 +141,7 @@ def reconstruct(
 def stream(
     readings: Iterable[Reading],
     trial: TrialDescription,
-    method: Method = "live",
+    method: str = "live",
     *,
     settings: Settings | None = None,
     model: SensorModel | None = None,
@@ -149,26 +163,45 @@ def stream(
     return pipeline.estimate(readings, method)
 
 
-def save(reconstruction: Reconstruction, path: str | Path, settings: Settings | None = None) -> None:
+def save(
+    reconstruction: Reconstruction, path: str | Path, settings: Settings | None = None, *, figures: bool = True
+) -> None:
     """Write shapes as a result directory: tables, figures, and the settings.
 
     Args:
         reconstruction: what to write.
         path: of the directory; an earlier result there is replaced.
         settings: those that made it; their `probability` is that of the ellipsoids.
+        figures: whether to draw lengths.png and shape.png, which takes some seconds.
 
     Raises:
-        InputError: when something else than an earlier result stands there.
+        InputError: when something else than an earlier result stands there, or it cannot be written.
     """
-    path, settings = Path(path), settings or Settings()
-    write_result(reconstruction, path, path.name, {"settings": asdict(settings)}, settings)
+    path = Path(path)
+    settings = settings or Settings()
+    run = {"settings": asdict(settings)}
+    write_result(reconstruction, path, run, settings, figures_title=path.name if figures else None)
 
 
 def write_result(
-    reconstruction: Reconstruction, path: Path, title: str, run: Mapping[str, Any], settings: Settings
+    reconstruction: Reconstruction, path: Path, run: Mapping[str, Any], settings: Settings, figures_title: str | None
 ) -> None:
-    """Write a result directory with its run.toml, whole or not at all."""
+    """Write a result directory, whole or not at all.
+
+    Args:
+        reconstruction: what to write.
+        path: of the directory.
+        run: what run.toml says.
+        settings: those that made it.
+        figures_title: what was reconstructed; without one, no figures are drawn.
+
+    Raises:
+        InputError: see `save`.
+    """
     with result_directory(path) as directory:
         write_tables(reconstruction, settings.probability, directory)
-        write_figures(reconstruction, settings, title, directory)
+        if figures_title is not None:
+            from .io.figures.shape_figures import write_figures  # matplotlib takes a third of a second to import
+
+            write_figures(reconstruction, settings, figures_title, directory)
         write_run(run, directory)

@@ -43,12 +43,13 @@ def main(trials: list[Path]) -> None:
     print("trial         RMSE   about its mean   static: RMSE   about   in 1.96 sigma   median sigma")
     for path in trials:
         trial = open_trial(path)
-        structure, (truth_s, truth_m) = trial.description.structure, trial.truth()
+        structure = trial.description.structure
+        truth = trial.truth()
         pipeline = Pipeline(trial.description, Settings(), model)
         frames = list(pipeline.lengths(trial.readings()))
         t_s = np.array([f.t_s for f in frames])
-        true_m = structure.tendon_length_m(truth_m)
-        true_m = np.stack([np.interp(t_s, truth_s, column) for column in true_m.T], axis=1)
+        true_m = structure.tendon_length_m(truth.node_position_m)
+        true_m = np.stack([np.interp(t_s, truth.t_s, column) for column in true_m.T], axis=1)
         sigma_m = np.array([f.sigma_m for f in frames])
         error = np.array([f.length_m for f in frames]) - true_m
         static = static_lengths(open_trial(path), Pipeline(trial.description, Settings(), model), model) - true_m

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from tensegraph import BoardReading, Reconstruction, Settings, open_trial, simulate
-from tensegraph.io.figures.shape_figures import BLUE, GREY, ORANGE
+from tensegraph.io.figures.style import BLUE, GREY, ORANGE
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.trial_directory import Trial
 from tensegraph.models.evaluation.metrics import node_rmse_m
@@ -51,12 +51,13 @@ def open_circuit(trial: Trial, dead: Sequence[int]) -> Iterator[BoardReading]:
 
 def dead_sensors(trial: Trial, draws: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return (draws, dead) node RMSE and median sigma [mm] with 0, 1, 2 ... sensors dead, each one more than before."""
-    rng, truth, structure = np.random.default_rng(seed), trial.truth(), trial.description.structure
+    rng = np.random.default_rng(seed)
+    structure = trial.description.structure
 
     def measured_mm(dead: Sequence[int]) -> tuple[float, float]:
         shapes = estimated(trial, trial.description, "live", dead)
         sigma_m = np.median(shapes.node_sigma_m[:, structure.free_nodes])
-        return 1e3 * node_rmse_m(shapes, *truth), 1e3 * float(sigma_m)
+        return 1e3 * rmse_m(trial, shapes), 1e3 * float(sigma_m)
 
     whole = measured_mm([])
     result = []
@@ -67,11 +68,16 @@ def dead_sensors(trial: Trial, draws: int, seed: int = 0) -> tuple[np.ndarray, n
     return rmse_mm, sigma_mm
 
 
+def rmse_m(trial: Trial, shapes: Reconstruction) -> float:
+    """Return the node RMSE [m] of a trial's shapes."""
+    truth = trial.truth()
+    return node_rmse_m(shapes, truth.t_s, truth.node_position_m)
+
+
 def held_rmse_mm(trial: Trial) -> float:
     """Return the node RMSE [mm] of the rest shape, held."""
     rest_m = Pipeline(trial.description, Settings(), read_sensor_model()).rest.node_position_m
-    _, truth_m = trial.truth()
-    error_m = (rest_m - truth_m)[:, trial.description.structure.free_nodes]
+    error_m = (rest_m - trial.truth().node_position_m)[:, trial.description.structure.free_nodes]
     return 1e3 * float(np.sqrt(np.mean(np.sum(error_m**2, axis=-1))))
 
 
@@ -157,8 +163,8 @@ def wrong_mechanics(trials: Sequence[Trial], methods: Sequence[Method]) -> Itera
     yield "| the estimator is told | " + " | ".join(f"{trial.name}, {method}" for trial, method in columns) + " |"
     yield "|---|" + "---|" * len(columns)
     for name, change in WRONG.items():
-        rmse_m = [node_rmse_m(estimated(t, change(t.description), method), *t.truth()) for t, method in columns]
-        yield f"| {name} | " + " | ".join(f"{1e3 * value:.2f}" for value in rmse_m) + " |"
+        errors_m = [rmse_m(t, estimated(t, change(t.description), method)) for t, method in columns]
+        yield f"| {name} | " + " | ".join(f"{1e3 * value:.2f}" for value in errors_m) + " |"
 
 
 def main(

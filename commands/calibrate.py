@@ -1,112 +1,181 @@
-"""A calibration, from a folder of recordings to model, card and figures."""
+"""`calibrate`: a folder of recordings into a sensor model, its card and its figures."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import TextColumn
 
 from ..io.calibration_output import CalibrationPaths, CheckpointFile
 from ..io.figures.calibration_figures import write_calibration_figures, write_sweep_figure
 from ..io.model_card import CalibrationReport
 from ..io.model_file import write_sensor_model
-from ..io.recording_files import read_recordings
-from ..models.calibration.bending_fit import fit_bending
+from ..io.recording_files import RecordingFolder, read_recordings, read_rig
+from ..models.calibration.bending_fit import BendingFit, fit_bending
 from ..models.calibration.calibrated_model import calibrate_model
 from ..models.calibration.recipe import Trained, TrainingSettings
 from ..models.calibration.recordings import Recording, Split
 from ..models.calibration.strip_rig import StripRig
 from ..models.sensor.bending import BendingCurve
+from ..models.values.errors import TensegraphError
+from .terminal import Terminal
 
 SWEEP = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0)
 """Learning rates tried."""
 SWEEP_EPOCHS = 40
 """Of each of these short trainings."""
-COLUMNS = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+
+
+@dataclass(frozen=True, slots=True)
+class HoldOut:
+    """Which recordings test the model, as typed: by name, by time, or as `Split.by_recordings` has it.
+
+    Raises:
+        TensegraphError: when both are given.
+    """
+
+    names: tuple[str, ...] = ()
+    """Patterns of whole recordings."""
+    tail: float | None = None
+    """The last share of each recording."""
+
+    def __post_init__(self) -> None:
+        if self.names and self.tail is not None:
+            raise TensegraphError("--hold-out and --hold-out-tail: expected one of them, got both")
+
+    def split(self, recordings: Sequence[Recording]) -> Split:
+        """Return what trains, what validates, and what tests."""
+        if self.names:
+            return Split.by_name(recordings, self.names)
+        return Split.by_recordings(recordings) if self.tail is None else Split.by_time(recordings, self.tail)
+
+    def words(self) -> list[str]:
+        """Return the options that say the same."""
+        names = [f"--hold-out '{pattern}'" for pattern in self.names]
+        return names + ([f"--hold-out-tail {self.tail:g}"] if self.tail is not None else [])
 
 
 def calibrate_folder(
     folder: Path,
-    paths: CalibrationPaths,
-    rig: StripRig,
+    out: Path,
+    *,
+    rig: Path | None,
+    hold_out: HoldOut,
     settings: TrainingSettings,
-    hold_out: Sequence[str] | None,
-    hold_out_tail: float | None,
     sweep: bool,
-    console: Console,
+    terminal: Terminal,
 ) -> None:
-    """Train on a folder of recordings; write model, card and figures, and print the scores."""
-    start = time.perf_counter()
+    """Train on a folder of recordings; write model, card and figures, and print the scores.
+
+    Args:
+        folder: of recordings.
+        out: file of the model; card and figures go beside it.
+        rig: file that describes the recordings; see `read_rig`.
+        hold_out: which recordings test it.
+        settings: of the training.
+        sweep: whether to try learning rates first.
+        terminal: for progress and scores.
+
+    Raises:
+        TensegraphError: when there is nothing to train on, or the model cannot be written.
+        SystemExit: with 130 after Ctrl-C; the state of the training is kept.
+    """
+    paths = CalibrationPaths(out)
+    strip_rig = read_rig(rig)
     paths.check()
+    start_s = time.perf_counter()
+    try:
+        with terminal.stage("recordings and bending"):
+            data = _training_data(folder, strip_rig, hold_out, terminal)
+        losses = _sweep(data, settings, terminal) if sweep else {}
+        with terminal.stage("training"):
+            trained = _train(data, settings, CheckpointFile(paths.checkpoint), terminal)
+        report = CalibrationReport(
+            calibration=calibrate_model(data.split, trained, data.bending, settings),
+            folder=data.folder,
+            rig=strip_rig,
+            command=_command(strip_rig, settings, hold_out),
+            seconds=time.perf_counter() - start_s,
+        )
+        with terminal.stage("files"):
+            _write(report, losses, settings.learning_rate, paths)
+    except KeyboardInterrupt:
+        terminal.written("interrupted: the same command goes on from where it was")
+        raise SystemExit(130) from None
+    terminal.news.print(report.table())
+    terminal.news.print(report.verdict())
+    terminal.written(f"written to {paths.model}, {paths.card} and {paths.figures}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _TrainingData:
+    """What a training starts from."""
+
+    folder: RecordingFolder
+    split: Split
+    bending: BendingFit | None
+    """None when no recording bends."""
+
+    @property
+    def curve(self) -> BendingCurve:
+        """The fitted curve of bending, or the paper's."""
+        return self.bending.curve() if self.bending else BendingCurve()
+
+
+def _training_data(folder: Path, rig: StripRig, hold_out: HoldOut, terminal: Terminal) -> _TrainingData:
     found = read_recordings(folder, rig)
     for line in found.left_out:
-        console.print(f"left out: {line}", highlight=False, markup=False, soft_wrap=True)
-    split = _split(found.recordings, hold_out, hold_out_tail)
-    bending = fit_bending([*split.training, *split.validation], split.held_out)
-    curve = bending.curve() if bending else BendingCurve()
-    losses = _sweep(split, curve, settings, console) if sweep else {}
-    trained = _train(split, curve, settings, CheckpointFile(paths.checkpoint), console)
-    calibration = calibrate_model(split, trained, bending, settings)
-    seconds = time.perf_counter() - start
-    command = _command(rig, settings, hold_out, hold_out_tail)
-    report = CalibrationReport(calibration, found, rig, command, seconds)
-    with paths.written_whole() as inside:
-        write_calibration_figures(calibration, inside.figures)
-        if losses:
-            write_sweep_figure(losses, settings.learning_rate, inside.figures / "sweep.png")
-        inside.card.write_text(report.card(), encoding="utf-8")
-        write_sensor_model(report.model(), inside.model)
-    console.print(report.table())
-    console.print(report.verdict())
-    console.print(f"written to {paths.model}, {paths.card} and {paths.figures}", highlight=False, soft_wrap=True)
+        terminal.line(f"left out: {line}")
+    split = hold_out.split(found.recordings)
+    return _TrainingData(found, split, fit_bending([*split.training, *split.validation], split.held_out))
 
 
-def _split(recordings: list[Recording], hold_out: Sequence[str] | None, hold_out_tail: float | None) -> Split:
-    if hold_out:
-        return Split.by_name(recordings, hold_out)
-    return Split.by_recordings(recordings) if hold_out_tail is None else Split.by_time(recordings, hold_out_tail)
-
-
-def _train(
-    split: Split, curve: BendingCurve, settings: TrainingSettings, checkpoint: CheckpointFile, console: Console
-) -> Trained:
+def _train(data: _TrainingData, settings: TrainingSettings, checkpoint: CheckpointFile, terminal: Terminal) -> Trained:
     from ..models.calibration.training import train  # torch takes seconds to import
 
-    with Progress(*COLUMNS, TextColumn("{task.fields[loss]}"), console=console) as progress:
+    with terminal.progress(TextColumn("{task.fields[loss]}"), transient=False) as progress:
         task = progress.add_task("training", total=settings.epochs, loss="")
         return train(
-            split,
-            curve,
+            data.split,
+            data.curve,
             settings,
             lambda epoch, loss: progress.update(task, completed=epoch, loss=f"loss {loss:.3f}"),
             checkpoint,
         )
 
 
-def _sweep(split: Split, curve: BendingCurve, settings: TrainingSettings, console: Console) -> dict[float, float]:
+def _sweep(data: _TrainingData, settings: TrainingSettings, terminal: Terminal) -> dict[float, float]:
     """Return the least validation loss of a short training at each learning rate; inf where it diverged."""
     from ..models.calibration.training import train
 
     losses: dict[float, float] = {}
     short = replace(settings, epochs=min(SWEEP_EPOCHS, settings.epochs))
-    with Progress(*COLUMNS, console=console) as progress:
+    with terminal.progress(transient=False) as progress:
         for rate in progress.track(SWEEP, description="learning rates"):
-            losses[rate] = train(split, curve, replace(short, learning_rate=rate)).history.best_loss
+            losses[rate] = train(data.split, data.curve, replace(short, learning_rate=rate)).history.best_loss
     best = min(losses, key=lambda rate: losses[rate])
-    console.print(f"least validation loss after {short.epochs} epochs at learning rate {best:g}", highlight=False)
+    terminal.line(f"least validation loss after {short.epochs} epochs at learning rate {best:g}")
     return losses
 
 
-def _command(
-    rig: StripRig, settings: TrainingSettings, hold_out: Sequence[str] | None, hold_out_tail: float | None
-) -> str:
+def _write(
+    report: CalibrationReport, losses: Mapping[float, float], learning_rate: float, paths: CalibrationPaths
+) -> None:
+    """Write figures, card and model, all or none."""
+    with paths.written_whole() as inside:
+        write_calibration_figures(report.calibration, inside.figures)
+        if losses:
+            write_sweep_figure(losses, learning_rate, inside.figures / "sweep.png")
+        inside.card.write_text(report.card(), encoding="utf-8")
+        write_sensor_model(report.model(), inside.model)
+
+
+def _command(rig: StripRig, settings: TrainingSettings, hold_out: HoldOut) -> str:
     """Return the command that makes the same model again; where from and where to does not change the model."""
     words = ["tensegraph calibrate FOLDER --out MODEL"]
     words += ["--rig RIG.toml"] if rig != StripRig() else []
-    words += [f"--hold-out '{pattern}'" for pattern in hold_out or ()]
-    words += [f"--hold-out-tail {hold_out_tail:g}"] if hold_out_tail is not None else []
+    words += hold_out.words()
     words += ["--unified"] if settings.unified else []
     words += [f"--epochs {settings.epochs} --learning-rate {settings.learning_rate:g} --seed {settings.seed}"]
     return " ".join(words)

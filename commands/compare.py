@@ -1,4 +1,4 @@
-"""All methods over all trials, on the very same lengths and sigmas: the paper's Table I, measured here."""
+"""`compare`: all methods over all trials, on the very same lengths and sigmas: the paper's Table I, measured here."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -6,11 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from rich.markdown import Markdown
+from rich.progress import Progress
 
 from ..io.comparison_tables import as_markdown, write_comparison_csv
-from ..io.figures.evaluation_figures import write_comparison_figure
+from ..io.figures.comparison_figure import write_comparison_figure
+from ..io.model_file import read_sensor_model
 from ..io.result import result_directory
-from ..io.trial_directory import Trial
+from ..io.toml import read_settings
+from ..io.trial_directory import Trial, open_trial
+from ..io.whole import check_replaceable
 from ..models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow
 from ..models.evaluation.consistency import coverage
 from ..models.evaluation.estimate import Estimate
@@ -23,9 +28,12 @@ from ..models.structure.reconstruction import Reconstruction
 from ..models.values.errors import IndeterminateError, InputError
 from ..models.values.readings import TendonLengths
 from ..pipeline import ESTIMATORS, Pipeline
+from .paths import distinct_names
+from .terminal import Terminal
 
 COMPARISON_FILE = "comparison.csv"
-HELD = "rest shape held"
+NO_METHOD = "rest shape held"
+"""Name for the table of what is estimated without any measurement."""
 METHODS = {
     "least-squares": "least squares",
     "ukf": "UKF",
@@ -34,6 +42,53 @@ METHODS = {
     "batch": "graph, batch",
 }
 """Names for the table, in its order; a method without one goes last, by the name it has."""
+
+
+def compare_trials(
+    trials: Sequence[Path], *, out: Path, config: Path | None, model: Path | None, terminal: Terminal
+) -> None:
+    """Run every method in `ESTIMATORS` on trials, write table and figure, and print the table.
+
+    Args:
+        trials: their directories.
+        out: directory of the comparison.
+        config: file of settings; defaults if None.
+        model: of the sensors; the one that ships if None.
+        terminal: for progress and the table.
+
+    Raises:
+        TensegraphError: when a trial cannot be read, or the comparison not be written.
+    """
+    distinct_names(trials)
+    check_replaceable(out, COMPARISON_FILE)
+    settings = read_settings(config)
+    sensor_model = read_sensor_model(model)
+    opened = [open_trial(path) for path in trials]
+    measured = []
+    with terminal.progress() as progress:
+        for trial in opened:
+            with terminal.stage(f"all methods on {trial.name}"):
+                for one in measure(trial, settings, sensor_model, lambda *frames: _tracked(progress, *frames)):
+                    measured.append(one)
+                    progress.console.print(one.line(), highlight=False)
+    rows = comparison_rows(measured)
+    command = "tensegraph compare " + " ".join(trial.path.as_posix() for trial in opened)
+    with terminal.stage("table and figure"):
+        write_comparison(rows, command, out)
+    terminal.news.print(Markdown(as_markdown(rows, command)))
+    terminal.written(f"written to {out}")
+
+
+Track = Callable[[Iterable[TendonLengths], int, str], Iterable[TendonLengths]]
+"""Passes frames on while it shows how many of them have gone by, and whose."""
+
+
+def _tracked(progress: Progress, frames: Iterable[TendonLengths], total: int, name: str) -> Iterator[TendonLengths]:
+    task = progress.add_task(name, total=total)
+    for frame in frames:
+        yield frame
+        progress.advance(task)
+    progress.remove_task(task)  # the line that says what came out takes its place
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,59 +102,97 @@ class Measured:
     """nan when nothing was run."""
     evaluation: Evaluation | None
     """None when the trial has no truth, or the method gave up."""
-    note: str
+    note: str = ""
     """Why there is no evaluation."""
 
     def line(self) -> str:
         """Return what to say when it is done."""
-        said = [f"{self.trial}, {self.method}:"]
+        parts = [f"{self.trial}, {self.method}:"]
         if self.evaluation:
-            said.append(f"node RMSE {1e3 * self.evaluation.absolute.nodes.rmse_m:.2f} mm")
+            parts.append(f"node RMSE {1e3 * self.evaluation.absolute.nodes.rmse_m:.2f} mm")
         if np.isfinite(self.seconds):
-            said.append(f"{1e3 * self.seconds / self.frames:.2f} ms per frame")
-        return " ".join([*said, self.note]).rstrip()
-
-
-Track = Callable[[Iterable[TendonLengths], int, str], Iterable[TendonLengths]]
-"""Passes frames on while it shows how many of them have gone by, and whose."""
+            parts.append(f"{1e3 * self.seconds / self.frames:.2f} ms per frame")
+        return " ".join([*parts, self.note]).rstrip()
 
 
 def measure(trial: Trial, settings: Settings, model: SensorModel, track: Track) -> Iterator[Measured]:
     """Run every method on a trial's lengths, which are made once, and yield each when it is done."""
-    name, structure = trial.path.resolve().name, trial.description.structure
-    pipeline = Pipeline(trial.description, settings, model)
-    frames = list(pipeline.lengths(trial.readings()))
-    try:
-        positions, note = trial.truth(), "(no truth)"
-        truth = Truth(*positions, trial.description.rest_seconds, trial.faults()) if positions else None
-    except InputError as error:
-        truth, note = None, f"(truth not used: {error})"
-
-    def judged(method: str, seconds: float, estimate: Estimate) -> Measured:
-        if truth is None:
-            return Measured(name, method, len(frames), seconds, None, note)
-        try:
-            evaluation = evaluate(structure, pipeline.rest.node_position_m, estimate, truth)
-        except InputError as error:
-            return Measured(name, method, len(frames), seconds, None, f"(not evaluated: {error})")
-        return Measured(name, method, len(frames), seconds, evaluation, "")
-
-    yield judged(HELD, np.nan, held(pipeline, frames))
+    comparison = TrialComparison(trial, settings, model)
+    yield comparison.without_method()
     for method in sorted(ESTIMATORS, key=lambda m: list(METHODS).index(m) if m in METHODS else len(METHODS)):
-        label = METHODS.get(method, method)
-        estimator = ESTIMATORS[method](structure, pipeline.rest, settings)
-        start = time.perf_counter()
+        yield comparison.with_method(method, track)
+
+
+class TrialComparison:
+    """A trial's lengths, and what is known to be true of it."""
+
+    def __init__(self, trial: Trial, settings: Settings, model: SensorModel) -> None:
+        self._settings = settings
+        self._name = trial.path.resolve().name
+        self._structure = trial.description.structure
+        self._pipeline = Pipeline(trial.description, settings, model)
+        self._frames = list(self._pipeline.lengths(trial.readings()))
+        self._truth: Truth | None = None
+        self._note = "(no truth)"
         try:
-            shapes = list(estimator.estimate(track(frames, len(frames), f"{name}, {label}")))
+            positions = trial.truth()
+            if positions is not None:
+                self._truth = Truth(
+                    t_s=positions.t_s,
+                    node_position_m=positions.node_position_m,
+                    rest_seconds=trial.description.rest_seconds,
+                    faults=trial.faults(),
+                )
+        except InputError as error:
+            self._note = f"(truth not used: {error})"
+
+    def without_method(self) -> Measured:
+        """Return what the rest shape alone is worth."""
+        return self._measured(NO_METHOD, np.nan, rest_shape_estimate(self._pipeline, self._frames))
+
+    def with_method(self, method: str, track: Track) -> Measured:
+        """Run a method, in time order, and return what came out."""
+        label = METHODS.get(method, method)
+        estimator = ESTIMATORS[method](self._structure, self._pipeline.rest, self._settings)
+        frames = track(self._frames, len(self._frames), f"{self._name}, {label}")
+        start_s = time.perf_counter()
+        try:
+            shapes = list(estimator.estimate(frames))
         except IndeterminateError as error:
-            yield Measured(name, label, len(frames), np.nan, None, f"gave up at {error}")
-            continue
-        yield judged(label, time.perf_counter() - start, Estimate.of(Reconstruction.of(structure, shapes)))
+            return Measured(
+                trial=self._name,
+                method=label,
+                frames=len(self._frames),
+                seconds=np.nan,
+                evaluation=None,
+                note=f"gave up at {error}",
+            )
+        seconds = time.perf_counter() - start_s
+        return self._measured(label, seconds, Estimate.of(Reconstruction.of(self._structure, shapes)))
+
+    def _measured(self, method: str, seconds: float, estimate: Estimate) -> Measured:
+        evaluation = None
+        note = self._note
+        if self._truth is not None:
+            try:
+                evaluation = evaluate(self._structure, self._pipeline.rest.node_position_m, estimate, self._truth)
+                note = ""
+            except InputError as error:
+                note = f"(not evaluated: {error})"
+        return Measured(
+            trial=self._name,
+            method=method,
+            frames=len(self._frames),
+            seconds=seconds,
+            evaluation=evaluation,
+            note=note,
+        )
 
 
-def held(pipeline: Pipeline, frames: Sequence[TendonLengths]) -> Estimate:
+def rest_shape_estimate(pipeline: Pipeline, frames: Sequence[TendonLengths]) -> Estimate:
     """Return what to say of a trial without estimating anything: the rest shape, without a covariance."""
-    count, rest_m = len(frames), pipeline.rest.node_position_m
+    count = len(frames)
+    rest_m = pipeline.rest.node_position_m
     sigma_m = np.array([frame.sigma_m for frame in frames])
     return Estimate(
         t_s=np.array([frame.t_s for frame in frames]),
@@ -126,22 +219,23 @@ def _row(trial: str, method: str, measured: Sequence[Measured]) -> ComparisonRow
     compared = [e.compared for e in evaluations]
     none = np.empty((0, 3))
     sigma_m = np.concatenate([none.ravel(), *(c.node_sigma_m[~np.isnan(c.nees)] for c in compared)])
-    branches = [c.wrong_branch for e, c in zip(evaluations, compared, strict=True) if e.wrong_branch_frames is not None]
+    branches = [e.compared.wrong_branch for e in evaluations if e.wrong_branch_frames is not None]
     timed = [m for m in measured if np.isfinite(m.seconds)]
-    seconds, timed_frames = sum(m.seconds for m in timed), sum(m.frames for m in timed)
+    seconds = sum(m.seconds for m in timed)
+    timed_frames = sum(m.frames for m in timed)
     return ComparisonRow(
-        trial,
-        method,
-        len(evaluations),
-        sum(m.frames for m in measured),
-        shape_errors(
+        trial=trial,
+        method=method,
+        trials=len(evaluations),
+        frames=sum(m.frames for m in measured),
+        errors=shape_errors(
             np.concatenate([none, *(c.node_error_m.reshape(-1, 3) for c in compared)]),
             np.concatenate([none, *(c.face_error_m.reshape(-1, 3) for c in compared)]),
         ),
-        coverage(np.concatenate([none.ravel(), *(c.nees.ravel() for c in compared)]), 0.95),
-        float(np.median(sigma_m)) if len(sigma_m) else np.nan,
-        float(np.mean(np.concatenate(branches))) if branches else np.nan,
-        1e3 * seconds / timed_frames if timed else np.nan,
+        coverage_95=coverage(np.concatenate([none.ravel(), *(c.nees.ravel() for c in compared)]), 0.95),
+        median_sigma_m=float(np.median(sigma_m)) if len(sigma_m) else np.nan,
+        wrong_branch_share=float(np.mean(np.concatenate(branches))) if branches else np.nan,
+        ms_per_frame=1e3 * seconds / timed_frames if timed else np.nan,
     )
 
 
@@ -150,5 +244,5 @@ def write_comparison(rows: Sequence[ComparisonRow], command: str, path: Path) ->
     with result_directory(path, COMPARISON_FILE) as directory:
         write_comparison_csv(rows, directory / COMPARISON_FILE)
         (directory / "comparison.md").write_text(as_markdown(rows, command), encoding="utf-8")
-        published = {p.source: p.node_mm for p in PUBLISHED}
-        write_comparison_figure(rows, published, directory / "comparison.png")
+        published_mm = {p.source: p.node_mm for p in PUBLISHED}
+        write_comparison_figure(rows, published_mm, directory / "comparison.png")

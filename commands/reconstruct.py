@@ -1,6 +1,8 @@
-"""What a run says of itself: the table on the screen, and run.toml."""
+"""`reconstruct`: recorded trials into results, and what a run says of itself on the screen and in run.toml."""
 
+import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -8,20 +10,81 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from ..io.model_file import read_sensor_model
 from ..io.provenance import relative_path, versions
-from ..io.trial_directory import Trial
+from ..io.result import RUN_FILE
+from ..io.toml import read_settings
+from ..io.trial_directory import Trial, open_trial
 from ..models.evaluation.metrics import node_rmse_m
+from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.rest_shape import RestShape
 from ..models.values.errors import InputError
 from ..models.values.readings import LEFT_OUT, MOMENTARY, Flag
-from ..pipeline import Method, Pipeline
+from ..pipeline import Pipeline, write_result
+from .paths import result_paths
+from .terminal import Terminal
 
 LONG_S = 1.0
 """A node that carries a load for longer, in all, is named."""
-BAD = ~MOMENTARY
+SENSOR_FLAGS = ~MOMENTARY
 """Flags that tell of a sensor, not of a moment."""
+
+
+def reconstruct_trials(
+    trials: Sequence[Path],
+    method: str,
+    *,
+    out: Path | None,
+    config: Path | None,
+    model: Path | None,
+    figures: bool,
+    terminal: Terminal,
+) -> None:
+    """Reconstruct trials, write a result directory for each, and print what came out.
+
+    Args:
+        trials: their directories.
+        method: a name in `ESTIMATORS`.
+        out: see `result_paths`.
+        config: file of settings; defaults if None.
+        model: of the sensors; the one that ships if None.
+        figures: whether to draw them.
+        terminal: for progress and tables.
+
+    Raises:
+        TensegraphError: when a trial cannot be read, or a result not be written.
+    """
+    settings = read_settings(config)
+    sensor_model = read_sensor_model(model)
+    opened = [open_trial(path) for path in trials]
+    for trial, path in zip(opened, result_paths(trials, out, Path("results"), RUN_FILE), strict=True):
+        run = run_trial(trial, method, settings, sensor_model, terminal)
+        with terminal.stage("tables and figures" if figures else "tables"):
+            title = f"{trial.name}, {run.method}" if figures else None
+            write_result(run.reconstruction, path, run.as_table(path), settings, title)
+        terminal.news.print(run.summary())
+        terminal.written(f"written to {path}")
+
+
+def run_trial(trial: Trial, method: str, settings: Settings, model: SensorModel, terminal: Terminal) -> "Run":
+    """Return a trial's shapes, with a progress bar over its readings."""
+    with terminal.stage("rest shape"):
+        pipeline = Pipeline(trial.description, settings, model)
+    with terminal.stage("shapes"), terminal.progress() as progress:
+        readings = progress.track(trial.readings(), total=trial.row_count(), description=trial.name)
+        start_s = time.perf_counter()
+        reconstruction = Reconstruction.of(trial.description.structure, pipeline.estimate(readings, method))
+        seconds = time.perf_counter() - start_s
+    return Run(
+        trial=trial,
+        method=method,
+        settings=settings,
+        pipeline=pipeline,
+        reconstruction=reconstruction,
+        seconds=seconds,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +92,7 @@ class Run:
     """One trial, reconstructed."""
 
     trial: Trial
-    method: Method
+    method: str
     settings: Settings
     pipeline: Pipeline
     reconstruction: Reconstruction
@@ -91,15 +154,17 @@ class Run:
             return {"truth": f"not used: {error}"}
         if truth is None:
             return {}
-        still = np.broadcast_to(self.pipeline.rest.node_position_m, self.reconstruction.node_position_m.shape)
-        held = replace(self.reconstruction, node_position_m=still)
+        rest_m = np.broadcast_to(self.pipeline.rest.node_position_m, self.reconstruction.node_position_m.shape)
+        at_rest = replace(self.reconstruction, node_position_m=rest_m)
+        rmse_m = node_rmse_m(self.reconstruction, truth.t_s, truth.node_position_m)
+        at_rest_rmse_m = node_rmse_m(at_rest, truth.t_s, truth.node_position_m)
         return {
-            "node RMSE": f"{1e3 * node_rmse_m(self.reconstruction, *truth):.2f} mm",
-            "  of holding the rest shape": f"{1e3 * node_rmse_m(held, *truth):.2f} mm",
+            "node RMSE": f"{1e3 * rmse_m:.2f} mm",
+            "  of holding the rest shape": f"{1e3 * at_rest_rmse_m:.2f} mm",
         }
 
     def _rows_not_plain(self) -> dict[str, int]:
-        """Return how many rows were lost, dropped or cut short, what is none left out."""
+        """Return how many rows were lost, dropped or cut short, by kind; kinds of which there are none are left out."""
         counts: dict[str, int] = {}
         for board, clock in enumerate(self.pipeline.boards.counts if self.pipeline.boards else ()):
             for name, n in asdict(clock).items():
@@ -134,8 +199,8 @@ def load_rows(r: Reconstruction, threshold_n: float) -> list[tuple[str, str]]:
 def flagged_sensors(r: Reconstruction) -> list[str]:
     """Return a line for each way in which sensors misbehaved: whose, how, since when, how often left out."""
     tendons: dict[str, list[str]] = {}
-    for e in np.flatnonzero((r.flags & BAD).any(axis=0)):
-        seen = {flag: np.flatnonzero(r.flags[:, e] & flag) for flag in BAD}
+    for e in np.flatnonzero((r.flags & SENSOR_FLAGS).any(axis=0)):
+        seen = {flag: np.flatnonzero(r.flags[:, e] & flag) for flag in SENSOR_FLAGS}
         parts = [
             f"{flag.names()} from {r.t_s[frames[0]]:.2f} s"
             for flag, frames in seen.items()

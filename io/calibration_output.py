@@ -1,14 +1,12 @@
 """What a calibration writes: the model file, its card, its figures; and the checkpoint while it runs."""
 
-import os
-import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..models.values.errors import InputError
+from .whole import check_writable, written_whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,12 +35,13 @@ class CalibrationPaths:
         """Refuse, before any work, what could not be written.
 
         Raises:
-            InputError: when something else stands in the place of an output.
+            InputError: when something else stands in the place of an output, or the directory cannot be written to.
         """
         if self.model.suffix != ".safetensors":
             raise InputError(f"{self.model}: expected a name that ends in .safetensors")
         if not self.model.parent.is_dir():
             raise InputError(f"{self.model.parent}: no such directory")
+        check_writable(self.model)
         for path in (self.model, self.card, self.checkpoint):
             if path.is_dir():
                 raise InputError(f"{path}: is a directory: expected a new name, or an earlier file")
@@ -52,21 +51,11 @@ class CalibrationPaths:
     @contextmanager
     def written_whole(self) -> Iterator["CalibrationPaths"]:
         """Give paths to write to; they take their places when the block ends without an error, the model last."""
-        temporary = Path(tempfile.mkdtemp(prefix=f".{self.model.stem}-", dir=self.model.parent))
-        inside = CalibrationPaths(temporary / self.model.name)
-        inside.figures.mkdir()
-        try:
+        with written_whole(self.figures, self.card, self.model) as (*_, model):
+            inside = CalibrationPaths(model)
+            inside.figures.mkdir()
             yield inside
-            if self.figures.exists():
-                shutil.rmtree(self.figures)
-            for written, path in zip(inside._all(), self._all(), strict=True):
-                os.replace(written, path)
-            self.checkpoint.unlink(missing_ok=True)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
-
-    def _all(self) -> tuple[Path, Path, Path]:
-        return self.figures, self.card, self.model
+        self.checkpoint.unlink(missing_ok=True)
 
 
 def _is_figure(path: Path) -> bool:
@@ -86,6 +75,5 @@ class CheckpointFile:
 
     def save(self, state: bytes) -> None:
         """Keep a state in place of the last, whole or not at all."""
-        written = self.path.with_suffix(".checkpoint-new")
-        written.write_bytes(state)
-        os.replace(written, self.path)
+        with written_whole(self.path) as (inside,):
+            inside.write_bytes(state)

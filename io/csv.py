@@ -47,7 +47,7 @@ class CsvFile:
         except FileNotFoundError as error:
             raise InputError(f"{self.path}: no such file") from error
         except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{self.path}: can not be read: {error}") from error
+            raise InputError(f"{self.path}: cannot be read: {error}") from error
         raise InputError(f"{self.path}: is empty: expected a header with {', '.join(self.columns)}")
 
     def __iter__(self) -> Iterator[list[float]]:
@@ -60,7 +60,8 @@ class CsvFile:
                 row = len(pairs) + 1
                 raise InputError(f"{self.path}: row {row}: column '{name}' is missing: got {', '.join(header)[:80]}")
         index = [header.index(name) if name in header else None for name in (*self.columns, *self.optional)]
-        names, may_be_blank = (*self.columns, *self.optional), frozenset(self.blank)
+        names = (*self.columns, *self.optional)
+        may_be_blank = frozenset(self.blank)
         with self.path.open(encoding="utf-8-sig", newline="", errors="replace") as file:
             for row, line in enumerate(islice(file, first - 1, None), start=first):
                 if not line.endswith("\n"):

@@ -117,7 +117,8 @@ class CalibrationReport:
         ]
 
     def _sigma_lines(self) -> list[str]:
-        scale, gauge = self.calibration.model.sigma_scale, self.calibration.model.gauge
+        scale = self.calibration.model.sigma_scale
+        gauge = self.calibration.model.gauge
         return [
             "The network's sigma is multiplied by b s^p, s being the strain's spread over the last 30 s: "
             f"b = {scale.factor:.3f}, p = {scale.power:.3f}, the most likely ones on the validation recordings "
@@ -136,7 +137,8 @@ class CalibrationReport:
         ]
 
     def _again_lines(self) -> list[str]:
-        history, recipe = self.calibration.trained.history, self.calibration.model.provenance.recipe
+        history = self.calibration.trained.history
+        recipe = self.calibration.model.provenance.recipe
         rig = ["With RIG.toml:", "", "```toml", *rig_text(self.rig).splitlines(), "```", ""]
         return [
             "```sh",

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
+from safetensors.numpy import save
 
 from ..models.sensor.gauge import StaticGauge
 from ..models.sensor.lstm import LstmWeights, Scaling
@@ -61,7 +61,8 @@ class _Metadata:
 def write_sensor_model(model: SensorModel, path: Path) -> None:
     """Write a model file."""
     tensors = {name: np.ascontiguousarray(tensor) for name, tensor in _tensors(model).items()}
-    save_file(tensors, path, {METADATA_KEY: json.dumps(_metadata(model), sort_keys=True)})
+    metadata = {METADATA_KEY: json.dumps(_metadata(model), sort_keys=True)}
+    path.write_bytes(save(tensors, metadata))  # safetensors' own writer makes files that only their owner can read
 
 
 def read_sensor_model(path: Path | None = None) -> SensorModel:
@@ -86,7 +87,9 @@ def read_sensor_model(path: Path | None = None) -> SensorModel:
 
 
 def _tensors(model: SensorModel) -> Tensors:
-    weights, curve, golden = model.network.weights, model.curve, model.network.golden
+    weights = model.network.weights
+    curve = model.curve
+    golden = model.network.golden
     tensors = {part.name: getattr(weights, part.name) for part in fields(weights)} | {
         "strain_knots": curve.gauge.strain_knots,
         "change_knots": curve.gauge.change_knots,
@@ -105,7 +108,8 @@ def _tensors(model: SensorModel) -> Tensors:
 
 
 def _metadata(model: SensorModel) -> dict[str, Any]:
-    gauge, scale = model.gauge, model.sigma_scale
+    gauge = model.gauge
+    scale = model.sigma_scale
     return {
         "format": FORMAT,
         "units": UNITS,
@@ -154,10 +158,11 @@ def _rate_curve(
     tensor: Callable[[str], NDArray[np.float64]], memory_s: NDArray[np.float64], spread: _Spread
 ) -> RateCurve:
     gauge = StaticGauge(tensor("strain_knots"), tensor("change_knots"), spread.gain_sigma, spread.offset_sigma)
+    scale = tensor("curve_scale")
     return RateCurve(
         gauge=gauge,
-        memory_s=memory_s[: len(tensor("curve_scale")) - 1],
-        scale=tensor("curve_scale"),
+        memory_s=memory_s[: len(scale) - 1],
+        scale=scale,
         range=tensor("curve_range"),
         coefficients=tensor("curve_coefficients"),
         factor=tensor("curve_factor"),

@@ -12,7 +12,7 @@ def read_plan(path: Path) -> Plan:
     """Return a plan that can be simulated.
 
     Raises:
-        InputError: naming file, line and key of the first thing that can not be.
+        InputError: naming file, line and key of the first thing that cannot be.
     """
     table = read_toml(path)
     text = path.read_text(encoding="utf-8")

@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..models.evaluation.truth import TrueLoads
 from ..models.values.errors import InputError
+from ..models.values.stamped_positions import StampedPositions
 from .csv import CsvFile
 
 
@@ -19,22 +21,29 @@ def force_columns(node_count: int) -> list[str]:
     return [f"n{node}_f{axis}_n" for node in range(node_count) for axis in "xyz"]
 
 
-def read_positions(path: Path, node_count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (times,) t_s and (times, nodes, 3) positions; nan where a cell is blank or a node has no columns.
+def read_positions(path: Path, node_count: int) -> StampedPositions:
+    """Return the positions in a file; nan where a cell is blank or a node has no columns.
 
     Raises:
-        InputError: for a file that can not be read, fewer than two rows, no node at all, or a stamp that does not
+        InputError: for a file that cannot be read, fewer than two rows, no node at all, or a stamp that does not
             go on from the one before.
     """
-    return _read_vectors(path, position_columns(node_count))
+    rows = _read_rows(path, position_columns(node_count))
+    return StampedPositions(rows[:, 0], _vectors(rows))
 
 
-def read_forces(path: Path, node_count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (times,) t_s and (times, nodes, 3) forces; see `read_positions`."""
-    return _read_vectors(path, force_columns(node_count))
+def read_forces(path: Path, node_count: int) -> TrueLoads:
+    """Return the forces at nodes in a file; nan as in `read_positions`.
+
+    Raises:
+        InputError: see `read_positions`.
+    """
+    rows = _read_rows(path, force_columns(node_count))
+    return TrueLoads(rows[:, 0], _vectors(rows))
 
 
-def _read_vectors(path: Path, columns: list[str]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _read_rows(path: Path, columns: list[str]) -> NDArray[np.float64]:
+    """Return (times, 1 + columns): the stamps, then the columns."""
     file = CsvFile(path, ["t_s"], optional=columns, blank=columns)
     if not set(columns) & set(file.head()[1]):
         raise InputError(f"{path}: holds no node: expected columns as {columns[0]}")
@@ -46,4 +55,9 @@ def _read_vectors(path: Path, columns: list[str]) -> tuple[NDArray[np.float64], 
         raise InputError(
             f"{path}: row {row}, column t_s: expected more than {rows[index, 0]}, got {rows[index + 1, 0]}"
         )
-    return rows[:, 0], rows[:, 1:].reshape(len(rows), -1, 3)
+    return rows
+
+
+def _vectors(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (times, nodes, 3) of (times, 1 + 3 nodes)."""
+    return rows[:, 1:].reshape(len(rows), -1, 3)

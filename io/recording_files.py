@@ -25,14 +25,14 @@ class RecordingFolder:
     sha256: dict[str, str]
     """Of each of their files."""
     left_out: list[str]
-    """One line for each file that can not be used: which, where and why."""
+    """One line for each file that cannot be used: which, where and why."""
 
 
 def read_rig(path: Path | None) -> StripRig:
     """Return the rig described in a TOML file, or the default.
 
     Raises:
-        InputError: for a file that can not be read, a key that is none, or a value that can not be.
+        InputError: for a file that cannot be read, a key that is none, or a value that cannot be.
     """
     if path is None:
         return StripRig()
@@ -51,7 +51,7 @@ def rig_text(rig: StripRig) -> str:
 
 
 def read_recordings(folder: Path, rig: StripRig) -> RecordingFolder:
-    """Return all recordings of a folder, and why the others can not be used.
+    """Return all recordings of a folder, and why the others cannot be used.
 
     Raises:
         InputError: when there is no usable one.
@@ -80,33 +80,49 @@ def read_recording(path: Path, rig: StripRig) -> Recording:
     Raises:
         InputError: when the file is not as the rig says, its stamps do not increase, or it is too short.
     """
-    names = [str(name) for name in rig.needed_columns]
-    file = CsvFile(path, names, numbered=rig.numbered)
+    file = CsvFile(path, [str(name) for name in rig.needed_columns], numbered=rig.numbered)
     pairs, _ = file.head()
     first_row = len(pairs) + (1 if rig.numbered else 2)
     header_ohm = _header_resistance(path, pairs) if rig.natural_resistance_ohm == "header" else None
-    rows = np.array(list(file))
-    if len(rows) < 2:
-        raise InputError(f"{path}: expected at least two rows, got {len(rows)}")
-    for column in {0, 2}:
-        for row in np.flatnonzero(np.diff(rows[:, column]) <= 0):
-            where = f"{path}: row {row + 1 + first_row}, column {names[column]}"
-            raise InputError(f"{where}: expected a later stamp than {rows[row, column]}, got {rows[row + 1, column]}")
-    t_s, strain_t_s = rows[:, 0] * TIME_S[rig.units.time], rows[:, 2] * TIME_S[rig.units.time]
+    rows = _rows_in_time(file, first_row)
+    t_s = rows[:, 0] * TIME_S[rig.units.time]
+    strain_t_s = rows[:, 2] * TIME_S[rig.units.time]
     resistance_ohm = _running_mean(np.abs(rows[:, 1]), rig.average) * RESISTANCE_OHM[rig.units.resistance]
     for row in np.flatnonzero(resistance_ohm <= 0):
-        raise InputError(f"{path}: row {row + first_row}, column {names[1]}: expected a resistance above zero, got 0")
+        raise InputError(
+            f"{path}: row {row + first_row}, column {file.columns[1]}: expected a resistance above zero, got 0"
+        )
     strain = np.interp(t_s, strain_t_s, rows[:, 3] * rig.strain_scale)
     both = (t_s >= strain_t_s[0]) & (t_s <= strain_t_s[-1])
     duration_s = float(np.ptp(t_s[both])) if both.any() else 0.0
     if duration_s < 3 * SETTLING_S:
         raise InputError(f"{path}: expected at least {3 * SETTLING_S:g} s of resistance and strain, got {duration_s:g}")
-    t_s, strain, resistance_ohm = t_s[both], strain[both], resistance_ohm[both]
+    t_s = t_s[both]
+    strain = strain[both]
+    resistance_ohm = resistance_ohm[both]
     natural_ohm = header_ohm or rig.natural_resistance_ohm
     if natural_ohm == "start":
         natural_ohm = float(np.mean(resistance_ohm[t_s - t_s[0] <= 1.0]))
     assert not isinstance(natural_ohm, str)
-    return Recording(path.stem, t_s, np.abs(strain) if rig.magnitude else strain, resistance_ohm / natural_ohm - 1)
+    change = resistance_ohm / natural_ohm - 1
+    return Recording(path.stem, t_s, np.abs(strain) if rig.magnitude else strain, change)
+
+
+def _rows_in_time(file: CsvFile, first_row: int) -> NDArray[np.float64]:
+    """Return (rows, 4): time and resistance, time and strain, both times increasing.
+
+    Args:
+        file: of a recording.
+        first_row: the number of its first row of values, for errors.
+    """
+    rows = np.array(list(file))
+    if len(rows) < 2:
+        raise InputError(f"{file.path}: expected at least two rows, got {len(rows)}")
+    for column in (0, 2):
+        for row in np.flatnonzero(np.diff(rows[:, column]) <= 0)[:1]:
+            where = f"{file.path}: row {row + 1 + first_row}, column {file.columns[column]}"
+            raise InputError(f"{where}: expected a later stamp than {rows[row, column]}, got {rows[row + 1, column]}")
+    return rows
 
 
 def _header_resistance(path: Path, pairs: dict[str, str]) -> float:

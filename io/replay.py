@@ -12,13 +12,15 @@ class Replay:
     """Yields readings when they are due; stands in for the boards."""
 
     def __init__(self, readings: Iterable[Reading], speed: float) -> None:
-        self._readings, self._speed = readings, speed
+        self._readings = readings
+        self._speed = speed
         self._due_s = self._next_due_s = time.perf_counter()
         self._stopped = threading.Event()
 
     def rows(self) -> Iterator[Reading]:
         """Yield the readings, until the last one or `stop`."""
-        start_s, first_s = time.perf_counter(), None
+        start_s = time.perf_counter()
+        first_s = None
         held: Reading | None = None
         for reading in self._readings:  # one is held back, to know when the next is due
             first_s = arrival_s(reading) if first_s is None else first_s
@@ -27,7 +29,8 @@ class Replay:
                 yield held
             if self._stopped.wait(max(self._next_due_s - time.perf_counter(), 0.0)):
                 return
-            self._due_s, held = self._next_due_s, reading
+            self._due_s = self._next_due_s
+            held = reading
         self._next_due_s = float("inf")
         if held is not None:
             yield held

@@ -1,7 +1,5 @@
 """Results on disk: a directory of CSV files that is there whole or not at all."""
 
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +20,7 @@ from ..models.values.readings import Flag, Mode
 from .csv import CsvFile
 from .positions import position_columns, read_positions
 from .toml import read_toml
+from .whole import check_replaceable, written_whole
 
 RUN_FILE = "run.toml"
 LOADS_FILE = "estimated_loads.csv"
@@ -38,32 +37,12 @@ def result_directory(path: Path, marker: str = RUN_FILE) -> Iterator[Path]:
         marker: the file by which an earlier one of the same kind is known, and may be replaced.
 
     Raises:
-        InputError: when something else than an earlier result stands at `path`, or it can not be written.
+        InputError: when something else than an earlier result stands at `path`, or it cannot be written.
     """
-    check_result_path(path, marker)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
-    except OSError as error:
-        raise InputError(f"{path}: can not be written: {error}") from error
-    try:
-        yield temporary
-        temporary.chmod(0o755)
-        if path.exists():
-            shutil.rmtree(path)
-        temporary.rename(path)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
-def check_result_path(path: Path, marker: str = RUN_FILE) -> None:
-    """Refuse to replace anything but an earlier result.
-
-    Raises:
-        InputError: when `path` is something else.
-    """
-    if path.exists() and not (path.is_dir() and ((path / marker).is_file() or not any(path.iterdir()))):
-        raise InputError(f"{path}: exists and is no earlier result: expected a new name, or a directory with {marker}")
+    check_replaceable(path, marker)
+    with written_whole(path) as (inside,):
+        inside.mkdir()
+        yield inside
 
 
 def write_tables(reconstruction: Reconstruction, probability: float, directory: Path) -> None:
@@ -101,12 +80,14 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
     """Return the shapes, covariances, lengths and, where there are any, loads of a result directory.
 
     Raises:
-        InputError: when a table can not be read, or does not go with shape.csv or the structure.
+        InputError: when a table cannot be read, or does not go with shape.csv or the structure.
     """
-    t_s, position_m = read_positions(directory / "shape.csv", structure.node_count)
-    if np.isnan(position_m).any():
+    positions = read_positions(directory / "shape.csv", structure.node_count)
+    t_s = positions.t_s
+    if np.isnan(positions.node_position_m).any():
         raise InputError(f"{directory / 'shape.csv'}: expected the positions of all {structure.node_count} nodes")
-    nodes, tendons = np.arange(structure.node_count), np.arange(len(structure.tendons))
+    nodes = np.arange(structure.node_count)
+    tendons = np.arange(len(structure.tendons))
     ellipsoid = _read_blocks(directory / "ellipsoids.csv", "node", nodes, t_s, COVARIANCE_COLUMNS)
     covariance_m2 = np.empty((*ellipsoid.shape[:2], 3, 3))
     row, column = np.triu_indices(3)
@@ -121,15 +102,15 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
     lengths = _read_blocks(directory / "lengths.csv", "tendon", tendons, t_s, list(words), words)
     length_m, sigma_m, innovation_sigma_m, mode, flags = np.moveaxis(lengths, -1, 0)
     return Estimate(
-        t_s,
-        position_m,
-        covariance_m2,
-        length_m,
-        sigma_m,
-        mode.astype(np.int64),
-        flags.astype(np.int64),
-        innovation_sigma_m,
-        _read_loads(directory / LOADS_FILE, structure, t_s),
+        t_s=t_s,
+        node_position_m=positions.node_position_m,
+        node_covariance_m2=covariance_m2,
+        length_m=length_m,
+        sigma_m=sigma_m,
+        mode=mode.astype(np.int64),
+        flags=flags.astype(np.int64),
+        innovation_sigma_m=innovation_sigma_m,
+        loads=_read_loads(directory / LOADS_FILE, structure, t_s),
     )
 
 
@@ -139,7 +120,8 @@ def _read_loads(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> E
     rows = _read_blocks(path, "node", structure.free_nodes, t_s, ("fx_n", "fy_n", "fz_n", "sigma_n"))
     force_n = np.full((len(t_s), structure.node_count, 3), np.nan)
     sigma_n = np.full(force_n.shape[:2], np.inf)
-    force_n[:, structure.free_nodes], sigma_n[:, structure.free_nodes] = rows[..., :3], rows[..., 3]
+    force_n[:, structure.free_nodes] = rows[..., :3]
+    sigma_n[:, structure.free_nodes] = rows[..., 3]
     return ExternalLoads(force_n, sigma_n)
 
 

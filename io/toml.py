@@ -21,14 +21,14 @@ def read_toml(path: Path) -> dict[str, Any]:
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: can not be read as TOML: {error}") from error
+        raise InputError(f"{path}: cannot be read as TOML: {error}") from error
 
 
 def read_settings(path: Path | None) -> Settings:
     """Return the settings of a configuration file, or the defaults.
 
     Raises:
-        InputError: for a file that can not be read, a key that is no setting, or a value that can not be.
+        InputError: for a file that cannot be read, a key that is no setting, or a value that cannot be.
     """
     if path is None:
         return Settings()
@@ -54,7 +54,10 @@ def line_of(text: str, key: str) -> int:
 def _lines_of_keys(text: str) -> dict[str, int]:
     """Return the line of every key: statements are the shortest runs of lines that are TOML by themselves."""
     lines: dict[str, int] = {}
-    table, statement, first, seen = "", "", 1, Counter[str]()
+    table = ""
+    statement = ""
+    first = 1
+    seen = Counter[str]()
     for number, line in enumerate(text.splitlines(keepends=True), start=1):
         if not statement:
             first = number
@@ -63,14 +66,16 @@ def _lines_of_keys(text: str) -> dict[str, int]:
             parsed: Any = tomllib.loads(statement)
         except tomllib.TOMLDecodeError:
             continue  # a list or a string goes on
-        header, statement = statement.lstrip().startswith("["), ""
+        header = statement.lstrip().startswith("[")
+        statement = ""
         key = "" if header else table
         while isinstance(parsed, dict) and len(parsed) == 1:
             ((name, parsed),) = parsed.items()
             key = f"{key}.{name}" if key else name
             if isinstance(parsed, list) and header:
                 seen[key] += 1
-                key, parsed = f"{key}[{seen[key] - 1}]", parsed[0]
+                key = f"{key}[{seen[key] - 1}]"
+                parsed = parsed[0]
             lines.setdefault(key, first)
         table = key if header else table
     return lines

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..models.evaluation.truth import Fault, TrueLoads, known_faults
 from ..models.trial_description import TrialDescription, TrialTable, describe_trial
 from ..models.values.errors import InputError
 from ..models.values.readings import BoardReading, Flag, Mode, ResistanceReading, TendonLengths
+from ..models.values.stamped_positions import StampedPositions
 from .csv import CsvFile
 from .positions import read_forces, read_positions
 from .toml import read_toml
@@ -28,9 +28,13 @@ class Trial:
     """An opened trial."""
 
     path: Path
+    """Of its directory."""
     name: str
+    """As trial.toml has it, or the directory's."""
     description: TrialDescription
+    """What is known before the first measurement."""
     table: TrialTable
+    """trial.toml, checked."""
     toml: dict[str, Any]
     """trial.toml as parsed."""
     half_lines: int = field(default=0, init=False)
@@ -42,7 +46,7 @@ class Trial:
         """Yield the measurements in order of arrival; to be iterated once.
 
         Raises:
-            InputError: at the first row that can not be read, or when there is none.
+            InputError: at the first row that cannot be read, or when there is none.
         """
         sources: dict[str, Callable[[], Iterator[Reading]]]
         sources = {"counts": self._rows, "resistance": self._resistances, "lengths": self._lengths}
@@ -70,8 +74,8 @@ class Trial:
             result[name] = hashlib.sha256((self.path / name).read_bytes()).hexdigest()
         return result
 
-    def truth(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Return (frames,) t_s and (frames, nodes, 3) true positions, if the trial has them. Evaluation only."""
+    def truth(self) -> StampedPositions | None:
+        """Return the true positions, if the trial has them. Evaluation only."""
         if self.table.truth is None:
             return None
         return read_positions(self.path / self.table.truth.file, self.description.structure.node_count)
@@ -80,7 +84,7 @@ class Trial:
         """Return the external forces that the trial is known to have, if it names them. Evaluation only."""
         if self.table.truth is None or self.table.truth.loads is None:
             return None
-        return TrueLoads(*read_forces(self.path / self.table.truth.loads, self.description.structure.node_count))
+        return read_forces(self.path / self.table.truth.loads, self.description.structure.node_count)
 
     def faults(self) -> tuple[Fault, ...]:
         """Return the faults that the trial is known to have. Evaluation only."""
@@ -100,7 +104,14 @@ class Trial:
                 if value != int(value):
                     raise InputError(f"{file.path}: row {number}, column {name}: expected an integer, got {value}")
             seq, device_us, *counts = (int(value) for value in integers)
-            yield BoardReading(board, host_s, seq, device_us, np.array(counts), 0 if np.isnan(boot) else int(boot))
+            yield BoardReading(
+                board=board,
+                host_s=host_s,
+                seq=seq,
+                device_us=device_us,
+                counts=np.array(counts),
+                boot=0 if np.isnan(boot) else int(boot),
+            )
         self.half_lines += file.half_lines
 
     def _resistances(self) -> Iterator[ResistanceReading]:
@@ -125,10 +136,12 @@ class Trial:
         assert self.table.lengths is not None
         natural_m = self.description.structure.natural_length_m
         count = len(natural_m)
-        columns, sigmas = [f"l{e}_m" for e in range(count)], [f"s{e}_m" for e in range(count)]
+        columns = [f"l{e}_m" for e in range(count)]
+        sigmas = [f"s{e}_m" for e in range(count)]
         file = CsvFile(self.path / self.table.lengths.file, ["t_s", *columns], sigmas, blank=[*columns, *sigmas])
         for row in self._forward(file):
-            length_m, sigma_m = np.array(row[1 : 1 + count]), np.array(row[1 + count :])
+            length_m = np.array(row[1 : 1 + count])
+            sigma_m = np.array(row[1 + count :])
             possible = ~(length_m <= 0) & ~(sigma_m <= 0)
             mode = np.where(length_m < natural_m, int(Mode.BENDING), int(Mode.STRETCHING))
             flags = np.where(np.isnan(length_m), int(Flag.MISSING), np.where(possible, 0, int(Flag.OUT_OF_RANGE)))
@@ -155,7 +168,8 @@ def open_trial(path: str | Path) -> Trial:
     path = Path(path)
     toml = read_toml(path / "trial.toml")
     table, description = describe_trial(toml, str(path / "trial.toml"))
-    trial = Trial(path, table.name or path.resolve().name, description, table, toml)
+    name = table.name or path.resolve().name
+    trial = Trial(path=path, name=name, description=description, table=table, toml=toml)
     for name in trial.files():
         if not (path / name).is_file():
             raise InputError(f"{path / name}: no such file")

@@ -1,4 +1,4 @@
-"""What whoever stands beside the rig sees: the status panel, the ports, and what is asked of them."""
+"""What the operator sees at the rig: the status panel, and what is asked."""
 
 import sys
 import time
@@ -12,16 +12,16 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from ..commands.reconstruct import BAD
-from ..io.boards.port import PortAnswer
+from ..commands.reconstruct import SENSOR_FLAGS
+from ..commands.terminal import Terminal
 from ..models.sensor.clock import ClockCounts
 from ..models.values.link import LinkState
 from ..models.values.readings import Flag
-from .session import Activity
+from .activity import Activity
 
 
 class Panel:
-    """What is to be seen now, each time that rich draws it."""
+    """The state of a session at the moment at which rich draws it."""
 
     def __init__(
         self,
@@ -30,10 +30,14 @@ class Panel:
         clocks: Callable[[], Sequence[ClockCounts]],
         state: Callable[[], LinkState],
     ) -> None:
-        self._title, self._activity, self._clocks, self._state = title, activity, clocks, state
+        self._title = title
+        self._activity = activity
+        self._clocks = clocks
+        self._state = state
 
     def __rich__(self) -> RenderableType:
-        activity, state = self._activity, self._state()
+        activity = self._activity
+        state = self._state()
         parts: list[RenderableType] = [self._title]
         if activity.boards:
             parts.append(_boards(activity, self._clocks(), state))
@@ -52,27 +56,27 @@ def shown(panel: Panel, console: Console) -> Iterator[None]:
         console.line()
 
 
-class BesideTheRig:
-    """Whoever reads the screen and presses Enter; nobody is asked where there is no keyboard."""
+class OperatorAtTerminal:
+    """An operator who reads the screen and presses Enter; nobody is asked where there is no keyboard."""
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
+    def __init__(self, terminal: Terminal) -> None:
+        self._terminal = terminal
 
     def say(self, text: str) -> None:
         """Print a line."""
-        self._console.print(text, highlight=False)
+        self._terminal.line(text)
 
     def ask_for_rest(self, seconds: float) -> None:
         """Wait for Enter, where there is somebody to press it."""
         if sys.stdin.isatty():
-            self._console.input("Leave the structure alone, standing at its rest shape, and press Enter: ")
+            self._terminal.results.input("Leave the structure alone, standing at its rest shape, and press Enter: ")
         self.say(f"taring for {seconds:g} s: it has to stand still ...")
 
 
 def _boards(activity: Activity, clocks: Sequence[ClockCounts], state: LinkState) -> Table:
     table = Table("", *(f"board {board}" for board in range(activity.boards)))
-    ports = [[port for port in state.ports if port.board == board] for board in range(activity.boards)]
-    connected = [", ".join(port.port for port in of_board if port.connected) or "-" for of_board in ports]
+    ports_of_board = [[port for port in state.ports if port.board == board] for board in range(activity.boards)]
+    connected = [", ".join(port.port for port in ports if port.connected) or "-" for ports in ports_of_board]
     if state.ports:
         table.add_row("port", *connected)
     table.add_row("rate", *(f"{activity.rate_hz(board):.1f} Hz" for board in range(activity.boards)))
@@ -80,8 +84,8 @@ def _boards(activity: Activity, clocks: Sequence[ClockCounts], state: LinkState)
     for name in ("rows", "lost_rows", "dropped_rows", "restarts"):
         table.add_row(name.replace("_", " "), *(str(getattr(clock, name)) for clock in clocks))
     if state.ports:
-        table.add_row("bad CRC", *(str(sum(port.counts.bad_crc for port in of_board)) for of_board in ports))
-        table.add_row("garbage", *(str(sum(port.counts.garbage for port in of_board)) for of_board in ports))
+        table.add_row("bad CRC", *(str(sum(port.counts.bad_crc for port in ports)) for ports in ports_of_board))
+        table.add_row("garbage", *(str(sum(port.counts.garbage for port in ports)) for ports in ports_of_board))
     return table
 
 
@@ -111,18 +115,6 @@ def _summary(activity: Activity, state: LinkState) -> Table:
 def _flagged(flags: NDArray[np.int64]) -> str:
     """Return which sensors misbehave now, and how, sensors of one kind together."""
     kinds: dict[str, list[str]] = {}
-    for tendon in np.flatnonzero(flags & BAD):
-        kinds.setdefault(Flag(int(flags[tendon]) & BAD).names(), []).append(str(tendon))
+    for tendon in np.flatnonzero(flags & SENSOR_FLAGS):
+        kinds.setdefault(Flag(int(flags[tendon]) & SENSOR_FLAGS).names(), []).append(str(tendon))
     return "; ".join(f"{', '.join(tendons)}: {kind}" for kind, tendons in kinds.items())
-
-
-def ports_table(answers: Sequence[PortAnswer]) -> Table:
-    """Return what answers on each port."""
-    table = Table("port", "device", "board", "firmware", "boot", "rate", "channels")
-    for a in answers:
-        hello = a.hello
-        says = [str(a.board_id), "(lines)", "", ""] if a.board_id is not None else [a.error or "silent", "", "", ""]
-        if hello is not None:
-            says = [str(hello.board_id), hello.firmware, str(hello.boot), f"{hello.rate_hz} Hz"]
-        table.add_row(a.port, a.description, *says, str(a.channels or ""))
-    return table

@@ -86,7 +86,7 @@ def true_positions() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(frames,) t_s and (frames, nodes, 3) positions of the example trial."""
     truth = open_trial(EXAMPLE).truth()
     assert truth is not None
-    return truth
+    return truth.t_s, truth.node_position_m
 
 
 @pytest.fixture(scope="session")

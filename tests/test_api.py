@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 import tensegraph
+from tensegraph import Shape, Status, open_trial
+from tensegraph.commands.compare import measure
+from tensegraph.io.model_file import read_sensor_model
 
 ROOT = Path(__file__).parents[1]
 PUBLIC = [
@@ -37,8 +40,9 @@ PUBLIC = [
 
 
 def test_public_names_are_these() -> None:
-    text = (ROOT / "__init__.py").read_text()
-    assert sorted(re.findall(r" as (\w+)$", text, re.MULTILINE)) == PUBLIC
+    text = (ROOT / "__init__.pyi").read_text()
+    assert sorted(re.findall(r" as (\w+)$", text, re.MULTILINE)) == sorted([*PUBLIC, "pipeline"])
+    assert sorted(tensegraph.__all__) == sorted([*PUBLIC, "pipeline"])
     for name in PUBLIC:
         assert getattr(tensegraph, name).__doc__
 
@@ -94,6 +98,40 @@ def test_saved_results_are_those_of_the_command(tmp_path, trial_copy) -> None:
     np.testing.assert_allclose(shape[:, 1:].reshape(-1, 12, 3), result.node_position_m, atol=1e-6)
     with pytest.raises(tensegraph.InputError, match="exists and is no earlier result"):
         tensegraph.save(result, tmp_path / "trial")
+
+
+def test_tables_without_figures(tmp_path, trial_copy) -> None:
+    tensegraph.save(tensegraph.reconstruct(trial_copy(rows=40), "frame"), tmp_path / "out", figures=False)
+    assert not list((tmp_path / "out").glob("*.png"))
+    assert (tmp_path / "out" / "shape.csv").is_file()
+
+
+class AtRest:
+    """An estimator of a user's own: the rest shape, whatever is measured."""
+
+    def __init__(self, structure, rest, settings) -> None:
+        self._rest = rest
+
+    def estimate(self, frames):
+        for frame in frames:
+            yield Shape(frame.t_s, self._rest.node_position_m, self._rest.covariance_m2, Status.OK, frame)
+
+
+def test_an_estimator_of_one_s_own(monkeypatch, trial_copy) -> None:
+    """Once it has a name, it is a method like the others, in Python and in the comparison."""
+    monkeypatch.setitem(tensegraph.pipeline.ESTIMATORS, "mine", AtRest)
+    trial = trial_copy(rows=40)
+    shapes = tensegraph.reconstruct(trial, "mine")
+    np.testing.assert_array_equal(shapes.node_position_m[0], shapes.node_position_m[-1])
+    measured = list(measure(open_trial(trial), tensegraph.Settings(), read_sensor_model(), lambda frames, *_: frames))
+    assert (measured[0].method, measured[-1].method) == ("rest shape held", "mine")
+    held, *_, mine = (one.evaluation.absolute.nodes.rmse_m for one in measured)
+    assert mine == held
+
+
+def test_an_unknown_method_is_named(trial_copy) -> None:
+    with pytest.raises(tensegraph.InputError, match="method 'mine': expected one of batch, live, frame"):
+        tensegraph.reconstruct(trial_copy(rows=40), "mine")
 
 
 def test_the_wheel_s_list_is_the_tree() -> None:

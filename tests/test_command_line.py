@@ -1,8 +1,15 @@
 """The command line as a user types it: help, and what is refused."""
 
+import inspect
+import tomllib
+from importlib.metadata import version
+
 import pytest
 
 from command_line import run
+from tensegraph import cli
+from tensegraph.models.calibration.recipe import TrainingSettings
+from tensegraph.models.trial_description import LinkTable
 
 REFUSED = [
     (["reconstruct", "nothing"], "nothing/trial.toml: no such file"),
@@ -22,6 +29,15 @@ REFUSED = [
     (["calibrate", "trial", "--out", "m.safetensors", "--rig", "bad.toml"], "bad.toml: noise: is no key of a rig"),
     (["calibrate", "trial", "--out", "m.safetensors", "--hold-out", "a", "--hold-out-tail", "0.4"], "expected one of"),
     (["reconstruct", "trial", "--model", "bad.toml"], "bad.toml: is no model file"),
+    (["reconstruct", "trial", "--out", "bad.toml/x"], "bad.toml/x: cannot be written: "),
+    (["reconstruct", "trial", "-q", "-v"], "--quiet and --verbose: expected one of them, got both"),
+    (["evaluate", "trial", "--out", "bad.toml/x"], "bad.toml/x: cannot be written: "),
+    (["compare", "trial", "--out", "bad.toml/x"], "bad.toml/x: cannot be written: "),
+    (["calibrate", "trial", "--out", "bad.toml/m.safetensors"], "bad.toml: no such directory"),
+    (["record", "--rig", "rig.toml", "--out", "bad.toml/x"], "bad.toml/x: cannot be written: "),
+    (["live", "--replay", "trial", "--out", "bad.toml/x"], "bad.toml/x: cannot be written: "),
+    (["live", "--replay", "trial", "--record", "bad.toml/x"], "bad.toml/x: cannot be written: "),
+    (["simulate", "plan.toml", "--out", "bad.toml/x"], "bad.toml/x: cannot be written: "),
 ]
 
 
@@ -41,6 +57,57 @@ def test_bad_input_is_one_line_and_exit_code_2(trial_copy, arguments, message) -
     assert message in result.stderr
     left = sorted(p.name for p in path.parent.rglob("*") if p.parent != path)
     assert [name for name in left if name not in before] in ([], ["results"])
+
+
+def test_an_error_of_the_system_is_one_line_too(monkeypatch, capsys) -> None:
+    def fail() -> None:
+        raise PermissionError(13, "Permission denied", "some/file")
+
+    monkeypatch.setattr(cli, "app", fail)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == "tensegraph: some/file: Permission denied\n"
+
+
+@pytest.mark.parametrize("command", ["", *(command.callback.__name__ for command in cli.app.registered_commands)])
+def test_help_pages_are_legible(tmp_path, command) -> None:
+    long, short = (run(*command.split(), option, cwd=tmp_path) for option in ("--help", "-h"))
+    assert long.returncode == short.returncode == 0
+    assert long.stdout == short.stdout
+    assert "\\b" not in long.stdout
+    assert "[default: ]" not in long.stdout
+    for example in [line for line in long.stdout.splitlines() if line.strip().startswith("tensegraph ")]:
+        assert len(example.strip()) < 79
+
+
+def test_the_version_is_the_package_s(tmp_path) -> None:
+    assert run("--version", cwd=tmp_path).stdout == f"tensegraph {version('tensegraph')}\n"
+
+
+def test_defaults_are_those_of_the_settings() -> None:
+    """Written out in `cli`, so that a help page imports no numpy."""
+    defaults = {name: p.default for name, p in inspect.signature(cli.calibrate).parameters.items()}
+    recipe = TrainingSettings()
+    for name in ("epochs", "learning_rate", "seed", "unified"):
+        assert defaults[name] == getattr(recipe, name)
+    assert inspect.signature(cli.ports).parameters["baud"].default == LinkTable().baud
+
+
+def test_quiet_and_verbose(trial_copy) -> None:
+    """Quiet: the result's path. Verbose: as ever, with times of the stages on stderr. Without figures: tables only."""
+    path = trial_copy(rows=40)
+    frame = ("reconstruct", path, "--method", "frame", "--no-figures")
+    quiet = run(*frame, "-q", "--out", "quiet", cwd=path.parent)
+    assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "written to quiet\n", "")
+    verbose = run(*frame, "-v", "--out", "verbose", cwd=path.parent)
+    assert "node RMSE" in verbose.stdout
+    assert [line.split(":")[0] for line in verbose.stderr.splitlines()] == ["rest shape", "shapes", "tables"]
+    names = {p.name for p in (path.parent / "quiet").iterdir()}
+    assert names == {"shape.csv", "ellipsoids.csv", "lengths.csv", "status.csv", "estimated_loads.csv", "run.toml"}
+    assert tomllib.loads((path.parent / "quiet" / "run.toml").read_text())["method"] == "frame"
+    modes = {p.stat().st_mode & 0o777 for p in (path.parent / "quiet").iterdir()}
+    assert modes == {path.joinpath("trial.toml").stat().st_mode & 0o777}
 
 
 def test_help_names_the_commands(tmp_path) -> None:

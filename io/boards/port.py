@@ -45,7 +45,8 @@ def ask(port: str, description: str, baud: int, seconds: float) -> PortAnswer:
     row: Row | None = None
     try:
         with _opened(port, baud) as line:
-            decoder, until_s = Decoder(), time.monotonic() + seconds
+            decoder = Decoder()
+            until_s = time.monotonic() + seconds
             while time.monotonic() < until_s:
                 for message in decoder.feed(line.read(max(1, line.in_waiting))):
                     if isinstance(message, Hello):
@@ -63,10 +64,15 @@ class PortReader(threading.Thread):
         self, port: str, baud: int, deliver: Callable[["PortReader", list[Message], float], None], stop: threading.Event
     ) -> None:
         super().__init__(daemon=True, name=f"reader of {port}")
-        self.port, self.connected, self.complaint = port, False, ""
+        self.port = port
+        self.connected = False
+        self.complaint = ""
         self.hello: Hello | None = None
-        self._baud, self._deliver, self._stop_asked = baud, deliver, stop
-        self._counts, self._decoder = LinkCounts(), Decoder()
+        self._baud = baud
+        self._deliver = deliver
+        self._stop_asked = stop
+        self._counts = LinkCounts()
+        self._decoder = Decoder()
 
     @property
     def counts(self) -> LinkCounts:
@@ -78,7 +84,8 @@ class PortReader(threading.Thread):
         while not self._stop_asked.is_set():
             try:
                 with _opened(self.port, self._baud) as line:
-                    self.connected, self.complaint = True, ""
+                    self.connected = True
+                    self.complaint = ""
                     while not self._stop_asked.is_set():
                         if data := line.read(max(1, line.in_waiting)):
                             now_s = time.perf_counter()
@@ -86,7 +93,8 @@ class PortReader(threading.Thread):
             except _PORT_ERRORS as error:
                 self.complaint = _reason(error)
             self.connected = False
-            self._counts, self._decoder = self.counts, Decoder()
+            self._counts = self.counts
+            self._decoder = Decoder()
             self._stop_asked.wait(RETRY_S)
 
 
@@ -112,4 +120,4 @@ def _reason(error: Exception) -> str:
     if number is None:
         return "the device is gone"
     reason = {2: "not there", 11: "in use by another program", 13: "no permission", 16: "in use by another program"}
-    return reason.get(number, f"can not be opened: {error}")
+    return reason.get(number, f"cannot be opened: {error}")

@@ -23,7 +23,8 @@ from cobs import cobs
 from ...models.values.link import Hello, LinkCounts
 
 VERSION = 1
-ROW, HELLO = 1, 2
+ROW = 1
+HELLO = 2
 _HEAD = struct.Struct("<BBBH")
 _ROW = struct.Struct("<HIB")
 _HELLO = struct.Struct("<IHB")
@@ -83,7 +84,8 @@ def parse_frame(encoded: bytes) -> Message:
         checked = cobs.decode(encoded)
     except cobs.DecodeError as error:
         raise DamagedError(bad_crc=False) from error
-    payload, body = checked[: -_CRC.size], checked[_HEAD.size : -_CRC.size]
+    payload = checked[: -_CRC.size]
+    body = checked[_HEAD.size : -_CRC.size]
     if len(checked) < _HEAD.size + _CRC.size or checked[0] != VERSION:
         raise DamagedError(bad_crc=False)
     if crc_hqx(payload, 0xFFFF) != _CRC.unpack(checked[-_CRC.size :])[0]:
@@ -120,8 +122,10 @@ class _Pieces:
     """Messages out of a stream that delimiters divide; what stands before the first delimiter is half a message."""
 
     def __init__(self, delimiter: bytes, parse: Callable[[bytes], Message | None]) -> None:
-        self._delimiter, self._parse = delimiter, parse
-        self._rest, self._begun = b"", False
+        self._delimiter = delimiter
+        self._parse = parse
+        self._rest = b""
+        self._begun = False
         self.counts = LinkCounts()
 
     def feed(self, data: bytes) -> list[Message]:

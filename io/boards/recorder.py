@@ -6,7 +6,6 @@ and the headers in it, each row is handed to the system when it comes, and `sync
 
 import os
 import queue
-import tempfile
 import threading
 import time
 from collections.abc import Mapping
@@ -21,7 +20,9 @@ from numpy.typing import NDArray
 
 from ...models.values.errors import InputError, RecordingError
 from ...models.values.readings import BoardReading
+from ...models.values.stamped_positions import StampedPositions
 from ..positions import force_columns, position_columns
+from ..whole import check_vacant, written_whole
 
 COMMENTS = {
     "structure.natural_length_m": "L0 of each tendon, unstretched",
@@ -47,31 +48,27 @@ class Recorder:
         with_boot: whether the boards count how often they started; a column `boot` then says so.
 
     Raises:
-        InputError: when `path` exists or can not be written.
+        InputError: when `path` exists or cannot be written.
     """
 
     def __init__(self, path: Path, metadata: Mapping[str, Any], *, with_boot: bool = False) -> None:
-        check_trial_path(path)
-        self._path, self._metadata, self._with_boot = path, metadata, with_boot
+        check_vacant(path)
+        self._path = path
+        self._metadata = metadata
+        self._with_boot = with_boot
         self._files = ExitStack()
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            directory = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
-            (directory / "trial.toml").write_text(_commented(metadata), encoding="utf-8", newline="\n")
-            boards = metadata.get("board", ())
+        boards = metadata.get("board", ())
+        with written_whole(path) as (inside,):
+            inside.mkdir()
+            (inside / "trial.toml").write_text(_commented(metadata), encoding="utf-8", newline="\n")
             for table in boards:
-                (directory / table["file"]).write_bytes(self._header(table))
-            directory.chmod(0o755)
-            for name in (*directory.iterdir(), directory):
-                _sync_path(name)
-            directory.rename(path)
-            _sync_path(path.parent)
-            self._boards = [
-                self._files.enter_context((path / table["file"]).open("ab", buffering=0)) for table in boards
-            ]
+                (inside / table["file"]).write_bytes(self._header(table))
+        try:
+            names = [path / table["file"] for table in boards]
+            self._boards = [self._files.enter_context(name.open("ab", buffering=0)) for name in names]
         except OSError as error:
             self._files.close()
-            raise InputError(f"{path}: can not be written: {error}") from error
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
     def __enter__(self) -> Self:
         return self
@@ -85,7 +82,7 @@ class Recorder:
         """Append one row to its board's file.
 
         Raises:
-            RecordingError: when it can not be written; rows before it are kept.
+            RecordingError: when it cannot be written; rows before it are kept.
         """
         counts = ",".join(map(str, reading.counts.tolist()))
         boot = f",{reading.boot}" if self._with_boot else ""
@@ -100,7 +97,7 @@ class Recorder:
         """Have the rows so far written to the disk itself.
 
         Raises:
-            RecordingError: when that can not be, or someone removed the files.
+            RecordingError: when that cannot be, or someone removed the files.
         """
         try:
             for file in self._boards:
@@ -110,26 +107,23 @@ class Recorder:
         except OSError as error:
             raise RecordingError(f"{self._path}: the recording ended: {error.strerror}") from error
 
-    def add_truth(
-        self, t_s: NDArray[np.float64], node_position_m: NDArray[np.float64], load_n: NDArray[np.float64]
-    ) -> None:
+    def add_truth(self, truth: StampedPositions, load_n: NDArray[np.float64]) -> None:
         """Write the files that `[truth]` names.
 
         Args:
-            t_s: (rows,) host clock.
-            node_position_m: (rows, nodes, 3) where the nodes are.
-            load_n: (rows, nodes, 3) external force at each.
+            truth: where the nodes are, all of them at all times.
+            load_n: (times, nodes, 3) external force at each.
         """
-        count = node_position_m.shape[1]
+        count = truth.node_position_m.shape[1]
         tables = {
-            "file": (position_columns(count), node_position_m, ".6f"),
+            "file": (position_columns(count), truth.node_position_m, ".6f"),
             "loads": (force_columns(count), load_n, ".4f"),
         }
         for key, (columns, values, digits) in tables.items():
             with (self._path / self._metadata["truth"][key]).open("w", encoding="utf-8", newline="\r\n") as file:
                 file.write(",".join(["t_s", *columns]) + "\n")
-                for stamp_s, row in zip(t_s, values.reshape(len(t_s), -1), strict=True):
-                    file.write(f"{stamp_s:.4f}," + ",".join(format(value, digits) for value in row) + "\n")
+                for t_s, row in zip(truth.t_s, values.reshape(len(truth.t_s), -1), strict=True):
+                    file.write(f"{t_s:.4f}," + ",".join(format(value, digits) for value in row) + "\n")
 
     def _header(self, table: Mapping[str, Any]) -> bytes:
         channels = [f"adc{c}" for c in range(len(table["tendon_of_channel"]))]
@@ -144,7 +138,8 @@ class RecorderThread:
     """
 
     def __init__(self, recorder: Recorder) -> None:
-        self._recorder, self._queue = recorder, queue.SimpleQueue[BoardReading | None]()
+        self._recorder = recorder
+        self._queue = queue.SimpleQueue[BoardReading | None]()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self.rows = 0
         """Written so far."""
@@ -190,16 +185,6 @@ class RecorderThread:
         self._recorder.sync()
 
 
-def check_trial_path(path: Path) -> None:
-    """Refuse to write over anything.
-
-    Raises:
-        InputError: when something stands at `path`.
-    """
-    if path.exists():
-        raise InputError(f"{path}: exists: expected a new name for the trial")
-
-
 def _commented(metadata: Mapping[str, Any]) -> str:
     document = tomlkit.item(dict(metadata))
     for key, comment in COMMENTS.items():
@@ -207,13 +192,3 @@ def _commented(metadata: Mapping[str, Any]) -> str:
         if name in document.get(table, {}):
             document[table][name].comment(comment)
     return str(document.as_string())
-
-
-def _sync_path(path: Path) -> None:
-    if os.name == "nt" and path.is_dir():  # Windows keeps directories by itself, and opens none
-        return
-    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -16,16 +16,31 @@ from ...models.calibration.strip_baselines import on_common_curve
 from ...models.calibration.strip_scores import StripScore, by_speed, error_autocorrelation
 from ...models.calibration.strips import StripRun
 from ...models.sensor.bending import BendingCurve
-from .shape_figures import BLACK, BLUE, GREEN, GREY, ORANGE, RED
+from .style import (
+    BAND,
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    RED,
+    SKY_BLUE,
+    add_grid,
+    add_legend_below,
+    save_figure,
+)
 
 COLORS = {LSTM: BLUE, STATIC: ORANGE, POLYNOMIAL: GREEN}
-SPEED_COLORS = (BLUE, "#56B4E9", GREEN, ORANGE, RED, "#CC79A7", BLACK)
+SPEED_COLORS = (BLUE, SKY_BLUE, GREEN, ORANGE, RED, PURPLE, BLACK)
 GAP_S = 1.0
 """Longer without a sample is a gap in the curves drawn."""
 LEAST_SAMPLES = 50
 """In a bin of rates, for its mean to mean something."""
 MOST_POINTS = 2000
-"""Of a recording drawn: more can not be told apart."""
+"""Of a recording drawn: more cannot be told apart."""
+FINE_PANELS_DPI = 100
+"""Of figures with many panels."""
 
 
 def write_calibration_figures(calibration: Calibration, directory: Path) -> None:
@@ -55,9 +70,9 @@ def write_curves_figure(calibration: Calibration, path: Path) -> None:
         axis.set_ylabel("resistance change dR/R, each strip's gain and offset undone [1]")
         axis.set_title(kind, fontsize=10)
         axis.legend(fontsize=8, markerscale=4)
-        axis.grid(alpha=0.3, lw=0.4)
+        add_grid(axis)
     figure.suptitle("Resistance against strain, recordings trained on")
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path)
 
 
 def _draw_by_speed(axis: Axes, recordings: Sequence[Recording]) -> None:
@@ -94,15 +109,17 @@ def write_losses_figure(history: History, path: Path) -> None:
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     epoch = np.arange(1, len(history.training_loss) + 1)
-    training, checked = np.array(history.training_loss), np.array(history.validation_epoch)
-    validation, change = np.array(history.validation_loss), history.likelihood_from
+    training = np.array(history.training_loss)
+    checked = np.array(history.validation_epoch)
+    validation = np.array(history.validation_loss)
+    change = history.likelihood_from
     for axis, early in ((left, True), (right, False)):
         chosen = epoch <= change if early else epoch > change
         chosen_checks = checked <= change if early else checked > change
         axis.plot(epoch[chosen], training[chosen], color=BLUE, lw=1, label="training")
         axis.plot(checked[chosen_checks], validation[chosen_checks], color=ORANGE, marker=".", lw=1, label="validation")
         axis.set_xlabel("epoch")
-        axis.grid(alpha=0.3, lw=0.4)
+        add_grid(axis)
     left.set_yscale("log")
     left.set_ylabel("squared error of strain / 0.05 [1]")
     left.set_title("first part: squared error", fontsize=10)
@@ -110,7 +127,7 @@ def write_losses_figure(history: History, path: Path) -> None:
     right.set_title("second part: likelihood; sigma learns", fontsize=10)
     right.axvline(history.best_epoch, color=BLACK, lw=0.8, ls=":", label=f"kept: epoch {history.best_epoch}")
     right.legend()
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path)
 
 
 def write_sweep_figure(losses: Mapping[float, float], chosen: float, path: Path) -> None:
@@ -123,8 +140,8 @@ def write_sweep_figure(losses: Mapping[float, float], chosen: float, path: Path)
     axis.set_xlabel("learning rate (Adam, peak of one cycle)")
     axis.set_ylabel("least validation loss, Gaussian [1]")
     axis.legend()
-    axis.grid(alpha=0.3, lw=0.4)
-    figure.savefig(path, dpi=110)
+    add_grid(axis)
+    save_figure(figure, path)
 
 
 def write_predictions_figure(runs: Mapping[str, Sequence[StripRun]], path: Path, most: int = 8) -> None:
@@ -133,32 +150,40 @@ def write_predictions_figure(runs: Mapping[str, Sequence[StripRun]], path: Path,
     static = {run.name: run for run in runs[STATIC]}
     columns = min(len(shown), 2)
     figure = Figure(figsize=(7 * columns, 3.2 * -(-len(shown) // columns) + 0.6), layout="constrained")
-    outer = figure.subfigures(-(-len(shown) // columns), columns, squeeze=False).ravel()
-    for part, run in zip(outer, shown, strict=False):
-        top, bottom = part.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-        t_s, band = run.t_s - run.t_s[0], 1.96 * run.sigma
+    parts = figure.subfigures(-(-len(shown) // columns), columns, squeeze=False).ravel()
+    for part, run in zip(parts, shown, strict=False):
+        strain, error = part.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+        t_s = run.t_s - run.t_s[0]
         t_s = np.where(np.diff(t_s, append=t_s[-1]) > GAP_S, np.nan, t_s)  # do not draw across what is not scored
-        top.plot(t_s, run.strain, color=BLACK, lw=1.2, label="measured by the rig")
-        top.plot(t_s, run.estimate, color=BLUE, lw=0.9, ls="--", label="LSTM")
-        top.set_ylabel("strain [1]")
-        score = StripScore.of([run])
-        top.set_title(f"{run.name}: RMSE {score.rmse:.4f}, {score.coverage_95:.0%} within 95 % band", fontsize=9)
-        bottom.fill_between(t_s, -band, band, color=BLUE, alpha=0.2, lw=0, label="95 % band")
-        bottom.plot(t_s, static[run.name].error, color=ORANGE, lw=0.6, label="static curve")
-        bottom.plot(t_s, run.error, color=BLUE, lw=0.8)
-        bottom.set_ylabel("error [1]")
-        bottom.set_xlabel("time scored [s]")
-        widest = 1.3 * max(float(np.quantile(np.abs(run.error), 0.995)), float(np.quantile(band, 0.9)))
-        bottom.set_ylim(-widest, widest)
-        for axis in (top, bottom):
-            axis.grid(alpha=0.3, lw=0.4)
+        _draw_strain(strain, t_s, run)
+        _draw_error(error, t_s, run, static[run.name])
+        for axis in (strain, error):
+            add_grid(axis)
             axis.margins(x=0)
     if shown:
-        first = outer[0].axes
-        handles = [handle for axis in first for handle in axis.get_legend_handles_labels()[0]]
-        figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
+        handles = [handle for axis in parts[0].axes for handle in axis.get_legend_handles_labels()[0]]
+        add_legend_below(figure, handles, 4)
     figure.suptitle("Held-out recordings")
-    figure.savefig(path, dpi=100)
+    save_figure(figure, path, FINE_PANELS_DPI)
+
+
+def _draw_strain(axis: Axes, t_s: NDArray[np.float64], run: StripRun) -> None:
+    axis.plot(t_s, run.strain, color=BLACK, lw=1.2, label="measured by the rig")
+    axis.plot(t_s, run.estimate, color=BLUE, lw=0.9, ls="--", label="LSTM")
+    axis.set_ylabel("strain [1]")
+    score = StripScore.of([run])
+    axis.set_title(f"{run.name}: RMSE {score.rmse:.4f}, {score.coverage_95:.0%} within 95 % band", fontsize=9)
+
+
+def _draw_error(axis: Axes, t_s: NDArray[np.float64], run: StripRun, static: StripRun) -> None:
+    band = BAND * run.sigma
+    axis.fill_between(t_s, -band, band, color=BLUE, alpha=0.2, lw=0, label="95 % band")
+    axis.plot(t_s, static.error, color=ORANGE, lw=0.6, label="static curve")
+    axis.plot(t_s, run.error, color=BLUE, lw=0.8)
+    axis.set_ylabel("error [1]")
+    axis.set_xlabel("time scored [s]")
+    widest = 1.3 * max(float(np.quantile(np.abs(run.error), 0.995)), float(np.quantile(band, 0.9)))
+    axis.set_ylim(-widest, widest)
 
 
 def write_errors_figure(runs: Mapping[str, Sequence[StripRun]], path: Path) -> None:
@@ -166,36 +191,29 @@ def write_errors_figure(runs: Mapping[str, Sequence[StripRun]], path: Path) -> N
     figure = Figure(figsize=(12, 9), layout="constrained")
     (histogram, coverage), (rates, correlation) = figure.subplots(2, 2)
     for name, some in runs.items():
-        error, sigma, rate = (
-            np.concatenate([getattr(run, key) for run in some]) for key in ("error", "sigma", "rate_per_s")
-        )
+        error = np.concatenate([run.error for run in some])
+        sigma = np.concatenate([run.sigma for run in some])
+        rate = np.concatenate([run.rate_per_s for run in some])
         _draw_histogram(histogram, name, error)
         _draw_coverage(coverage, name, np.abs(error) / sigma)
         _draw_rates(rates, name, np.abs(rate), error)
         _draw_autocorrelation(correlation, name, some)
     widest = 3 * max(float(np.std(np.concatenate([run.error for run in some]))) for some in runs.values())
-    histogram.set_xlim(-widest, widest)
-    histogram.set_xlabel("error of strain [1]")
-    histogram.set_ylabel("probability density [1/strain]")
+    histogram.set(xlim=(-widest, widest), xlabel="error of strain [1]", ylabel="probability density [1/strain]")
     histogram.set_title("errors, with the normal curve of the same mean and deviation", fontsize=10)
     coverage.plot([0, 1], [0, 1], color=GREY, lw=0.8, ls="--", label="honest sigma")
-    coverage.set_xlabel("nominal probability of the band")
-    coverage.set_ylabel("share of errors inside")
+    coverage.set(xlabel="nominal probability of the band", ylabel="share of errors inside")
     coverage.set_title("coverage of sigma", fontsize=10)
-    rates.set_xscale("log")
-    rates.set_yscale("log")
-    rates.set_xlabel("speed [strain/s] (three bins a decade)")
-    rates.set_ylabel("RMSE of strain [1]")
+    rates.set(xscale="log", yscale="log", xlabel="speed [strain/s] (three bins a decade)", ylabel="RMSE of strain [1]")
     rates.set_title("error against rate", fontsize=10)
     correlation.axhline(np.exp(-1), color=GREY, lw=0.8, ls="--", label="1/e")
-    correlation.set_xlabel("lag [s]")
-    correlation.set_ylabel("autocorrelation [1]")
+    correlation.set(xlabel="lag [s]", ylabel="autocorrelation [1]")
     correlation.set_title("autocorrelation of the error, mean over recordings", fontsize=10)
     for axis in (histogram, coverage, rates, correlation):
         axis.legend(fontsize=8)
-        axis.grid(alpha=0.3, lw=0.4, which="both")
+        add_grid(axis, which="both")
     figure.suptitle("Errors on held-out recordings")
-    figure.savefig(path, dpi=100)
+    save_figure(figure, path, FINE_PANELS_DPI)
 
 
 def _draw_histogram(axis: Axes, name: str, error: NDArray[np.float64]) -> None:

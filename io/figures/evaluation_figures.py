@@ -1,6 +1,5 @@
 """Figures of an evaluation: heights measured and estimated (paper's Fig. 6C, D), errors over time, coverage, nodes."""
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,26 +7,25 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import ScalarFormatter
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from ...models.evaluation.comparison import ComparisonRow
 from ...models.evaluation.evaluation import Evaluation
-from .shape_figures import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED
+from .style import BAND, BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, add_grid, add_legend_below, save_figure
 
-BAND = 1.96
-"""Sigmas of a 95 % band."""
 NODE_COLORS = (BLUE, ORANGE, GREEN, PURPLE, BLACK)
 """One a loaded node, again from the first when they run out."""
-METHOD_COLORS = (GREY, ORANGE, GREEN, "#56B4E9", BLUE, PURPLE, RED, BLACK)
-"""One a method, in the table's order; Okabe and Ito's, again from the first when they run out."""
+NODE_MARKERS = "os^vD"
+"""Likewise."""
 
 
 def write_heights_figure(e: Evaluation, title: str, path: Path) -> None:
     """Draw the height of each free node and of each face's centre over time, estimated and true."""
-    free, faces, c = e.structure.free_nodes, e.structure.faces, e.compared
-    columns, count = 4, len(free) + len(faces)
+    free = e.structure.free_nodes
+    faces = e.structure.faces
+    c = e.compared
+    columns = 4
+    count = len(free) + len(faces)
     rows = -(-count // columns)
     figure = Figure(figsize=(4.2 * columns, 1.75 * rows + 1.2), layout="constrained")
     axes = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
@@ -35,8 +33,7 @@ def write_heights_figure(e: Evaluation, title: str, path: Path) -> None:
         _draw_height(axis, c.t_s, c.estimated_m[:, node, 2], c.true_m[:, node, 2], c.height_sigma_m[:, node])
         axis.set_title(f"node {node}", fontsize=8, pad=2)
     for axis, face in zip(axes[len(free) :], faces, strict=False):
-        estimated_m, true_m = (positions[:, face, 2].mean(axis=1) for positions in (c.estimated_m, c.true_m))
-        _draw_height(axis, c.t_s, estimated_m, true_m, None)
+        _draw_height(axis, c.t_s, c.estimated_m[:, face, 2].mean(axis=1), c.true_m[:, face, 2].mean(axis=1), None)
         axis.set_title(f"face {face[0]}-{face[1]}-{face[2]}", fontsize=8, pad=2)
     for axis in axes[count:]:
         axis.set_visible(False)
@@ -45,17 +42,11 @@ def write_heights_figure(e: Evaluation, title: str, path: Path) -> None:
         axis.xaxis.set_tick_params(labelbottom=True)
     figure.supylabel("height [mm]")
     figure.suptitle(f"{title}: heights of nodes and of faces' centres (each panel has its own scale)")
-    figure.legend(
-        handles=[
-            Line2D([], [], color=BLUE, label="estimated"),
-            Patch(color=BLUE, alpha=0.25, label="its 95 % band (nodes)"),
-            Line2D([], [], color=BLACK, lw=0.9, ls="--", label="true"),
-        ],
-        loc="outside lower center",
-        ncols=3,
-        frameon=False,
-    )
-    figure.savefig(path, dpi=110)
+    estimated = Line2D([], [], color=BLUE, label="estimated")
+    band = Patch(color=BLUE, alpha=0.25, label="its 95 % band (nodes)")
+    true = Line2D([], [], color=BLACK, lw=0.9, ls="--", label="true")
+    add_legend_below(figure, [estimated, band, true], 3)
+    save_figure(figure, path)
 
 
 def write_errors_figure(e: Evaluation, title: str, path: Path) -> None:
@@ -66,39 +57,70 @@ def write_errors_figure(e: Evaluation, title: str, path: Path) -> None:
     _draw_coverage(axes["coverage"], e)
     _draw_nodes(axes["nodes"], e)
     figure.suptitle(f"{title}: errors against the truth")
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path)
 
 
 def write_loads_figure(e: Evaluation, title: str, path: Path) -> None:
     """Draw the largest load over time and each loaded node's load, estimated against true."""
-    c, score = e.compared, e.loads
-    assert score is not None, "nothing to draw"
+    c = e.compared
+    assert e.loads is not None, "nothing to draw"
     assert c.true_load_n is not None
     assert c.estimated_load_n is not None
-    true_n, estimated_n = np.linalg.norm(c.true_load_n, axis=-1), np.linalg.norm(c.estimated_load_n, axis=-1)
+    true_n = np.linalg.norm(c.true_load_n, axis=-1)
+    estimated_n = np.linalg.norm(c.estimated_load_n, axis=-1)
+    threshold_n = e.loads.threshold_n
+    top_n = 1.08 * max(float(np.nanmax(true_n)), float(np.nanmax(estimated_n)), threshold_n)
     figure = Figure(figsize=(13, 4.8), layout="constrained")
-    time, pairs = figure.subplots(1, 2, width_ratios=(1.7, 1))
-    top = 1.08 * max(float(np.nanmax(true_n)), float(np.nanmax(estimated_n)), score.threshold_n)
-    time.plot(c.t_s, _largest(estimated_n), color=BLUE, lw=0.9, label="largest estimated load")
-    time.plot(c.t_s, _largest(true_n), color=BLACK, lw=0.9, ls="--", label="largest true load")
-    time.axhline(score.threshold_n, color=GREY, lw=1, ls=":", label=f"threshold, {score.threshold_n:g} N")
-    time.set(xlabel="time [s]", ylabel="|F| at the most loaded node [N]", xlim=(c.t_s[0], c.t_s[-1]), ylim=(0, top))
-    time.set_title("over time", fontsize=10)
-    pairs.plot([0, top], [0, top], color=GREY, lw=1, ls="--", label="as it should be")
-    loaded = true_n > score.threshold_n
-    for place, k in enumerate(np.flatnonzero(loaded.any(axis=0))):
-        style = {"color": NODE_COLORS[place % len(NODE_COLORS)], "label": f"node {e.structure.free_nodes[k]}"}
-        marker = "os^vD"[place % 5]
-        pairs.plot(true_n[loaded[:, k], k], estimated_n[loaded[:, k], k], marker, ms=3, alpha=0.5, **style)
-    pairs.axhline(score.threshold_n, color=GREY, lw=1, ls=":")
-    pairs.set(xlabel="true |F| [N]", ylabel="estimated |F| [N]", xlim=(0, top), ylim=(0, top), aspect="equal")
-    pairs.set_title("frame by frame at the loaded nodes", fontsize=10)
+    over_time, pairs = figure.subplots(1, 2, width_ratios=(1.7, 1))
+    _draw_largest_load(over_time, c.t_s, estimated_n, true_n, threshold_n)
+    over_time.set(xlim=(c.t_s[0], c.t_s[-1]), ylim=(0, top_n))
+    pairs.plot([0, top_n], [0, top_n], color=GREY, lw=1, ls="--", label="as it should be")
+    _draw_load_pairs(pairs, e.structure.free_nodes, estimated_n, true_n, threshold_n)
+    pairs.set(xlim=(0, top_n), ylim=(0, top_n), aspect="equal")
     pairs.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False)
-    time.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0, -0.11), ncols=3, frameon=False)
-    for axis in (time, pairs):
-        axis.grid(alpha=0.3, lw=0.4)
+    over_time.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0, -0.11), ncols=3, frameon=False)
+    for axis in (over_time, pairs):
+        add_grid(axis)
     figure.suptitle(f"{title}: external loads, as far as the balance of forces shows them")
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path)
+
+
+def _draw_largest_load(
+    axis: Axes,
+    t_s: NDArray[np.float64],
+    estimated_n: NDArray[np.float64],
+    true_n: NDArray[np.float64],
+    threshold_n: float,
+) -> None:
+    axis.plot(t_s, _largest(estimated_n), color=BLUE, lw=0.9, label="largest estimated load")
+    axis.plot(t_s, _largest(true_n), color=BLACK, lw=0.9, ls="--", label="largest true load")
+    axis.axhline(threshold_n, color=GREY, lw=1, ls=":", label=f"threshold, {threshold_n:g} N")
+    axis.set(xlabel="time [s]", ylabel="|F| at the most loaded node [N]")
+    axis.set_title("over time", fontsize=10)
+
+
+def _draw_load_pairs(
+    axis: Axes,
+    nodes: NDArray[np.int64],
+    estimated_n: NDArray[np.float64],
+    true_n: NDArray[np.float64],
+    threshold_n: float,
+) -> None:
+    """Draw (frames, nodes) estimated against true loads where these are above the threshold."""
+    loaded = true_n > threshold_n
+    for place, k in enumerate(np.flatnonzero(loaded.any(axis=0))):
+        axis.plot(
+            true_n[loaded[:, k], k],
+            estimated_n[loaded[:, k], k],
+            NODE_MARKERS[place % len(NODE_MARKERS)],
+            color=NODE_COLORS[place % len(NODE_COLORS)],
+            ms=3,
+            alpha=0.5,
+            label=f"node {nodes[k]}",
+        )
+    axis.axhline(threshold_n, color=GREY, lw=1, ls=":")
+    axis.set(xlabel="true |F| [N]", ylabel="estimated |F| [N]")
+    axis.set_title("frame by frame at the loaded nodes", fontsize=10)
 
 
 def _largest(load_n: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -114,7 +136,8 @@ def _draw_height(
     true_m: NDArray[np.float64],
     sigma_m: NDArray[np.float64] | None,
 ) -> None:
-    estimated_mm, true_mm = 1e3 * estimated_m, 1e3 * true_m
+    estimated_mm = 1e3 * estimated_m
+    true_mm = 1e3 * true_m
     if sigma_m is not None:
         half_mm = 1e3 * BAND * sigma_m
         axis.fill_between(t_s, estimated_mm - half_mm, estimated_mm + half_mm, color=BLUE, alpha=0.25, lw=0)
@@ -124,7 +147,7 @@ def _draw_height(
     margin = max(0.15 * float(np.ptp(known)), 1.5)
     axis.set_ylim(known.min() - margin, known.max() + margin)
     axis.tick_params(labelsize=7)
-    axis.grid(alpha=0.3, lw=0.4)
+    add_grid(axis)
     axis.margins(x=0)
 
 
@@ -144,7 +167,7 @@ def _draw_error_over_time(axis: Axes, e: Evaluation) -> None:
     axis.set(xlim=(c.t_s[0], c.t_s[-1]), ylim=(0, top), xlabel="time [s]", ylabel="RMS over the free nodes [mm]")
     axis.set_title("error over time; the band is 1.96 times the expected RMS, cut at the axis", fontsize=10)
     axis.legend(loc="upper left", bbox_to_anchor=(0, -0.09), fontsize=8, ncols=4, frameon=False)
-    axis.grid(alpha=0.3, lw=0.4)
+    add_grid(axis)
 
 
 def _draw_coverage(axis: Axes, e: Evaluation) -> None:
@@ -158,11 +181,12 @@ def _draw_coverage(axis: Axes, e: Evaluation) -> None:
     axis.set(xlim=(0, 100), ylim=(0, 100), aspect="equal", xlabel="nominal probability [%]", ylabel="within [%]")
     axis.set_title("share of nodes within their ellipsoid; below the line: overconfident", fontsize=10)
     axis.legend(loc="upper left", fontsize=8)
-    axis.grid(alpha=0.3, lw=0.4)
+    add_grid(axis)
 
 
 def _draw_nodes(axis: Axes, e: Evaluation) -> None:
-    free, sigma_m = e.structure.free_nodes, e.compared.node_sigma_m
+    free = e.structure.free_nodes
+    sigma_m = e.compared.node_sigma_m
     place = np.arange(len(free))
     axis.bar(place - 0.2, 1e3 * e.node_rmse_m, 0.4, color=BLUE, label="RMSE")
     axis.bar(place + 0.2, 1e3 * e.node_height_rmse_m, 0.4, color=GREEN, label="RMSE of height")
@@ -172,43 +196,4 @@ def _draw_nodes(axis: Axes, e: Evaluation) -> None:
     axis.set(xlabel="node", ylabel="[mm]")
     axis.set_title("error of each free node, and the sigma it was given", fontsize=10)
     axis.legend(fontsize=8, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.13), frameon=False)
-    axis.grid(alpha=0.3, lw=0.4, axis="y")
-
-
-def write_comparison_figure(rows: Sequence[ComparisonRow], published_mm: Mapping[str, float], path: Path) -> None:
-    """Draw node RMSE, coverage, sigma and time of each method on each trial, with published errors as marked lines."""
-    trials = list(dict.fromkeys(row.trial for row in rows))
-    methods = list(dict.fromkeys(row.method for row in rows))
-    figure = Figure(figsize=(max(10.0, 1.7 * len(trials) + 3), 13), layout="constrained")
-    error, covered, sigma, duration = figure.subplots(4, 1, sharex=True, height_ratios=(2, 1.2, 1.2, 1.2))
-    width = 0.84 / len(methods)
-    for k, method in enumerate(methods):
-        place = np.arange(len(trials)) + (k - (len(methods) - 1) / 2) * width
-        own = {row.trial: row for row in rows if row.method == method}
-        style = {"color": METHOD_COLORS[k % len(METHOD_COLORS)], "label": method}
-        error.bar(place, [1e3 * own[trial].errors.nodes.rmse_m for trial in trials], width, **style)
-        covered.bar(place, [100 * own[trial].coverage_95 for trial in trials], width, **style)
-        sigma.plot(place, [1e3 * own[trial].median_sigma_m for trial in trials], ls="", marker="o", **style)
-        duration.plot(place, [own[trial].ms_per_frame for trial in trials], ls="", marker="o", **style)
-    for source, node_mm in published_mm.items():
-        error.axhline(node_mm, color=BLACK, ls=":", lw=0.8)
-        label = f"{node_mm} mm\n{source},\nanother robot"
-        error.annotate(label, (1.01, node_mm), xycoords=("axes fraction", "data"), va="center", fontsize=8)
-    covered.axhline(95, color=BLACK, ls="--", lw=0.8)
-    error.set(ylabel="node RMSE [mm]", title="error (3-D) of the free nodes")
-    covered.set(ylabel="within [%]", ylim=(0, 100), title="nodes within their ellipsoid of 95 % (dashed: 95 %)")
-    sigma.set(
-        ylabel="median sigma [mm]",
-        yscale="log",
-        title="size of these ellipsoids: root of the trace of a node's covariance",
-    )
-    duration.set(ylabel="[ms per frame]", yscale="log", title="time from lengths to shapes with covariances")
-    for axis in (sigma, duration):
-        axis.yaxis.set_major_formatter(ScalarFormatter())
-    duration.set_xticks(np.arange(len(trials)), trials)
-    for axis in (error, covered, sigma, duration):
-        axis.grid(alpha=0.3, lw=0.4, axis="y", which="both")
-        axis.set_axisbelow(True)
-    handles, labels = error.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(methods), 3), frameon=False)
-    figure.savefig(path, dpi=110)
+    add_grid(axis, along="y")

@@ -17,7 +17,17 @@ from ...models.structure.shape import Shape
 from ...models.structure.structure import Structure
 from ...models.values.errors import TensegraphError
 from ...models.values.readings import Mode
-from .shape_figures import BLACK, BLUE, GREEN, GREY, ORANGE, RED
+from .style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    RED,
+    add_legend_below,
+    anchor_handle,
+    structure_handles,
+)
 
 PAUSE_S = 0.05
 """For the window's own events, between two drawings."""
@@ -62,8 +72,10 @@ class StructureDrawing:
     def __init__(
         self, figure: Figure, structure: Structure, rest_position_m: NDArray[np.float64], probability: float
     ) -> None:
-        self._structure, self._probability = structure, probability
-        self._axis = axis = figure.add_subplot(projection="3d")
+        self._structure = structure
+        self._probability = probability
+        axis = figure.add_subplot(projection="3d")
+        self._axis = axis
         rest_mm = 1e3 * rest_position_m
         self._rods = [axis.plot(*rest_mm[rod].T, color=BLACK, lw=3)[0] for rod in structure.rods]
         self._tendons = [axis.plot(*rest_mm[tendon].T, color=GREY, lw=1.2)[0] for tendon in structure.tendons]
@@ -71,25 +83,15 @@ class StructureDrawing:
             int(node): [axis.plot([], [], [], color=RED, lw=0.8)[0] for _ in range(3)] for node in structure.free_nodes
         }
         axis.scatter(*rest_mm[structure.anchors].T, marker="^", color=GREEN, s=30)
-        low, high = rest_mm.min(axis=0), rest_mm.max(axis=0)
+        low = rest_mm.min(axis=0)
+        high = rest_mm.max(axis=0)
         half = 0.6 * float(np.max(high - low))
         for name, middle in zip("xyz", 0.5 * (low + high), strict=True):
             getattr(axis, f"set_{name}lim")(middle - half, middle + half)
             getattr(axis, f"set_{name}label")(f"{name} [mm]")
         axis.set_box_aspect((1, 1, 1))
-        figure.legend(
-            handles=[
-                Line2D([], [], color=BLACK, lw=3, label="rod"),
-                Line2D([], [], color=BLUE, label="tendon, stretched"),
-                Line2D([], [], color=ORANGE, label="tendon, bent"),
-                Line2D([], [], color=GREY, ls=":", label="tendon without reading"),
-                Line2D([], [], color=RED, lw=0.8, label=f"{100 * probability:g} % ellipsoid"),
-                Line2D([], [], color=GREEN, marker="^", ls="", label="anchor"),
-            ],
-            loc="outside lower center",
-            ncols=3,
-            frameon=False,
-        )
+        ellipsoid = Line2D([], [], color=RED, lw=0.8, label=f"{100 * probability:g} % ellipsoid")
+        add_legend_below(figure, [*structure_handles(), ellipsoid, anchor_handle()], 3)
 
     def move(self, shape: Shape) -> None:
         """Show another shape."""
@@ -106,7 +108,8 @@ class StructureDrawing:
         for node, ellipses in self._ellipses.items():
             half_axes_mm = 1e3 * (regions.axes[node] * regions.semi_axis_m[node]).T
             for k, ellipse in enumerate(ellipses):
-                a, b = half_axes_mm[k], half_axes_mm[(k + 1) % 3]
+                a = half_axes_mm[k]
+                b = half_axes_mm[(k + 1) % 3]
                 ellipse.set_data_3d(*(position_mm[node] + np.outer(np.cos(angle), a) + np.outer(np.sin(angle), b)).T)
         self._axis.set_title(f"t = {shape.t_s:.2f} s")
 

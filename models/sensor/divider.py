@@ -43,7 +43,7 @@ class Divider:
         return 1 << self.bits
 
     def resistance_ohm(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the resistance that each code means; see `bounds_ohm` for codes 0 and N - 1."""
+        """Return the resistance that each code means; codes 0 and N - 1 are only bounds, see `saturated`."""
         ratio = (counts + 0.5) / (self.codes - counts - 0.5)
         return self.known_resistor_ohm * (ratio if self.sensor_side == "ground" else 1 / ratio)
 
@@ -71,14 +71,3 @@ class Divider:
     def saturated(self, counts: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return where the code is 0 or full scale."""
         return (counts <= 0) | (counts >= self.codes - 1)
-
-    def bounds_ohm(self, counts: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the interval of resistance that each code means; one-sided at codes 0 and N - 1."""
-        with np.errstate(divide="ignore"):
-            low_ratio = np.clip(counts, 0, None) / (self.codes - counts)
-            high_ratio = (counts + 1) / np.maximum(self.codes - counts - 1, 0)
-        high_ratio = np.where(counts >= self.codes - 1, np.inf, high_ratio)
-        if self.sensor_side == "supply":
-            with np.errstate(divide="ignore"):
-                low_ratio, high_ratio = 1 / high_ratio, 1 / low_ratio
-        return self.known_resistor_ohm * low_ratio, self.known_resistor_ohm * high_ratio

@@ -11,9 +11,10 @@ import pytest
 
 from tensegraph import Reconstruction, Settings, open_trial
 from tensegraph.commands.simulate import simulate
-from tensegraph.estimator.baselines import LeastSquares, UnscentedKalman
 from tensegraph.estimator.batch import BatchOptimizer
+from tensegraph.estimator.least_squares import LeastSquares
 from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.estimator.unscented_kalman import UnscentedKalman
 from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.evaluation.truth import Truth
@@ -102,7 +103,8 @@ def test_evaluation_of_a_trial(benchmark, measured, example) -> None:
     structure, rest = pipeline.trial.structure, pipeline.rest
     shapes = LiveSmoother(structure, rest, Settings()).estimate(frames)
     estimate, trial = Estimate.of(Reconstruction.of(structure, shapes)), open_trial(example)
-    truth = Truth(*trial.truth(), trial.description.rest_seconds, trial.faults())
+    positions = trial.truth()
+    truth = Truth(positions.t_s, positions.node_position_m, trial.description.rest_seconds, trial.faults())
     result = benchmark(evaluate, structure, rest.node_position_m, estimate, truth)
     assert result.frames > 1400
 

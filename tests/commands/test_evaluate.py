@@ -9,8 +9,8 @@ import pytest
 
 from command_line import run
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
-from tensegraph.commands.compare import HELD
-from tensegraph.commands.evaluate import ScoredResult
+from tensegraph.commands.compare import NO_METHOD
+from tensegraph.io.evaluation_tables import ScoredResult
 from tensegraph.models.evaluation.metrics import evaluate
 
 
@@ -107,7 +107,7 @@ def test_a_score_is_json_without_holes() -> None:
 
     structure = four_nodes()
     estimate = estimate_of(structure, moved([[0, 0, 1]] * 3), variance_m2=(1e-6, 1e-6, 0.0))
-    score = ScoredResult(Path("out"), "toy", HELD, evaluate(structure, TRUE_M, estimate, truth_of(3)))
+    score = ScoredResult(Path("out"), "toy", NO_METHOD, evaluate(structure, TRUE_M, estimate, truth_of(3)))
     read = json.loads(json.dumps(score.as_json(), allow_nan=False))
     assert read["consistency"]["nees"] == [None]
     assert read["absolute"]["nodes"]["rmse_m"] == pytest.approx(0.001)

@@ -166,5 +166,5 @@ def test_without_stiffness_nothing_is_said(loaded, rest) -> None:
 
 def test_the_balance_at_rest(structure, rest) -> None:
     mechanics = Mechanics(np.full(24, 400.0), structure.natural_length_m, 0.03, 0.02)
-    told = rest_balance(replace(rest, mechanics=mechanics, unbalanced_n=(0.4, 0.0021)))
-    assert told == [("forces at rest", "0.400 N rms unbalanced as given, 0.002 N after taring")]
+    rows = rest_balance(replace(rest, mechanics=mechanics, unbalanced_n=(0.4, 0.0021)))
+    assert rows == [("forces at rest", "0.400 N rms unbalanced as given, 0.002 N after taring")]

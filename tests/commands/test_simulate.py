@@ -81,10 +81,10 @@ def test_rows_come_as_boards_send_them(made) -> None:
         assert seq[0] <= 1
         np.testing.assert_array_equal(np.diff(device_us), 20_000 * np.diff(seq))
         assert (np.diff(host_s) > 0).all()
-    truth_s, truth_m = made.truth()
-    np.testing.assert_allclose(truth_s, np.arange(300) / 50)
-    assert np.ptp(truth_m[:100], axis=0).max() < 5e-6  # rest.seconds
-    assert np.ptp(truth_m, axis=0).max() > 0.005
+    truth = made.truth()
+    np.testing.assert_allclose(truth.t_s, np.arange(300) / 50)
+    assert np.ptp(truth.node_position_m[:100], axis=0).max() < 5e-6  # rest.seconds
+    assert np.ptp(truth.node_position_m, axis=0).max() > 0.005
 
 
 def test_same_plan_and_seed_same_bytes_another_seed_another_trial(made, tmp_path) -> None:

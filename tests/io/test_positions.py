@@ -12,10 +12,10 @@ class TestPositions:
         """Only some nodes, in any order, with blank cells where a marker was hidden."""
         path = tmp_path / "mocap.csv"
         path.write_text("n1_z_m,t_s,n1_x_m,n1_y_m\n3,0.0,1,2\n,0.1,,\n")
-        t_s, positions = read_positions(path, 3)
-        np.testing.assert_array_equal(t_s, [0.0, 0.1])
-        np.testing.assert_array_equal(positions[:, 1], [[1, 2, 3], [np.nan] * 3])
-        assert np.isnan(positions[:, [0, 2]]).all()
+        positions = read_positions(path, 3)
+        np.testing.assert_array_equal(positions.t_s, [0.0, 0.1])
+        np.testing.assert_array_equal(positions.node_position_m[:, 1], [[1, 2, 3], [np.nan] * 3])
+        assert np.isnan(positions.node_position_m[:, [0, 2]]).all()
 
     @pytest.mark.parametrize(
         ("text", "message"),

@@ -26,7 +26,7 @@ class TestSettings:
             ("[noise]\nrobust = 'hard'\n", r"noise.robust: .*got 'hard'"),
             ("probability = 95\n", r"probability: .*got 95"),
             ("[smoother]\nlag = 1\n", r"smoother.lag: .*got 1"),
-            ("probability = \n", r"can not be read as TOML"),
+            ("probability = \n", r"cannot be read as TOML"),
             ("[frames]\nrate_hz = 0\n", r"frames.rate_hz: .*got 0"),
         ],
     )

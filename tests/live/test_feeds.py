@@ -3,7 +3,7 @@
 import pytest
 
 import tensegraph
-from tensegraph.live.feeds import Rig
+from tensegraph.live.rig import Rig
 
 
 def test_a_rig_without_boards_is_refused(rig) -> None:

@@ -31,9 +31,7 @@ def typed(monkeypatch, capfd):
         monkeypatch.chdir(cwd)
         monkeypatch.setenv("COLUMNS", "120")
         monkeypatch.setattr(sys, "argv", ["tensegraph", *map(str, arguments)])
-        monkeypatch.setattr(
-            "tensegraph.live.feeds.PATIENCE_S", 1.5
-        )  # no board of these tests takes a Mega's two seconds
+        monkeypatch.setattr("tensegraph.live.rig.PATIENCE_S", 1.5)  # no board of these tests takes a Mega's two seconds
         with pytest.raises(SystemExit) as ended:
             main()
         return (ended.value.code or 0, *capfd.readouterr())

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tensegraph import TendonLengths
-from tensegraph.live.session import Activity, NewestFrames
+from tensegraph.live.activity import Activity, NewestFrames
 
 
 class Backlog:
@@ -26,6 +26,6 @@ def test_late_frames_are_skipped_until_the_newest() -> None:
     empty = np.empty(0)
     frames = [TendonLengths(float(k), empty, empty, empty, empty) for k in range(len(script))]
     activity = Activity(boards=2)
-    kept = [frame.t_s for frame in NewestFrames(Backlog(script), activity).of(iter(frames))]
+    kept = [frame.t_s for frame in NewestFrames(Backlog(script), activity).select(iter(frames))]
     assert kept == [0, 1, 2, 3, 7, 8]
     assert activity.skipped_frames == 3

@@ -1,6 +1,6 @@
 // tensegraph on an Arduino Mega 2560: twelve strain sensors on A0 to A11, read at a set rate, sent as frames.
 //
-// Flash each board with its own BOARD_ID. The frames are described in io/protocol.py, the wiring in the README.
+// Flash each board with its own BOARD_ID. The frames are described in io/boards/protocol.py, the wiring in docs/how-to/rig.md.
 
 #include <avr/eeprom.h>
 #include <avr/sleep.h>
@@ -13,7 +13,7 @@
 #define RATE_HZ 50 // twelve channels take 15 ms: for more, SETTLE_US has to be less
 #endif
 #ifndef SETTLE_US
-#define SETTLE_US 1000 // between choosing a channel and reading it, see the README's wiring
+#define SETTLE_US 1000 // between choosing a channel and reading it, see the wiring in docs/how-to/rig.md
 #endif
 
 const char FIRMWARE[] = "tensegraph_mega 1";

@@ -5,7 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from tensegraph.io.boards.process import LinkPlan, SerialLink
+from tensegraph.io.boards.hub import LinkPlan
+from tensegraph.io.boards.process import SerialLink
 
 
 def taken(link: SerialLink, until, timeout_s: float = 20.0) -> list:

@@ -16,9 +16,9 @@ def test_a_recorded_trial_is_the_trial(tmp_path, example) -> None:
     with Recorder(tmp_path / "more" / "copy", trial.toml) as recorder:
         for row in trial.readings():
             recorder.add(row)
-        t_s, node_position_m = trial.truth()
+        truth = trial.truth()
         loads = np.genfromtxt(example / "loads.csv", delimiter=",", skip_header=1)[:, 1:]
-        recorder.add_truth(t_s, node_position_m, loads.reshape(node_position_m.shape))
+        recorder.add_truth(truth, loads.reshape(truth.node_position_m.shape))
     copy = tmp_path / "more" / "copy"
     for name in ("board0.csv", "board1.csv", "truth.csv"):
         assert (copy / name).read_bytes() == (example / name).read_bytes(), name
@@ -39,5 +39,5 @@ def test_nothing_is_written_over(tmp_path, example) -> None:
 
 def test_what_can_not_be_written_is_said(tmp_path, example) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="can not be written"):
+    with pytest.raises(InputError, match="cannot be written"):
         Recorder(tmp_path / "file" / "trial", open_trial(example).toml)

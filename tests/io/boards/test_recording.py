@@ -122,7 +122,7 @@ def test_a_directory_that_vanishes_is_noticed(tmp_path, example) -> None:
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_that_may_not_be_written(tmp_path, example) -> None:
     tmp_path.chmod(0o500)
-    with pytest.raises(InputError, match="can not be written"):
+    with pytest.raises(InputError, match="cannot be written"):
         Recorder(tmp_path / "trial", open_trial(example).toml)
 
 

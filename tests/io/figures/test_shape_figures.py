@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tensegraph.io.figures.shape_figures import load_arrows_mm, write_shape_figure
+from tensegraph.io.figures.shape_figures import load_arrows, write_shape_figure
 
 
 def test_an_arrow_ends_at_the_node_it_pushes(loaded) -> None:
     """2 N downwards is 60 mm, from above; at a sigma of 0.3 N, 0.5 N is not drawn."""
     loaded.loads.sigma_n[15, 8] = 0.3
-    tails_mm, pushes_mm = load_arrows_mm(loaded, 15, 0.2)
-    np.testing.assert_allclose(pushes_mm, [[0, 0, -60]])
-    np.testing.assert_allclose(tails_mm + pushes_mm, 1e3 * loaded.node_position_m[15, [5]])
-    assert len(load_arrows_mm(loaded, 12, 0.2)[0]) == 2
-    assert len(load_arrows_mm(loaded, 0, 0.2)[0]) == 0
-    assert len(load_arrows_mm(replace(loaded, loads=None), 15, 0.2)[0]) == 0
+    arrows = load_arrows(loaded, 15, 0.2)
+    np.testing.assert_allclose(arrows.push_mm, [[0, 0, -60]])
+    np.testing.assert_allclose(arrows.tail_mm + arrows.push_mm, 1e3 * loaded.node_position_m[15, [5]])
+    assert len(load_arrows(loaded, 12, 0.2).tail_mm) == 2
+    assert len(load_arrows(loaded, 0, 0.2).tail_mm) == 0
+    assert len(load_arrows(replace(loaded, loads=None), 15, 0.2).tail_mm) == 0
 
 
 @pytest.mark.parametrize("known", [True, False])

@@ -13,10 +13,11 @@ from tensegraph.pipeline import Pipeline
 
 def length_error_m(trial: Trial) -> NDArray[np.float64]:
     """(frames, free tendons) of the front end."""
-    structure, (truth_s, truth_m) = trial.description.structure, trial.truth()
+    structure, truth = trial.description.structure, trial.truth()
     frames = list(Pipeline(trial.description, Settings(), read_sensor_model()).lengths(trial.readings()))
     t_s = [frame.t_s for frame in frames]
-    true_m = np.stack([np.interp(t_s, truth_s, column) for column in structure.tendon_length_m(truth_m).T], axis=1)
+    true_m = structure.tendon_length_m(truth.node_position_m)
+    true_m = np.stack([np.interp(t_s, truth.t_s, column) for column in true_m.T], axis=1)
     return (np.array([frame.length_m for frame in frames]) - true_m)[:, structure.free_tendons]
 
 
@@ -37,7 +38,7 @@ def test_sensors_of_another_kind_are_measured_worse(made, tmp_path, world) -> No
     """
     (tmp_path / "plan.toml").write_text(replaced(PLANS["press"].read_text(), *SHORT, *WORLDS[world]))
     other = simulate(tmp_path / "plan.toml", tmp_path / "out")
-    np.testing.assert_array_equal(other.truth()[1], made.truth()[1])
+    np.testing.assert_array_equal(other.truth().node_position_m, made.truth().node_position_m)
     ordinary, worse = (np.sqrt(np.nanmean(length_error_m(trial) ** 2)) for trial in (made, other))
     assert ordinary < 0.001
     assert 1.2 * ordinary < worse < 0.03

@@ -1,76 +1,20 @@
-"""What others do with the same lengths and sigmas: the paper's least squares, and an unscented Kalman filter."""
+"""An unscented Kalman filter, for comparison: the only module that imports filterpy, and imported only when chosen."""
 
 from collections.abc import Iterable, Iterator
 
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from ..factors.noise import tendon_sigma_m
 from ..models.settings import Settings
-from ..models.structure.lengths import length_jacobian, member_length_m
+from ..models.structure.lengths import member_length_m
 from ..models.structure.rest_shape import RestShape
-from ..models.structure.shape import Shape, Status
+from ..models.structure.shape import Shape
 from ..models.structure.structure import Structure
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import TendonLengths
 from .graph import status_of
-
-
-class LeastSquares:
-    """The paper's method: eqs. (5)-(7) solved frame by frame, started from the frame before.
-
-    No memory but the start, no prior; the covariance is (J^T W J)^-1, with a sigma of one rod's length along the
-    directions that lengths do not determine.
-    """
-
-    def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
-        self._structure, self._noise = structure, settings.noise
-        self._free = structure.free_nodes
-        self._position = rest.node_position_m.copy()
-
-    def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
-        """Yield a shape for each frame."""
-        return map(self.update, frames)
-
-    def update(self, lengths: TendonLengths) -> Shape:
-        """Return the shape of one more frame."""
-        sigma_m = tendon_sigma_m(lengths, self._noise)
-        usable = np.flatnonzero(np.isfinite(sigma_m))
-        members = np.concatenate([self._structure.rods, self._structure.tendons[usable]])
-        target_m = np.concatenate([self._structure.rod_length_m, lengths.length_m[usable]])
-        weight = 1 / np.concatenate([np.full(len(self._structure.rods), self._noise.rod_m), sigma_m[usable]])
-
-        def residual(x: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.asarray((member_length_m(self._placed(x), members) - target_m) * weight)
-
-        def jacobian(x: NDArray[np.float64]) -> NDArray[np.float64]:
-            return length_jacobian(self._placed(x), members, self._structure.free_coordinates) * weight[:, None]
-
-        solution = least_squares(residual, self._position[self._free].ravel(), jacobian)
-        self._position = self._placed(solution.x)
-        status = status_of(lengths, self._structure) if solution.success else Status.NOT_CONVERGED
-        return Shape(
-            t_s=lengths.t_s,
-            node_position_m=self._position,
-            covariance_m2=self._covariance(solution.jac),
-            status=status,
-            lengths=lengths,
-        )
-
-    def _placed(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        position = self._position.copy()
-        position[self._free] = coordinates.reshape(-1, 3)
-        return position
-
-    def _covariance(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
-        free = self._structure.free_coordinates
-        covariance = np.diag(np.full(3 * self._structure.node_count, self._noise.anchor_m**2))
-        information, motion = np.linalg.eigh(jacobian.T @ jacobian)
-        least = 1 / self._structure.rod_length_m.max() ** 2
-        covariance[np.ix_(free, free)] = (motion / np.maximum(information, least)) @ motion.T
-        return covariance
 
 
 class UnscentedKalman:
@@ -81,10 +25,13 @@ class UnscentedKalman:
     """
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
-        self._structure, self._noise = structure, settings.noise
+        self._structure = structure
+        self._noise = settings.noise
         self._members = np.concatenate([structure.rods, structure.tendons])
         self._last_s: float | None = None
-        size, rods, anchors = 3 * structure.node_count, len(structure.rods), 3 * len(structure.anchors)
+        size = 3 * structure.node_count
+        rods = len(structure.rods)
+        anchors = 3 * len(structure.anchors)
         points = MerweScaledSigmaPoints(size, alpha=1e-3, beta=2.0, kappa=3.0 - size)
         measured = len(self._members) + anchors
         self._filter = UnscentedKalmanFilter(size, measured, 1.0, self._measure, lambda x, dt: x, points)
@@ -123,13 +70,7 @@ class UnscentedKalman:
             raise IndeterminateError(f"t = {lengths.t_s:.3f} s: the filter's covariance is no longer one") from error
         self._filter.P = 0.5 * (self._filter.P + self._filter.P.T) + 1e-12 * np.eye(len(self._filter.x))
         position = self._filter.x.reshape(-1, 3).copy()
-        return Shape(
-            t_s=lengths.t_s,
-            node_position_m=position,
-            covariance_m2=self._filter.P.copy(),
-            status=status_of(lengths, self._structure),
-            lengths=lengths,
-        )
+        return Shape(lengths.t_s, position, self._filter.P.copy(), status_of(lengths, self._structure), lengths)
 
     def _measure(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         position = x.reshape(-1, 3)

@@ -1,0 +1,62 @@
+"""`record`: the boards' rows into a trial directory."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..io.model_file import read_sensor_model
+from ..io.whole import check_vacant
+from ..live.activity import Activity
+from ..live.feeds import boards_feed
+from ..live.panel import OperatorAtTerminal, Panel, shown
+from ..live.rig import Rig
+from ..live.session import stopped_by_signals
+from ..models.settings import Settings
+from ..models.values.errors import RecordingError
+from ..models.values.link import LinkState
+from ..models.values.readings import BoardReading
+from .terminal import Terminal
+
+
+def record_boards(
+    rig: Path, out: Path, *, model: Path | None, ports: Sequence[str], seconds: float, terminal: Terminal
+) -> None:
+    """Record until `seconds` are over or Ctrl-C.
+
+    Args:
+        rig: its description's file.
+        out: the trial's directory, which must not exist yet.
+        model: of the sensors, with which it is seen that the structure stands still; the one that ships if None.
+        ports: see `Rig.plan`.
+        seconds: how long; may be infinite.
+        terminal: for the panel.
+
+    Raises:
+        TensegraphError: when no board answers, the structure does not stand still, or the recording ended early.
+    """
+    check_vacant(out)
+    setup = Rig.read(rig)
+    settings = Settings()
+    boards = setup.description.boards(settings.clock)
+    activity = Activity(len(setup.table.board))
+    operator = OperatorAtTerminal(terminal)
+    with boards_feed(setup, ports, out, settings, read_sensor_model(model), operator) as feed:
+        panel = Panel(f"recording {out}, Ctrl-C ends it", activity, lambda: boards.counts, feed.state)
+        with stopped_by_signals(feed.source), shown(panel, terminal.news):
+            for row in feed.rows:
+                assert isinstance(row, BoardReading)
+                activity.count(row, feed.source.late_s())
+                boards.reading(row)  # for the clocks' counts
+                if row.host_s > seconds or feed.state().recording_error:
+                    feed.source.stop()
+    report_recording(out, feed.state(), terminal)
+
+
+def report_recording(path: Path, state: LinkState, terminal: Terminal) -> None:
+    """Say what was recorded.
+
+    Raises:
+        RecordingError: when the recording ended early.
+    """
+    if state.recording_error:
+        raise RecordingError(state.recording_error)
+    terminal.written(f"{state.recorded_rows} rows recorded in {path}")

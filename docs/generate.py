@@ -1,0 +1,266 @@
+"""What the pages do not say by hand: settings and tables from their dataclasses, commands from the CLI, modules.
+
+A hook of MkDocs. In a page, `<!-- fields: MODULE.CLASS -->` becomes a table of that dataclass: name, type, default, and
+the docstring under each field; `<!-- settings -->` becomes those of `Settings` and all its parts, `<!-- commands -->`
+every command with its options. Lines `NAME: TEXT` inside the first comment say what a field without docstring means;
+a name that is no field, and a field that is said nowhere, are warnings, which `mkdocs build --strict` refuses.
+"""
+
+import ast
+import atexit
+import importlib
+import inspect
+import logging
+import re
+import shutil
+import tempfile
+import textwrap
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, Field, fields, is_dataclass
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from annotated_types import Ge, Gt, Interval
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.plugins import event_priority
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[1]
+SKIPPED = {"tests", "examples", "benchmarks", "docs", "build", "dist", "site"}
+"""Folders beside the package's own."""
+PAGES = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+    "models/data/stretching.md": "reference/model-card.md",
+}
+"""Files of the repository that are pages, so that nothing is said twice."""
+PICTURES = ("examples/*.png",)
+"""Their pictures, and those that pages link to as `../examples/...`."""
+FIELDS = re.compile(r"<!-- fields: (?P<name>[\w.]+)(?P<notes>.*?)-->", re.DOTALL)
+BASICS = {float: "number", int: "whole number", str: "text", bool: "true or false", type(None): "none"}
+
+log = logging.getLogger("mkdocs.hooks.generate")
+
+
+@event_priority(100)  # before mkdocstrings, which reads the search path
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Put the page of every module into the navigation, and say where the modules are."""
+    assert config.nav is not None
+    config.plugins["mkdocstrings"].config["handlers"]["python"]["paths"] = [str(copied_package())]
+    rooms: dict[str, list[dict[str, str]]] = {}
+    for module in modules():
+        _, *room, name = module.split(".")
+        if room[:1] == ["models"]:
+            room = room[:2]
+        else:
+            room, name = room[:1], ".".join([*room[1:], name])
+        rooms.setdefault(".".join(room), []).append({name: module_page(module)})
+    section: list[Any] = [{room: pages} for room, pages in rooms.items() if room] + rooms.get("", [])
+    reference = next(entry["Reference"] for entry in config.nav if isinstance(entry, dict) and "Reference" in entry)
+    reference.append({"Modules": section})
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the page of every module, and what stands elsewhere in the repository and is a page here."""
+    for path, page in PAGES.items():
+        files.append(File.generated(config, page, content=within_site((ROOT / path).read_text(encoding="utf-8"))))
+    for path in PICTURES:
+        for picture in sorted(ROOT.glob(path)):
+            files.append(File.generated(config, picture.relative_to(ROOT).as_posix(), abs_src_path=str(picture)))
+    for module in modules():
+        text = f"---\ntitle: {module.removeprefix('tensegraph.')}\n---\n\n::: {module}\n"
+        files.append(File.generated(config, module_page(module), content=text))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Return a page with its comments replaced by what they ask for."""
+    markdown = re.sub(r"\]\((?:\.\./)+examples/", f"]({'../' * page.file.src_uri.count('/')}examples/", markdown)
+    if "<!-- settings -->" in markdown:
+        markdown = markdown.replace("<!-- settings -->", settings_text())
+    if "<!-- commands -->" in markdown:
+        markdown = markdown.replace("<!-- commands -->", commands_text())
+    return FIELDS.sub(lambda match: fields_table(dataclass_named(match["name"]), notes_of(match["notes"])), markdown)
+
+
+def within_site(text: str) -> str:
+    """Return Markdown of the repository's root with its links as they are in the site."""
+    for path, page in PAGES.items():
+        text = text.replace(f"]({path})", f"]({page})")
+    return text.replace("](docs/", "](")
+
+
+def copied_package() -> Path:
+    """Return a folder that holds a copy of the package by its own name, whatever the checkout is called.
+
+    In it io has an `__init__.py`: the reader of docstrings passes by packages without one.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="tensegraph-docs-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    for module in modules():
+        path = Path(*module.split(".")[1:]).with_suffix(".py")
+        (folder / "tensegraph" / path).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / path, folder / "tensegraph" / path)
+    for inside in [ROOT / "__init__.py", *ROOT.glob("*/**/__init__.py")]:
+        if (folder / "tensegraph" / inside.relative_to(ROOT)).parent.is_dir():
+            shutil.copyfile(inside, folder / "tensegraph" / inside.relative_to(ROOT))
+    (folder / "tensegraph/io/__init__.py").touch()
+    return folder
+
+
+def modules() -> list[str]:
+    """Return the names of the package's modules that define something."""
+    names = []
+    for path in sorted(ROOT.rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        if any(part in SKIPPED or part.startswith((".", "_")) for part in parts):
+            continue
+        names.append(".".join(["tensegraph", *parts]))
+    return names
+
+
+def module_page(module: str) -> str:
+    """Return where the page of a module stands."""
+    return f"reference/modules/{module.removeprefix('tensegraph.')}.md"
+
+
+def dataclass_named(name: str) -> type[Any]:
+    """Return a dataclass by its full name."""
+    module, _, kind = name.rpartition(".")
+    found: type[Any] = getattr(importlib.import_module(module), kind)
+    return found
+
+
+def notes_of(text: str) -> dict[str, str]:
+    """Return what the lines `NAME: TEXT` of a comment say."""
+    pairs = (line.partition(":") for line in text.strip().splitlines())
+    return {name.strip(): note.strip() for name, _, note in pairs}
+
+
+def fields_table(kind: type[Any], notes: Mapping[str, str]) -> str:
+    """Return a Markdown table of a dataclass's fields."""
+    hints, said = get_type_hints(kind, include_extras=True), docstrings(kind)
+    for name in notes.keys() - hints.keys():
+        log.warning("%s has no field %s", kind.__qualname__, name)
+    lines = ["| name | type | default | |", "|---|---|---|---|"]
+    for field in fields(kind):
+        text = said.get(field.name) or notes.get(field.name)
+        if not text:
+            log.warning("%s.%s: nothing says what it is", kind.__qualname__, field.name)
+        cells = (f"`{field.name}`", type_text(hints[field.name]), default_text(field), text or "")
+        lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    return "\n".join(lines)
+
+
+def settings_text() -> str:
+    """Return a heading and a table for `Settings` and for each of its parts."""
+    from tensegraph import Settings
+
+    said = docstrings(Settings)
+    hints = get_type_hints(Settings, include_extras=True)
+    parts = ["## Top level", "| name | type | default | |\n|---|---|---|---|"]
+    for field in fields(Settings):
+        if not is_dataclass(hints[field.name]):
+            cells = (f"`{field.name}`", type_text(hints[field.name]), default_text(field), said[field.name])
+            parts[-1] += f"\n| {' | '.join(cells)} |"
+    for field in fields(Settings):
+        kind = hints[field.name]
+        if is_dataclass(kind):
+            assert isinstance(kind, type)
+            parts += [f"## `[{field.name}]`", inspect.getdoc(kind) or "", fields_table(kind, {})]
+    return "\n\n".join(parts)
+
+
+def docstrings(kind: type[Any]) -> dict[str, str]:
+    """Return the docstring under each field of a class, on one line."""
+    body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    assert isinstance(body, ast.ClassDef)
+    said = {}
+    for field, text in zip(body.body, body.body[1:], strict=False):
+        match field, text:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(words))):
+                said[name] = " ".join(words.split())
+    return said
+
+
+def type_text(hint: Any) -> str:
+    """Return a type in words, with its bounds."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return " ".join([type_text(arguments[0]), *(bound_text(bound) for bound in arguments[1:])])
+    if origin is Literal:
+        return ", ".join(f"`{value!r}`".replace("'", '"') for value in arguments)
+    if origin in (Union, UnionType):
+        return " or ".join(type_text(argument) for argument in arguments if argument is not type(None))
+    if origin is tuple:
+        return f"[{', '.join(type_text(argument) for argument in arguments)}]"
+    if origin is not None:
+        return f"list of {type_text(arguments[0])}"
+    if is_dataclass(hint):
+        return "table"
+    return BASICS.get(hint, getattr(hint, "__name__", str(hint)))
+
+
+def bound_text(bound: object) -> str:
+    """Return a bound of a number."""
+    if isinstance(bound, Gt):
+        return f"&gt;&nbsp;{bound.gt}"
+    if isinstance(bound, Ge):
+        return f"≥&nbsp;{bound.ge}"
+    if isinstance(bound, Interval):
+        return f"between {bound.gt} and {bound.lt}"
+    return str(bound)
+
+
+def default_text(field: "Field[Any]") -> str:
+    """Return a field's default, as in TOML."""
+    if field.default_factory is not MISSING:
+        return "" if is_dataclass(field.default_factory) else "none"
+    if field.default is MISSING:
+        return "**required**"
+    if field.default is None or field.default == ():
+        return "none"
+    return f"`{str(field.default).lower() if isinstance(field.default, bool) else repr(field.default)}`".replace(
+        "'", '"'
+    )
+
+
+def commands_text() -> str:
+    """Return a section for the program and for each of its commands."""
+    from typer.main import get_command
+
+    from tensegraph.cli import app
+
+    group: Any = get_command(app)
+    parts = ["## tensegraph", "Options of the program itself, before the command:", options_table(group)]
+    for name, command in sorted(group.commands.items()):
+        if not command.hidden:
+            parts += [f"## {name}", *help_parts(command.help or ""), options_table(command)]
+    return "\n\n".join(part for part in parts if part)
+
+
+def help_parts(text: str) -> Iterator[str]:
+    """Yield a command's help as paragraphs, and the commands that it gives as examples."""
+    for paragraph in inspect.cleandoc(text.replace("\\b", "").replace("\b", "")).split("\n\n"):
+        lines = [line.strip() for line in paragraph.strip().splitlines()]
+        if lines and all(line.startswith("tensegraph ") for line in lines):
+            yield "```text\n" + "\n".join(lines) + "\n```"
+        elif lines:
+            yield "\n".join(lines)
+
+
+def options_table(command: Any) -> str:
+    """Return a Markdown table of a command's arguments and options."""
+    context = command.make_context(command.name, [], resilient_parsing=True)
+    records = [parameter.get_help_record(context) for parameter in command.get_params(context)]
+    rows = [f"| `{record[0]}` | {escaped(record[1])} |" for record in records if record]
+    return "\n".join(["| | |", "|---|---|", *rows])
+
+
+def escaped(text: str) -> str:
+    """Return text that is safe in a cell of a table."""
+    return re.sub(r"([|\[\]*_])", r"\\\1", " ".join(text.split())).replace("<", "&lt;")

@@ -1,0 +1,66 @@
+"""The paper's method, for comparison: nonlinear least squares, frame by frame."""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ..factors.noise import tendon_sigma_m
+from ..models.settings import Settings
+from ..models.structure.lengths import length_jacobian, member_length_m
+from ..models.structure.rest_shape import RestShape
+from ..models.structure.shape import Shape, Status
+from ..models.structure.structure import Structure
+from ..models.values.readings import TendonLengths
+from .graph import status_of
+
+
+class LeastSquares:
+    """The paper's method: eqs. (5)-(7) solved frame by frame, started from the frame before.
+
+    No memory but the start, no prior; the covariance is (J^T W J)^-1, with a sigma of one rod's length along the
+    directions that lengths do not determine.
+    """
+
+    def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
+        self._structure = structure
+        self._noise = settings.noise
+        self._free = structure.free_nodes
+        self._position = rest.node_position_m.copy()
+
+    def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
+        """Yield a shape for each frame."""
+        return map(self.update, frames)
+
+    def update(self, lengths: TendonLengths) -> Shape:
+        """Return the shape of one more frame."""
+        sigma_m = tendon_sigma_m(lengths, self._noise)
+        usable = np.flatnonzero(np.isfinite(sigma_m))
+        members = np.concatenate([self._structure.rods, self._structure.tendons[usable]])
+        target_m = np.concatenate([self._structure.rod_length_m, lengths.length_m[usable]])
+        weight = 1 / np.concatenate([np.full(len(self._structure.rods), self._noise.rod_m), sigma_m[usable]])
+
+        def residual(x: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.asarray((member_length_m(self._placed(x), members) - target_m) * weight)
+
+        def jacobian(x: NDArray[np.float64]) -> NDArray[np.float64]:
+            return length_jacobian(self._placed(x), members, self._structure.free_coordinates) * weight[:, None]
+
+        solution = least_squares(residual, self._position[self._free].ravel(), jacobian)
+        self._position = self._placed(solution.x)
+        status = status_of(lengths, self._structure) if solution.success else Status.NOT_CONVERGED
+        return Shape(lengths.t_s, self._position, self._covariance(solution.jac), status, lengths)
+
+    def _placed(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        position = self._position.copy()
+        position[self._free] = coordinates.reshape(-1, 3)
+        return position
+
+    def _covariance(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+        free = self._structure.free_coordinates
+        covariance = np.diag(np.full(3 * self._structure.node_count, self._noise.anchor_m**2))
+        information, motion = np.linalg.eigh(jacobian.T @ jacobian)
+        least = 1 / self._structure.rod_length_m.max() ** 2
+        covariance[np.ix_(free, free)] = (motion / np.maximum(information, least)) @ motion.T
+        return covariance

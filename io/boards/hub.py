@@ -1,0 +1,208 @@
+"""Where the rows of all boards meet: stamped, in one order of arrival, and handed on to recorder and estimator."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...models.values.errors import InputError
+from ...models.values.link import Hello, LinkState, PortState, rebased
+from ...models.values.readings import BoardReading
+from .port import PortReader, usb_ports
+from .protocol import Message, Row
+from .recorder import Recorder, RecorderThread
+
+WAITING_ROWS = 2000
+"""Rows that may wait for the estimator: 20 s of two boards at 50 Hz. Older ones are skipped, and counted."""
+ROWS_BEFORE_TRIAL = 20_000
+"""Rows that may wait for the recording to begin: while the sensors are tared."""
+STATE_S = 0.2
+"""Between two reports of the ports' state."""
+OWNER_S = 1.0
+"""A board that was heard within this time on one port is not taken from another."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkPlan:
+    """Which boards to read, and where to look for them."""
+
+    board_ids: tuple[int, ...]
+    """Of each board of the rig."""
+    channels: tuple[int, ...]
+    """Of each board."""
+    ports: tuple[str, ...]
+    """None: all USB serial ports, also those that are plugged in later."""
+    baud: int
+    """Of all ports."""
+
+
+@dataclass(frozen=True, slots=True)
+class Begin:
+    """Rows from `origin_s` on are the trial's, counted from there; with a path, they are recorded."""
+
+    origin_s: float
+    """By `time.perf_counter`."""
+    path: Path | None
+    """Of the trial's directory."""
+    metadata: Mapping[str, Any]
+    """Its trial.toml."""
+
+
+class Hub:
+    """Where the rows of all readers meet: stamped, in order, and handed on to the recorder and the estimator."""
+
+    def __init__(self, plan: LinkPlan) -> None:
+        self._plan = plan
+        self._stop = threading.Event()
+        self._readers: dict[str, PortReader] = {}
+        self._owner: dict[int, tuple[PortReader, float]] = {}
+        self._changed = threading.Condition()
+        self._outgoing: deque[BoardReading] = deque()
+        self._before_trial: deque[BoardReading] = deque(maxlen=ROWS_BEFORE_TRIAL)
+        self._recorder: RecorderThread | None = None
+        self._recording_error = ""
+        self._last_s = 0.0
+        self._skipped_rows = 0
+        self._origin_s = np.inf
+        self._finished = False
+
+    def look_for_ports(self) -> None:
+        """Start a reader for each port that is new; those of ports that went away wait for them to come back."""
+        for port in self._plan.ports or usb_ports():
+            if port not in self._readers:
+                self._readers[port] = PortReader(port, self._plan.baud, self.take, self._stop)
+                self._readers[port].start()
+
+    def begin(self, command: Begin, recording: ExitStack) -> None:
+        """Begin the trial, with the rows that came since its origin."""
+        recorder = None
+        if command.path is not None:
+            try:
+                recorder = RecorderThread(Recorder(command.path, command.metadata, with_boot=True))
+                recording.enter_context(recorder)
+            except InputError as error:
+                self._recording_error = str(error)
+        with self._changed:
+            self._origin_s = command.origin_s
+            self._recorder = recorder
+            self._skipped_rows = 0
+            for row in self._before_trial:
+                self._record(row)
+            self._before_trial.clear()
+
+    def take(self, reader: PortReader, messages: Sequence[Message], now_s: float) -> None:
+        """Take in what one reader got, at the time it got it."""
+        with self._changed:
+            for message in messages:
+                if isinstance(message, Hello):
+                    reader.hello = message
+                elif (board := self._board(reader, message, now_s)) is not None:
+                    # one order of arrival for all, to the microsecond, so that a trial read back is the same stream
+                    self._last_s = max(round(now_s, 6), round(self._last_s + 1e-6, 6))
+                    counts = np.array(message.codes, dtype=np.int64)
+                    row = BoardReading(
+                        board=board,
+                        host_s=self._last_s,
+                        seq=message.seq,
+                        device_us=message.device_us,
+                        counts=counts,
+                        boot=message.boot,
+                    )
+                    self._hand_on(row)
+            self._changed.notify()
+
+    def send_all(self, pipe: Connection) -> None:
+        """Send rows as they come, and the state now and then, until all is sent."""
+        state_s = -np.inf
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._outgoing or self._finished, STATE_S)
+                rows = list(self._outgoing)
+                finished = self._finished
+                self._outgoing.clear()
+            now_s = time.perf_counter()
+            try:
+                if rows:
+                    pipe.send(rows)
+                if finished or now_s - state_s > STATE_S:
+                    pipe.send(self._state())
+                    state_s = now_s
+                if finished:
+                    pipe.send(None)
+                    return
+            except OSError:  # the other side is gone
+                return
+
+    def stop_reading(self) -> None:
+        """Close all ports."""
+        self._stop.set()
+        for reader in self._readers.values():
+            reader.join()
+
+    def finish(self) -> None:
+        """Let the sender end when all is sent."""
+        with self._changed:
+            self._finished = True
+            self._changed.notify()
+
+    def _board(self, reader: PortReader, row: Row, now_s: float) -> int | None:
+        """Return which board of the rig sent a row, or None, with the complaint set, if it is not to be taken."""
+        ids = self._plan.board_ids
+        if row.board_id not in ids:
+            reader.complaint = f"board {row.board_id} is not in the rig: expected {', '.join(map(str, ids))}"
+            return None
+        board = ids.index(row.board_id)
+        if len(row.codes) != self._plan.channels[board]:
+            reader.complaint = (
+                f"board {row.board_id} sends {len(row.codes)} channels, the rig has {self._plan.channels[board]}"
+            )
+            return None
+        owner, heard_s = self._owner.get(board, (reader, now_s))
+        if owner is not reader and now_s - heard_s < OWNER_S:
+            reader.complaint = f"board {row.board_id} is on {owner.port} too: flash one with another BOARD_ID"
+            return None
+        self._owner[board] = reader, now_s
+        reader.complaint = ""
+        return board
+
+    def _hand_on(self, row: BoardReading) -> None:
+        if np.isinf(self._origin_s):
+            self._before_trial.append(row)
+        else:
+            self._record(row)
+        self._outgoing.append(row)
+        if len(self._outgoing) > WAITING_ROWS:
+            self._outgoing.popleft()
+            self._skipped_rows += 1
+
+    def _record(self, row: BoardReading) -> None:
+        if self._recorder is not None and row.host_s >= self._origin_s:
+            self._recorder.add(rebased(row, self._origin_s))
+
+    def _state(self) -> LinkState:
+        boards = {id(owner): board for board, (owner, _) in self._owner.items()}
+        ports = tuple(
+            PortState(
+                port=reader.port,
+                board=boards.get(id(reader)),
+                hello=reader.hello,
+                connected=reader.connected,
+                counts=reader.counts,
+                complaint=reader.complaint,
+            )
+            for reader in list(self._readers.values())
+        )
+        recorder = self._recorder
+        return LinkState(
+            ports=ports,
+            skipped_rows=self._skipped_rows,
+            recorded_rows=recorder.rows if recorder else 0,
+            recording_error=self._recording_error or (recorder.error if recorder else ""),
+        )

@@ -1,0 +1,157 @@
+"""An evaluation as tables for the screen, and as numbers for machines."""
+
+import json
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Group
+from rich.table import Table
+
+from ..models.evaluation.evaluation import Consistency, Errors, Evaluation, FaultScore, Regime
+from ..models.evaluation.load_score import CLEAR_LOAD_N
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScoredResult:
+    """One result, evaluated."""
+
+    result: Path
+    """Its directory."""
+    trial: str
+    """Name of the trial that it is of."""
+    method: str
+    """That made it."""
+    evaluation: Evaluation
+    """What came out."""
+
+    def title(self) -> str:
+        """Return what was evaluated, in few words."""
+        return f"{self.trial}, {self.method}"
+
+    def as_table(self) -> Group:
+        """Return the tables for the terminal."""
+        e = self.evaluation
+        errors = Table(self.title(), "RMSE, mm", "of height, mm", "median, mm", "95 % below, mm")
+        for kind, shape_errors in (("", e.absolute), ("displacement of ", e.displacement)):
+            for name in ("nodes", "faces", "system") if shape_errors is not None else ():
+                errors.add_row(kind + name, *_millimetres(getattr(shape_errors, name)))
+        regimes = Table("frames", "", "RMSE, mm", "NEES", "in 68 %", "in 95 %", "median sigma, mm")
+        for regime in e.regimes:
+            regimes.add_row(regime.name, str(regime.frames), *_regime_cells(regime))
+        facts = Table(show_header=False)
+        for name, text in _facts(e):
+            facts.add_row(name, text)
+        return Group(errors, regimes, facts)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return all numbers of the evaluation; what is not known is null."""
+        numbers = _plain(self.evaluation)
+        assert isinstance(numbers, dict)
+        free_nodes = self.evaluation.structure.free_nodes.tolist()
+        names = {"result": str(self.result), "trial": self.trial, "method": self.method, "free_nodes": free_nodes}
+        return names | numbers
+
+
+def as_text(numbers: object) -> str:
+    """Return numbers as JSON, indented, with a line end; not a number is an error."""
+    return json.dumps(numbers, indent=2, allow_nan=False) + "\n"
+
+
+def _facts(e: Evaluation) -> list[tuple[str, str]]:
+    """Return name and text of everything that is not a distance."""
+    worst_mm = 1e3 * np.nanmax(e.node_rmse_m)
+    rows = [
+        ("frames compared", f"{e.frames}, and {e.frames_without_truth} without truth"),
+        ("worst node", f"{e.worst_node}: RMSE {worst_mm:.2f} mm"),
+        ("first good shape (5 mm)", "none" if e.first_good_s is None else f"after {e.first_good_s:.2f} s"),
+    ]
+    if e.rotation_deg is not None:
+        rows.append(("truth aligned", f"turned by {e.rotation_deg:.2f} degrees"))
+    if e.wrong_branch_frames is not None:
+        rows.append(("on the wrong branch", f"{e.wrong_branch_frames} frames"))
+    rows += _consistency_facts(e.consistency)
+    rows += _load_facts(e)
+    rows += [(f"fault: {fault.kind}, {fault.where}", _seen(fault)) for fault in e.faults]
+    rows.append(("false alarms", f"{e.false_alarm_share:.2%} of the healthy readings"))
+    return rows
+
+
+def _consistency_facts(c: Consistency) -> list[tuple[str, str]]:
+    rows = []
+    if np.isfinite(c.median_sigma_m):
+        inside = int(((c.nees >= c.nees_band[:, 0]) & (c.nees <= c.nees_band[:, 1])).sum())
+        rows += [
+            (
+                "within ellipsoids of 50, 68, 95 %",
+                f"{c.coverage_50:.1%}, {c.coverage_68:.1%}, {c.coverage_95:.1%} "
+                f"at a median sigma of {1e3 * c.median_sigma_m:.2f} mm",
+            ),
+            (
+                "NEES of a node (3 is right)",
+                f"{np.nanmin(c.nees):.2f} to {np.nanmax(c.nees):.2f}; {inside} of {len(c.nees)} in their 95 % band",
+            ),
+        ]
+    if np.isfinite(c.nis):
+        band = f"95 % band {c.nis_band[0]:.2f} to {c.nis_band[1]:.2f}"
+        rows.append(("NIS of the lengths (1 is right)", f"{c.nis:.2f}; {band}"))
+    return rows
+
+
+def _load_facts(e: Evaluation) -> list[tuple[str, str]]:
+    score = e.loads
+    if score is None:
+        return []
+    facts = {
+        f"RMSE of loads above {score.threshold_n:g} N": _cell(score.loaded_rmse_n, "{:.3f} N"),
+        "  of the others": _cell(score.unloaded_rmse_n, "{:.3f} N"),
+        f"loads above {score.threshold_n:g} N that are seen": _cell(score.recall, "{:.1%}"),
+        "  seen, and true": _cell(score.precision, "{:.1%}"),
+        "  unloaded, called loaded": (
+            f"{_cell(score.false_alarm_share, '{:.1%}')}; "
+            f"{_cell(score.quiet_false_alarm_share, '{:.1%}')} while no node is loaded"
+        ),
+        f"most loaded node (above {CLEAR_LOAD_N:g} N)": (
+            _cell(score.most_loaded_share, f"the right one in {{:.1%}} of {score.clear_frames} frames")
+        ),
+    }
+    return list(facts.items())
+
+
+def _regime_cells(regime: Regime) -> list[str]:
+    return [
+        _cell(1e3 * regime.node_rmse_m, "{:.2f}"),
+        _cell(regime.nees, "{:.2f}"),
+        _cell(regime.coverage_68, "{:.1%}"),
+        _cell(regime.coverage_95, "{:.1%}"),
+        _cell(1e3 * regime.median_sigma_m, "{:.2f}"),
+    ]
+
+
+def _cell(value: float, form: str) -> str:
+    return form.format(value) if np.isfinite(value) else "-"
+
+
+def _seen(fault: FaultScore) -> str:
+    named = "seen" if fault.tendons == 1 else f"all {fault.tendons} tendons seen"
+    if fault.delay_s is not None:
+        return f"{named} after {fault.delay_s:.2f} s"
+    return "not seen" if fault.tendons == 1 else f"{fault.named} of {fault.tendons} tendons seen"
+
+
+def _millimetres(errors: Errors) -> list[str]:
+    values = (errors.rmse_m, errors.height_rmse_m, errors.median_m, errors.percentile_95_m)
+    return [_cell(1e3 * value, "{:.2f}") for value in values]
+
+
+def _plain(value: object) -> object:
+    """Return dataclasses as mappings, arrays as lists, and what is not finite as None; frame by frame data stay out."""
+    if is_dataclass(value):
+        names = [field.name for field in fields(value) if field.name not in ("structure", "compared")]
+        return {name: _plain(getattr(value, name)) for name in names}
+    if isinstance(value, np.ndarray | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value

@@ -1,0 +1,93 @@
+"""The figure of a comparison of methods: error, coverage, sigma and time of each on each trial."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
+from numpy.typing import NDArray
+
+from ...models.evaluation.comparison import ComparisonRow
+from .style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY_BLUE, add_grid, add_legend_below, save_figure
+
+METHOD_COLORS = (GREY, ORANGE, GREEN, SKY_BLUE, BLUE, PURPLE, RED, BLACK)
+"""One a method, in the table's order; again from the first when they run out."""
+
+
+def write_comparison_figure(rows: Sequence[ComparisonRow], published_mm: Mapping[str, float], path: Path) -> None:
+    """Draw node RMSE, coverage, sigma and time of each method on each trial, with published errors as marked lines."""
+    trials = list(dict.fromkeys(row.trial for row in rows))
+    methods = len({row.method for row in rows})
+    figure = Figure(figsize=(max(10.0, 1.7 * len(trials) + 3), 13), layout="constrained")
+    error, covered, sigma, duration = figure.subplots(4, 1, sharex=True, height_ratios=(2, 1.2, 1.2, 1.2))
+    _draw_bars(error, rows, lambda row: 1e3 * row.errors.nodes.rmse_m)
+    _draw_bars(covered, rows, lambda row: 100 * row.coverage_95)
+    _draw_points(sigma, rows, lambda row: 1e3 * row.median_sigma_m)
+    _draw_points(duration, rows, lambda row: row.ms_per_frame)
+    _draw_published(error, published_mm)
+    covered.axhline(95, color=BLACK, ls="--", lw=0.8)
+    error.set(ylabel="node RMSE [mm]", title="error (3-D) of the free nodes")
+    covered.set(ylabel="within [%]", ylim=(0, 100), title="nodes within their ellipsoid of 95 % (dashed: 95 %)")
+    title = "size of these ellipsoids: root of the trace of a node's covariance"
+    sigma.set(ylabel="median sigma [mm]", yscale="log", title=title)
+    duration.set(ylabel="[ms per frame]", yscale="log", title="time from lengths to shapes with covariances")
+    for axis in (sigma, duration):
+        axis.yaxis.set_major_formatter(ScalarFormatter())
+    duration.set_xticks(np.arange(len(trials)), trials)
+    for axis in (error, covered, sigma, duration):
+        add_grid(axis, along="y", which="both")
+        axis.set_axisbelow(True)
+    add_legend_below(figure, error.get_legend_handles_labels()[0], min(methods, 3))
+    save_figure(figure, path)
+
+
+def _draw_bars(axis: Axes, rows: Sequence[ComparisonRow], value: Callable[[ComparisonRow], float]) -> None:
+    """Draw a bar for each method on each trial, those of one trial side by side."""
+    for group in _groups(rows):
+        values = [value(row) for row in group.rows]
+        axis.bar(group.place, values, group.width, color=group.color, label=group.method)
+
+
+def _draw_points(axis: Axes, rows: Sequence[ComparisonRow], value: Callable[[ComparisonRow], float]) -> None:
+    """Draw a point where `_draw_bars` has a bar, for an axis without a zero."""
+    for group in _groups(rows):
+        values = [value(row) for row in group.rows]
+        axis.plot(group.place, values, ls="", marker="o", color=group.color, label=group.method)
+
+
+def _draw_published(axis: Axes, published_mm: Mapping[str, float]) -> None:
+    for source, node_mm in published_mm.items():
+        axis.axhline(node_mm, color=BLACK, ls=":", lw=0.8)
+        label = f"{node_mm} mm\n{source},\nanother robot"
+        axis.annotate(label, (1.01, node_mm), xycoords=("axes fraction", "data"), va="center", fontsize=8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Group:
+    """One method on all trials."""
+
+    method: str
+    rows: list[ComparisonRow]
+    """Of each trial, in their order."""
+    place: NDArray[np.float64]
+    """(trials,) along the axis."""
+    width: float
+    color: str
+
+
+def _groups(rows: Sequence[ComparisonRow]) -> Iterator[_Group]:
+    trials = list(dict.fromkeys(row.trial for row in rows))
+    methods = list(dict.fromkeys(row.method for row in rows))
+    width = 0.84 / len(methods)
+    for k, method in enumerate(methods):
+        by_trial = {row.trial: row for row in rows if row.method == method}
+        yield _Group(
+            method=method,
+            rows=[by_trial[trial] for trial in trials],
+            place=np.arange(len(trials), dtype=np.float64) + (k - (len(methods) - 1) / 2) * width,
+            width=width,
+            color=METHOD_COLORS[k % len(METHOD_COLORS)],
+        )

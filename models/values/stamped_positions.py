@@ -1,0 +1,16 @@
+"""Where nodes were, at known times."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StampedPositions:
+    """Positions of nodes with the times at which they were measured or estimated, as in shape.csv and truth.csv."""
+
+    t_s: NDArray[np.float64]
+    """(times,) increasing, host clock."""
+    node_position_m: NDArray[np.float64]
+    """(times, nodes, 3); nan where a node was not seen."""

@@ -1,0 +1,29 @@
+"""How long a process takes that only imports, beside `import gtsam` alone. Not part of the default run:
+
+pytest tests/benchmarks/test_import_speed.py --benchmark-only
+"""
+
+import subprocess
+import sys
+
+import pytest
+
+IMPORTS = {
+    "nothing": "pass",
+    "gtsam alone": "import gtsam",
+    "tensegraph": "import tensegraph",
+    "all public names": "import tensegraph\nfor name in dir(tensegraph): getattr(tensegraph, name)",
+    "the command line": "import tensegraph.cli",
+}
+
+
+@pytest.mark.parametrize("what", list(IMPORTS))
+def test_import(benchmark, what) -> None:
+    """The process included; the first round warms up the disk's cache."""
+    command = [sys.executable, "-c", IMPORTS[what]]
+    benchmark.pedantic(lambda: subprocess.run(command, check=True), rounds=5, warmup_rounds=1)
+
+
+def test_help(benchmark) -> None:
+    command = [sys.executable, "-m", "tensegraph", "--help"]
+    benchmark.pedantic(lambda: subprocess.run(command, check=True, capture_output=True), rounds=5, warmup_rounds=1)

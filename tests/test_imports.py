@@ -1,0 +1,46 @@
+"""What importing costs: heavy libraries are loaded by what needs them, and by nothing else."""
+
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = {"matplotlib", "filterpy", "torch", "rich", "typer", "mujoco", "serial"}
+
+
+def loaded(statements: str) -> set[str]:
+    """Return the top-level modules of a process that has run some statements."""
+    command = [sys.executable, "-c", f"import sys\n{statements}\nprint(*sys.modules, sep='\\n')"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    return {name.split(".")[0] for name in done.stdout.splitlines()}
+
+
+def test_the_package_loads_nothing_heavy() -> None:
+    assert not loaded("import tensegraph") & (HEAVY | {"scipy", "gtsam", "pydantic", "safetensors"})
+
+
+def test_the_public_names_load_nothing_heavy() -> None:
+    """All that an estimate without figures needs."""
+    names = loaded("import tensegraph\nfor name in dir(tensegraph): getattr(tensegraph, name)")
+    assert "gtsam" in names
+    assert not names & HEAVY
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["reconstruct", "--help"], ["live", "-h"], ["--version"]])
+def test_help_loads_no_work(arguments) -> None:
+    run = f"sys.argv[1:] = {arguments}\nfrom tensegraph.cli import app\napp(standalone_mode=False)"
+    assert not loaded(run) & {"numpy", "gtsam", "scipy", "matplotlib", "torch"}  # typer itself may load pydantic
+
+
+def test_filterpy_is_loaded_when_it_is_chosen() -> None:
+    choose = (
+        "from tensegraph import Settings, six_strut\n"
+        "from tensegraph.estimator.rest_step import rest_step\n"
+        "from tensegraph.models.settings import RestSettings\n"
+        "from tensegraph.pipeline import ESTIMATORS\n"
+        "structure = six_strut(0.3)\n"
+        "rest = rest_step(structure, None, None, RestSettings())\n"
+        "ESTIMATORS['{}'](structure, rest, Settings())"
+    )
+    assert "filterpy" in loaded(choose.format("ukf"))
+    assert "filterpy" not in loaded(choose.format("least-squares"))
