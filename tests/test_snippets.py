@@ -1,0 +1,73 @@
+"""Every Python and shell snippet of README and documentation runs, but for those marked `<!-- skip: next -->`."""
+
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from plan_edits import PLANS, SHORT, replaced
+from snippets import languages, parsed, run_page
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted({*ROOT.glob("CONTRIBUTING.md"), *(ROOT / "docs").rglob("*.md")})]
+NOT_RUN = {"", "csv", "ini", "json", "text", "toml"}
+"""Languages of blocks that show something; any other than these, `python` and `sh` would escape the tests."""
+
+
+@pytest.fixture
+def reader(tmp_path: Path, trial_copy: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The directory of a reader: the examples, of which trial and plan are a few seconds long, and `tensegraph`."""
+    examples = tmp_path / "examples"
+    shutil.copytree(ROOT / "examples", examples, ignore=shutil.ignore_patterns("press_01", "__pycache__"))
+    trial_copy(rows=210, name="examples/press_01")
+    (examples / "plans" / "press.toml").write_text(replaced(PLANS["press"].read_text(), *SHORT))
+    command = tmp_path / "bin" / "tensegraph"
+    command.parent.mkdir()
+    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m tensegraph "$@"\n')
+    command.chmod(0o755)
+    path = [str(command.parent), str(Path(sys.executable).parent), os.environ["PATH"]]
+    monkeypatch.setenv("PATH", os.pathsep.join(path))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_the_snippets_of_a_page_run(page: Path, reader: Path) -> None:
+    run_page(page)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_no_snippet_escapes(page: Path) -> None:
+    assert languages(page) <= NOT_RUN | {"python", "sh"}
+
+
+GOOD = "# A page\n\n```python\nx = 1\n```\n\n```sh\ntest -d examples/press_01\n```\n"
+
+
+def test_snippets_run_in_the_reader_s_directory(reader: Path) -> None:
+    more = "```python\nassert x == 1\n```\n\n```sh\ntensegraph --help > help.txt\n```\n"
+    (reader / "page.md").write_text(f"{GOOD}\n{more}")
+    run_page(reader / "page.md")
+    assert "reconstruct" in (reader / "help.txt").read_text()
+    assert len(list(parsed(reader / "page.md").examples())) == 4
+
+
+BAD = ["```python\nassert x == 2\n```", "```sh\nfalse | true\n```", "```sh\nexit 3\n```"]
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_a_snippet_that_fails_is_seen_and_can_be_left_out(reader: Path, bad: str) -> None:
+    (reader / "page.md").write_text(f"{GOOD}\n{bad}\n")
+    with pytest.raises(AssertionError):
+        run_page(reader / "page.md")
+    (reader / "page.md").write_text(f"{GOOD}\n<!-- skip: next -->\n{bad}\n")
+    run_page(reader / "page.md")
+
+
+@pytest.mark.parametrize("language", ["bash", "py", "console"])
+def test_a_block_in_another_language_is_seen(tmp_path: Path, language: str) -> None:
+    (tmp_path / "page.md").write_text(f"{GOOD}\n1. then\n\n    ```{language}\n    false\n    ```\n")
+    assert languages(tmp_path / "page.md") == {"python", "sh", language}
