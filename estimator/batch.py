@@ -105,7 +105,7 @@ def _averaged_loads(loads: list[ExternalLoads | None], frames: list[TendonLength
     step_s = float(np.median(np.diff([lengths.t_s for lengths in frames])))
     force_n = np.array([frame_loads.force_n for frame_loads in known_loads])
     averaged_n = gaussian_filter1d(force_n, PUSH_S / step_s, axis=0, mode="nearest")
-    return [replace(loads, force_n=force) for loads, force in zip(known_loads, averaged_n, strict=True)]
+    return [replace(frame_loads, force_n=force) for frame_loads, force in zip(known_loads, averaged_n, strict=True)]
 
 
 def _without_lag(frames: list[TendonLengths]) -> list[TendonLengths]:
