@@ -1,1 +1,1 @@
-"""From lengths with sigma to shapes with covariance: one frame, live, batch. Knows no file, no port, no screen."""
+"""The estimators: from lengths with sigma to shapes with covariance. They use no files, serial ports or screens."""

@@ -1,4 +1,4 @@
-"""A whole trial at once: all frames in one graph, Levenberg-Marquardt, covariances of every frame."""
+"""The batch estimator: all frames of a trial in one graph, optimised by Levenberg-Marquardt."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -23,15 +23,16 @@ from .uncertainty import FrameEvidence
 MAX_BATCH_ITERATIONS = 50
 RELATIVE_DECREASE = 1e-3
 PUSH_S = 0.12
-"""Standard deviation of the Gaussian that averages loads: 0.3 s at half its height, as a push takes to build up."""
+"""Standard deviation of the Gaussian window that averages the loads. Its width at half its height is 0.3 s, the time in
+which a push builds up."""
 MIN_DAMPING = 1e2
-"""In 1 / m^2: a prior of 0.1 m about the last values, ..."""
+"""Least damping above zero, in 1 / m^2: a prior of 0.1 m about the last values."""
 MAX_DAMPING = 1e10
-"""... and one of 0.01 mm."""
+"""Largest damping, in 1 / m^2: a prior of 0.01 mm about the last values."""
 
 
 class BatchOptimizer:
-    """Estimates every frame from all frames, before and after."""
+    """Estimates the shape in every frame from all frames of the trial, earlier and later ones."""
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._builder = GraphBuilder(structure, rest, settings.noise)
@@ -41,30 +42,30 @@ class BatchOptimizer:
     def estimate(
         self, frames: Iterable[TendonLengths], progress: Callable[[int, float], None] = lambda iteration, error: None
     ) -> Iterator[Shape]:
-        """Yield a shape for each frame, once all have been read.
+        """Yield a shape for each frame, after all frames have been read.
 
         Args:
             frames: lengths, in order of time.
             progress: called after each iteration with its number and the graph's error.
 
         Raises:
-            IndeterminateError: when nothing holds some node.
+            IndeterminateError: when measurements and priors leave some node undetermined.
         """
         problem = self._problem(_without_lag(list(frames)))
         try:
             values, converged = _optimize(problem.graph, problem.start, progress)
             positions = np.array(gtsam.utilities.extractPoint3(values)).reshape(-1, self._builder.node_count, 3)
-            assessed = list(map(self._evidence.assess, positions, problem.measured))
+            assessments = list(map(self._evidence.assess, positions, problem.measured))
         except RuntimeError as error:
             raise IndeterminateError(str(error).splitlines()[0]) from error
         frames = [measured.lengths for measured in problem.measured]
-        loads = _over_pushes([assessment.loads for assessment in assessed], frames)
+        loads = _averaged_loads([assessment.loads for assessment in assessments], frames)
         branches = OtherBranch(self._builder, self._settings.branch)
         for k, lengths in enumerate(frames):
             shape = Shape(
                 t_s=lengths.t_s,
                 node_position_m=positions[k],
-                covariance_m2=assessed[k].covariance_m2,
+                covariance_m2=assessments[k].covariance_m2,
                 status=status_of(lengths, self._builder.structure) if converged else Status.NOT_CONVERGED,
                 lengths=lengths,
                 loads=loads[k],
@@ -72,7 +73,7 @@ class BatchOptimizer:
             yield branches.with_other(shape)
 
     def _problem(self, frames: list[TendonLengths]) -> "_Problem":
-        """Return the graph of all frames, the live estimate of each as its start."""
+        """Return the graph of all frames; its start is the live estimate of each frame."""
         problem = _Problem(gtsam.NonlinearFactorGraph(), gtsam.Values(), [])
         times_s = [lengths.t_s for lengths in frames]
         live = LiveSmoother(self._builder.structure, self._builder.rest, self._settings)
@@ -88,44 +89,46 @@ class BatchOptimizer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """The graph of a whole trial, with its start."""
+    """The graph of a whole trial, with the values at which its optimisation starts."""
 
     graph: gtsam.NonlinearFactorGraph
     start: gtsam.Values
     measured: list[WeightedLengths]
-    """Of each frame, without the sensors that the live estimate left out."""
+    """The lengths of each frame, without the sensors that the live estimate left out."""
 
 
-def _over_pushes(loads: list[ExternalLoads | None], frames: list[TendonLengths]) -> list[ExternalLoads | None]:
-    """Return the loads averaged over the time in which a hand builds up a push."""
-    known = [each for each in loads if each is not None]
-    if len(known) < 2 or len(known) < len(loads):
+def _averaged_loads(loads: list[ExternalLoads | None], frames: list[TendonLengths]) -> list[ExternalLoads | None]:
+    """Return the loads averaged over the time in which a push builds up, see `PUSH_S`."""
+    known_loads = [frame_loads for frame_loads in loads if frame_loads is not None]
+    if len(known_loads) < 2 or len(known_loads) < len(loads):
         return loads
     step_s = float(np.median(np.diff([lengths.t_s for lengths in frames])))
-    force_n = gaussian_filter1d(np.array([each.force_n for each in known]), PUSH_S / step_s, axis=0, mode="nearest")
-    return [replace(each, force_n=force) for each, force in zip(known, force_n, strict=True)]
+    force_n = np.array([frame_loads.force_n for frame_loads in known_loads])
+    averaged_n = gaussian_filter1d(force_n, PUSH_S / step_s, axis=0, mode="nearest")
+    return [replace(frame_loads, force_n=force) for frame_loads, force in zip(known_loads, averaged_n, strict=True)]
 
 
 def _without_lag(frames: list[TendonLengths]) -> list[TendonLengths]:
-    """Return the frames, each with the lengths of the one that is later by the sensors' lag: nobody waits here."""
+    """Return the frames, each with the lengths of the later frame in which the sensors show its state."""
     t_s = np.array([lengths.t_s for lengths in frames])
-    wanted_s = t_s + [lengths.lag_s for lengths in frames]
-    after = np.minimum(np.searchsorted(t_s, wanted_s), len(t_s) - 1)
+    shown_s = t_s + [lengths.lag_s for lengths in frames]
+    after = np.minimum(np.searchsorted(t_s, shown_s), len(t_s) - 1)
     before = np.maximum(after - 1, 0)
-    nearest = np.where(wanted_s - t_s[before] < t_s[after] - wanted_s, before, after)
+    nearest = np.where(shown_s - t_s[before] < t_s[after] - shown_s, before, after)
     return [replace(frames[later], t_s=lengths.t_s) for lengths, later in zip(frames, nearest, strict=True)]
 
 
 def _optimize(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, progress: Callable[[int, float], None]
 ) -> tuple[gtsam.Values, bool]:
-    """Return the values at the least error, and whether it was reached: Levenberg-Marquardt.
+    """Return the values of least error, and whether the optimisation converged, by Levenberg-Marquardt.
 
-    The loop is here and not in gtsam's own optimiser because a factor written in Python is handed a copy of all values
-    whenever C++ calls it with values of its own: 18 000 points for each of 1500 frames in every iteration.
+    The loop replaces gtsam's own optimiser, which is slow with factors that are written in Python: C++ gives such a
+    factor a copy of all values at each call, 18 000 points for each of 1500 frames in every iteration.
 
-    It ends when the error falls by less than a part in a thousand: along the mechanism the error is so flat that it
-    would creep for a hundred iterations after a part in 1e5 of it, a tenth of one standard deviation of one length.
+    The loop ends when the error falls by less than one part in a thousand. Along the mechanism the error is so flat
+    that a smaller bound would cost a hundred further iterations for one part in 1e5 of the error, which is a tenth of
+    one standard deviation of one length.
     """
     error = graph.error(values)
     damping = 0.0
@@ -133,14 +136,14 @@ def _optimize(
         linear = graph.linearize(values)
         before = error
         while damping <= MAX_DAMPING:
-            moved = values.retract(_damped(linear, values, damping).optimize())
-            error = graph.error(moved)
+            candidate = values.retract(_damped(linear, values, damping).optimize())
+            error = graph.error(candidate)
             if error <= before:
                 break
             damping = max(10 * damping, MIN_DAMPING)
         else:
             return values, False
-        values = moved
+        values = candidate
         damping = damping / 10 if damping > MIN_DAMPING else 0.0
         progress(iteration + 1, error)
         if before - error <= RELATIVE_DECREASE * before:

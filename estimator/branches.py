@@ -1,10 +1,12 @@
-"""The other shape: most sets of lengths have two exact shapes, on either side of det J = 0, and one Gaussian hides one.
+"""The other shape: most sets of lengths have two exact shapes, one on each side of det J = 0.
 
-Along the mechanism m, the unit motion that lengths see least, with smallest singular value s_1 and its lengths u,
+One Gaussian can describe only one of the two. Let m be the mechanism, which is the unit motion that changes the lengths
+least, s_1 the smallest singular value of J, and u its left singular vector. Along m,
 
     u . (l(x + a m) - l(x)) = s_1 a + c a^2 / 2,     c = sum_e u_e (|m_ab|^2 - (m_ab . d_e)^2) / l_e
 
-is zero again at a = -2 s_1 / c, where the other shape is looked for. Equilibrium tells the two apart, mostly.
+is zero again at a = -2 s_1 / c: there the search for the other shape starts. In most frames the equilibrium of forces
+shows which of the two is the right one.
 """
 
 from dataclasses import replace
@@ -21,33 +23,36 @@ from .graph import GraphBuilder
 
 
 class OtherBranch:
-    """Looks, now and then, whether the other shape explains a frame as well."""
+    """Searches at regular times for another shape that explains a frame about equally well."""
 
     def __init__(self, builder: GraphBuilder, settings: BranchSettings) -> None:
         self._builder = builder
         self._settings = settings
-        self._looked_s = -np.inf
-        self._found: OtherShape | None = None
+        self._last_search_s = -np.inf
+        self._other_shape: OtherShape | None = None
 
     def with_other(self, shape: Shape) -> Shape:
-        """Return the shape, with the other one if that explained the newest frame looked at about as well."""
-        if self._builder.structure.is_square and shape.t_s - self._looked_s >= self._settings.look_every_s:
-            self._looked_s = shape.t_s
-            self._found = self._other(shape.node_position_m, shape.lengths)
-        return replace(shape, status=Status.TWO_SHAPES, other=self._found) if self._found else shape
+        """Return the shape together with the other shape that the latest search found, if it found one."""
+        if self._builder.structure.is_square and shape.t_s - self._last_search_s >= self._settings.look_every_s:
+            self._last_search_s = shape.t_s
+            self._other_shape = self._search(shape.node_position_m, shape.lengths)
+        if self._other_shape is None:
+            return shape
+        return replace(shape, status=Status.TWO_SHAPES, other=self._other_shape)
 
-    def _other(self, position_m: NDArray[np.float64], lengths: TendonLengths) -> OtherShape | None:
+    def _search(self, position_m: NDArray[np.float64], lengths: TendonLengths) -> OtherShape | None:
+        """Return the other minimum of a frame's own factors, or None when there is none or it is much less probable."""
         structure = self._builder.structure
         measured = weigh(lengths, self._builder.noise)
-        here = self._builder.minimum(measured, position_m)
-        there = self._builder.minimum(measured, self._across(here.node_position_m))
-        if branch(structure, there.node_position_m) * branch(structure, position_m) > 0:
+        first = self._builder.minimum(measured, position_m)
+        second = self._builder.minimum(measured, self._across(first.node_position_m))
+        if branch(structure, second.node_position_m) * branch(structure, position_m) > 0:
             return None
-        log_ratio = there.error - here.error
-        return OtherShape(there.node_position_m, log_ratio) if log_ratio < self._settings.log_ratio else None
+        log_ratio = second.error - first.error
+        return OtherShape(second.node_position_m, log_ratio) if log_ratio < self._settings.log_ratio else None
 
     def _across(self, position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where, to second order along the mechanism, the lengths are the same again."""
+        """Return the positions along the mechanism at which the lengths are, to second order, the same again."""
         structure = self._builder.structure
         jacobian = free_length_jacobian(structure, position_m)
         left, singular_value, right = np.linalg.svd(jacobian)

@@ -1,4 +1,4 @@
-"""One frame, no memory: its own graph, optimised from the rest shape."""
+"""The estimator of single frames: each frame has its own graph, optimised from the rest shape."""
 
 from collections.abc import Iterable, Iterator
 
@@ -13,7 +13,7 @@ from .uncertainty import FrameEvidence
 
 
 class FrameEstimator:
-    """Estimates each frame by itself with Levenberg-Marquardt."""
+    """Estimates each frame without any other frame, by Levenberg-Marquardt."""
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._builder = GraphBuilder(structure, rest, settings.noise)
@@ -27,16 +27,16 @@ class FrameEstimator:
         """Return the shape of one frame.
 
         Raises:
-            IndeterminateError: when nothing holds some node.
+            IndeterminateError: when measurements and priors leave some node undetermined.
         """
         measured = weigh(lengths, self._builder.noise)
-        found = self._builder.minimum(measured, self._builder.rest.node_position_m)
-        assessed = self._evidence.assess(found.node_position_m, measured)
+        minimum = self._builder.minimum(measured, self._builder.rest.node_position_m)
+        assessment = self._evidence.assess(minimum.node_position_m, measured)
         return Shape(
             t_s=lengths.t_s,
-            node_position_m=found.node_position_m,
-            covariance_m2=assessed.covariance_m2,
-            status=status_of(lengths, self._builder.structure) if found.converged else Status.NOT_CONVERGED,
+            node_position_m=minimum.node_position_m,
+            covariance_m2=assessment.covariance_m2,
+            status=status_of(lengths, self._builder.structure) if minimum.converged else Status.NOT_CONVERGED,
             lengths=lengths,
-            loads=assessed.loads,
+            loads=assessment.loads,
         )

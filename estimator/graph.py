@@ -1,4 +1,4 @@
-"""The factor graph of a frame, and of its place among the frames before it."""
+"""The factor graph: the factors of one frame, and those that connect it to the frames before it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,22 +27,22 @@ from ..models.values.readings import TendonLengths
 
 MAX_FRAME_ITERATIONS = 100
 ERROR_TOLERANCE = 1e-2
-"""Of a frame's error, half a sum of squares: a seventh of one sigma of one length."""
+"""Absolute tolerance of a frame's error, which is half a sum of squares: a seventh of one sigma of one length."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameMinimum:
-    """What one frame says by itself."""
+    """The shape of least error of one frame's own factors."""
 
     node_position_m: NDArray[np.float64]
     """(nodes, 3)"""
     error: float
-    """Half the sum of squares: minus the log of the likelihood, but for a constant."""
+    """Half the sum of squares, which is the negative log-likelihood up to a constant."""
     converged: bool
 
 
 class GraphBuilder:
-    """Writes the factors of one frame after another."""
+    """Adds the factors of one frame after another to a graph."""
 
     def __init__(self, structure: Structure, rest: RestShape, noise: NoiseSettings) -> None:
         self.structure = structure
@@ -53,14 +53,14 @@ class GraphBuilder:
         self.statics = Statics(structure, rest.mechanics) if rest.mechanics else None
 
     def keys(self, frame: int) -> range:
-        """Return the keys of a frame's nodes."""
+        """Return the keys of all nodes of a frame."""
         return frame_keys(frame, self.node_count)
 
     def add_frame(self, graph: gtsam.NonlinearFactorGraph, frame: int, measured: WeightedLengths) -> None:
-        """Add what a frame says by itself: anchors, rods, tendons, equilibrium, and the weak shape prior.
+        """Add a frame's own factors: anchors, rods, tendons, equilibrium, and the weak shape prior.
 
         Raises:
-            IndeterminateError: when that leaves some node undetermined.
+            IndeterminateError: when these leave some node undetermined.
         """
         missing = self._missing_information(measured.lengths)
         if missing:
@@ -77,7 +77,7 @@ class GraphBuilder:
             graph.add(equilibrium_factor(self.statics, keys, self.noise.force_n))
 
     def minimum(self, measured: WeightedLengths, start_m: NDArray[np.float64]) -> FrameMinimum:
-        """Return where a frame's own factors have their least error next to (nodes, 3) positions."""
+        """Return the local minimum of the error of a frame's own factors, searched from (nodes, 3) positions."""
         graph = gtsam.NonlinearFactorGraph()
         values = gtsam.Values()
         keys = self.keys(0)
@@ -92,12 +92,15 @@ class GraphBuilder:
         return FrameMinimum(position, optimizer.error(), optimizer.iterations() < MAX_FRAME_ITERATIONS)
 
     def add_motion(self, graph: gtsam.NonlinearFactorGraph, frame: int, times_s: Sequence[float]) -> None:
-        """Add what ties a frame to those before; the first one may stand at the rest shape, the second start from it.
+        """Add the factors that connect a frame to the two before it, or the first frame to the rest shape.
+
+        A frame that has fewer than two frames before it gets these factors only when the structure is at rest at the
+        start.
 
         Args:
-            graph: is added to.
+            graph: the graph that the factors are added to.
             frame: number of the frame, 0 for the first.
-            times_s: times of the last frames up to this one, at least three of them from frame 2 on.
+            times_s: times of the last frames, this one included; at least three from frame 2 on.
         """
         q = self.noise.motion_m_per_s15
         keys = self.keys(frame)
@@ -114,7 +117,7 @@ class GraphBuilder:
             _add(graph, constant_velocity_factors(self._free, frames, steps_s, q))
 
     def _missing_information(self, lengths: TendonLengths) -> str | None:
-        """Return which nodes a frame by itself leaves undetermined and why, or None when it determines all."""
+        """Return which nodes a frame's own factors leave undetermined and why, or None when they determine all."""
         if np.isfinite(self.noise.shape_prior_m) or self.statics:
             return None
         members = np.concatenate([self.structure.rods, self.structure.tendons[lengths.usable]])
@@ -128,17 +131,17 @@ class GraphBuilder:
         left_out = ", ".join(map(str, np.flatnonzero(~lengths.usable))) or "none"
         return (
             f"nodes {nodes}: lengths leave {jacobian.shape[1] - rank} of their motions free (tendons left out: "
-            f"{left_out}); a finite noise.shape_prior_m, or [mechanics] in trial.toml, would hold them"
+            f"{left_out}); a finite noise.shape_prior_m, or [mechanics] in trial.toml, would determine them"
         )
 
 
 def _add(graph: gtsam.NonlinearFactorGraph, factors: Sequence[gtsam.NonlinearFactor]) -> None:
-    add = graph.add  # a fifth of push_back's time
+    add = graph.add  # takes a fifth of the time of push_back
     for factor in factors:
         add(factor)
 
 
 def status_of(lengths: TendonLengths, structure: Structure) -> Status:
-    """Return the status of a frame whose optimisation went well."""
+    """Return the status of a frame whose optimisation has converged, by how many of its tendons were measured."""
     usable = lengths.usable[structure.free_tendons]
     return Status.OK if usable.all() else Status.PARTIAL if usable.any() else Status.PRIOR_ONLY

@@ -1,13 +1,15 @@
-"""The health of each sensor: whether the others, and the balance of forces, bear its length out.
+"""The health of each sensor: whether its length agrees with the other sensors and with the balance of forces.
 
-A length l is judged by what the shape would be without it. To first order that is the studentised residual
+A length l is compared with the shape that would be estimated without it. To first order this gives the studentised
+residual
 
-    z = (l - l_hat) / (sigma sqrt(r)),   r = 1 - h P h^T / sigma^2 (its redundancy; r = 1 when it is left out, sigma
-                                                                   then that of l - l_hat)
+    z = (l - l_hat) / (sigma sqrt(r)),   r = 1 - h P h^T / sigma^2
 
-which is about a standard normal for a healthy sensor. Where the mean of z over half a second stands out, the frame is
-estimated with and without the sensor, and it is left out when doing without explains several frames much better: a
-wrong length of 5 mm needs a residual and a phantom load at either end, one pressed node needs no wrong length.
+with the redundancy r of the length; for a length that is left out r = 1, and sigma is that of l - l_hat. For a healthy
+sensor z is approximately standard normal. When the mean of z over half a second is large, the frame is estimated with
+and without the sensor. The sensor is left out when several frames are explained much better without it. A length that
+is wrong by 5 mm can only be explained by a residual and a false load at each end of the tendon, while a node that is
+really pressed needs no wrong length.
 """
 
 import numpy as np
@@ -22,30 +24,31 @@ from ..models.values.readings import Flag
 from .graph import GraphBuilder
 
 LEAST_REDUNDANCY = 0.05
-"""Below, the shape takes the length as it comes, and first order says nothing of what it would be without."""
+"""Least redundancy of a length. Below it the shape follows the length almost completely, and the first-order formula
+does not predict the shape without the length."""
 
 
 class SensorHealth:
-    """Decides, frame by frame, whose lengths to use."""
+    """Decides in each frame which sensors to use."""
 
     def __init__(self, builder: GraphBuilder, settings: HealthSettings) -> None:
         self._builder = builder
         self._settings = settings
-        self._held_m2 = builder.rest.covariance_m2
+        self._rest_covariance_m2 = builder.rest.covariance_m2
         count = len(builder.structure.tendons)
         self._mean_z = np.zeros(count)
-        self._out = np.zeros(count, dtype=np.bool_)
+        self._left_out = np.zeros(count, dtype=np.bool_)
         self._agrees_since_s = np.full(count, np.inf)
         self._last_s = np.nan
         self._checked_s = np.full(count, -np.inf)
-        self._against = np.zeros(count)
+        self._log_evidence = np.zeros(count)
 
     def admit(self, measured: WeightedLengths) -> WeightedLengths:
-        """Return the lengths without those of sensors that are left out."""
-        return measured.without(self._out, Flag.IMPLAUSIBLE) if self._out.any() else measured
+        """Return the lengths without those of the sensors that are left out at present."""
+        return measured.without(self._left_out, Flag.IMPLAUSIBLE) if self._left_out.any() else measured
 
     def observe(self, shape: Shape, measured: WeightedLengths) -> None:
-        """Take note of how a frame's lengths, left out or not, agree with its shape."""
+        """Update the state of each sensor by how its length, used or left out, agrees with the frame's shape."""
         step_s = shape.t_s - self._last_s if np.isfinite(self._last_s) else 0.0
         self._last_s = shape.t_s
         z = self._studentised(shape, measured)
@@ -57,42 +60,44 @@ class SensorHealth:
             self._check(shape, measured)
 
     def _studentised(self, shape: Shape, measured: WeightedLengths) -> NDArray[np.float64]:
+        """Return (tendons,) the studentised residual z; nan where there is no length, or it joins two anchors."""
         structure = self._builder.structure
         sigma_m = measured.sigma_m
         jacobian = length_jacobian(shape.node_position_m, structure.tendons)
-        own = shape.covariance_m2 - self._held_m2
-        predicted = propagated_variance(jacobian, own)
+        frame_covariance_m2 = shape.covariance_m2 - self._rest_covariance_m2
+        predicted = propagated_variance(jacobian, frame_covariance_m2)
         variance = np.where(np.isfinite(sigma_m), sigma_m, 1.0) ** 2
         least = LEAST_REDUNDANCY * variance
-        variance = np.where(self._out, variance + predicted, np.maximum(variance - predicted, least))
+        variance = np.where(self._left_out, variance + predicted, np.maximum(variance - predicted, least))
         usable = np.isfinite(sigma_m) & structure.is_free_tendon
         error = np.where(usable, measured.lengths.length_m, np.nan) - structure.tendon_length_m(shape.node_position_m)
         return np.asarray(error / np.sqrt(variance))
 
     def _take_back(self, t_s: float, seen: NDArray[np.bool_]) -> None:
-        """Take sensors back that have agreed for long enough."""
+        """Use those sensors again that have agreed for `take_back_s`."""
         agrees = seen & (np.abs(self._mean_z) < self._settings.agree_sigma)
         self._agrees_since_s = np.where(agrees, np.minimum(self._agrees_since_s, t_s), np.inf)
-        self._out &= ~(t_s - self._agrees_since_s >= self._settings.take_back_s)
+        self._left_out &= ~(t_s - self._agrees_since_s >= self._settings.take_back_s)
 
     def _check(self, shape: Shape, measured: WeightedLengths) -> None:
-        """Estimate the frame without a sensor that stands out, if one does: the one not checked for longest.
+        """Estimate the frame with and without one suspect sensor: of several, the one whose last check is oldest.
 
-        What speaks against it adds up (Page's cumulative sum): each check adds its log ratio less what is expected.
+        The evidence against a sensor accumulates as Page's cumulative sum: each check adds its log ratio minus the log
+        ratio that is expected of a healthy sensor.
         """
         settings = self._settings
-        stands_out = (np.abs(self._mean_z) > settings.suspect_sigma) & ~self._out & np.isfinite(measured.sigma_m)
-        self._against *= stands_out
-        if not stands_out.any():
+        suspected = (np.abs(self._mean_z) > settings.suspect_sigma) & ~self._left_out & np.isfinite(measured.sigma_m)
+        self._log_evidence *= suspected
+        if not suspected.any():
             return
-        suspect = int(np.argmin(np.where(stands_out, self._checked_s, np.inf)))
+        suspect = int(np.argmin(np.where(suspected, self._checked_s, np.inf)))
         self._checked_s[suspect] = shape.t_s
         admitted = self.admit(measured)
-        without = admitted.without(np.arange(len(self._out)) == suspect)
+        without = admitted.without(np.arange(len(self._left_out)) == suspect)
         start_m = shape.node_position_m
-        gain = self._builder.minimum(admitted, start_m).error - self._builder.minimum(without, start_m).error
-        self._against[suspect] = max(self._against[suspect] + gain - settings.expected_log_ratio, 0.0)
-        if self._against[suspect] >= settings.log_ratio:
-            self._out[suspect] = True
+        log_ratio = self._builder.minimum(admitted, start_m).error - self._builder.minimum(without, start_m).error
+        self._log_evidence[suspect] = max(self._log_evidence[suspect] + log_ratio - settings.expected_log_ratio, 0.0)
+        if self._log_evidence[suspect] >= settings.log_ratio:
+            self._left_out[suspect] = True
             self._agrees_since_s[suspect] = np.inf
-            self._against[suspect] = 0.0
+            self._log_evidence[suspect] = 0.0

@@ -17,10 +17,10 @@ from .graph import status_of
 
 
 class LeastSquares:
-    """The paper's method: eqs. (5)-(7) solved frame by frame, started from the frame before.
+    """The paper's method: eqs. (5)-(7) solved in each frame, starting from the solution of the frame before.
 
-    No memory but the start, no prior; the covariance is (J^T W J)^-1, with a sigma of one rod's length along the
-    directions that lengths do not determine.
+    There is no prior, and no memory except the start. The covariance is (J^T W J)^-1, with a sigma of one rod's length
+    along the directions that lengths do not determine.
     """
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
@@ -53,11 +53,13 @@ class LeastSquares:
         return Shape(lengths.t_s, self._position, self._covariance(solution.jac), status, lengths)
 
     def _placed(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (nodes, 3) positions that have the given (3 free,) coordinates of the free nodes."""
         position = self._position.copy()
         position[self._free] = coordinates.reshape(-1, 3)
         return position
 
     def _covariance(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (3 nodes, 3 nodes) covariance from the Jacobian of the weighted residuals."""
         free = self._structure.free_coordinates
         covariance = np.diag(np.full(3 * self._structure.node_count, self._noise.anchor_m**2))
         information, motion = np.linalg.eigh(jacobian.T @ jacobian)

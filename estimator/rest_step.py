@@ -1,13 +1,13 @@
-"""The rest step, before the first frame: where the structure stands, and with what stiffness and natural lengths.
+"""The rest step, before the first frame: it estimates the rest shape, the stiffnesses and the natural lengths.
 
-Known beforehand are rods and anchors (exactly), nominal stiffness and natural lengths, and, where someone measured it,
-the shape. Unloaded, forces balance. The most probable nodes x, stiffnesses k and natural lengths L0 minimise
+Known beforehand are the rods and anchors (exactly), the nominal stiffnesses and natural lengths, and the shape, if it
+was measured. Without load the forces balance. The most probable nodes x, stiffnesses k and natural lengths L0 minimise
 
     |(l_rod(x) - L_rod) / sigma_rod|^2 + |(x - x_known) / sigma_x|^2
         + |r(x; k, L0) / sigma_F|^2 + |log(k / k_nominal) / spread|^2 + |(L0 - L0_given) / sigma_L0|^2
 
-with r of `Statics`. It has as many equations as tendons and is blind to one common scale of k, which the prior holds:
-that hardly matters to shapes, while ratios of k that do not balance at rest would pull every frame aside.
+with r of `Statics`. One common scale of all k does not change the balance; the prior determines it, and it has little
+effect on shapes. Ratios of k that do not balance at rest, in contrast, would shift the shape in every frame.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ from ..models.structure.statics import Mechanics, Statics
 from ..models.structure.structure import Structure
 
 ROD_SIGMA_M = 1e-5
-"""Exact, for all that follows."""
+"""Standard deviation of a rod's length in the rest step: small enough that rods keep their lengths exactly."""
 
 Rows = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
@@ -39,10 +39,10 @@ def rest_step(
     """Return the rest shape with its covariance, and the mechanics that balance there.
 
     Args:
-        structure: rods and anchors are kept exactly.
-        mechanics: nominal; None where it is not known, then forces say nothing.
-        measured_position_m: (nodes, 3) of the structure at rest, if it was measured.
-        settings: how well each of them is known.
+        structure: its rod lengths and anchor positions are kept exactly.
+        mechanics: the nominal mechanics; None where stiffness is not known, and then forces are not used.
+        measured_position_m: (nodes, 3) the measured rest shape; None where it was not measured.
+        settings: the standard deviations of what is known beforehand.
 
     Raises:
         IndeterminateError: when neither a measurement nor form finding gives a shape.
@@ -53,17 +53,17 @@ def rest_step(
     )
     if source == "measured":
         sigma_m = settings.measured_sigma_m
-    else:  # equilibrium finds the shape; without it the shape is that of equal tendons
+    else:  # with mechanics the equilibrium corrects the shape; without, it is that of equally stiff tendons
         sigma_m = settings.found_sigma_m if mechanics is None else float(structure.rod_length_m.mean())
     problem = _RestProblem(structure, mechanics, known_m, sigma_m, settings)
     z, covariance = _most_probable(problem.rows, problem.unknowns)
     size = len(structure.free_coordinates)
-    covariance_m2 = _of_all_nodes(structure, sigma_m**2 * covariance[:size, :size])
+    covariance_m2 = _all_nodes_covariance(structure, sigma_m**2 * covariance[:size, :size])
     position_m = problem.position_m(z)
     if mechanics is None:
         return RestShape(node_position_m=position_m, covariance_m2=covariance_m2, source=source)
     tared = problem.tared(mechanics, z)
-    unbalanced_n = _rms_n(structure, mechanics, position_m), _rms_n(structure, tared, position_m)
+    unbalanced_n = (_rms_n(structure, mechanics, position_m), _rms_n(structure, tared, position_m))
     return RestShape(
         node_position_m=position_m,
         covariance_m2=covariance_m2,
@@ -75,42 +75,47 @@ def rest_step(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RestProblem:
-    """The sum to minimise, in z: deviations of free nodes, log stiffnesses and natural lengths over their sigmas."""
+    """The sum to minimise as a function of z.
+
+    z holds the deviations of free nodes, log stiffnesses and natural lengths from their known values, each divided by
+    its sigma.
+    """
 
     structure: Structure
     nominal: Mechanics | None
     known_m: NDArray[np.float64]
-    """(nodes, 3)"""
+    """(nodes, 3) the positions known beforehand, x_known."""
     sigma_m: float
-    """Of these."""
+    """Standard deviation of known_m, per axis."""
     settings: RestSettings
 
     @property
     def unknowns(self) -> int:
-        """How many."""
+        """The number of elements of z."""
         return len(self.structure.free_coordinates) + (2 * len(self.structure.tendons) if self.nominal else 0)
 
     def position_m(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (nodes, 3) positions."""
+        """Return the (nodes, 3) positions at z."""
         position = self.known_m.copy()
         free = self.structure.free_nodes
         position[free] += self.sigma_m * z[: 3 * len(free)].reshape(-1, 3)
         return position
 
     def tared(self, nominal: Mechanics, z: NDArray[np.float64]) -> Mechanics:
-        """Return the mechanics."""
+        """Return the nominal mechanics with the stiffnesses and natural lengths at z."""
         by_log_stiffness, by_length = z[len(self.structure.free_coordinates) :].reshape(2, -1)
         stiffness = nominal.stiffness_n_per_m * np.exp(self.settings.stiffness_spread * by_log_stiffness)
         natural_length_m = nominal.natural_length_m + self.settings.natural_length_sigma_m * by_length
         return replace(nominal, stiffness_n_per_m=stiffness, natural_length_m=natural_length_m)
 
     def rows(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the residuals over their sigmas, without the prior's, and their Jacobian."""
-        (r, J) = self._rods(z)
-        (f, F) = self._balance(z)
-        return np.concatenate([r, f]), np.concatenate([J, F])
+        """Return the residuals over their sigmas, without those of the priors, and their Jacobian by z."""
+        rod_rows, rod_jacobian = self._rods(z)
+        force_rows, force_jacobian = self._balance(z)
+        return np.concatenate([rod_rows, force_rows]), np.concatenate([rod_jacobian, force_jacobian])
 
     def _rods(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (rods,) the errors of the rods' lengths over their sigma, and their Jacobian by z."""
         structure = self.structure
         position = self.position_m(z)
         rod_error = member_length_m(position, structure.rods) - structure.rod_length_m
@@ -120,6 +125,7 @@ class _RestProblem:
         return rod_error / ROD_SIGMA_M, jacobian / ROD_SIGMA_M
 
     def _balance(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the residuals of `Statics` over their sigma, and their Jacobian by z; no rows without mechanics."""
         if self.nominal is None:
             return np.zeros(0), np.zeros((0, len(z)))
         statics = Statics(self.structure, self.tared(self.nominal, z))
@@ -135,7 +141,7 @@ class _RestProblem:
 
 
 def _most_probable(rows: Rows, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the minimum of |rows(z)|^2 + |z|^2, z being deviations over their sigmas, and the covariance there."""
+    """Return the z that minimises |rows(z)|^2 + |z|^2, and its covariance."""
     solution = least_squares(
         lambda z: np.concatenate([rows(z)[0], z]),
         np.zeros(size),
@@ -147,11 +153,12 @@ def _most_probable(rows: Rows, size: int) -> tuple[NDArray[np.float64], NDArray[
 
 
 def _rms_n(structure: Structure, mechanics: Mechanics, position_m: NDArray[np.float64]) -> float:
+    """Return the root mean square of the unbalanced forces."""
     return float(np.sqrt(np.mean(Statics(structure, mechanics).residual_n(position_m) ** 2)))
 
 
-def _of_all_nodes(structure: Structure, free_covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (3 nodes, 3 nodes): anchors do not move."""
+def _all_nodes_covariance(structure: Structure, free_covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (3 nodes, 3 nodes) covariance of all nodes, which is zero at the anchors."""
     coordinates = structure.free_coordinates
     covariance = np.zeros((3 * structure.node_count, 3 * structure.node_count))
     covariance[np.ix_(coordinates, coordinates)] = free_covariance

@@ -1,4 +1,4 @@
-"""Frame by frame with a short memory: iSAM2 over the last few frames, older ones marginalised into a prior."""
+"""The live estimator: iSAM2 over the last few frames; older frames are marginalised into a prior."""
 
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -22,7 +22,7 @@ from .uncertainty import FrameEvidence
 
 
 class LiveSmoother:
-    """Gives the newest frame's shape from this and all earlier frames, in bounded time and memory."""
+    """Estimates the shape in the newest frame from this and all earlier frames, in bounded time and memory."""
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._builder = GraphBuilder(structure, rest, settings.noise)
@@ -36,21 +36,21 @@ class LiveSmoother:
         self._positions: deque[NDArray[np.float64]] = deque([rest.node_position_m] * 2, maxlen=2)
 
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
-        """Yield a shape for each frame, as soon as it comes."""
+        """Yield a shape for each frame, as soon as the frame arrives."""
         return map(self.update, frames)
 
     def update(self, lengths: TendonLengths) -> Shape:
-        """Return the shape at one more frame.
+        """Return the shape in one more frame.
 
         Raises:
-            IndeterminateError: when nothing holds some node.
+            IndeterminateError: when measurements and priors leave some node undetermined.
         """
         measured = weigh(lengths, self._builder.noise)
         admitted = self._health.admit(measured) if self._health else measured
         self._times_s.append(lengths.t_s)
         try:
             position = self._smoothed(admitted)
-            assessed = self._evidence.assess(position, admitted)
+            assessment = self._evidence.assess(position, admitted)
         except RuntimeError as error:
             raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {str(error).splitlines()[0]}") from error
         self._forget()
@@ -59,17 +59,17 @@ class LiveSmoother:
         shape = Shape(
             t_s=lengths.t_s,
             node_position_m=position,
-            covariance_m2=assessed.covariance_m2,
+            covariance_m2=assessment.covariance_m2,
             status=status_of(admitted.lengths, self._builder.structure),
             lengths=admitted.lengths,
-            loads=assessed.loads,
+            loads=assessment.loads,
         )
         if self._health:
             self._health.observe(shape, measured)
         return self._branches.with_other(shape)
 
     def _smoothed(self, measured: WeightedLengths) -> NDArray[np.float64]:
-        """Return the (nodes, 3) positions of the newest frame, after it has joined the graph."""
+        """Add the newest frame to the graph, and return its (nodes, 3) positions."""
         graph = gtsam.NonlinearFactorGraph()
         self._builder.add_frame(graph, self._frame, measured)
         self._builder.add_motion(graph, self._frame, self._times_s)
@@ -84,7 +84,7 @@ class LiveSmoother:
         return np.array(gtsam.utilities.extractPoint3(self._isam.calculateEstimate(keys)))
 
     def _predict(self) -> NDArray[np.float64]:
-        """Return where the nodes are if they keep their velocity."""
+        """Return the (nodes, 3) positions that the nodes reach at constant velocity."""
         before, last = self._positions
         if len(self._times_s) < 3:
             return last
@@ -92,10 +92,10 @@ class LiveSmoother:
         return last + (last - before) * (t2 - t1) / (t1 - t0)
 
     def _update_parameters(self) -> gtsam.ISAM2UpdateParams:
-        """Eliminate frames in order of age.
+        """Return parameters that eliminate the frames in order of their age.
 
-        The oldest is then a leaf to marginalise, the newest the root, and only the frames that the newest one touches
-        are eliminated anew.
+        The oldest frame is then a leaf, which can be marginalised, and the newest frame is the root. Only the frames
+        that share a factor with the newest one are eliminated again.
         """
         groups = gtsam.KeyGroupMap()
         oldest = max(self._frame - self._lag, 0)
@@ -107,7 +107,7 @@ class LiveSmoother:
         return parameters
 
     def _forget(self) -> None:
-        """Marginalise the frame that falls out of the lag."""
+        """Marginalise the frame that is now older than the lag."""
         if self._frame >= self._lag:
             self._isam.marginalizeLeaves(key_list(self._builder.keys(self._frame - self._lag)))
 

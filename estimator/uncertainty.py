@@ -1,15 +1,15 @@
-"""How sure a shape is, and what loads it shows: from the evidence of its own frame.
+"""The covariance of a shape and the loads on it, from the factors of its own frame.
 
-A sensor's error lasts for seconds, so frames 20 ms apart repeat each other's evidence rather than add to it. Smoothing
-uses them all for the estimate; the covariance counts each error once: it is the inverse of the information of the
-frame's own factors at the estimate,
+The error of a sensor lasts for seconds, so that frames 20 ms apart have nearly the same errors and add little
+information to each other. The estimate uses all of them, but the covariance counts each error only once: it is the
+inverse of the information of the frame's own factors at the estimate,
 
     P = (sum_rods + sum_tendons + sum_prior J^T J / sigma^2 + sum_g J_g^T J_g / (sigma_F (1 + q_g))^2)^-1 + C_rest
 
-Forces enter with weight 1 / (1 + q)^2, q = |r_g|^2 / sigma_F^2: Cauchy's kernel is curved by (1 - q) / (1 + q)^2, so
-that a node which carries a load says next to nothing. C_rest is the rest shape's own covariance: an error there moves
-every frame along. On the development trials 95 % ellipsoids of marginals over five frames covered 88 to 94 % (slack
-75 %), these cover 92 to 98 % (slack 86 to 92 %).
+Forces have the weight 1 / (1 + q)^2, q = |r_g|^2 / sigma_F^2. The curvature of Cauchy's kernel is (1 - q) / (1 + q)^2,
+so that a node which carries a load contributes almost no information. C_rest is the covariance of the rest shape,
+whose error shifts every frame in the same way. On the development trials 95 % ellipsoids from marginals over five
+frames covered 88 to 94 % of the true positions (75 % where tendons are slack); these cover 92 to 98 % (86 to 92 %).
 """
 
 from dataclasses import dataclass
@@ -28,34 +28,34 @@ from .graph import GraphBuilder
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assessment:
-    """How sure a shape is, and what loads it shows."""
+    """The covariance of a shape, and the loads on it."""
 
     covariance_m2: NDArray[np.float64]
-    """(3 nodes, 3 nodes) of all coordinates, node by node."""
+    """(3 nodes, 3 nodes) covariance of all coordinates, ordered by node."""
     loads: ExternalLoads | None
     """None where the stiffness of the tendons is not known."""
 
 
 class FrameEvidence:
-    """Covariances and loads of shapes, each from its own frame."""
+    """Computes the covariance and the loads of a shape from the factors of its own frame."""
 
     def __init__(self, builder: GraphBuilder) -> None:
         self._builder = builder
         structure = builder.structure
         noise = builder.noise
-        self._held = builder.rest.covariance_m2.copy()
+        self._rest_covariance_m2 = builder.rest.covariance_m2.copy()
         anchored = np.setdiff1d(np.arange(3 * structure.node_count), structure.free_coordinates)
-        self._held[anchored, anchored] += noise.anchor_m**2
+        self._rest_covariance_m2[anchored, anchored] += noise.anchor_m**2
 
     def assess(self, node_position_m: NDArray[np.float64], measured: WeightedLengths) -> Assessment:
-        """Return the covariance of a shape, and its loads where stiffness is known.
+        """Return the covariance of a shape, and the loads on it where stiffness is known.
 
         Args:
             node_position_m: (nodes, 3) the estimate.
-            measured: the lengths that it was made from.
+            measured: the lengths that it was estimated from.
 
         Raises:
-            IndeterminateError: when the shape prior is off and nothing else holds some motion.
+            IndeterminateError: when there is no shape prior and no other factor determines some motion.
         """
         structure = self._builder.structure
         noise = self._builder.noise
@@ -72,12 +72,12 @@ class FrameEvidence:
             weighted = by_position * weight[:, None]
             information += weighted.T @ weighted
         try:
-            own = np.linalg.inv(information)
+            free_covariance = np.linalg.inv(information)
         except np.linalg.LinAlgError as error:
-            raise IndeterminateError("a node is held by nothing: no shape prior, and too few lengths") from error
-        covariance = self._held.copy()
-        covariance[np.ix_(free, free)] += own
+            raise IndeterminateError("a node is undetermined: no shape prior, and too few lengths") from error
+        covariance = self._rest_covariance_m2.copy()
+        covariance[np.ix_(free, free)] += free_covariance
         if not statics:
             return Assessment(covariance, None)
-        variance = propagated_variance(by_position, own)
+        variance = propagated_variance(by_position, free_covariance)
         return Assessment(covariance, external_loads(statics, node_position_m, r, variance))

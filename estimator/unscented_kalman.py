@@ -1,4 +1,7 @@
-"""An unscented Kalman filter, for comparison: the only module that imports filterpy, and imported only when chosen."""
+"""An unscented Kalman filter, for comparison.
+
+This is the only module that imports filterpy; it is imported only when this method is chosen.
+"""
 
 from collections.abc import Iterable, Iterator
 
@@ -18,10 +21,10 @@ from .graph import status_of
 
 
 class UnscentedKalman:
-    """An unscented Kalman filter over all node coordinates, nodes on a random walk (as Caluwaerts et al., ICRA 2016).
+    """An unscented Kalman filter of all node coordinates, which follow a random walk (Caluwaerts et al., ICRA 2016).
 
-    Rods, tendons and anchors are measurements of each frame; the walk has the motion prior's strength: q sqrt(dt)
-    times the time in which a hand changes its push, 0.2 s.
+    Rods, tendons and anchors are measurements in each frame. The step of the random walk is derived from the motion
+    prior: its sigma is q sqrt(dt) times 0.2 s, the time in which a hand changes its push.
     """
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
@@ -31,15 +34,15 @@ class UnscentedKalman:
         self._last_s: float | None = None
         size = 3 * structure.node_count
         rods = len(structure.rods)
-        anchors = 3 * len(structure.anchors)
+        anchor_coordinates = 3 * len(structure.anchors)
         points = MerweScaledSigmaPoints(size, alpha=1e-3, beta=2.0, kappa=3.0 - size)
-        measured = len(self._members) + anchors
-        self._filter = UnscentedKalmanFilter(size, measured, 1.0, self._measure, lambda x, dt: x, points)
+        measurements = len(self._members) + anchor_coordinates
+        self._filter = UnscentedKalmanFilter(size, measurements, 1.0, self._measure, lambda x, dt: x, points)
         self._filter.x = rest.node_position_m.ravel().copy()
         self._filter.P = rest.covariance_m2 + self._noise.anchor_m**2 * np.eye(size)
         self._fixed = np.concatenate([structure.rod_length_m, structure.anchor_position_m.ravel()])
         self._variance = np.concatenate(
-            [np.full(rods, self._noise.rod_m**2), np.full(anchors, self._noise.anchor_m**2)]
+            [np.full(rods, self._noise.rod_m**2), np.full(anchor_coordinates, self._noise.anchor_m**2)]
         )
 
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
@@ -47,10 +50,10 @@ class UnscentedKalman:
         return map(self.update, frames)
 
     def update(self, lengths: TendonLengths) -> Shape:
-        """Return the shape at one more frame.
+        """Return the shape in one more frame.
 
         Raises:
-            IndeterminateError: when rounding has cost the covariance its positive eigenvalues.
+            IndeterminateError: when rounding errors have made an eigenvalue of the covariance negative.
         """
         step_s = lengths.t_s - self._last_s if self._last_s is not None else 0.02
         self._last_s = lengths.t_s
@@ -58,7 +61,8 @@ class UnscentedKalman:
         usable = np.isfinite(sigma_m)
         rods = len(self._structure.rods)
         predicted = self._structure.tendon_length_m(self._filter.x.reshape(-1, 3))
-        length_m = np.where(usable, lengths.length_m, predicted)  # with a sigma of a metre: no measurement
+        # a missing length is replaced by its prediction with a sigma of one metre, which has no effect
+        length_m = np.where(usable, lengths.length_m, predicted)
         variance = np.where(usable, sigma_m, 1.0) ** 2
         self._filter.Q = np.eye(len(self._filter.x)) * (self._noise.motion_m_per_s15 * 0.2) ** 2 * step_s
         z = np.concatenate([self._fixed[:rods], length_m, self._fixed[rods:]])
@@ -67,11 +71,14 @@ class UnscentedKalman:
             self._filter.predict(dt=step_s)
             self._filter.update(z)
         except np.linalg.LinAlgError as error:
-            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: the filter's covariance is no longer one") from error
+            raise IndeterminateError(
+                f"t = {lengths.t_s:.3f} s: the filter's covariance is no longer positive definite"
+            ) from error
         self._filter.P = 0.5 * (self._filter.P + self._filter.P.T) + 1e-12 * np.eye(len(self._filter.x))
         position = self._filter.x.reshape(-1, 3).copy()
         return Shape(lengths.t_s, position, self._filter.P.copy(), status_of(lengths, self._structure), lengths)
 
     def _measure(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the predicted measurements at a state: lengths of rods and tendons, coordinates of anchors."""
         position = x.reshape(-1, 3)
         return np.concatenate([member_length_m(position, self._members), position[self._structure.anchors].ravel()])

@@ -1,1 +1,1 @@
-"""One physical law a file, each as native gtsam factors over the nodes of a frame."""
+"""The factors: one physical law in each file, as gtsam factors over the nodes of a frame."""

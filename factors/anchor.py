@@ -12,5 +12,5 @@ from .noise import isotropic
 def anchor_factors(structure: Structure, keys: Sequence[int], noise: NoiseSettings) -> list[gtsam.NonlinearFactor]:
     """Return |x_a - p_a| / sigma for each anchor a of a frame."""
     model = isotropic(3, noise.anchor_m)
-    positions = structure.anchor_position_m
-    return [gtsam.PriorFactorPoint3(keys[a], p, model) for a, p in zip(structure.anchors, positions, strict=True)]
+    anchors = zip(structure.anchors, structure.anchor_position_m, strict=True)
+    return [gtsam.PriorFactorPoint3(keys[node], position, model) for node, position in anchors]

@@ -1,8 +1,8 @@
-"""Static equilibrium: the forces at each node balance, but for a load that is zero at most nodes most of the time.
+"""Static equilibrium: the forces at each node balance, except for a load, which is zero at most nodes most of the time.
 
-With the residual r of `Statics` in groups g (a node's three rows, a floating rod's one) and q_g = |r_g|^2 / sigma^2,
-the error is Cauchy's, group by group: 1/2 sum_g log(1 + q_g). One node that is pressed is excused without its
-neighbours; a robust noise model would weigh the whole factor at once.
+The rows of the residual r of `Statics` form groups g: the three rows of a node, and the one row of a floating rod. With
+q_g = |r_g|^2 / sigma^2 the error is Cauchy's for each group: 1/2 sum_g log(1 + q_g). So a node that is pressed loses
+weight without its neighbours; a robust noise model of gtsam would give one weight to the whole factor.
 """
 
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ from .noise import unit
 
 
 def equilibrium_factor(statics: Statics, keys: Sequence[int], sigma_n: float) -> gtsam.CustomFactor:
-    """Return the factor of a frame.
+    """Return the equilibrium factor of one frame.
 
-    Linearised, it is weighted by 1 / (1 + q_g) as gtsam's own robust models are; its error is that of the kernel.
+    Its linearisation has the weight 1 / (1 + q_g), as in gtsam's own robust models; its error is that of the kernel.
     """
     keys = list(keys)
 

@@ -1,4 +1,4 @@
-"""Where gtsam keys are born: frame-major integers, so that values sorted by key are (frames, nodes, 3)."""
+"""The gtsam keys of nodes: frame-major integers, so that values sorted by key have the shape (frames, nodes, 3)."""
 
 from collections.abc import Iterable
 
@@ -6,7 +6,7 @@ import gtsam
 
 
 def frame_keys(frame: int, node_count: int) -> range:
-    """Return the keys of all nodes of a frame, in order."""
+    """Return the keys of all nodes of a frame, in the order of the nodes."""
     return range(node_count * frame, node_count * (frame + 1))
 
 

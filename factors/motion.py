@@ -1,8 +1,8 @@
-"""Motion: nodes keep their velocity but for white noise of acceleration.
+"""Motion prior: nodes move at constant velocity, disturbed by white noise of acceleration.
 
     x_t - (1 + r) x_{t-1} + r x_{t-2} = w,   r = dt_t / dt_{t-1},   sigma_w = q sqrt(dt_t) (dt_t + dt_{t-1}) / 2
 
-which for even steps is x_t - 2 x_{t-1} + x_{t-2} with sigma q dt^1.5 per axis.
+which for equal steps is x_t - 2 x_{t-1} + x_{t-2} with sigma q dt^1.5 per axis.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from .noise import isotropic
 def still_factors(
     nodes: Sequence[int], before: Sequence[int], now: Sequence[int], step_s: float, motion_m_per_s15: float
 ) -> list[gtsam.NonlinearFactor]:
-    """Return x_t - x_{t-1} = w for the second frame, which has no velocity to keep: it starts from rest."""
+    """Return x_t - x_{t-1} = w for the second frame: the nodes start from rest, so that there is no velocity yet."""
     model = isotropic(3, motion_m_per_s15 * step_s**1.5)
     return [gtsam.BetweenFactorPoint3(before[n], now[n], np.zeros(3), model) for n in nodes]
 
@@ -28,7 +28,14 @@ def constant_velocity_factors(
     steps_s: tuple[float, float],
     motion_m_per_s15: float,
 ) -> list[gtsam.NonlinearFactor]:
-    """Return the factors of some nodes over three frames, oldest first, and the two steps between them."""
+    """Return one factor for each of the nodes.
+
+    Args:
+        nodes: to which the motion prior applies.
+        frames: keys of all nodes in three successive frames, the oldest frame first.
+        steps_s: the two time steps between the three frames.
+        motion_m_per_s15: q, the square root of the power density of the acceleration.
+    """
     template, origin = _second_difference(round(steps_s[0], 6), round(steps_s[1], 6), motion_m_per_s15)
     oldest, before, now = frames
     # rekeying shares the inner factor, so each node gets a copy of its own
@@ -42,7 +49,7 @@ def constant_velocity_factors(
 def _second_difference(
     before_s: float, now_s: float, motion_m_per_s15: float
 ) -> tuple[gtsam.JacobianFactor, gtsam.Values]:
-    """Return the linear factor on keys 0, 1, 2, and the origin that it is linear about."""
+    """Return the linear factor on keys 0, 1, 2 and its linearisation point, the origin."""
     ratio = now_s / before_s
     model = isotropic(3, motion_m_per_s15 * np.sqrt(now_s) * 0.5 * (now_s + before_s))
     identity = np.eye(3)

@@ -1,4 +1,4 @@
-"""Noise models, each made once; and the one place that says how far a tendon's length is to be trusted."""
+"""Noise models, each created only once, and the standard deviation of each tendon's length in the graph."""
 
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
@@ -14,28 +14,28 @@ KERNELS = {
     "huber": gtsam.noiseModel.mEstimator.Huber.Create(1.345),
     "cauchy": gtsam.noiseModel.mEstimator.Cauchy.Create(2.3849),
 }
-"""At 95 % efficiency on Gaussian noise."""
-# plain numbers: an array compared with an enumeration takes ten times as long
+"""Robust kernels, with the constants that give 95 % efficiency on Gaussian noise."""
+# plain numbers, because comparing an array with an enumeration takes ten times as long
 BENDING = int(Mode.BENDING)
 AMBIGUOUS = int(Flag.AMBIGUOUS)
 SIGMA_STEP = 0.01
-"""Sigmas of tendons are rounded to within half of this ratio, so that their models can be kept."""
+"""Relative step to which the sigmas of tendons are rounded, so that noise models can be reused."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WeightedLengths:
-    """One instant of all tendons with the sigma that each length has in the graph."""
+    """The lengths of all tendons at one instant, with the sigma that each length has in the graph."""
 
     lengths: TendonLengths
     sigma_m: NDArray[np.float64]
-    """(tendons,) see `tendon_sigma_m`; inf for a tendon that is left out."""
+    """(tendons,) as `tendon_sigma_m` returns it; inf for a tendon that is left out."""
 
     def without(self, left_out: NDArray[np.bool_], flag: Flag | None = None) -> "WeightedLengths":
-        """Return the same without some tendons.
+        """Return the same lengths without some tendons.
 
         Args:
-            left_out: (tendons,) which of them.
-            flag: says why, in their flags; none if None.
+            left_out: (tendons,) True for the tendons to leave out.
+            flag: is added to the flags of these tendons; None adds no flag.
         """
         flags = self.lengths.flags | np.where(left_out, int(flag or 0), 0)
         lengths = replace(self.lengths, sigma_m=np.where(left_out, np.inf, self.lengths.sigma_m), flags=flags)
@@ -48,29 +48,30 @@ def weigh(lengths: TendonLengths, settings: NoiseSettings) -> WeightedLengths:
 
 
 def tendon_sigma_m(lengths: TendonLengths, settings: NoiseSettings) -> NDArray[np.float64]:
-    """Return (tendons,): sigma^2 = (the mode's own)^2 + (the reading's)^2; inf for a tendon to leave out.
+    """Return (tendons,): sigma^2 = (sigma of the mode)^2 + (sigma of the reading)^2; inf for a tendon to leave out.
 
-    What the reading owes to the rest shape is not in it: that error is one and the same in every frame.
+    The part of the reading's sigma that comes from the rest shape is subtracted, because that error is the same in
+    every frame.
     """
-    own = np.where(lengths.mode == BENDING, settings.bending_m, settings.stretching_m)
-    own = np.where(lengths.flags & AMBIGUOUS, settings.ambiguous_m, own)
-    return np.where(lengths.usable, np.sqrt(own**2 + lengths.sigma_m**2 - lengths.rest_sigma_m**2), np.inf)
+    mode_sigma_m = np.where(lengths.mode == BENDING, settings.bending_m, settings.stretching_m)
+    mode_sigma_m = np.where(lengths.flags & AMBIGUOUS, settings.ambiguous_m, mode_sigma_m)
+    return np.where(lengths.usable, np.sqrt(mode_sigma_m**2 + lengths.sigma_m**2 - lengths.rest_sigma_m**2), np.inf)
 
 
 @cache
 def isotropic(dimension: int, sigma: float) -> gtsam.noiseModel.Isotropic:
-    """Return the Gaussian model of a sigma."""
+    """Return the Gaussian noise model with one sigma for all dimensions."""
     return gtsam.noiseModel.Isotropic.Sigma(dimension, sigma)
 
 
 @cache
 def unit(dimension: int) -> gtsam.noiseModel.Unit:
-    """Return the model of what is already divided by its sigma."""
+    """Return the noise model of a residual that is already divided by its sigma."""
     return gtsam.noiseModel.Unit.Create(dimension)
 
 
 def tendon_noises(sigma_m: NDArray[np.float64], robust: str) -> list[gtsam.noiseModel.Base]:
-    """Return the model of each tendon's length, sigmas rounded on a logarithmic scale."""
+    """Return the noise model of each tendon's length; sigmas are rounded on a logarithmic scale."""
     steps = np.rint(np.log(sigma_m) / SIGMA_STEP).astype(np.int64).tolist()
     return [_tendon_noise(step, robust) for step in steps]
 

@@ -1,4 +1,4 @@
-"""Rods: they can not change in length, eq. (6)."""
+"""Rods: their lengths cannot change, eq. (6)."""
 
 from collections.abc import Sequence
 

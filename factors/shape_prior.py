@@ -1,4 +1,4 @@
-"""The shape prior: nodes stay somewhere about the rest shape, so that what lengths do not see stays finite."""
+"""The shape prior: nodes stay near the rest shape, so that motions that lengths do not observe keep finite variance."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from .noise import isotropic
 def shape_prior_factors(
     nodes: Sequence[int], keys: Sequence[int], rest_position_m: NDArray[np.float64], sigma_m: float
 ) -> list[gtsam.NonlinearFactor]:
-    """Return |x_n - rest_n| / sigma for some nodes of a frame; none for an infinite sigma."""
+    """Return |x_n - rest_n| / sigma for each of the nodes in one frame; an empty list for an infinite sigma."""
     if not np.isfinite(sigma_m):
         return []
     model = isotropic(3, sigma_m)

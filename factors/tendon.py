@@ -1,4 +1,4 @@
-"""Tendons: what the sensors say of their lengths, eqs. (5) and (7)."""
+"""Tendons: their lengths as the sensors measure them, eqs. (5) and (7)."""
 
 from collections.abc import Sequence
 from typing import Literal

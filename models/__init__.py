@@ -1,1 +1,1 @@
-"""Nouns and sensor equations: what a tensegrity is, what a reading is, what a shape is. Imports numpy only."""
+"""The models: the structure, its shapes and loads, the sensors, and their calibration. No files, no gtsam."""

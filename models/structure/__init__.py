@@ -1,1 +1,1 @@
-"""The structure: its lengths, rigidity, balance of forces, loads, rest shape and shapes."""
+"""The structure: its lengths, rigidity, balance of forces, loads, rest shape and estimated shapes."""

@@ -1,4 +1,4 @@
-"""External loads as estimated: what the balance of forces leaves over, node by node."""
+"""Estimated external loads: the residual of the balance of forces at each node."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -10,18 +10,18 @@ from .statics import Statics
 from .structure import Structure
 
 LOAD_THRESHOLD_N = 0.2
-"""Above it a node is called loaded. On the development trials unloaded nodes show 0.03 to 0.06 N rms while nothing is
-pressed, and 0.5 to 2 % of them more than this."""
+"""Threshold above which a node counts as loaded. On the development trials the estimated load at unloaded nodes is 0.03
+to 0.06 N rms while nothing is pressed, and it exceeds the threshold at 0.5 to 2 % of them."""
 
 
 class Observable(StrEnum):
-    """Which part of the load at a node the balance of forces shows."""
+    """The part of the load at a node that can be computed from the balance of forces."""
 
     ALL = "all"
     ACROSS_ROD = "across_rod"
-    """The part along its rod goes into the anchor at the rod's other end."""
+    """Only the part across the node's rod; the part along it goes into the anchor at the rod's other end."""
     NONE = "none"
-    """An anchor takes any force."""
+    """No part, because the node is an anchor, which takes any force."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,39 +31,39 @@ class ExternalLoads:
     force_n: NDArray[np.float64]
     """(..., nodes, 3) nan at anchors; zero along the rod where that part is not observable."""
     sigma_n: NDArray[np.float64]
-    """(..., nodes) root mean square over the observable directions; inf at anchors."""
+    """(..., nodes) root mean square of the standard deviations along the observable directions; inf at anchors."""
 
 
 def observable_loads(structure: Structure) -> tuple[Observable, ...]:
-    """Return (nodes,) what is seen of the load at each node."""
-    seen = [Observable.ALL] * structure.node_count
+    """Return (nodes,) which part of the load at each node is observable."""
+    observable = [Observable.ALL] * structure.node_count
     for i, j in structure.rods.tolist():
         for node, other in ((i, j), (j, i)):
             if other in structure.anchors:
-                seen[node] = Observable.ACROSS_ROD
+                observable[node] = Observable.ACROSS_ROD
     for node in structure.anchors:
-        seen[node] = Observable.NONE
-    return tuple(seen)
+        observable[node] = Observable.NONE
+    return tuple(observable)
 
 
 def observable_part(
     structure: Structure, force_n: NDArray[np.float64], node_position_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return (..., nodes, 3), what the balance of forces shows of true ones: F - w w^T F at nodes on an anchored rod.
+    """Return (..., nodes, 3), the observable part of true loads: F - w w^T F at nodes on an anchored rod.
 
     Args:
-        structure: whose nodes they are.
-        force_n: (..., nodes, 3) external forces.
-        node_position_m: (..., nodes, 3), for the rods' directions w.
+        structure: the structure that the loads act on.
+        force_n: (..., nodes, 3) external forces F.
+        node_position_m: (..., nodes, 3), which give the rods' directions w.
     """
-    seen = observable_loads(structure)
+    observable = observable_loads(structure)
     part = force_n.copy()
     part[..., structure.anchors, :] = np.nan
     for i, j in structure.rods.tolist():
         along = node_position_m[..., j, :] - node_position_m[..., i, :]
         along = along / np.linalg.norm(along, axis=-1, keepdims=True)
         for node in (i, j):
-            if seen[node] == Observable.ACROSS_ROD:
+            if observable[node] == Observable.ACROSS_ROD:
                 part[..., node, :] -= along * np.sum(along * force_n[..., node, :], axis=-1, keepdims=True)
     return part
 
@@ -74,15 +74,16 @@ def external_loads(
     residual_n: NDArray[np.float64],
     residual_variance_n2: NDArray[np.float64],
 ) -> ExternalLoads:
-    """Return the loads that would balance the residual of `Statics`: F = -r across rods, -s w along floating ones.
+    """Return the loads that balance the residual of `Statics`: F = -r across rods, -s w along floating rods.
 
-    Which end of a floating rod is pushed along it can not be told; it is taken to be the one pushed more across it.
+    The residual along a floating rod does not show at which of its ends the load acts; it is attributed to the end
+    with the larger load across the rod.
 
     Args:
-        statics: of the structure.
-        node_position_m: (..., nodes, 3).
-        residual_n: (..., rows) of `Statics.residual_n` there.
-        residual_variance_n2: (..., rows) of it.
+        statics: the balance of forces of the structure.
+        node_position_m: (..., nodes, 3) positions x.
+        residual_n: (..., rows) residual of `Statics.residual_n` at x.
+        residual_variance_n2: (..., rows) variance of the residual.
     """
     lead = node_position_m.shape[:-2]
     count = statics.structure.node_count
@@ -102,6 +103,6 @@ def external_loads(
     force[..., rods[:, 1], :] -= np.where(first, 0.0, axial[..., None] * along)
     variance[..., rods.ravel()] += np.repeat(residual_variance_n2[..., 3 * len(nodes) :], 2, axis=-1)
     directions = np.array(
-        [2.0 if seen == Observable.ACROSS_ROD else 3.0 for seen in observable_loads(statics.structure)]
+        [2.0 if part == Observable.ACROSS_ROD else 3.0 for part in observable_loads(statics.structure)]
     )
     return ExternalLoads(force, np.sqrt(variance / directions))

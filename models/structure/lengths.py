@@ -1,11 +1,11 @@
-"""Lengths and their derivatives: all that the paper's eqs. (5)-(7) know of the structure."""
+"""Lengths of rods and tendons and their derivatives, eqs. (5)-(7)."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
 def member_length_m(node_position_m: ArrayLike, members: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return |x_b - x_a|, (..., members), at (..., nodes, 3) positions."""
+    """Return (..., members) lengths |x_b - x_a| at (..., nodes, 3) positions; members are (members, 2) node pairs."""
     position = np.asarray(node_position_m, dtype=np.float64)
     length: NDArray[np.float64] = np.linalg.norm(
         position[..., members[:, 1], :] - position[..., members[:, 0], :], axis=-1
@@ -21,7 +21,7 @@ def length_jacobian(
     Args:
         node_position_m: (..., nodes, 3)
         members: (members, 2) node pairs.
-        coordinates: those to derive by, of all (3 nodes,); all if None.
+        coordinates: indices of the coordinates to differentiate by, among all (3 nodes,); all if None.
     """
     position = np.asarray(node_position_m, dtype=np.float64)
     difference = position[..., members[:, 1], :] - position[..., members[:, 0], :]

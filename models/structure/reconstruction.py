@@ -1,4 +1,4 @@
-"""All shapes of one run as arrays, with what follows from them."""
+"""All shapes of one run as arrays, and the quantities that are derived from them."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from .structure import Structure
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """The shapes of one run, frame by frame, in the frame of the anchors."""
+    """The shapes of all frames of one run, in the coordinate frame of the anchors."""
 
     structure: Structure
     t_s: NDArray[np.float64]
@@ -30,30 +30,33 @@ class Reconstruction:
     status: tuple[Status, ...]
     """(frames,)"""
     length_m: NDArray[np.float64]
-    """(frames, tendons) as measured, nan where not."""
+    """(frames, tendons) measured lengths; nan where no length was measured."""
     sigma_m: NDArray[np.float64]
-    """(frames, tendons) of the measurement, inf where there is none."""
+    """(frames, tendons) standard deviation of the measured length; inf where no length was measured."""
     mode: NDArray[np.int64]
     """(frames, tendons) `Mode`."""
     flags: NDArray[np.int64]
     """(frames, tendons) `Flag` bits."""
     loads: ExternalLoads | None = None
-    """Of all frames; None where the stiffness of the tendons is not known."""
+    """Estimated loads in all frames; None where the stiffness of the tendons is not known."""
     others: tuple[OtherShape | None, ...] = ()
     """(frames,) the second shape of frames with status `two_shapes`."""
 
     @classmethod
     def of(cls, structure: Structure, shapes: Iterable[Shape]) -> "Reconstruction":
-        """Collect shapes.
+        """Collect the shapes of one run.
 
         Raises:
-            InputError: when there are none.
+            InputError: when there is no shape.
         """
         collected = list(shapes)
         if not collected:
             raise InputError("no frame could be made of the readings")
-        each = [shape.loads for shape in collected if shape.loads is not None]
-        loads = ExternalLoads(np.array([of.force_n for of in each]), np.array([of.sigma_n for of in each]))
+        known_loads = [shape.loads for shape in collected if shape.loads is not None]
+        loads = ExternalLoads(
+            force_n=np.array([frame_loads.force_n for frame_loads in known_loads]),
+            sigma_n=np.array([frame_loads.sigma_n for frame_loads in known_loads]),
+        )
         return cls(
             structure=structure,
             t_s=np.array([shape.t_s for shape in collected]),
@@ -64,7 +67,7 @@ class Reconstruction:
             sigma_m=np.array([shape.lengths.sigma_m for shape in collected]),
             mode=np.array([shape.lengths.mode for shape in collected]),
             flags=np.array([shape.lengths.flags for shape in collected]),
-            loads=loads if len(each) == len(collected) else None,
+            loads=loads if len(known_loads) == len(collected) else None,
             others=tuple(shape.other for shape in collected),
         )
 
@@ -98,7 +101,7 @@ class Reconstruction:
 
     @property
     def node_sigma_m(self) -> NDArray[np.float64]:
-        """(frames, nodes) root of the trace of each node's covariance."""
+        """(frames, nodes) square root of the trace of each node's covariance."""
         return np.asarray(np.sqrt(np.trace(self.node_covariance_m2, axis1=-2, axis2=-1)))
 
     def ellipsoids(self, probability: float = 0.95) -> Ellipsoids:
@@ -112,38 +115,41 @@ class Reconstruction:
 
     @cached_property
     def innovation_sigma_m(self) -> NDArray[np.float64]:
-        """(frames, tendons) sigma of measured minus predicted.
+        """(frames, tendons) standard deviation of measured minus predicted length.
 
-        The variance is sigma^2 - H P H^T where the shape was estimated from the length, H P H^T alone, that is of the
-        prediction, where it was not.
+        The variance is sigma^2 - H P H^T where the shape was estimated from the length. Where it was not, it is
+        H P H^T, the variance of the prediction.
         """
         jacobian = length_jacobian(self.node_position_m, self.structure.tendons)
         predicted = propagated_variance(jacobian, self.covariance_m2)
         measured = np.isfinite(self.sigma_m)
-        left = np.where(measured, self.sigma_m, 0.0) ** 2 - predicted
-        return np.asarray(np.sqrt(np.where(measured, np.maximum(left, 1e-12), np.maximum(predicted, 0.0))))
+        difference = np.where(measured, self.sigma_m, 0.0) ** 2 - predicted
+        return np.asarray(np.sqrt(np.where(measured, np.maximum(difference, 1e-12), np.maximum(predicted, 0.0))))
 
     @cached_property
-    def _weakest(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(frames,) smallest singular value of the length Jacobian, (frames, free coordinates) its direction."""
+    def _smallest_singular(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(frames,) smallest singular value of the length Jacobian, (frames, free coordinates) its right vector."""
         _, singular_value, motion = np.linalg.svd(free_length_jacobian(self.structure, self.node_position_m))
         full_rank = singular_value.shape[-1] == motion.shape[-1]
         return singular_value[:, -1] if full_rank else np.zeros(len(self)), motion[:, -1]
 
     @property
     def smallest_singular_value(self) -> NDArray[np.float64]:
-        """(frames,) of the length Jacobian of the free nodes: near zero, lengths do not see the mechanism."""
-        return self._weakest[0]
+        """(frames,) smallest singular value of the length Jacobian of the free nodes.
+
+        When it is near zero, the lengths do not determine the motion along the mechanism.
+        """
+        return self._smallest_singular[0]
 
     @cached_property
     def branch(self) -> NDArray[np.float64]:
-        """(frames,) on which side of det J = 0 the shape stands, 1 or -1; 0 where J is not square."""
+        """(frames,) sign of det J at the shape, 1 or -1; 0 where J is not square."""
         return branch(self.structure, self.node_position_m)
 
     @cached_property
     def mechanism_sigma_m(self) -> NDArray[np.float64]:
-        """(frames,) sigma of the shape along its mechanism, the unit motion that lengths see least."""
+        """(frames,) sigma of the shape along its mechanism, the unit motion that changes the lengths least."""
         free = self.structure.free_coordinates
         covariance = self.covariance_m2[:, free[:, None], free]
-        motion = self._weakest[1]
+        motion = self._smallest_singular[1]
         return np.asarray(np.sqrt(np.einsum("ti,tij,tj->t", motion, covariance, motion)))

@@ -1,4 +1,4 @@
-"""The rest shape: where the structure stands before anyone touches it, and what it says of the tendons."""
+"""The rest shape: the shape of the structure without load, and the tendon lengths in it."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -15,23 +15,24 @@ from .structure import Structure
 
 @dataclass(frozen=True, slots=True)
 class RestSettings:
-    """How well the structure at rest is known beforehand."""
+    """Standard deviations of what is known of the structure at rest before the first reading."""
 
     measured_sigma_m: Positive = 0.0003
-    """Of a node measured by motion capture, per axis."""
+    """Standard deviation per axis of a rest position that was measured by motion capture."""
     found_sigma_m: Positive = 0.003
-    """Of a node found from lengths alone, per axis: 10 % of spread in stiffness and gravity move nodes by so much."""
+    """Standard deviation per axis of a rest position from form finding, which ignores gravity and a spread of 10 % in
+    stiffness; these two move nodes by about this distance."""
     stiffness_spread: Positive = 0.10
-    """By which share tendons of one make differ in stiffness."""
+    """Relative standard deviation of the stiffness of tendons of one make."""
     natural_length_sigma_m: Positive = 0.0003
-    """Of a natural length, as a ruler gives it."""
+    """Standard deviation of a natural length that is measured with a ruler."""
     force_sigma_n: Positive = 0.02
-    """Of the balance of forces at rest: sway, creep and hysteresis of the rubber."""
+    """Standard deviation of the balance of forces at rest: sway, creep and hysteresis of the rubber."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestShape:
-    """The unloaded shape, with its uncertainty, and the mechanics that balance there."""
+    """The unloaded shape, with its covariance, and the mechanics with which its forces balance."""
 
     node_position_m: NDArray[np.float64]
     """(nodes, 3)"""
@@ -39,14 +40,14 @@ class RestShape:
     """(3 nodes, 3 nodes)"""
     source: Literal["measured", "found"]
     mechanics: Mechanics | None = None
-    """Tared at this shape; None where stiffness is not known."""
+    """The mechanics tared at this shape; None where stiffness is not known."""
     at_start: bool = True
-    """Whether the structure stands there when the first frame is taken."""
+    """Whether the structure stands at its rest shape in the first frame."""
     unbalanced_n: tuple[float, float] = (float("nan"), float("nan"))
-    """Root mean square of the unbalanced forces there, with nominal and with tared mechanics."""
+    """Root mean square of the unbalanced forces at this shape, with nominal and with tared mechanics."""
 
     def lengths(self, structure: Structure, seconds: float) -> RestLengths:
-        """Return the tendon lengths at rest with their sigma."""
+        """Return the tendon lengths at rest with their sigma; the structure stands there for the given seconds."""
         variance = propagated_variance(length_jacobian(self.node_position_m, structure.tendons), self.covariance_m2)
         length_m = structure.tendon_length_m(self.node_position_m)
         return RestLengths(seconds, length_m, np.sqrt(np.maximum(variance, 1e-12)))

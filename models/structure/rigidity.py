@@ -1,4 +1,4 @@
-"""What the lengths of a structure determine, and what they do not."""
+"""Rigidity: which motions of a structure its member lengths determine, and its rest shape from form finding."""
 
 from dataclasses import dataclass
 
@@ -11,40 +11,41 @@ from .lengths import length_jacobian, member_length_m
 from .structure import Structure
 
 SINGULAR = 1e-6
-"""A singular value of the (dimensionless) length Jacobian below this is zero: at the regular six-strut shape the
-mechanism's is 1.6e-8, the next one 0.16, under load the mechanism's is above 2e-3 nearly always."""
+"""Bound below which a singular value of the (dimensionless) length Jacobian counts as zero. At the regular six-strut
+shape the singular value of the mechanism is 1.6e-8 and the next one 0.16; under load the first is nearly always above
+2e-3."""
 
 ROD_WEIGHT = 100.0
-"""A rod gives way 1e4 times less than a tendon: by 1e-5 of its length."""
+"""Weight of a rod's length error: a rod is 1e4 times as stiff as a tendon, so that it changes by 1e-5 of its length."""
 STARTS = 8
-"""Random shapes from which the rest shape is looked for."""
+"""Number of random shapes at which the search for the rest shape starts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rigidity:
-    """Rank and mechanisms of the length Jacobian d(lengths)/d(free nodes) at one shape, anchors held.
+    """Rank and mechanisms of the length Jacobian d(lengths)/d(free nodes) at one shape, with fixed anchors.
 
-    Rows are the rods and the tendons that do not join two anchors, columns the free nodes' coordinates.
+    Its rows are the rods and the tendons that do not join two anchors; its columns are the free nodes' coordinates.
     """
 
     rank: int
     mechanisms: int
-    """How many independent motions change no length to first order."""
+    """Number of independent motions that change no length to first order."""
     self_stresses: int
-    """How many independent sets of member forces balance without load."""
+    """Number of independent sets of member forces that balance without load."""
     smallest_singular_value: float
-    """Of the Jacobian, dimensionless: metres of length per metre of the weakest motion."""
+    """Smallest singular value of the Jacobian, dimensionless: change of lengths per unit motion along the mechanism."""
     mechanism: NDArray[np.float64]
-    """(nodes, 3) unit motion along which lengths change least; zero at the anchors."""
+    """(nodes, 3) unit motion that changes the lengths least; zero at the anchors."""
 
 
 def free_length_jacobian(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (..., rods + free tendons, 3 * free nodes), the Jacobian whose rank and determinant decide."""
+    """Return (..., rods + free tendons, 3 * free nodes), the length Jacobian J with fixed anchors."""
     return length_jacobian(node_position_m, structure.free_members, structure.free_coordinates)
 
 
 def rigidity(structure: Structure, node_position_m: NDArray[np.float64]) -> Rigidity:
-    """Return the rigidity facts of (nodes, 3) positions."""
+    """Return rank, mechanisms and self-stresses at (nodes, 3) positions."""
     jacobian = free_length_jacobian(structure, node_position_m)
     _, singular_value, motion = np.linalg.svd(jacobian, full_matrices=True)
     rank = int((singular_value > SINGULAR).sum())
@@ -56,20 +57,23 @@ def rigidity(structure: Structure, node_position_m: NDArray[np.float64]) -> Rigi
 
 
 def branch(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (...,) the sign of det J, J the square length Jacobian of the free nodes; 0 where it is not known."""
+    """Return (...,) the sign of det J, where J is the length Jacobian of the free nodes.
+
+    It is 0 where J is not square or where a position is not finite.
+    """
     if not structure.is_square:
         return np.zeros(node_position_m.shape[:-2])
     jacobian = free_length_jacobian(structure, node_position_m)
-    whole = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)))
-    return np.where(whole, np.linalg.slogdet(np.where(whole[..., None, None], jacobian, 0.0)).sign, 0.0)
+    finite = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)))
+    return np.where(finite, np.linalg.slogdet(np.where(finite[..., None, None], jacobian, 0.0)).sign, 0.0)
 
 
 def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
-    """Return (nodes, 3), the shape in which equally stiff tendons store least energy, anchors and rods held.
+    """Return (nodes, 3), the shape of least energy of equally stiff tendons, with fixed anchors and rod lengths.
 
-    Minimises sum (l - L0)^2 over the tendons: prestressed tendons pull the structure into its one stiff shape, which
-    lengths alone would not single out. Of the two mirror images about the anchors' plane, the one above it (on the
-    side of +z) is meant. Loads and unequal stiffness are not known here.
+    The shape minimises sum (l - L0)^2 over the tendons: the prestress of the tendons selects one stiff shape, which the
+    lengths alone do not determine. Of the two mirror images about the plane of the anchors, the one above the plane
+    (towards +z) is returned. Loads and differences in stiffness are ignored.
 
     Raises:
         IndeterminateError: when no start leads to a shape that keeps the rods' lengths.
@@ -95,21 +99,21 @@ def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
 
 
 class _TendonEnergy:
-    """The sum of (l - L0)^2 over the tendons, and of the rods' errors with a large weight, by the free coordinates."""
+    """The sum of (l - L0)^2 over tendons and of weighted rod errors, as a function of the free coordinates."""
 
     def __init__(self, structure: Structure) -> None:
         self._structure = structure
         self._members = np.concatenate([structure.rods, structure.tendons])
 
     def position_m(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (nodes, 3) positions, anchors where they are."""
+        """Return the (nodes, 3) positions of all nodes, from the (3 free,) coordinates of the free nodes."""
         position = np.empty((self._structure.node_count, 3))
         position[self._structure.anchors] = self._structure.anchor_position_m
         position[self._structure.free_nodes] = coordinates.reshape(-1, 3)
         return position
 
     def residual(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (rods + tendons,) the terms of the sum."""
+        """Return (rods + tendons,) the terms whose squares are summed."""
         structure = self._structure
         position = self.position_m(coordinates)
         rod_error = member_length_m(position, structure.rods) - structure.rod_length_m
@@ -117,7 +121,7 @@ class _TendonEnergy:
         return np.concatenate([ROD_WEIGHT * rod_error, stretch])
 
     def jacobian(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return their derivative (rods + tendons, 3 free)."""
+        """Return (rods + tendons, 3 free), the derivative of `residual`."""
         rows = length_jacobian(self.position_m(coordinates), self._members, self._structure.free_coordinates)
         rows[: len(self._structure.rods)] *= ROD_WEIGHT
         return rows

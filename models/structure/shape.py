@@ -1,4 +1,4 @@
-"""What an estimator gives: the shape of the structure at one instant, with its uncertainty."""
+"""The result of an estimator: the shape of the structure at one instant, with its covariance."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -12,7 +12,7 @@ from .external_loads import ExternalLoads
 
 
 class Status(StrEnum):
-    """How a frame's estimate came about; `advice` says what to do about it."""
+    """From which measurements a frame was estimated, and whether that succeeded; `advice` says what to do."""
 
     OK = "ok"
     PARTIAL = "partial"
@@ -22,7 +22,7 @@ class Status(StrEnum):
 
     @property
     def advice(self) -> str:
-        """What it means, and what to do."""
+        """The meaning of the status, and what the user should do."""
         return ADVICE[self]
 
 
@@ -37,11 +37,11 @@ ADVICE = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ellipsoids:
-    """Confidence regions of several nodes: where each is, with a given probability."""
+    """Confidence regions of several nodes: each contains its node with a given probability."""
 
     probability: float
     semi_axis_m: NDArray[np.float64]
-    """(..., 3) longest first."""
+    """(..., 3) lengths of the semi-axes, the longest first."""
     axes: NDArray[np.float64]
     """(..., 3, 3) columns are the directions of the semi-axes, right-handed."""
 
@@ -62,25 +62,25 @@ class OtherShape:
     node_position_m: NDArray[np.float64]
     """(nodes, 3)"""
     log_ratio: float
-    """Log of how many times better the first shape explains the frame; negative when the other does."""
+    """Log likelihood ratio of the first shape to this one; negative when this one explains the frame better."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """The node positions at one instant, in the frame of the anchors."""
+    """The node positions at one instant, in the coordinate frame of the anchors."""
 
     t_s: float
     node_position_m: NDArray[np.float64]
     """(nodes, 3)"""
     covariance_m2: NDArray[np.float64]
-    """(3 nodes, 3 nodes) of all coordinates, node by node."""
+    """(3 nodes, 3 nodes) covariance of all coordinates, ordered by node."""
     status: Status
     lengths: TendonLengths
-    """The measurement it was made from."""
+    """The measurement from which the shape was estimated."""
     loads: ExternalLoads | None = None
     """External forces at the nodes; None where the stiffness of the tendons is not known."""
     other: OtherShape | None = None
-    """With status `two_shapes`."""
+    """The second shape, when the status is `two_shapes`."""
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:

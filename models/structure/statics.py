@@ -1,14 +1,15 @@
-"""Static equilibrium: tendon tensions, gravity and loads balance at every node, but for the force along its rod.
+"""Static equilibrium: tendon tensions, gravity and loads balance at every node, except for the force along its rod.
 
-Tendon e = a-b with l = |x_a - x_b|, u = (x_a - x_b) / l: tension T = kappa (l - L0), kappa = k when stretched and p k
-when bent (p small: a bent strip pushes back a little). Force at the nodes f = -B T u - m g / 2 per rod end.
-A rod i-j along w takes any force along itself, so that at each free node
+Tendon e = a-b with l = |x_a - x_b|, u = (x_a - x_b) / l has the tension T = kappa (l - L0), where kappa = k when the
+tendon is stretched and p k when it is bent (p is small: a bent strip pushes back a little). The force at the nodes is
+f = -B T u - m g / 2 per rod end, with the incidence matrix B. A rod i-j along w takes any force along itself, so that
+the residual at each free node is
 
     r_n = (I - w w^T) f_n                            (for a node on no rod r_n = f_n)
 
-and along each rod that floats, both of whose ends are free, s = w^T (f_i + f_j). Without load both are zero; a load F_n
-makes them r_n = -(I - w w^T) F_n, s = -w^T (F_i + F_j). Along a rod that stands on an anchor a load is not seen: the
-anchor takes it.
+and along each floating rod, whose two ends are both free, s = w^T (f_i + f_j). Without load both are zero; a load F_n
+makes them r_n = -(I - w w^T) F_n, s = -w^T (F_i + F_j). A load along a rod that has an anchor at one end does not
+appear in the residual, because the anchor takes it.
 """
 
 from dataclasses import dataclass
@@ -23,22 +24,23 @@ GRAVITY_M_PER_S2 = 9.81
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mechanics:
-    """What the balance of forces needs to know of a structure."""
+    """The properties of a structure that its balance of forces depends on."""
 
     stiffness_n_per_m: NDArray[np.float64]
     """(tendons,) k of each tendon when stretched."""
     natural_length_m: NDArray[np.float64]
     """(tendons,) L0."""
     rod_mass_kg: float
-    """Of each rod, uniform along it."""
+    """Mass of each rod, uniform along the rod."""
     push_back: float
-    """Stiffness of a bent tendon over that of a stretched one."""
+    """p, the ratio of the stiffness of a bent tendon to that of a stretched one."""
 
 
 class Statics:
     """The balance of forces of one structure as residuals in newtons, with their derivatives.
 
-    Rows: three for each free node in order, then one for each floating rod. All positions may have leading axes.
+    There are three rows for each free node in order, then one for each floating rod. All positions may have leading
+    axes.
     """
 
     def __init__(self, structure: Structure, mechanics: Mechanics) -> None:
@@ -64,17 +66,17 @@ class Statics:
         self.group = np.concatenate(
             [np.repeat(np.arange(len(self.nodes)), 3), len(self.nodes) + np.arange(len(self.floating_rods))]
         )
-        """(rows,) which rows are excused together: those of a node, and each rod's."""
+        """(rows,) the group of each row: the rows of one node get one common weight, and each rod has its own."""
         self.group_start = np.flatnonzero(np.diff(self.group, prepend=-1))
-        """(groups,) the first row of each."""
+        """(groups,) the first row of each group."""
 
     def node_force_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (..., nodes, 3), what tendons and gravity pull at each node."""
+        """Return (..., nodes, 3), the force f of tendons and gravity at each node."""
         unit, _, _, tension = self._tensions(node_position_m)
         return np.asarray(self._weight_n - self._incidence @ (tension[..., None] * unit))
 
     def residual_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (..., rows), what the rods can not balance."""
+        """Return (..., rows), the residuals r and s: the part of the forces that rods and anchors cannot balance."""
         force = self.node_force_n(node_position_m)
         along, _, along_floating, _ = self._rods(node_position_m)
         across = force[..., self.nodes, :]
@@ -85,11 +87,11 @@ class Statics:
     def residual_and_jacobian(
         self, node_position_m: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (..., rows) and its derivative (..., rows, 3 nodes) by all coordinates.
+        """Return the residuals (..., rows) and their derivatives (..., rows, 3 nodes) by all coordinates.
 
         With S_e = kappa u u^T + (T / l) (I - u u^T), K = df/dx = -B S B^T, P = I - w w^T, dw/dx_n = P / ell:
 
-            dr_n/dx = P K_n - ((w . f_n) I + w f_n^T) (P / ell) at n, + the same at its partner
+            dr_n/dx = P K_n - ((w . f_n) I + w f_n^T) (P / ell) at n, + the same at the rod's other end
             ds/dx   = w^T (K_i + K_j) -+ (f_i + f_j)^T P / ell at i and j
         """
         x = node_position_m
@@ -128,7 +130,7 @@ class Statics:
         return r, np.concatenate([across, axial], axis=-2)
 
     def mechanics_jacobian(self, node_position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return the derivatives (..., rows, tendons) of the residual by log k and by L0, which enter by tension."""
+        """Return the derivatives (..., rows, tendons) of the residuals by log k and by L0."""
         unit, _, stiffness, tension = self._tensions(node_position_m)
         pull = -self._incidence[:, :, None] * unit[..., None, :, :]  # (..., nodes, tendons, 3) per unit of tension
         w, _, w_floating, _ = self._rods(node_position_m)
@@ -140,7 +142,7 @@ class Statics:
         return by_tension * tension[..., None, :], -by_tension * stiffness[..., None, :]
 
     def _tensions(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return unit vectors, lengths, stiffnesses kappa and tensions T of all tendons."""
+        """Return unit vectors u, lengths l, stiffnesses kappa and tensions T of all tendons."""
         difference = x[..., self._a, :] - x[..., self._b, :]
         length = np.sqrt(np.einsum("...k,...k->...", difference, difference))
         extension = length - self.mechanics.natural_length_m
@@ -149,7 +151,11 @@ class Statics:
         return difference / length[..., None], length, stiffness, stiffness * extension
 
     def _rods(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return w and ell at each free node (w = 0 on no rod), and of each floating rod from its first end on."""
+        """Return unit vector w and length ell of the rod at each free node, then of each floating rod.
+
+        At a free node w points from the rod's other end to the node, and w = 0 for a node on no rod. On a floating rod
+        w points from its first end to its second.
+        """
         difference = np.where(self._on_rod, x[..., self.nodes, :] - x[..., self._partner, :], 0.0)
         ell = np.where(self._on_rod, np.sqrt(np.sum(difference**2, axis=-1, keepdims=True)), 1.0)
         floating = x[..., self.floating_rods[:, 1], :] - x[..., self.floating_rods[:, 0], :]

@@ -1,4 +1,4 @@
-"""The structure: rods held by tendons, standing on anchors."""
+"""The structure: rods connected by tendons, of which some nodes are anchored."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,13 +24,13 @@ class Structure:
     tendons: NDArray[np.int64]
     """(tendons, 2) node pairs, in the order of the sensors."""
     rod_length_m: NDArray[np.float64]
-    """(rods,) length of each rod; one number serves for all."""
+    """(rods,) length of each rod; a single number applies to all rods."""
     natural_length_m: NDArray[np.float64]
-    """(tendons,) natural (unstretched) length L0 of each tendon; one number serves for all."""
+    """(tendons,) natural (unstretched) length L0 of each tendon; a single number applies to all tendons."""
     anchors: NDArray[np.int64]
     """(anchors,) nodes whose position is known."""
     anchor_position_m: NDArray[np.float64]
-    """(anchors, 3) their positions; they define the frame of every result."""
+    """(anchors, 3) positions of the anchors, which define the coordinate frame of every result."""
 
     def __post_init__(self) -> None:
         rods = _node_pairs("rods", self.rods)
@@ -51,7 +51,7 @@ class Structure:
 
     @cached_property
     def node_count(self) -> int:
-        """How many nodes there are."""
+        """Number of nodes: one more than the largest node number on a rod."""
         return int(self.rods.max()) + 1
 
     @cached_property
@@ -66,27 +66,27 @@ class Structure:
 
     @cached_property
     def is_free_tendon(self) -> NDArray[np.bool_]:
-        """(tendons,) which do not join two anchors: only these say anything of the shape."""
+        """(tendons,) True for tendons that do not join two anchors: only their lengths depend on the shape."""
         return np.asarray(~np.isin(self.tendons, self.anchors).all(axis=1))
 
     @cached_property
     def free_tendons(self) -> NDArray[np.int64]:
-        """The numbers of these."""
+        """(free tendons,) the numbers of the tendons that do not join two anchors."""
         return np.flatnonzero(self.is_free_tendon)
 
     @cached_property
     def free_members(self) -> NDArray[np.int64]:
-        """(rods + free tendons, 2) node pairs whose lengths, anchors held, decide the shape."""
+        """(rods + free tendons, 2) node pairs of the members whose lengths depend on the shape."""
         return np.concatenate([self.rods, self.tendons[self.is_free_tendon]])
 
     @property
     def is_square(self) -> bool:
-        """Whether there are as many such lengths as free coordinates: only then is there a det J."""
+        """Whether there are as many free members as free coordinates, so that the length Jacobian is square."""
         return len(self.free_members) == len(self.free_coordinates)
 
     @property
     def faces(self) -> NDArray[np.int64]:
-        """(faces, 3) the triangles closed by three tendons, but for those between anchors."""
+        """(faces, 3) nodes of the triangles that three tendons form, except triangles of three anchors."""
         joined = {frozenset(pair) for pair in self.tendons.tolist()}
         triangles = [
             (a, b, c)
@@ -101,7 +101,7 @@ class Structure:
         return member_length_m(node_position_m, self.tendons)
 
     def with_anchors_placed(self, node_position_m: ArrayLike) -> NDArray[np.float64]:
-        """(..., nodes, 3) the same positions, with the anchors where they are known to be."""
+        """(..., nodes, 3) the same positions, with the anchors moved to their known positions."""
         position = np.array(node_position_m, dtype=np.float64)
         position[..., self.anchors, :] = self.anchor_position_m
         return position
@@ -114,16 +114,16 @@ SIX_STRUT_TENDONS = (
     *((0, 1), (1, 2), (0, 2), (0, 7), (0, 9), (1, 3), (1, 10), (2, 4), (2, 6), (3, 7), (3, 10), (3, 11)),
     *((4, 6), (4, 8), (4, 9), (5, 6), (5, 8), (5, 10), (5, 11), (6, 10), (7, 9), (7, 11), (8, 9), (8, 11)),
 )
-"""The paper prints seven of its 24 tendons (0-2 in eq. (5), 3, 4, 22, 23 in eq. (7)). This list is a deduction: the
-graph must be that of the six-strut tensegrity, hold those seven at their places, and be sorted. One other list does
-as well; it swaps nodes 4 and 5."""
+"""The paper prints seven of its 24 tendons (0-2 in eq. (5), 3, 4, 22, 23 in eq. (7)). This list is deduced from three
+conditions: it is the graph of the six-strut tensegrity, it has those seven tendons at their places, and it is sorted.
+Only one other list meets them; it swaps nodes 4 and 5."""
 
 SIX_STRUT_TENDON_PER_ROD = np.sqrt(3 / 8)
 """Tendon length over rod length of the regular six-strut tensegrity (parallel rods half a rod apart)."""
 
 
 def six_strut(rod_length_m: float, *, prestrain: float = 0.08) -> Structure:
-    """Return the paper's structure: six equal rods, 24 equal tendons, standing on the triangle of nodes 0, 1, 2.
+    """Return the paper's structure: six equal rods and 24 equal tendons, anchored at the triangle of nodes 0, 1, 2.
 
     Args:
         rod_length_m: length of each rod.
@@ -136,20 +136,23 @@ def six_strut(rod_length_m: float, *, prestrain: float = 0.08) -> Structure:
 def three_strut(rod_length_m: float, base_side_m: float, *, prestrain: float = 0.08) -> Structure:
     """Return the three-strut prism: base triangle 0, 1, 2 (the anchors), top triangle 3, 4, 5, three side tendons.
 
-    At rest the top triangle, of the same side, is turned by 150 degrees against the base, and a side tendon carries
-    sqrt(3) times the force per length of a top tendon (Kenner, Geodesic Math, 1976).
+    At rest the top triangle, whose side is that of the base, is turned by 150 degrees against the base, and the force
+    per length of a side tendon is sqrt(3) times that of a top tendon (Kenner, Geodesic Math, 1976).
 
     Args:
         rod_length_m: length of each rod.
         base_side_m: side of both triangles.
         prestrain: strain of the triangles' tendons at rest; that of the side tendons follows for equal stiffness.
+
+    Raises:
+        InputError: when the rods are too short for the triangle.
     """
     radius_m = base_side_m / np.sqrt(3)
     angle = np.deg2rad(np.arange(3) * 120.0)
     height_squared = rod_length_m**2 - 2 * radius_m**2 * (1 - np.cos(np.deg2rad(150.0)))
     if height_squared <= 0:
         raise InputError(
-            f"three_strut: rods of {rod_length_m} m can not stand on a triangle of side {base_side_m} m: "
+            f"three_strut: rods of {rod_length_m} m cannot stand on a triangle of side {base_side_m} m: "
             f"expected rod_length_m > {base_side_m * np.sqrt(2 / 3 * (1 + np.sqrt(3) / 2)):.4g}"
         )
     base = radius_m * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
@@ -169,7 +172,10 @@ def _on_triangle(
     natural_length_m: ArrayLike,
     side_m: float,
 ) -> Structure:
-    """Anchor nodes 0, 1, 2 to an equilateral triangle in the plane z = 0, node 0 at the origin, 1 on the x axis."""
+    """Return the structure with nodes 0, 1, 2 anchored to an equilateral triangle in the plane z = 0.
+
+    Node 0 is at the origin and node 1 on the x axis.
+    """
     triangle = side_m * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, np.sqrt(3) / 2, 0.0]])
     return Structure(
         rods=np.array(rods),
@@ -212,7 +218,7 @@ def _anchor_positions(value: ArrayLike, count: int) -> NDArray[np.float64]:
 
 
 def _check_topology(rods: NDArray[np.int64], tendons: NDArray[np.int64], anchors: NDArray[np.int64]) -> None:
-    """Refuse what is not a tensegrity of disjoint rods held by tendons on at least three anchors."""
+    """Raise InputError for what is not a tensegrity of disjoint rods and tendons on at least three anchors."""
     node_count = int(rods.max()) + 1
     for name, pairs in (("rod", rods), ("tendon", tendons)):
         for index, (a, b) in enumerate(pairs):

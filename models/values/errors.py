@@ -2,7 +2,7 @@
 
 TensegraphError
 ├── InputError           a file, a value or a setting is not what it must be
-├── RecordingError       a recording that had begun can not go on
+├── RecordingError       a recording that has begun cannot be continued
 └── IndeterminateError   the measurements and priors do not determine the shape
 """
 
@@ -12,12 +12,12 @@ class TensegraphError(Exception):
 
 
 class InputError(TensegraphError):
-    """A file, a value or a setting is not what it must be: says where, what was expected, and what was found."""
+    """A file, a value or a setting is not what it must be: the text says where, what was expected, and what it got."""
 
 
 class RecordingError(TensegraphError):
-    """A recording that had begun can not go on: names the trial and the system's reason."""
+    """A recording that has begun cannot be continued: the text names the trial and the operating system's reason."""
 
 
 class IndeterminateError(TensegraphError):
-    """The measurements and priors of a frame do not determine its shape: names the nodes and what is missing."""
+    """The measurements and priors of a frame do not determine its shape: the text names the nodes and the reason."""

@@ -1,4 +1,4 @@
-"""What the boards say of themselves, and what became of the bytes they sent."""
+"""The state of the serial link: what each board reports about itself, and how many of its messages were intact."""
 
 from dataclasses import dataclass, replace
 
@@ -7,11 +7,11 @@ from .readings import BoardReading
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """What a board says once a second."""
+    """The message in which a board describes itself, once a second."""
 
     board_id: int
     boot: int
-    """How often it has started, as it counts itself."""
+    """How often the board has started, by its own count."""
     device_us: int
     rate_hz: int
     channels: int
@@ -20,14 +20,14 @@ class Hello:
 
 @dataclass(frozen=True, slots=True)
 class LinkCounts:
-    """What a decoder made of a stream of bytes."""
+    """How many messages a decoder has found in a stream of bytes."""
 
     messages: int = 0
-    """Whole and checked."""
+    """Messages whose form and checksum are right."""
     bad_crc: int = 0
-    """Whole by their form, with a checksum that says otherwise."""
+    """Messages whose form is right and whose checksum is wrong."""
     garbage: int = 0
-    """Pieces between two delimiters that have not the form of a message."""
+    """Pieces between two delimiters that do not have the form of a message."""
 
     def __add__(self, other: "LinkCounts") -> "LinkCounts":
         return LinkCounts(self.messages + other.messages, self.bad_crc + other.bad_crc, self.garbage + other.garbage)
@@ -39,12 +39,12 @@ class PortState:
 
     port: str
     board: int | None = None
-    """Index in the rig of the board that was last heard there."""
+    """Index in the rig of the board from which this port last received a message."""
     hello: Hello | None = None
     connected: bool = False
     counts: LinkCounts = LinkCounts()
     complaint: str = ""
-    """Why nothing is taken from it, if so."""
+    """Why no rows are taken from this port; empty when they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +53,11 @@ class LinkState:
 
     ports: tuple[PortState, ...] = ()
     skipped_rows: int = 0
-    """Rows that were recorded, yet never reached the estimator, which had fallen too far behind."""
+    """Rows that were recorded but not given to the estimator, because it had fallen too far behind."""
     recorded_rows: int = 0
     recording_error: str = ""
 
 
 def rebased(row: BoardReading, origin_s: float) -> BoardReading:
-    """Return a row with its arrival counted from an origin, in the whole microseconds that a trial is written in."""
+    """Return a row whose arrival time counts from an origin, rounded to whole microseconds as in a trial's files."""
     return replace(row, host_s=round(row.host_s - origin_s, 6))

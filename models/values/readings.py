@@ -1,4 +1,4 @@
-"""The values that travel from a sensor to the estimator, one dataclass a step."""
+"""The values on the way from a sensor to the estimator, one dataclass for each step of the processing."""
 
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
@@ -15,39 +15,39 @@ class Mode(IntEnum):
 
 
 class Flag(IntFlag):
-    """What is wrong with a sensor's reading; more than one may hold."""
+    """What is wrong with a sensor's reading; several flags may be set at once."""
 
     MISSING = 1
-    """No usable reading near the frame: the tendon is left out of it."""
+    """There is no usable reading near the frame: the tendon is left out of the frame."""
     SATURATED = 2
-    """The ADC read 0 or full scale: a bound on the resistance, not a value."""
+    """The ADC read 0 or full scale, which is a bound on the resistance and not a value."""
     OUT_OF_RANGE = 4
-    """Outside what the sensor model was trained on; sigma is widened."""
+    """The reading is outside the range on which the sensor model was trained; sigma is widened."""
     TOO_FAST = 8
-    """Changes faster than the sensor model was trained on; sigma is widened."""
+    """The reading changes faster than any on which the sensor model was trained; sigma is widened."""
     WARMING_UP = 16
     """The sensor's loading history is not known yet; sigma is widened."""
     AMBIGUOUS = 32
-    """Stretching and bending explain the reading about as well; sigma spans both."""
+    """Stretching and bending explain the reading about equally well; sigma covers both."""
     OUTLIER = 64
     """A reading was left out because it jumped away and back faster than any tendon moves."""
     STUCK = 128
-    """The same code for longer than noise allows: the tendon is left out."""
+    """The ADC code has stayed the same for longer than noise allows: the tendon is left out."""
     IMPLAUSIBLE = 256
-    """Without it all other sensors and the balance of forces agree, with it they do not: left out until it agrees."""
+    """The length contradicts the other sensors and the balance of forces: the tendon is left out until they agree."""
     MISFIT = 512
-    """Reads at rest what no sensor on this tendon would (wrong natural resistance, or wiring): left out."""
+    """The reading at rest is impossible for this tendon (wrong natural resistance or wiring); it is left out."""
 
     def names(self) -> str:
-        """Return the names, joined by `|`, as in lengths.csv."""
+        """Return the names of the flags that are set, joined by `|`, as in lengths.csv."""
         return "|".join((flag.name or "").lower() for flag in Flag if flag in self)
 
     @classmethod
     def of_names(cls, text: str) -> "Flag":
-        """Return the flags that `names` gave.
+        """Return the flags from the text that `names` returns.
 
         Raises:
-            ValueError: for a name that is none.
+            ValueError: for a name that is not the name of a flag.
         """
         flags = cls(0)
         for name in filter(None, text.strip().split("|")):
@@ -58,11 +58,11 @@ class Flag(IntFlag):
 
 
 MOMENTARY = Flag.TOO_FAST | Flag.WARMING_UP | Flag.AMBIGUOUS
-"""Flags that tell of a moment; any other tells of a sensor."""
+"""Flags that describe one moment of a healthy sensor."""
 SENSOR_FLAGS = ~MOMENTARY
-"""Flags that tell of a sensor, not of a moment."""
+"""Flags that describe a fault of the sensor."""
 LEFT_OUT = Flag.MISSING | Flag.OUTLIER | Flag.IMPLAUSIBLE | Flag.MISFIT
-"""Flags for which a length is left out."""
+"""Flags with which a length is left out of the estimate."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +72,7 @@ class BoardReading:
     board: int
     """Index of the board in the trial."""
     host_s: float
-    """Arrival on the host clock."""
+    """Time of arrival on the host clock."""
     seq: int
     """The board's 16-bit row counter."""
     device_us: int
@@ -85,31 +85,31 @@ class BoardReading:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResistanceReading:
-    """One instant of the sensors that are read together, eq. (1)."""
+    """The resistances of the sensors that are read together, at one instant, eq. (1)."""
 
     source: int
-    """Which board, or 0 when one file holds all sensors."""
+    """Index of the board, or 0 when one file holds all sensors."""
     t_s: float
-    """When it was measured, host clock."""
+    """Time of the measurement on the host clock."""
     arrival_s: float
-    """When it reached the host: nothing may use it earlier."""
+    """Time of arrival at the host: no estimate may use the reading earlier."""
     tendon: NDArray[np.int64]
     """(channels,) the tendon of each sensor."""
     resistance_ohm: NDArray[np.float64]
-    """(channels,) nan where there is none."""
+    """(channels,) nan where there is no value."""
     sigma_ohm: NDArray[np.float64]
-    """(channels,) sigma of the electronics alone."""
+    """(channels,) standard deviation that the electronics alone cause."""
     flags: NDArray[np.int64]
     """(channels,) `Flag` bits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResistanceFrame:
-    """One instant of all sensors at the output rate."""
+    """The resistances of all sensors at one instant of the output rate."""
 
     t_s: float
     resistance_ohm: NDArray[np.float64]
-    """(tendons,) nan where no usable reading is near."""
+    """(tendons,) nan where there is no usable reading near t_s."""
     sigma_ohm: NDArray[np.float64]
     """(tendons,)"""
     flags: NDArray[np.int64]
@@ -118,13 +118,13 @@ class ResistanceFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TendonLengths:
-    """One instant of all tendons, eq. (4): the measurement that the factor graph takes."""
+    """The lengths of all tendons at one instant, eq. (4): the measurement that the factor graph takes."""
 
     t_s: float
     length_m: NDArray[np.float64]
-    """(tendons,) nan where there is none."""
+    """(tendons,) nan where no length was measured."""
     sigma_m: NDArray[np.float64]
-    """(tendons,) of the reading; inf where there is none."""
+    """(tendons,) standard deviation of the measured length; inf where no length was measured."""
     mode: NDArray[np.int64]
     """(tendons,) `Mode`."""
     flags: NDArray[np.int64]
@@ -132,11 +132,11 @@ class TendonLengths:
     rest_sigma_m: NDArray[np.float64] | float = 0.0
     """(tendons,) the part of sigma_m that comes from the rest shape, to which the sensors were tared."""
     lag_s: float = 0.0
-    """By how much the lengths lag behind t_s, for those who can wait for later ones."""
+    """Time by which the lengths lag behind t_s; an estimator that can wait may use later lengths instead."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """(tendons,) which lengths are measurements."""
+        """(tendons,) where there is a measured length with a finite sigma."""
         return np.isfinite(self.length_m) & np.isfinite(self.sigma_m)
 
 
@@ -145,8 +145,8 @@ class RestLengths:
     """The tendon lengths while the structure stands unloaded at its rest shape."""
 
     seconds: float
-    """How long it stands there at the start."""
+    """How long the structure stands at its rest shape at the start of the trial."""
     length_m: NDArray[np.float64]
     """(tendons,)"""
     sigma_m: NDArray[np.float64]
-    """(tendons,)"""
+    """(tendons,) standard deviation of length_m."""

@@ -1,4 +1,4 @@
-"""Where nodes were, at known times."""
+"""Positions of nodes at known times."""
 
 from dataclasses import dataclass
 
@@ -13,4 +13,4 @@ class StampedPositions:
     t_s: NDArray[np.float64]
     """(times,) increasing, host clock."""
     node_position_m: NDArray[np.float64]
-    """(times, nodes, 3); nan where a node was not seen."""
+    """(times, nodes, 3); nan where a node was not measured."""

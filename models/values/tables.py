@@ -1,4 +1,4 @@
-"""Tables of values (from TOML) into frozen dataclasses, with one clear line for what does not fit."""
+"""Conversion of tables (from TOML) to frozen dataclasses; a value that does not fit gives an error of one line."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
@@ -10,11 +10,11 @@ from pydantic import TypeAdapter, ValidationError
 from .errors import InputError
 
 Positive = Annotated[float, Gt(0)]
-"""A number above zero; may be infinite."""
+"""A number above zero; it may be infinite."""
 NotNegative = Annotated[float, Ge(0)]
-"""Zero or a number above."""
+"""Zero or a positive number."""
 AtLeastOne = Annotated[int, Ge(1)]
-"""A whole number from 1 on."""
+"""A whole number, 1 or greater."""
 Probability = Annotated[float, Interval(gt=0, lt=1)]
 """A number strictly between 0 and 1."""
 
@@ -22,15 +22,15 @@ T = TypeVar("T")
 
 
 def parse_table(kind: type[T], table: Mapping[str, Any], where: str | Callable[[str], str]) -> T:
-    """Return the dataclass that a table describes; keys it does not know are left out (see `unknown_keys`).
+    """Return the dataclass that a table describes; keys that it does not have are ignored (see `unknown_keys`).
 
     Args:
         kind: a dataclass, whose fields may be dataclasses themselves.
         table: names to values, as from TOML.
-        where: the file, for errors, or what names the place of a dotted key.
+        where: name of the file for the error text, or a function that returns the place of a dotted key.
 
     Raises:
-        InputError: naming file and key, what was expected, and what was found.
+        InputError: the text names the file and the key, what was expected, and what it got.
     """
     try:
         return TypeAdapter(kind).validate_python(dict(table))

@@ -64,5 +64,5 @@ class TestBaselines:
     def test_a_filter_that_breaks_says_so(self, structure, rest, lengths_of) -> None:
         filter_ = UnscentedKalman(structure, rest, Settings())
         filter_._filter.P = -np.eye(36)
-        with pytest.raises(IndeterminateError, match=r"t = 1\.500 s: the filter's covariance is no longer one"):
+        with pytest.raises(IndeterminateError, match=r"t = 1\.500 s: the filter's covariance is no longer positive"):
             filter_.update(lengths_of(structure, rest.node_position_m, 1.5))
