@@ -50,7 +50,13 @@ class LeastSquares:
         solution = least_squares(residual, self._position[self._free].ravel(), jacobian)
         self._position = self._placed(solution.x)
         status = status_of(lengths, self._structure) if solution.success else Status.NOT_CONVERGED
-        return Shape(lengths.t_s, self._position, self._covariance(solution.jac), status, lengths)
+        return Shape(
+            t_s=lengths.t_s,
+            node_position_m=self._position,
+            covariance_m2=self._covariance(solution.jac),
+            status=status,
+            lengths=lengths,
+        )
 
     def _placed(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (nodes, 3) positions that have the given (3 free,) coordinates of the free nodes."""

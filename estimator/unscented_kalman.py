@@ -76,7 +76,13 @@ class UnscentedKalman:
             ) from error
         self._filter.P = 0.5 * (self._filter.P + self._filter.P.T) + 1e-12 * np.eye(len(self._filter.x))
         position = self._filter.x.reshape(-1, 3).copy()
-        return Shape(lengths.t_s, position, self._filter.P.copy(), status_of(lengths, self._structure), lengths)
+        return Shape(
+            t_s=lengths.t_s,
+            node_position_m=position,
+            covariance_m2=self._filter.P.copy(),
+            status=status_of(lengths, self._structure),
+            lengths=lengths,
+        )
 
     def _measure(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the predicted measurements at a state: lengths of rods and tendons, coordinates of anchors."""

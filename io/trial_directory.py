@@ -138,14 +138,21 @@ class Trial:
         count = len(natural_m)
         columns = [f"l{e}_m" for e in range(count)]
         sigmas = [f"s{e}_m" for e in range(count)]
-        file = CsvFile(self.path / self.table.lengths.file, ["t_s", *columns], sigmas, blank=[*columns, *sigmas])
+        file = CsvFile(
+            path=self.path / self.table.lengths.file,
+            columns=["t_s", *columns],
+            optional=sigmas,
+            blank=[*columns, *sigmas],
+        )
         for row in self._forward(file):
             length_m = np.array(row[1 : 1 + count])
             sigma_m = np.array(row[1 + count :])
             possible = ~(length_m <= 0) & ~(sigma_m <= 0)
             mode = np.where(length_m < natural_m, int(Mode.BENDING), int(Mode.STRETCHING))
             flags = np.where(np.isnan(length_m), int(Flag.MISSING), np.where(possible, 0, int(Flag.OUT_OF_RANGE)))
-            yield TendonLengths(row[0], np.where(possible, length_m, np.nan), sigma_m, mode, flags)
+            yield TendonLengths(
+                t_s=row[0], length_m=np.where(possible, length_m, np.nan), sigma_m=sigma_m, mode=mode, flags=flags
+            )
 
     def _forward(self, file: CsvFile) -> Iterator[list[float]]:
         """Yield the rows whose stamp is later than all before; count the others."""

@@ -50,11 +50,21 @@ def ask(port: str, description: str, baud: int, seconds: float) -> PortAnswer:
             while time.monotonic() < until_s:
                 for message in decoder.feed(line.read(max(1, line.in_waiting))):
                     if isinstance(message, Hello):
-                        return PortAnswer(port, description, message.board_id, message, message.channels)
+                        return PortAnswer(
+                            port=port,
+                            description=description,
+                            board_id=message.board_id,
+                            hello=message,
+                            channels=message.channels,
+                        )
                     row = message
     except _PORT_ERRORS as error:
         return PortAnswer(port, description, error=_reason(error))
-    return PortAnswer(port, description, row.board_id, None, len(row.codes)) if row else PortAnswer(port, description)
+    return (
+        PortAnswer(port=port, description=description, board_id=row.board_id, hello=None, channels=len(row.codes))
+        if row
+        else PortAnswer(port, description)
+    )
 
 
 class PortReader(threading.Thread):
