@@ -96,7 +96,14 @@ def parse_frame(encoded: bytes) -> Message:
         return Row(board_id, boot, seq, device_us, struct.unpack_from(f"<{n}H", body, _ROW.size))
     if kind == HELLO and len(body) >= _HELLO.size and body[_HELLO.size :].isascii():
         device_us, rate_hz, channels = _HELLO.unpack_from(body)
-        return Hello(board_id, boot, device_us, rate_hz, channels, body[_HELLO.size :].decode("ascii"))
+        return Hello(
+            board_id=board_id,
+            boot=boot,
+            device_us=device_us,
+            rate_hz=rate_hz,
+            channels=channels,
+            firmware=body[_HELLO.size :].decode("ascii"),
+        )
     raise DamagedError(bad_crc=False)
 
 
