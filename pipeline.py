@@ -67,12 +67,12 @@ class Pipeline:
             trial.natural_resistance_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate
         )
         self.front_end = FrontEnd(
-            model,
-            trial.natural_resistance_ohm,
-            trial.structure.natural_length_m,
-            self.rest.lengths(trial.structure, trial.rest_seconds) if trial.rest_seconds > 0 else None,
-            settings.front_end,
-            1 / settings.frames.rate_hz,
+            model=model,
+            natural_resistance_ohm=trial.natural_resistance_ohm,
+            natural_length_m=trial.structure.natural_length_m,
+            rest=self.rest.lengths(trial.structure, trial.rest_seconds) if trial.rest_seconds > 0 else None,
+            settings=settings.front_end,
+            frame_step_s=1 / settings.frames.rate_hz,
         )
 
     def estimate(self, readings: Iterable[Reading], method: str = "batch") -> Iterator[Shape]:
