@@ -16,7 +16,7 @@ class TestBaselines:
         np.testing.assert_allclose(np.interp(0.01, curve.change, curve.strain), 0.1, atol=2e-3)
 
     def test_polynomial_knows_rates(self) -> None:
-        """dR/R = strain + 0.3 d(strain)/dt: a static curve can not, the polynomial can."""
+        """dR/R = strain + 0.3 d(strain)/dt: a static curve cannot do it, the polynomial can."""
         strain = 0.1 - 0.05 * np.cos(0.7 * T_S) - 0.05 * np.cos(1.9 * T_S)
         r = Recording("a", T_S, strain, strain + 0.3 * np.gradient(strain, T_S))
         static, polynomial = (kind.fit([r], signed=False) for kind in (StaticEstimator, PolynomialEstimator))
