@@ -6,8 +6,8 @@ from pathlib import Path
 
 from tensegraph import Settings, open_trial
 from tensegraph.commands.compare import comparison_rows, measure
-from tensegraph.io.comparison_tables import as_markdown
 from tensegraph.io.model_file import read_sensor_model
+from tensegraph.io.reports.comparison_tables import as_markdown
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
