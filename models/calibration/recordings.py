@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..sensor.lstm import running_means
+from ..sensor.stretching import SETTLING_S
 from ..values.errors import InputError
 
-SETTLING_S = 10.0
-"""Time at the start of a recording that is not scored, because the sensor's unknown past still has an effect. The strip
-is tared in this time."""
 STEADY_RATIO = 1.5
 """Ratio of the 90 % quantile to the 25 % quantile of the speed while moving, below which a recording has one speed."""
 EVERY = 6
@@ -45,7 +43,7 @@ class Recording:
 
     @property
     def settled(self) -> NDArray[np.bool_]:
-        """(samples,) which samples are after the settling time at the start."""
+        """(samples,) those after the start, in which the sensor's unknown past fades; the strip is tared in it."""
         return np.asarray(self.t_s - self.t_s[0] >= SETTLING_S)
 
     def counted(self, signed: bool) -> NDArray[np.bool_]:

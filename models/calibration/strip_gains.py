@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from ..sensor.front_end import FrontEndSettings
 from ..sensor.gauge import StaticGauge, common_change
+from ..sensor.stretching import SETTLING_S
 from .gauge_fit import INDEPENDENT
-from .recordings import SETTLING_S, Recording
+from .recordings import Recording
 from .strain_estimators import StrainEstimator
 
 GAIN_TRIES = 6
