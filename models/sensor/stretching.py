@@ -12,8 +12,8 @@ Step = float | NDArray[np.float64]
 SPREAD_MEMORY_S = 30.0
 """Time constant of the running mean and variance of strain in `StrainSpread`."""
 SETTLING_S = 10.0
-"""Time for which the network runs at constant dR/R to reach its state at rest: past motion affects a strip for
-seconds."""
+"""Time after which the past motion of a strip has no more effect. The network runs for this time at constant dR/R to
+reach its state at rest, and a calibration recording is not scored for this time."""
 EXTRAPOLATION_MEMORY_S = 3.0
 """Time for which a motion that is faster than any in training affects the estimate: the correlation time of the
 network's error."""

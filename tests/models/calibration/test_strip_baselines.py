@@ -21,6 +21,6 @@ class TestBaselines:
         r = Recording("a", T_S, strain, strain + 0.3 * np.gradient(strain, T_S))
         static, polynomial = (kind.fit([r], signed=False) for kind in (StaticEstimator, PolynomialEstimator))
         assert polynomial.sigma < 0.2 * static.sigma
-        followed = polynomial.follow(r.change[:, None], np.full((len(T_S), 1), 0.05))
+        estimate = polynomial.estimate(r.change[:, None], np.full((len(T_S), 1), 0.05))
         settled = r.settled
-        assert np.std(followed.strain[settled, 0] - strain[settled]) == pytest.approx(polynomial.sigma, rel=1e-6)
+        assert np.std(estimate.strain[settled, 0] - strain[settled]) == pytest.approx(polynomial.sigma, rel=1e-6)
