@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
-from ..values.tables import AtLeastOne, NotNegative, Positive
+from ..values.tables import AtLeastOne, NotNegative, Positive, Share
 from .loads import RandomTimes, Window
 
 MIDDLE_M = 1e-6
@@ -23,7 +23,9 @@ class RandomHugs(RandomTimes):
     together: tuple[AtLeastOne, AtLeastOne]
     """Fewest and most nodes squeezed at once."""
     force_n: tuple[Positive, Positive]
-    """Each node has its own force for as long as a hug lasts."""
+    """At each node, on average over a hug's nodes."""
+    force_spread: Share
+    """Nodes get more or less of it: evenly drawn from 1 minus this to 1 plus this."""
     axis: tuple[float, float, float]
     """Arms around the body: nodes are pushed at right angles towards the line of this direction through their middle.
     Zero: they are pushed towards the middle itself."""
@@ -36,7 +38,7 @@ class RandomHugs(RandomTimes):
         for when in self.windows(rng):
             count = rng.integers(*self.together, endpoint=True)
             nodes = rng.choice(self.nodes, count, replace=False)
-            force_n = rng.uniform(*self.force_n, size=count)
+            force_n = rng.uniform(*self.force_n) * (1 + self.force_spread * rng.uniform(-1, 1, size=count))
             off = self.direction_sigma * rng.normal(size=(count, 3))
             hugs.append(Hug(when, nodes, force_n, np.array(self.axis), off))
         return hugs
@@ -131,7 +133,7 @@ class WindPlan:
     """Those it blows on."""
     force_n: Positive
     """F, at each node on average."""
-    force_spread: Annotated[float, Interval(ge=0, lt=1)]
+    force_spread: Share
     """Nodes catch more or less of it: c is drawn evenly from 1 minus this to 1 plus this."""
     direction: tuple[float, float, float]
     """Its length does not matter."""

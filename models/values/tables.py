@@ -15,6 +15,8 @@ NotNegative = Annotated[float, Ge(0)]
 """Zero or a number above."""
 AtLeastOne = Annotated[int, Ge(1)]
 """A whole number from 1 on."""
+Share = Annotated[float, Interval(ge=0, lt=1)]
+"""From 0 up to, not including, 1."""
 Probability = Annotated[float, Interval(gt=0, lt=1)]
 """A number strictly between 0 and 1."""
 
