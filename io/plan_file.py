@@ -1,7 +1,8 @@
 """Plans of the twin, from TOML."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -23,17 +24,6 @@ class _Layer:
     table: dict[str, Any]
     text: str
 
-    def depth(self, key: str) -> int:
-        """Return how many parts of a dotted key this file has."""
-        value: Any = self.table
-        parts = key.replace("[", ".[").split(".")
-        for depth, part in enumerate(parts):
-            try:
-                value = value[int(part[1:-1])] if part.startswith("[") else value[part]
-            except (KeyError, IndexError, TypeError, ValueError):
-                return depth
-        return len(parts)
-
 
 def read_plan(path: Path) -> Plan:
     """Return a plan that can be simulated.
@@ -50,7 +40,7 @@ def read_plan(path: Path) -> Plan:
         table = _merged(table, layer.table)
 
     def place(key: str) -> str:
-        layer = max(layers, key=lambda layer: layer.depth(key))  # the outermost of those that have most of it
+        layer = _owner(layers, key)
         return f"{layer.path}: line {line_of(layer.text, key)}"
 
     for key in unknown_keys(Plan, table):
@@ -93,6 +83,25 @@ def _layers(path: Path) -> list[_Layer]:
         layers.append(_Layer(following, table, following.read_text(encoding="utf-8")))
         following = base
     return layers
+
+
+def _owner(layers: Sequence[_Layer], key: str) -> _Layer:
+    """Return the file that a dotted key of a plan comes from, or the innermost table or list around it."""
+    holding: list[tuple[_Layer, Any]] = [(layer, layer.table) for layer in layers]
+    for part in key.replace("[", ".[").split("."):
+        name = int(part[1:-1]) if part.startswith("[") else part
+        inner = [(layer, value[name]) for layer, value in holding if _has(value, name)]
+        if not inner:
+            break
+        tables = takewhile(lambda held: isinstance(held[1], dict), inner)
+        holding = list(tables) or inner[:1]  # tables are added up, anything else replaces what is below
+    return holding[0][0]
+
+
+def _has(value: Any, name: str | int) -> bool:
+    if isinstance(value, dict):
+        return name in value
+    return isinstance(value, list) and isinstance(name, int) and name < len(value)
 
 
 def _merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,8 +1,11 @@
 """Plans and the trials they make: refused by line, the same in form as recorded ones, the same bytes for one seed."""
 
 import re
+import runpy
 import tomllib
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,11 +14,13 @@ from numpy.typing import NDArray
 from tensegraph import InputError, Settings, Trial, reconstruct
 from tensegraph.commands.simulate import simulate
 from tensegraph.io.model_file import read_sensor_model
-from tensegraph.io.plan_file import read_plan
+from tensegraph.io.plan_file import base_plan_path, read_plan
 from tensegraph.io.toml import line_of
+from tensegraph.models.evaluation.truth import Fault
 from tensegraph.pipeline import Pipeline
 
 PLANS = {path.stem: path for path in (Path(__file__).parents[1] / "examples" / "plans").glob("*.toml")}
+CAUSES = {path.stem: path for path in (PLANS["press"].parent / "causes").glob("*.toml")}
 
 
 def replaced(text: str, *edits: tuple[str, str]) -> str:
@@ -87,6 +92,49 @@ def test_what_can_not_be_is_refused_by_line(tmp_path, old, new, message) -> None
     assert "\n" not in str(error.value)
 
 
+DRIFT = """[drift]
+from_s = 1.0
+common_share = 0.01
+common_course = "ramp"
+of = "resistance"
+own_sigma = 0.0
+own_course = "ramp"
+"""
+HUG = """[[load.hug]]
+from_s = 3.0
+until_s = 20.0
+pause_s = [0.5, 1.0]
+duration_s = [2.0, 3.0]
+ramp_share = 0.3
+nodes = [3, 4, 5]
+force_n = [0.5, 1.0]
+force_spread = 0.3
+axis = [0, 0, 0]
+direction_sigma = 0.0
+"""
+SHAKE = """[[load.shake]]
+from_s = 3.0
+until_s = 20.0
+pause_s = [0.5, 1.0]
+duration_s = [2.0, 3.0]
+ramp_share = 0.3
+nodes = [3, 4, 5]
+together = [1, 1]
+force_n = [0.5, 1.0]
+direction = [0, 0, 0]
+direction_sigma = [1, 1, 1]
+"""
+WIND = """[[load.wind]]
+at_s = 3.0
+ramp_s = 1.0
+nodes = [3, 4, 5]
+force_n = 0.5
+force_spread = 0.3
+direction = [1, 0, 0]
+gust_period_s = [2.0, 7.0]
+"""
+
+
 @pytest.mark.parametrize(
     ("added", "message"),
     [
@@ -99,6 +147,29 @@ def test_what_can_not_be_is_refused_by_line(tmp_path, old, new, message) -> None
         ("[[load.hold]]\nat_s = 3.0\nramp_s = 0.0\nforce_n = 1.0\nnodes = [3]\ndirection = [0, 0, 1]", r"line {3}: .*got 0"),
         ("[[load.hold]]\nat_s = 3.0\nramp_s = 1.0\nforce_n = 1.0\nnodes = [3]\ndirection = [0, 0, 0]", r"line {6}: .*zero"),
         ("[ground]\nfriction = -1.0", r"line {2}: ground.friction: .*got -1.0"),
+        ("[drift]\nuntil_s = 3.0", r"line {1}: drift.from_s: is missing"),
+        (f"{DRIFT}until_s = 1.0", r"line {8}: drift.until_s: expected a time after from_s = 1.0, got 1.0"),
+        (f"{DRIFT}until_s = 60.0\ntime_constant_s = 5.0", r"line {9}: drift.time_constant_s: expected none .*got 5.0"),
+        (f"{DRIFT.replace('ramp', 'warm_up', 1)}until_s = 60.0", r"line {4}: drift.common_course: expected time_constant_s"),
+        (f"{DRIFT.replace('= 1.0', '= 30.0')}until_s = 60.0", r"line {2}: drift.from_s: expected less than .* got 30.0"),
+        (f"{DRIFT.replace('0.01', '-1.0')}until_s = 60.0", r"line {3}: drift.common_share: expected more than -1, got -1.0"),
+        (f"{DRIFT}until_s = 60.0\nshare = 1.0", r"line {9}: drift.share: is no key of a plan"),
+        ("[hysteresis]\nhysteresis = -3.0\ncreep = 1.0", r"line {2}: hysteresis.hysteresis: .*got -3.0"),
+        ("[hysteresis]\nhysteresis = 3.0", r"line {1}: hysteresis.creep: is missing"),
+        ("[geometry_error]\nrod_length_sigma_m = -0.001", r"line {2}: geometry_error.rod_length_sigma_m: .*got -0.001"),
+        ("[geometry_error]\nrod_length_offset_m = -1.0", r"line {2}: geometry_error.rod_length_offset_m: .*0.3 m, got 1.0"),
+        ("[geometry_error]\nhub_radius_m = [0.01, 0.005]", r"line {2}: .*hub_radius_m: expected \[least, most\] up to 0.0425 m"),
+        ("[geometry_error]\nhub_radius_m = [0.01, 0.1]", r"line {2}: geometry_error.hub_radius_m: .*got \[0.01, 0.1\]"),
+        ("[[load.press]]\nat_s = 0.5\nramp_s = 0.5\nhold_s = 0.5\nnodes = [5]\nforce_n = 1.0\ndirection = [0, 0, 1]",
+         r"line {2}: load.press\[0\].at_s: expected a time from rest.seconds = 2.0 .*got 0.5"),
+        ("[[load.hug]]\nfrom_s = 3.0", r"line {1}: load.hug\[0\].until_s: is missing"),
+        (f"{HUG}together = [1, 3]", r"line {12}: load.hug\[0\].together: expected at least 2, which have a middle, got 1"),
+        (f"{HUG}together = [2, 4]", r"line {12}: load.hug\[0\].together: expected at most 3, as there are nodes, got 4"),
+        (f"{HUG.replace('3, 4, 5', '0, 4, 5')}together = [2, 3]", r"line {7}: load.hug\[0\].nodes: .*can move, .*got 0"),
+        (f"{SHAKE}frequency_hz = [8.0, 5.0]", r"line {12}: load.shake\[0\].frequency_hz: expected \[least, most\]"),
+        (f"{SHAKE}frequency_hz = [5.0, 80.0]", r"line {12}: load.shake\[0\].frequency_hz: expected at most 50, 20 steps"),
+        (f"{WIND}gust_share = 0.6", r"line {9}: load.wind\[0\].gust_share: .*less than or equal to 0.5, got 0.6"),
+        (f"{WIND.replace('1, 0, 0', '0, 0, 0')}gust_share = 0.4", r"line {7}: load.wind\[0\].direction: .*got zero"),
     ],
 )  # fmt: skip
 def test_what_is_added_is_refused_by_line(tmp_path, added, message) -> None:
@@ -106,7 +177,7 @@ def test_what_is_added_is_refused_by_line(tmp_path, added, message) -> None:
     first = text.count("\n")
     path = tmp_path / "plan.toml"
     path.write_text(text + added + "\n")
-    for n in range(1, 7):
+    for n in range(1, 13):
         message = message.replace(f"{{{n}}}", str(first + n))
     with pytest.raises(InputError, match=message):
         read_plan(path)
@@ -238,3 +309,187 @@ def test_a_plan_that_is_not_there_and_a_trial_that_is(tmp_path) -> None:
     with pytest.raises(InputError, match=r"out: exists: expected a new name"):
         simulate(PLANS["press"], tmp_path / "out")
     assert not any((tmp_path / "out").iterdir())
+
+
+# ---------------------------------------------------------------- plans that extend others
+
+
+def test_the_causes_are_plans_that_add_to_the_healthy_one() -> None:
+    assert len(CAUSES) == 15
+    for name, path in CAUSES.items():
+        plan = read_plan(path)
+        assert plan.name == name
+        base = base_plan_path(path)
+        assert base is not None
+        assert base.stem == ("press" if name == "healthy" else "healthy")
+    assert replace(read_plan(CAUSES["healthy"]), name="press") == read_plan(PLANS["press"])
+
+
+@pytest.fixture
+def below(tmp_path) -> Path:
+    """The press plan, to be extended by others beside it."""
+    path = tmp_path / "below.toml"
+    path.write_text(PLANS["press"].read_text())
+    return path
+
+
+def above(below: Path, text: str) -> Path:
+    path = below.parent / "above.toml"
+    path.write_text(f'extends = "below.toml"\n{text}')
+    return path
+
+
+def test_tables_are_added_to_and_lists_replaced(below) -> None:
+    text = "[mechanics]\nrod_mass_kg = 0.05\n[load]\nrandom = []\n[sensors]\ngauge_factor = [1, 2, 3]\n"
+    plan, base = read_plan(above(below, text)), read_plan(below)
+    assert plan.load == replace(base.load, random=[])
+    assert plan.mechanics == replace(base.mechanics, rod_mass_kg=0.05)
+    assert plan.sensors == replace(base.sensors, gauge_factor=[1, 2, 3])
+    assert plan.boards == base.boards
+
+
+@pytest.mark.parametrize(
+    ("added", "message"),
+    [
+        ("[mechanics]\nrod_mass_kg = -1", r"above.toml: line 3: mechanics.rod_mass_kg: .*got -1"),
+        ("[mechanics]\nrod_mas_kg = 1", r"above.toml: line 3: mechanics.rod_mas_kg: is no key of a plan"),
+        ("[rest]\nseconds = 4.0", r"below.toml: line 82: load.random\[0\].from_s: .*rest.seconds = 4.0 .*got 2.0"),
+        ("[load]\nrandom = [{ from_s = 3.0 }]", r"above.toml: line 3: load.random\[0\].until_s: is missing"),
+        ("[hysteresis]\ncreep = 3.0", r"above.toml: line 2: hysteresis.hysteresis: is missing"),
+    ],
+)
+def test_a_problem_is_told_of_the_file_it_stands_in(below, added, message) -> None:
+    with pytest.raises(InputError, match=message):
+        read_plan(above(below, added))
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        ("3", r"below.toml: line 1: extends: expected the path of a plan, got 3"),
+        ("'nothing.toml'", r"nothing.toml: no such file"),
+        ("'above.toml'", r"below.toml: line 1: extends: comes back to .*above.toml: expected a plan below"),
+    ],
+)
+def test_what_can_not_be_extended_is_said(below, edit, message) -> None:
+    path = above(below, "")
+    below.write_text(f"extends = {edit}\n{below.read_text()}")
+    with pytest.raises(InputError, match=message):
+        read_plan(path)
+
+
+# ---------------------------------------------------------------- causes, through the whole twin
+
+NEUTRAL = """
+[drift]
+from_s = 0.0
+until_s = 60.0
+of = "resistance"
+common_share = 0.0
+common_course = "ramp"
+own_sigma = 0.0
+own_course = "walk"
+
+[hysteresis]
+hysteresis = 1.0
+creep = 1.0
+
+[geometry_error]
+rod_length_sigma_m = 0.0
+"""
+
+
+def with_cause(tmp_path: Path, cause: str, *edits: tuple[str, str]) -> Trial:
+    """Six seconds of the press plan with a cause, as a trial of the same name as without."""
+    (tmp_path / "press.toml").write_text(replaced(PLANS["press"].read_text(), *SHORT, *edits) + cause)
+    return simulate(tmp_path / "press.toml", tmp_path / "press_01")
+
+
+def names_of_bytes_that_differ(one: Trial, other: Trial) -> set[str]:
+    return {file.name for file in one.path.iterdir() if (other.path / file.name).read_bytes() != file.read_bytes()}
+
+
+def test_causes_that_do_nothing_change_no_byte(made, tmp_path) -> None:
+    assert names_of_bytes_that_differ(with_cause(tmp_path, NEUTRAL), made) == set()
+
+
+def test_seeds_draw_what_they_drew_before_there_were_causes(made) -> None:
+    """Numbers of the first version of the twin: numpy's generators give them on any machine."""
+    assert made.toml["sensors"]["natural_resistance_ohm"][:4] == [4502570, 6384821, 5369242, 4661713]
+    assert made.toml["structure"]["natural_length_m"][:4] == [0.16946, 0.17049, 0.16971, 0.1712]
+
+
+def test_all_sensors_drift_to_3_percent_of_r_at_the_time_said(made, tmp_path) -> None:
+    drift = DRIFT.replace("0.01", "0.03") + "until_s = 5.0\n"
+    warm = with_cause(tmp_path, drift)
+    assert names_of_bytes_that_differ(warm, made) == {"board0.csv", "board1.csv"}
+    divider = made.description.divider
+    for board in (0, 1):
+        was, now = (
+            np.array([divider.resistance_ohm(row.counts) for row in trial.readings() if row.board == board])
+            for trial in (made, warm)
+        )
+        t_s = np.array([row.host_s for row in warm.readings() if row.board == board])
+        ratio = now / was
+        for since_s, until_s, share in ((0.0, 1.0, 0.0), (2.9, 3.1, 0.015), (5.1, 6.0, 0.03)):
+            during = (t_s > since_s) & (t_s < until_s)
+            np.testing.assert_allclose(ratio[during].mean(axis=0) - 1, share, atol=0.002)  # a code is 0.4 %
+
+
+def test_what_is_told_wrongly_stands_in_trial_toml_alone(made, tmp_path) -> None:
+    error = "[geometry_error]\nrod_length_sigma_m = 0.001\nanchor_sigma_m = 0.002\nrest_position_sigma_m = 0.002\n"
+    off = with_cause(tmp_path, error)
+    assert names_of_bytes_that_differ(off, made) == {"trial.toml"}
+    told, true = off.description, made.description
+    np.testing.assert_array_equal(told.structure.natural_length_m, true.structure.natural_length_m)
+    for error_m, sigma_m in (
+        (told.structure.rod_length_m - 0.3, 0.001),
+        (told.structure.anchor_position_m - true.structure.anchor_position_m, 0.002),
+        (told.rest_position_m - true.rest_position_m, 0.002),
+    ):
+        assert 0.3 * sigma_m < error_m.std() < 2 * sigma_m
+
+
+def test_hubs_shorten_tendons_and_keep_strains_at_rest(made, tmp_path) -> None:
+    """Across two hubs of 5 to 10 mm a tendon of the six-strut loses 0.58 and 0.91 of their radii: 11 mm on average."""
+    hubs = with_cause(tmp_path, "[geometry_error]\nhub_radius_m = [0.005, 0.010]\n")
+    shorter_m = made.description.structure.natural_length_m - hubs.description.structure.natural_length_m
+    assert 0.0075 / 1.08 < shorter_m.min() < shorter_m.max() < 0.015 / 1.08
+    assert shorter_m.mean() == pytest.approx(0.0112 / 1.08, rel=0.1)
+    first = [np.array([row.counts for row in t.readings() if row.board == 0])[:90].mean(axis=0) for t in (made, hubs)]
+    assert np.abs(first[1] - first[0]).max() < 3
+    assert np.abs(hubs.truth()[1][0] - made.truth()[1][0]).max() < 0.005
+
+
+def test_a_touch_while_taring_moves_it_at_rest(made, tmp_path) -> None:
+    touch = CAUSES["touched"].read_text().partition("[[load.press]]")[2]
+    touched = with_cause(tmp_path, f"[[load.press]]{touch}")
+    t_s, moved_m = touched.truth()[0], np.ptp(touched.truth()[1][:100], axis=0)
+    assert moved_m.max() > 0.003
+    np.testing.assert_array_equal(touched.truth()[1][0], made.truth()[1][0])
+    load_n = np.linalg.norm(touched.true_loads().force_n, axis=2)
+    np.testing.assert_allclose(load_n[(t_s > 0.6) & (t_s < 1.5)][:, [5, 8]], 1.5, atol=1e-3)
+    assert not load_n[(t_s > 1.92) & (t_s < 2.0)].any()
+    assert touched.description.rest_position_m == pytest.approx(made.description.rest_position_m)
+
+
+def test_an_unplugged_hub_is_a_gap_of_all_boards(tmp_path) -> None:
+    boards = "".join(f"[[fault.unplugged]]\nboard = {board}\nfrom_s = 4.0\nuntil_s = 5.0\n" for board in (0, 1))
+    gap = with_cause(tmp_path, boards)
+    arrival_s = np.array([row.host_s for row in gap.readings()])
+    assert not ((arrival_s > 4.02) & (arrival_s < 5.0)).any()
+    assert np.diff(arrival_s).max() == pytest.approx(1.0, abs=0.03)
+    assert {fault.where for fault in gap.faults()} == {"board 0", "board 1"}
+
+
+def test_sensors_left_out_for_longer_than_a_second_count() -> None:
+    """The benchmark's own count: 0.9 s is a moment, 1.1 s is not; a board that is unplugged excuses its sensors."""
+    benchmark = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "causes.py"))
+    t_s = np.arange(500) * 0.02
+    sigma_m = np.full((500, 4), 0.001)
+    sigma_m[100:146, 0] = sigma_m[100:156, 1] = sigma_m[300:400, 2] = sigma_m[:, 3] = np.inf
+    estimate = SimpleNamespace(t_s=t_s, sigma_m=sigma_m)
+    gap = Fault("unplugged", "board 0", np.array([2]), t_s[300], t_s[400])
+    dead = Fault("open_circuit", "tendon 3", np.array([3]), 1.0, 2.0)
+    assert benchmark["left_out_share"](estimate, [gap, dead]) == pytest.approx(1 / 3)
+    assert benchmark["left_out_share"](estimate, []) == pytest.approx(3 / 4)

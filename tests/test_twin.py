@@ -25,9 +25,12 @@ from tensegraph.models.twin.emulated_boards import (
     board_rows,
 )
 from tensegraph.models.twin.engine import Twin
-from tensegraph.models.twin.loads import Hold, Loads, Press, RandomPresses, Squeeze
+from tensegraph.models.twin.geometry_error import GeometryError, ToldErrors, end_to_end_m, hub_offset_m
+from tensegraph.models.twin.loads import Hold, Loads, Press, RandomPresses, Squeeze, Window
 from tensegraph.models.twin.mjcf import Body
-from tensegraph.models.twin.specimens import SensorPhysics, Sensors, Specimens, drift
+from tensegraph.models.twin.slow_drift import DriftPlan
+from tensegraph.models.twin.specimens import HysteresisPlan, SensorPhysics, Sensors, Specimens, drift
+from tensegraph.models.twin.spread_loads import Hug, RandomHugs, RandomShakes, Shake, WindPlan
 
 SHAPES = {s.node_count: (s, find_rest_shape(s)) for s in (six_strut(0.3), three_strut(0.3, 0.15))}
 
@@ -483,3 +486,220 @@ def test_each_fault_is_what_it_says(signal) -> None:
     assert [row["kind"] for row in faults.as_truth()] == [
         "open_circuit", "short_circuit", "spikes", "unplugged", "stuck", "resistance_drift",
     ]  # fmt: skip
+
+
+# ---------------------------------------------------------------- causes that break an estimate: drift, hysteresis
+
+WARM = DriftPlan(
+    from_s=5.0,
+    until_s=65.0,
+    of="resistance",
+    common_share=0.03,
+    common_course="ramp",
+    own_sigma=0.0,
+    own_course="ramp",
+)
+
+
+def test_a_common_ramp_is_3_percent_when_it_ends_and_half_of_that_half_way() -> None:
+    t_s = np.array([0.0, 5.0, 35.0, 65.0, 80.0])
+    common = WARM.drift(t_s, 2, np.random.default_rng(0))
+    np.testing.assert_allclose(common, np.outer([0, 0, 0.015, 0.03, 0.03], [1, 1]), atol=1e-15)
+
+
+def test_warming_up_slows_down_and_ends_where_it_is_told() -> None:
+    """1 - exp(-1) = 0.632 of what tau = 20 s would reach in the end, of which 60 s see 1 - exp(-3)."""
+    warm = replace(WARM, common_course="warm_up", time_constant_s=20.0)
+    common = warm.drift(np.array([5.0, 25.0, 65.0, 90.0]), 1, np.random.default_rng(0))[:, 0]
+    np.testing.assert_allclose(common, [0, 0.03 * 0.63212 / 0.95021, 0.03, 0.03], rtol=1e-4)
+
+
+@pytest.mark.parametrize(("course", "half_way"), [("ramp", 0.5), ("walk", np.sqrt(0.5))])
+def test_each_sensor_s_own_drift_has_the_sigma_told(course, half_way) -> None:
+    """A ramp is half way at half its time; the variance of a random walk grows with time."""
+    own = replace(WARM, common_share=0.0, own_sigma=0.02, own_course=course)
+    d = own.drift(np.arange(0.0, 70.0, 0.5), 4000, np.random.default_rng(1))
+    assert not d[:11].any()
+    assert d[130].std() == pytest.approx(0.02, rel=0.05)
+    assert d[70].std() == pytest.approx(half_way * 0.02, rel=0.05)
+    np.testing.assert_array_equal(d[130], d[-1])
+    later = np.corrcoef(d[70], d[130] - d[70])[0, 1]
+    assert later == pytest.approx(1.0 if course == "ramp" else 0.0, abs=0.05)
+
+
+@pytest.mark.parametrize("factor", [0.0, 1.0, 3.0])
+def test_hysteresis_times_three_is_a_loop_three_times_as_wide(factor) -> None:
+    """A loop much longer than the stop is 2 w r high: 2 x 0.2 x 0.01; creep leaves a s exp(-t / tau) of a step s."""
+    physics = replace(PLAIN, hysteresis_gain=[0.2], hysteresis_strain=[0.01])
+    back_and_forth = np.concatenate([np.linspace(0.05, 0.1, 501), np.linspace(0.1, 0.05, 501)])
+    loop = response(HysteresisPlan(factor, 1.0).applied(physics), np.tile(back_and_forth, 2))
+    up, down = loop[1002 + 250], loop[1002 + 501 + 250]
+    assert down - up == pytest.approx(factor * 2 * 0.2 * 0.01, abs=1e-9)
+    physics = replace(PLAIN, overstress_gain=[0.5], overstress_time_s=[2.0])
+    step = response(HysteresisPlan(1.0, factor).applied(physics), np.r_[0.0, np.full(400, 0.1)])
+    assert step[201] - 0.1 == pytest.approx(factor * 0.5 * 0.1 * np.exp(-1), rel=0.01)
+
+
+# ---------------------------------------------------------------- causes: loads on many nodes, shaking
+
+SQUARE = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 1], [0, -1, 1], [9, 9, 9]])
+"""Four nodes about (0, 0, 0.5), and one far away."""
+ALWAYS = Window(0.0, 1.0, 99.0)
+
+
+@pytest.mark.parametrize(
+    ("axis", "first"), [((0, 0, 0), np.array([-2, 0, 1]) / np.sqrt(5)), ((0, 0, 7), np.array([-1, 0, 0]))]
+)
+def test_a_hug_pushes_towards_the_middle_or_the_axis(axis, first) -> None:
+    hug = Hug(ALWAYS, np.arange(4), np.array([1.0, 1.0, 2.0, 2.0]), np.array(axis, dtype=float), np.zeros((4, 3)))
+    force_n = Loads([], 5, [hug]).force_n(50.0, SQUARE)
+    np.testing.assert_allclose(force_n[0], first, atol=1e-12)
+    np.testing.assert_allclose(force_n[[1, 3]], force_n[[0, 2]] * [-1, -1, 1], atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(force_n, axis=1), [1, 1, 2, 2, 0], atol=1e-12)
+    np.testing.assert_allclose(Loads([], 5, [hug]).force_n(0.5, SQUARE), force_n / 2, atol=1e-12)
+
+
+def test_a_node_in_the_middle_of_a_hug_is_not_pushed() -> None:
+    hug = Hug(ALWAYS, np.arange(3), np.ones(3), np.zeros(3), np.full((3, 3), 0.1))
+    force_n = hug.full_n(50.0, np.array([[1.0, 0, 0], [-1, 0, 0], [0, 0, 0]]))
+    assert not force_n[2].any()
+    assert np.isfinite(force_n).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32), st.sampled_from([(0, 0, 0), (0, 0, 1), (1, 1, 0)]))
+def test_random_hugs_stay_in_their_ranges_and_point_inwards(seed, axis) -> None:
+    nodes = list(range(3, 12))
+    random = RandomHugs(2.0, 29.0, (0.4, 1.5), (2.5, 4.5), 0.28, nodes, (6, 9), (0.6, 1.4), 0.3, axis, 0.0)
+    position_m = SHAPES[12][1]
+    hugs = random.draw(np.random.default_rng(seed))
+    assert len(hugs) >= 4
+    for hug in hugs:
+        force_n = hug.full_n(0.0, position_m)
+        size_n = np.linalg.norm(force_n, axis=1)
+        assert 6 <= np.count_nonzero(size_n) <= 9
+        assert not size_n[:3].any()
+        assert 0.6 * 0.7 <= size_n[size_n > 0].min() <= size_n.max() <= 1.4 * 1.3
+        assert ((position_m[hug.nodes].mean(axis=0) - position_m[hug.nodes]) * force_n[hug.nodes]).sum(axis=1).min() > 0
+        np.testing.assert_allclose(force_n @ np.array(axis), 0 if any(axis) else force_n @ np.array(axis), atol=1e-12)
+
+
+def test_a_wind_has_its_mean_and_its_gusts_and_does_not_turn_round() -> None:
+    plan = WindPlan(
+        at_s=0.0,
+        ramp_s=1.0,
+        nodes=[0, 2, 3],
+        force_n=2.0,
+        force_spread=0.5,
+        direction=(0, 3, 4),
+        gust_share=0.5,
+        gust_period_s=(2.5, 7.0),
+    )
+    t_s = np.arange(1.0, 3000.0, 0.37)
+    for seed in range(3):
+        wind = Loads([], 4, [plan.draw(np.random.default_rng(seed))])
+        along = np.array([wind.force_n(t, np.zeros((4, 3))) for t in t_s]) @ [0, 0.6, 0.8]
+        assert not along[:, 1].any()
+        caught = along[:, [0, 2, 3]].mean(axis=0) / 2.0
+        assert ((caught > 0.49) & (caught < 1.51)).all()
+        np.testing.assert_allclose(along[:, [0, 2, 3]].std(axis=0) / caught, 2.0 * 0.5, rtol=0.02)
+        assert along.min() >= 0
+
+
+def test_a_shake_is_a_sine_of_its_frequency() -> None:
+    shake = Shake(ALWAYS, np.array([1]), np.array([0.0, 0.0, 2.0]), 5.0)
+    quarter_s = 1 / 20
+    force_n = [Loads([], 2, [shake]).force_n(10.0 + k * quarter_s, np.zeros((2, 3)))[1, 2] for k in range(4)]
+    np.testing.assert_allclose(force_n, [0, 2, 0, -2], atol=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32))
+def test_random_shakes_stay_in_their_ranges(seed) -> None:
+    random = RandomShakes(
+        2.0, 29.0, (0.4, 1.5), (2.0, 3.5), 0.28, [5, 8, 11], (1, 2), (2.0, 4.0), (5.0, 8.0), (0, 0, 0), (1, 1, 1)
+    )
+    for shake in random.draw(np.random.default_rng(seed)):
+        assert 5.0 <= shake.frequency_hz <= 8.0
+        assert 2.0 <= np.linalg.norm(shake.force_n) <= 4.0
+        assert set(shake.nodes) <= {5, 8, 11}
+        assert 2.0 <= round(2 * shake.when.ramp_s + shake.when.hold_s, 9) <= 3.5
+
+
+@pytest.mark.parametrize("frequency_hz", [5.0, 8.0])
+def test_a_shaken_structure_moves_at_that_frequency(frequency_hz) -> None:
+    structure, shape_m = SHAPES[12]
+    twin = Twin(body(structure), 1e-3, shape_m)
+    twin.settle()
+    shake = Shake(Window(0.0, 0.2, 99.0), np.array([5]), np.array([2.0, 0.0, 0.0]), frequency_hz)
+    moved_m = twin.run(Loads([], 12, [shake]), 2000).node_position_m[1000:, 5, 0]
+    spectrum = np.abs(np.fft.rfft(moved_m - moved_m.mean()))
+    assert np.fft.rfftfreq(1000, 1e-3)[spectrum.argmax()] == frequency_hz
+    assert np.ptp(moved_m) > 0.005
+
+
+# ---------------------------------------------------------------- causes: geometry told wrongly
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from([12, 6]), st.integers(0, 2**32))
+def test_hubs_have_the_radius_told_and_lie_across_the_rod(nodes, seed) -> None:
+    structure, shape_m = SHAPES[nodes]
+    offset_m = hub_offset_m(structure, shape_m, (0.005, 0.010), np.random.default_rng(seed))
+    radius_m = np.linalg.norm(offset_m, axis=2)
+    assert radius_m.min() >= 0.005
+    assert radius_m.max() <= 0.010
+    for i, j in structure.rods:
+        at_rod = np.isin(structure.tendons, [i, j])
+        assert np.abs(offset_m[at_rod] @ (shape_m[j] - shape_m[i])).max() < 1e-12
+    assert (end_to_end_m(structure, shape_m, offset_m) < structure.tendon_length_m(shape_m)).all()
+
+
+@pytest.mark.parametrize("radius_m", [0.0, 0.01])
+def test_a_rod_hangs_by_its_hub_where_forces_balance(hanging, radius_m) -> None:
+    """3 k (l - L0) h / l = m g, l^2 = h^2 + (0.2 - r)^2: the anchors are on no rod, and have no hub."""
+    start_m = np.array([*hanging.anchor_position_m, [0, 0, -0.1], [0, 0, -0.4]])
+    offset_m = hub_offset_m(hanging, start_m, (radius_m, radius_m), np.random.default_rng(0))
+    twin = Twin(body(hanging, push_back=0.0, hub_offset_m=offset_m), 1e-3, start_m)
+    np.testing.assert_allclose(twin.tendon_length_m, end_to_end_m(hanging, start_m, offset_m), rtol=1e-9)
+    twin.settle()
+    across_m = 0.2 - radius_m
+
+    def balance(h: float) -> float:
+        length = np.hypot(h, across_m)
+        return 3 * 400 * (length - 0.21) * h / length - 0.03 * 9.81
+
+    h = brentq(balance, np.sqrt(0.21**2 - across_m**2), 0.3)
+    np.testing.assert_allclose(twin.node_position_m[3], [0, 0, -h], atol=3e-6)
+    np.testing.assert_allclose(twin.tendon_length_m[:3], np.hypot(h, across_m), atol=3e-6)
+
+
+def test_hubs_stay_on_their_rods() -> None:
+    """However the structure moves, tendons end within the hubs' radii of the nodes: lengths differ by 20 mm at most."""
+    structure, shape_m = SHAPES[12]
+    offset_m = hub_offset_m(structure, shape_m, (0.005, 0.010), np.random.default_rng(0))
+    shortened = end_to_end_m(structure, shape_m, offset_m) / structure.tendon_length_m(shape_m)
+    hubbed = replace(structure, natural_length_m=shortened * structure.natural_length_m)
+    twin = Twin(body(hubbed, hub_offset_m=offset_m), 1e-3, shape_m)
+    twin.settle()
+    assert np.abs(twin.node_position_m - shape_m).max() < 0.01
+    motion = twin.run(Loads([Press(0.1, 0.3, 0.3, [5], 3.0, (0, 0.3, -1))], 12), 1000)
+    node_to_node_m = structure.tendon_length_m(motion.node_position_m)
+    assert np.abs(motion.node_position_m - motion.node_position_m[0]).max() > 0.01
+    assert np.ptp(node_to_node_m - motion.tendon_length_m, axis=0).max() > 1e-5
+    assert np.abs(node_to_node_m - motion.tendon_length_m).max() < 0.02
+
+
+def test_what_is_told_is_off_by_what_is_said() -> None:
+    structure = SHAPES[12][0]
+    plan = GeometryError(0.001, 0.004, 0.002, 0.003, 0.0005)
+    errors = [ToldErrors.draw(plan, structure, np.random.default_rng(seed)) for seed in range(400)]
+    rods, anchors, nodes, tendons = (
+        np.array([getattr(error, name) for error in errors])
+        for name in ("rod_length_m", "anchor_m", "rest_position_m", "natural_length_m")
+    )
+    assert rods.mean() == pytest.approx(0.004, abs=1e-4)
+    for values, sigma_m in ((rods, 0.001), (anchors, 0.002), (nodes, 0.003), (tendons, 0.0005)):
+        assert values.std() == pytest.approx(sigma_m, rel=0.05)
+    assert anchors.shape[1:] == (3, 3)
+    assert nodes.shape[1:] == (12, 3)
