@@ -353,7 +353,7 @@ def test_tables_are_added_to_and_lists_replaced(below) -> None:
     [
         ("[mechanics]\nrod_mass_kg = -1", r"above.toml: line 3: mechanics.rod_mass_kg: .*got -1"),
         ("[mechanics]\nrod_mas_kg = 1", r"above.toml: line 3: mechanics.rod_mas_kg: is no key of a plan"),
-        ("[rest]\nseconds = 4.0", r"below.toml: line 82: load.random\[0\].from_s: .*rest.seconds = 4.0 .*got 2.0"),
+        ("[rest]\nseconds = 4.0", r"below.toml: line 83: load.random\[0\].from_s: .*rest.seconds = 4.0 .*got 2.0"),
         ("[load]\nrandom = [{ from_s = 3.0 }]", r"above.toml: line 3: load.random\[0\].until_s: is missing"),
         ("[hysteresis]\ncreep = 3.0", r"above.toml: line 2: hysteresis.hysteresis: is missing"),
     ],
