@@ -2,19 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from annotated_types import Interval
 from numpy.typing import NDArray
 
 from ..sensor.clock import SEQ_WRAP, WRAP_US
 from ..sensor.divider import Divider
 from ..values.readings import BoardReading
-from ..values.tables import AtLeastOne, NotNegative, Positive
+from ..values.tables import AtLeastOne, NotNegative, Positive, Share
 
-Share = Annotated[float, Interval(ge=0, lt=1)]
-"""From 0 up to, not including, 1."""
 STAMP_S = 1e-6
 """The host's stamps are this fine: two rows of a board never have the same."""
 

@@ -23,7 +23,7 @@ Drift is an Ornstein-Uhlenbeck process, noise white from row to row.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +86,24 @@ class SensorPhysics:
             at_zero = np.logaddexp(0.0, -corner / width)
             change = change + step * width * (np.logaddexp(0.0, (strain - corner) / width) - at_zero)
         return change
+
+
+@dataclass(frozen=True, slots=True)
+class HysteresisPlan:
+    """`[hysteresis]` of a plan: sensors that remember more, or less, than those that `[sensors]` says."""
+
+    hysteresis: NotNegative
+    """Times every w_i: the width of the loops."""
+    creep: NotNegative
+    """Times every a_j: how much higher fast stretching reads, and how far the reading creeps back while held."""
+
+    def applied(self, physics: SensorPhysics) -> SensorPhysics:
+        """Return such sensors."""
+        return replace(
+            physics,
+            hysteresis_gain=[self.hysteresis * gain for gain in physics.hysteresis_gain],
+            overstress_gain=[self.creep * gain for gain in physics.overstress_gain],
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
