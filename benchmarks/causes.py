@@ -1,17 +1,18 @@
-"""What each cause that breaks the estimate does to it: `benchmarks/causes.py --seeds 5 --jobs 2`.
+"""How the estimate suffers from each cause of error: `benchmarks/causes.py --seeds 5 --jobs 2`.
 
-Every plan of examples/plans/causes is simulated with some seeds and reconstructed, and so is the plan that it extends
-(the same seed without the cause: the pair). The table is Markdown, one row a plan and method, over all seeds:
+Every plan of examples/plans/causes is simulated with some seeds and reconstructed. So is its pair, the plan that it
+extends, with the same seeds and without the cause. The table is in Markdown and has one row for each plan and method,
+over all seeds:
 
-    RMSE            of the free nodes (3-D), root of the mean over the seeds of the squares
-    pair            that of the plan without the cause
-    of held         RMSE over that of holding the rest shape: above 1, doing nothing would be better
-    in 50, 68, 95 % share of (frame, free node) whose ellipsoid of that probability holds the truth
-    sigma           median over the free nodes, root of the trace of the covariance; of the seeds, the median
+    RMSE            of the free nodes (3-D); over the seeds, the root of the mean of the squares
+    pair            RMSE of the plan without the cause
+    of held         RMSE over that of the rest shape, held; above 1, holding the rest shape would be better
+    in 50, 68, 95 % share of (frame, free node) for which the ellipsoid of that probability contains the truth
+    sigma           root of the trace of the covariance: its median over the free nodes, then over the seeds
     doubt           share of frames with status `doubt`
-    left out        share of sensors that never failed, and were left out for more than a second at a stretch
+    left out        share of the sensors without a fault that were left out for more than a second without a break
 
-Frames before the end of the rest count like any others.
+Frames before the end of the rest count like all others.
 """
 
 import os
@@ -40,70 +41,81 @@ from tensegraph.pipeline import Pipeline
 
 PLANS = Path(__file__).parents[1] / "examples" / "plans" / "causes"
 HEALTHY = "healthy"
-"""The plan without a cause: the first row."""
+"""The plan without a cause, which is the first row of the table."""
 LONG_S = 1.0
-"""A sensor left out for longer than this is left out; for less, it may have been a moment's misfit."""
+"""A sensor that was left out for longer than this counts as left out; a single misfit may be shorter."""
 Method = Literal["live", "batch"]
 METHODS: tuple[Method, ...] = ("live", "batch")
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """One plan, one seed, one method."""
+    """How one method does on one plan with one seed."""
 
     plan: str
     seed: int
     method: Method
     rmse_m: float
-    """Of the free nodes."""
+    """Of the free nodes, as estimated."""
     held_m: float
-    """Of the rest shape, held."""
+    """RMSE of the free nodes when the rest shape is held."""
     coverage_50: float
     coverage_68: float
     coverage_95: float
     median_sigma_m: float
     doubt_share: float
-    """Of the frames."""
+    """Share of the frames."""
     left_out_share: float
-    """Of the sensors that never failed."""
+    """Share of the sensors that never failed."""
 
 
 def scores(plan: Path, seed: int, methods: Sequence[Method]) -> list[Score]:
-    """Simulate one plan with one seed, and return how each method does."""
+    """Simulate one plan with one seed; return one score for each method."""
     with tempfile.TemporaryDirectory() as folder:
         trial = simulate(plan, Path(folder) / plan.stem, seed)
         pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
         frames = list(pipeline.lengths(trial.readings()))
         truth = _truth(trial)
-    structure, rest_m = trial.description.structure, pipeline.rest.node_position_m
+    rest_m = pipeline.rest.node_position_m
     made = []
     for method in methods:
-        shapes = Reconstruction.of(structure, pipeline.shapes(frames, method))
-        estimate = Estimate.of(shapes)
-        evaluation = evaluate(structure, rest_m, estimate, truth)
-        said = evaluation.consistency
-        made.append(
-            Score(
-                plan=plan.stem,
-                seed=seed,
-                method=method,
-                rmse_m=evaluation.absolute.nodes.rmse_m,
-                held_m=held_rmse_m(evaluation, rest_m),
-                coverage_50=said.coverage_50,
-                coverage_68=said.coverage_68,
-                coverage_95=said.coverage_95,
-                median_sigma_m=said.median_sigma_m,
-                doubt_share=float(np.mean([status == "doubt" for status in shapes.status])),
-                left_out_share=left_out_share(estimate, truth.faults),
-            )
-        )
+        shapes = Reconstruction.of(trial.description.structure, pipeline.shapes(frames, method))
+        made.append(score_of(plan, seed, method, shapes, rest_m, truth))
     return made
+
+
+def score_of(
+    plan: Path, seed: int, method: Method, shapes: Reconstruction, rest_m: NDArray[np.float64], truth: Truth
+) -> Score:
+    """Return how far the shapes of one method are from the truth."""
+    estimate = Estimate.of(shapes)
+    evaluation = evaluate(shapes.structure, rest_m, estimate, truth)
+    consistency = evaluation.consistency
+    return Score(
+        plan=plan.stem,
+        seed=seed,
+        method=method,
+        rmse_m=evaluation.absolute.nodes.rmse_m,
+        held_m=held_rmse_m(evaluation, rest_m),
+        coverage_50=consistency.coverage_50,
+        coverage_68=consistency.coverage_68,
+        coverage_95=consistency.coverage_95,
+        median_sigma_m=consistency.median_sigma_m,
+        doubt_share=float(np.mean([status == "doubt" for status in shapes.status])),
+        left_out_share=left_out_share(estimate, truth.faults),
+    )
 
 
 def _truth(trial: Trial) -> Truth:
     known = trial.truth()
     assert known is not None, "the twin writes its truth"
-    return Truth(*known, trial.description.rest_seconds, trial.faults(), trial.true_loads())
+    return Truth(
+        t_s=known.t_s,
+        node_position_m=known.node_position_m,
+        rest_seconds=trial.description.rest_seconds,
+        faults=trial.faults(),
+        loads=trial.true_loads(),
+    )
 
 
 def held_rmse_m(evaluation: Evaluation, rest_m: NDArray[np.float64]) -> float:
@@ -113,9 +125,9 @@ def held_rmse_m(evaluation: Evaluation, rest_m: NDArray[np.float64]) -> float:
 
 
 def left_out_share(estimate: Estimate, faults: Iterable[Fault]) -> float:
-    """Return the share of the sensors that never failed whose lengths went unused for more than `LONG_S` at a stretch.
+    """Return the share of the sensors without a fault that were left out for more than `LONG_S` without a break.
 
-    A board that is unplugged is no failure of its sensors: only while it is, they do not count as left out.
+    A board that is unplugged is no fault of its sensors. While it is unplugged, its sensors do not count as left out.
     """
     left_out = ~np.isfinite(estimate.sigma_m)
     healthy = np.ones(left_out.shape[1], dtype=np.bool_)
@@ -129,13 +141,18 @@ def left_out_share(estimate: Estimate, faults: Iterable[Fault]) -> float:
 
 
 def _longest_s(t_s: NDArray[np.float64], holds: NDArray[np.bool_]) -> float:
-    """Return for how long at a stretch something holds at most."""
+    """Return the longest time for which something holds without a break."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]])))
     return max((float(t_s[end - 1] - t_s[begin]) for begin, end in edges.reshape(-1, 2)), default=0.0)
 
 
 def row(of: Sequence[Score], pair: Sequence[Score]) -> str:
-    """Return one row of the table, of the scores of all seeds."""
+    """Return one row of the table.
+
+    Args:
+        of: the scores of one plan and method, with all seeds.
+        pair: the scores of the plan without the cause; empty if there are none.
+    """
     rmse_m = root_mean_square(np.array([score.rmse_m for score in of]))
     held_m = root_mean_square(np.array([score.held_m for score in of]))
     pair_mm = f"{1e3 * root_mean_square(np.array([score.rmse_m for score in pair])):.2f}" if pair else "-"
@@ -152,9 +169,9 @@ def table(done: Sequence[Score], bases: dict[str, str], command: str) -> str:
     """Return the Markdown table.
 
     Args:
-        done: of all plans, seeds and methods.
-        bases: the name of the plan that each plan extends.
-        command: what made it.
+        done: the scores of all plans, seeds and methods.
+        bases: for the name of each plan, that of the plan that it extends.
+        command: the command that makes the table.
     """
     lines = [
         f"`{command}`",
@@ -170,23 +187,14 @@ def table(done: Sequence[Score], bases: dict[str, str], command: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main(
-    plans: Annotated[list[Path] | None, typer.Argument(help="Plans. [default: examples/plans/causes/*.toml]")] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="How many, from 1 on.")] = 5,
-    jobs: Annotated[int, typer.Option(min=1, help="Trials at a time.")] = 1,
-    method: Annotated[Method | None, typer.Option(help="Only this one. [default: both]")] = None,
-    out: Annotated[Path | None, typer.Option(help="Write the table here too.")] = None,
-) -> None:
-    """Print the table."""
-    methods = [known for known in METHODS if method in (None, known)]
-    chosen = [plan.resolve() for plan in plans or PLANS.glob("*.toml")]
-    base_of = {
-        plan: base_plan_path(plan) for plan in sorted(chosen, key=lambda plan: (plan.stem != HEALTHY, plan.stem))
-    }
-    # what stands in another folder, as what healthy.toml extends, is no pair
-    pairs = {base.resolve() for plan, base in base_of.items() if base is not None and base.parent == plan.parent}
-    tasks = [(plan, seed) for plan in sorted({*chosen, *pairs}) for seed in range(1, seeds + 1)]
-    os.environ.setdefault("OMP_NUM_THREADS", "1")  # of the processes to come: each has a core
+def healthy_first(plan: Path) -> tuple[bool, str]:
+    """Return a key that sorts plans by name, after the one without a cause."""
+    return plan.stem != HEALTHY, plan.stem
+
+
+def scores_of(tasks: Iterable[tuple[Path, int]], methods: Sequence[Method], jobs: int) -> list[Score]:
+    """Return the scores of plans with seeds, some of them at a time; say each on the terminal."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # for the new processes, each of which has one core
     done: list[Score] = []
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
         running = [pool.submit(scores, plan, seed, methods) for plan, seed in tasks]
@@ -194,6 +202,23 @@ def main(
             done += made
             said = ", ".join(f"{s.method} {1e3 * s.rmse_m:.2f} mm, {s.coverage_95:.1%} in 95 %" for s in made)
             typer.echo(f"{made[0].plan}, seed {made[0].seed}: {said}", err=True)
+    return done
+
+
+def main(
+    plans: Annotated[list[Path] | None, typer.Argument(help="Plans. [default: examples/plans/causes/*.toml]")] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="How many; they are 1, 2, ...")] = 5,
+    jobs: Annotated[int, typer.Option(min=1, help="How many trials run at a time.")] = 1,
+    method: Annotated[Method | None, typer.Option(help="Only this one. [default: both]")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to which the table is written as well.")] = None,
+) -> None:
+    """Print the table."""
+    chosen = sorted((plan.resolve() for plan in plans or PLANS.glob("*.toml")), key=healthy_first)
+    base_of = {plan: base_plan_path(plan) for plan in chosen}
+    # a plan of another folder, such as the one that healthy.toml extends, is no pair
+    pairs = {base.resolve() for plan, base in base_of.items() if base is not None and base.parent == plan.parent}
+    tasks = [(plan, seed) for plan in sorted({*chosen, *pairs}) for seed in range(1, seeds + 1)]
+    done = scores_of(tasks, [known for known in METHODS if method in (None, known)], jobs)
     bases = {plan.stem: base.stem if base is not None else "" for plan, base in base_of.items()}
     command = " ".join(["benchmarks/causes.py", *(plan.as_posix() for plan in plans or ()), f"--seeds {seeds}"])
     text = table(done, bases, command)

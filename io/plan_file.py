@@ -13,7 +13,7 @@ from ..models.values.tables import parse_table, unknown_keys
 from .toml import line_of, read_toml
 
 EXTENDS = "extends"
-"""Key at the top of a plan: the path, from the plan's own folder, of the plan that it adds to and replaces keys of."""
+"""Key at the top of a plan: the path, from the plan's own folder, of another plan, to which it adds its own keys."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +28,11 @@ class _Layer:
 def read_plan(path: Path) -> Plan:
     """Return a plan that can be simulated.
 
-    A plan that `extends` another has all that the other has. Its tables add keys to the other's tables, or replace
-    them; lists, and lists of tables, replace the other's as a whole.
+    A plan that `extends` another has all keys of the other. Its own tables add keys to the tables of the other or
+    replace keys of them. Its own lists, and lists of tables, replace those of the other as a whole.
 
     Raises:
-        InputError: naming file, line and key of the first thing that cannot be.
+        InputError: naming file, line and key of the first thing that cannot be simulated.
     """
     layers = _layers(path)
     table: dict[str, Any] = {}
@@ -52,10 +52,10 @@ def read_plan(path: Path) -> Plan:
 
 
 def base_plan_path(path: Path) -> Path | None:
-    """Return the path of the plan that a plan extends, None if it stands by itself.
+    """Return the path of the plan that a plan extends, or None if it stands by itself.
 
     Raises:
-        InputError: when it can not be read, or `extends` is no path.
+        InputError: when the plan cannot be read, or `extends` is not a path.
     """
     table = read_toml(path)
     if EXTENDS not in table:
@@ -68,14 +68,18 @@ def base_plan_path(path: Path) -> Path | None:
 
 
 def _layers(path: Path) -> list[_Layer]:
-    """Return a plan's files, its own first."""
+    """Return the files of a plan: its own, the one that it extends, and so on.
+
+    Raises:
+        InputError: when one of them cannot be read, or they extend each other in a circle.
+    """
     layers: list[_Layer] = []
     following: Path | None = path
     while following is not None:
-        if any(layer.path.resolve() == following.resolve() for layer in layers):
+        if following.resolve() in [layer.path.resolve() for layer in layers]:
             line = line_of(layers[-1].text, EXTENDS)
             raise InputError(
-                f"{layers[-1].path}: line {line}: {EXTENDS}: comes back to {following}: expected a plan below"
+                f"{layers[-1].path}: line {line}: {EXTENDS}: leads back to {following}: expected a plan that does not"
             )
         base = base_plan_path(following)
         table = read_toml(following)
@@ -86,7 +90,7 @@ def _layers(path: Path) -> list[_Layer]:
 
 
 def _owner(layers: Sequence[_Layer], key: str) -> _Layer:
-    """Return the file that a dotted key of a plan comes from, or the innermost table or list around it."""
+    """Return the file from which a dotted key of a plan comes; if none has it, that of the table or list around it."""
     holding: list[tuple[_Layer, Any]] = [(layer, layer.table) for layer in layers]
     for part in key.replace("[", ".[").split("."):
         name = int(part[1:-1]) if part.startswith("[") else part
@@ -94,7 +98,7 @@ def _owner(layers: Sequence[_Layer], key: str) -> _Layer:
         if not inner:
             break
         tables = takewhile(lambda held: isinstance(held[1], dict), inner)
-        holding = list(tables) or inner[:1]  # tables are added up, anything else replaces what is below
+        holding = list(tables) or inner[:1]  # tables are merged, anything else replaces what is below
     return holding[0][0]
 
 
@@ -105,7 +109,7 @@ def _has(value: Any, name: str | int) -> bool:
 
 
 def _merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a table with the keys of both; of two tables those of both again, else the one above."""
+    """Return a table with the keys of both. If both have a key, two tables are merged; otherwise `above` counts."""
     both = {
         key: _merged(below[key], value) if isinstance(value, dict) and isinstance(below.get(key), dict) else value
         for key, value in above.items()

@@ -29,7 +29,7 @@ class TwinMotion:
     load_n: NDArray[np.float64]
     """(steps, nodes, 3) external force at each node, gravity and the ground's left out."""
     tendon_length_m: NDArray[np.float64]
-    """(steps, tendons) from where a tendon ends to where it ends: from node to node where there are no hubs."""
+    """(steps, tendons) between the two ends of a tendon, which are its nodes if there are no hubs."""
 
 
 class Twin:
@@ -38,7 +38,7 @@ class Twin:
     Args:
         body: what it is made of.
         step_s: of the integration.
-        node_position_m: (nodes, 3) where it starts, at rest; the shape of least tendon energy if None.
+        node_position_m: (nodes, 3) from which it starts, at rest; the shape of least tendon energy if None.
     """
 
     def __init__(self, body: Body, step_s: float, node_position_m: NDArray[np.float64] | None = None) -> None:
@@ -65,7 +65,7 @@ class Twin:
 
     @property
     def tendon_length_m(self) -> NDArray[np.float64]:
-        """(tendons,) from end to end."""
+        """(tendons,) between the two ends of a tendon."""
         return member_length_m(self._data.site_xpos, self._end)
 
     def settle(self) -> None:

@@ -1,6 +1,6 @@
-"""External loads on the twin at single nodes: presses, squeezes, holds and random ones, as forces over time.
+"""External loads on the twin at single nodes: presses, squeezes, holds and random presses, as forces over time.
 
-Each grows from zero to its force F in the ramp time r, is held for h, and fades as it came:
+Each grows from zero to its force F in the ramp time r, is held for a time h, and fades in the same way as it grew:
 
     F(t) = F (1 - cos(pi t / r)) / 2        0 <= t < r
 """
@@ -16,7 +16,7 @@ from ..values.tables import AtLeastOne, NotNegative, Positive
 
 
 class Timed(Protocol):
-    """What grows, is held, and fades."""
+    """A load that grows, is held, and fades."""
 
     @property
     def at_s(self) -> float:
@@ -25,17 +25,17 @@ class Timed(Protocol):
 
     @property
     def ramp_s(self) -> float:
-        """How long it grows, and fades."""
+        """How long it grows, and again how long it fades."""
         ...
 
     @property
     def hold_s(self) -> float:
-        """How long it is held; infinite for what does not end."""
+        """How long it is held; infinite if it does not end."""
         ...
 
 
 class SpreadLoad(Protocol):
-    """A load on many nodes, or of a course of its own."""
+    """A load on many nodes, or one that changes while it is held."""
 
     @property
     def when(self) -> Timed:
@@ -61,7 +61,7 @@ class Press:
     direction: tuple[float, float, float]
     """Its length does not matter."""
     during_rest: bool = False
-    """Whether it may begin within the seconds of rest: somebody touches the structure while its sensors are tared."""
+    """Whether it may begin within the seconds of rest, as if somebody touched the structure while sensors are tared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ class Hold:
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """When one load acts, see `Timed`."""
+    """The time in which one load acts, see `Timed`."""
 
     at_s: float
     ramp_s: float
@@ -106,19 +106,19 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class RandomTimes:
-    """Loads one after another, each at times drawn evenly from these ranges by the seed."""
+    """Loads one after another; the seed draws their times evenly from these ranges."""
 
     from_s: NotNegative
     until_s: Positive
     pause_s: tuple[NotNegative, NotNegative]
-    """Least and longest time between two."""
+    """Shortest and longest time between two."""
     duration_s: tuple[Positive, Positive]
-    """From beginning to end."""
+    """Shortest and longest time from the beginning of one to its end."""
     ramp_share: Positive
-    """Of the duration that each ramp takes."""
+    """Share of the duration that each of the two ramps takes."""
 
     def windows(self, rng: np.random.Generator) -> Iterator[Window]:
-        """Yield when each acts; its other numbers may be drawn before the next is asked for."""
+        """Yield the time in which each acts; other numbers may be drawn from `rng` before the next is asked for."""
         at_s = self.from_s + rng.uniform(*self.pause_s)
         while at_s + (duration_s := rng.uniform(*self.duration_s)) < self.until_s:
             ramp_s = self.ramp_share * duration_s
@@ -141,13 +141,22 @@ class RandomPresses(RandomTimes):
     """How far a direction differs from it, normally distributed per axis."""
 
     def draw(self, rng: np.random.Generator) -> list[Press]:
-        """Return the presses that one seed makes of it."""
+        """Return the presses that one seed draws."""
         presses: list[Press] = []
         for when in self.windows(rng):
             for node in rng.choice(self.nodes, rng.integers(*self.together, endpoint=True), replace=False):
                 x, y, z = rng.normal(self.direction, self.direction_sigma)
                 force_n = rng.uniform(*self.force_n)
-                presses.append(Press(when.at_s, when.ramp_s, when.hold_s, [int(node)], force_n, (x, y, z)))
+                presses.append(
+                    Press(
+                        at_s=when.at_s,
+                        ramp_s=when.ramp_s,
+                        hold_s=when.hold_s,
+                        nodes=[int(node)],
+                        force_n=force_n,
+                        direction=(x, y, z),
+                    )
+                )
         return presses
 
 
@@ -157,7 +166,7 @@ class Loads:
     Args:
         loads: at single nodes.
         node_count: of the structure.
-        spread: loads on many nodes, or of a course of their own.
+        spread: loads on many nodes, or ones that change while they are held.
     """
 
     def __init__(

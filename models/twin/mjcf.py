@@ -24,7 +24,7 @@ FAR_M = 1e3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """All that the dynamics need of one structure; each tendon has its own constants."""
+    """All that the dynamics need to know of one structure; each tendon has its own constants."""
 
     structure: Structure
     """With the true natural lengths; its anchors are held, or lie on the ground."""
@@ -44,11 +44,11 @@ class Body:
     ground_friction: float | None
     """Coulomb's coefficient of the ground it lies on; None: there is no ground, and the anchors are held."""
     hub_offset_m: NDArray[np.float64] | None = None
-    """(tendons, 2, 3) from the node at either end of a tendon to where it ends, in the shape that the structure starts
-    from; it turns with the node's rod. None: tendons end at the nodes."""
+    """(tendons, 2, 3) from the node at either end of a tendon to the point at which the tendon ends, in the shape that
+    the structure starts from. The offset turns with the rod of the node. None: tendons end at the nodes."""
 
     def end_site(self, tendon: int, end: int) -> str:
-        """Return the name of the site at which a tendon ends: that of its node `nK`, or its own `tE_0`, `tE_1`."""
+        """Return the name of the site at which a tendon ends: `nK` of its node K, or its own, `tE_0` or `tE_1`."""
         if self.hub_offset_m is None or not self.hub_offset_m[tendon, end].any():
             return f"n{self.structure.tendons[tendon, end]}"
         return f"t{tendon}_{end}"
@@ -99,7 +99,8 @@ def _add_rod(
     origin_m = start_m[0] if held[0] else start_m.mean(axis=0)
     ends_m = np.array([0.0, length_m]) if held[0] else np.array([-length_m, length_m]) / 2
     rod = SubElement(world, "body", pos=_text(origin_m), quat=_text([w, x, y, z]))
-    sideways, lengthwise = body.rod_mass_kg * length_m**2 / 12, body.rod_mass_kg * body.rod_radius_m**2 / 2
+    sideways = body.rod_mass_kg * length_m**2 / 12
+    lengthwise = body.rod_mass_kg * body.rod_radius_m**2 / 2
     SubElement(
         rod,
         "inertial",
@@ -107,24 +108,34 @@ def _add_rod(
         mass=_text(body.rod_mass_kg),
         diaginertia=_text([sideways, sideways, lengthwise]),
     )
-    drag = body.rod_drag_n_s_per_m
+    _add_joints(rod, held, body.rod_drag_n_s_per_m, length_m)
+    for node, end_m in zip(nodes, ends_m, strict=True):
+        end_in_rod_m = np.array([0.0, 0.0, end_m])
+        _add_end(rod, body, node, end_in_rod_m, step_s)
+        _add_hub(rod, body, node, end_in_rod_m, turned.inv())
+
+
+def _add_joints(rod: Element, held: NDArray[np.bool_], drag_n_s_per_m: float, length_m: float) -> None:
+    """Let a rod move as its two ends allow; (2,) ends are held or free."""
     if not held.any():
         for axis in np.eye(3):
-            SubElement(rod, "joint", type="slide", axis=_text(axis), damping=_text(drag))
-        SubElement(rod, "joint", type="ball", damping=_text(drag * length_m**2 / 12))
+            SubElement(rod, "joint", type="slide", axis=_text(axis), damping=_text(drag_n_s_per_m))
+        SubElement(rod, "joint", type="ball", damping=_text(drag_n_s_per_m * length_m**2 / 12))
     elif not held.all():
-        SubElement(rod, "joint", type="ball", damping=_text(drag * length_m**2 / 3))
-    for node, end_m in zip(nodes, ends_m, strict=True):
-        SubElement(rod, "site", name=f"n{node}", pos=_text([0, 0, end_m]))
-        if body.ground_friction is not None:
-            ball = SubElement(rod, "geom", type="sphere", size=_text(body.rod_radius_m), pos=_text([0, 0, end_m]))
-            ball.set("contype", "0")  # with the ground alone, not with one another
-            _touching(ball, body.ground_friction, step_s)
-        _add_hub(rod, body, node, turned.inv(), np.array([0.0, 0.0, end_m]))
+        SubElement(rod, "joint", type="ball", damping=_text(drag_n_s_per_m * length_m**2 / 3))
 
 
-def _add_hub(rod: Element, body: Body, node: int, into_rod: Rotation, node_in_rod_m: NDArray[np.float64]) -> None:
-    """Add the sites at which the tendons of a node end, where these are not the node itself."""
+def _add_end(rod: Element, body: Body, node: int, node_in_rod_m: NDArray[np.float64], step_s: float) -> None:
+    """Add the site of a node, and the round end that touches the ground."""
+    SubElement(rod, "site", name=f"n{node}", pos=_text(node_in_rod_m))
+    if body.ground_friction is not None:
+        ball = SubElement(rod, "geom", type="sphere", size=_text(body.rod_radius_m), pos=_text(node_in_rod_m))
+        ball.set("contype", "0")  # with the ground alone, not with one another
+        _touching(ball, body.ground_friction, step_s)
+
+
+def _add_hub(rod: Element, body: Body, node: int, node_in_rod_m: NDArray[np.float64], into_rod: Rotation) -> None:
+    """Add the sites at which the tendons of a node end, if this is not the node itself."""
     if body.hub_offset_m is None:
         return
     for tendon, end in np.argwhere(body.structure.tendons == node):

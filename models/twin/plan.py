@@ -1,4 +1,4 @@
-"""A plan of the twin: one structure, what is done to it, and what reads it. Every constant is said, none assumed."""
+"""A plan of the twin: one structure, what is done to it, and what measures it. A plan states every constant."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,29 +1,27 @@
-"""What can not be simulated of a plan, key by key."""
+"""What cannot be simulated of a plan, key by key."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, fields
+from collections.abc import Iterator
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..sensor.divider import Divider
 from ..structure.structure import Structure
 from ..values.errors import InputError
 from .emulated_boards import BoardPhysics, Unplugged
-from .loads import RandomPresses, RandomTimes
+from .load_problems import problems_of_loads
 from .plan import Plan
 from .specimens import SensorPhysics
-from .spread_loads import RandomHugs, RandomShakes, WindPlan
 
-STEPS_A_CYCLE = 20
-"""Fewest steps of the integration in one cycle of a shake."""
 LARGEST_HUB = 0.25
-"""Of the shortest tendon."""
+"""Largest radius of a hub, as a share of the shortest tendon."""
+LARGEST_ERROR = 0.1
+"""Largest standard deviation or offset of a length, as a share of the shortest one."""
 
 
 def problems(plan: Plan) -> Iterator[tuple[str, str]]:
-    """Yield what can not be simulated: the dotted key, and what was expected and found."""
+    """Yield what cannot be simulated: the dotted key, and what was expected and found."""
     yield from (
         (key, f"expected a finite number, got {value}")
         for key, value in _numbers(asdict(plan))
@@ -41,7 +39,7 @@ def problems(plan: Plan) -> Iterator[tuple[str, str]]:
     yield from _problems_of_sensors(plan.sensors)
     yield from _problems_of_drift(plan)
     yield from _problems_of_geometry(plan, structure)
-    yield from _problems_of_loads(plan, structure)
+    yield from problems_of_loads(plan, structure)
     yield from _problems_of_boards(plan.boards, len(structure.tendons))
     yield from _problems_of_faults(plan, len(structure.tendons))
 
@@ -95,94 +93,29 @@ def _problems_of_drift(plan: Plan) -> Iterator[tuple[str, str]]:
     if drift.common_share <= -1:
         yield "drift.common_share", f"expected more than -1, got {drift.common_share}"
     if drift.common_course == "warm_up" and drift.time_constant_s is None:
-        yield "drift.common_course", "expected time_constant_s beside 'warm_up', got none"
+        yield "drift.common_course", "expected time_constant_s with 'warm_up', got none"
     if drift.common_course == "ramp" and drift.time_constant_s is not None:
-        yield "drift.time_constant_s", f"expected none beside common_course = 'ramp', got {drift.time_constant_s}"
+        yield "drift.time_constant_s", f"expected none with common_course = 'ramp', got {drift.time_constant_s}"
 
 
 def _problems_of_geometry(plan: Plan, structure: Structure) -> Iterator[tuple[str, str]]:
     error = plan.geometry_error
-    for name, sigma_m, length_m in (
+    for name, error_m, length_m in (
         ("rod_length_sigma_m", error.rod_length_sigma_m, structure.rod_length_m),
-        ("rod_length_offset_m", abs(error.rod_length_offset_m), structure.rod_length_m),
+        ("rod_length_offset_m", error.rod_length_offset_m, structure.rod_length_m),
         ("natural_length_sigma_m", error.natural_length_sigma_m, structure.natural_length_m),
     ):
-        if sigma_m > 0.1 * length_m.min():
-            yield f"geometry_error.{name}", f"expected at most a tenth of {length_m.min():g} m, got {sigma_m}"
+        largest_m = LARGEST_ERROR * length_m.min()
+        if abs(error_m) > largest_m:
+            yield f"geometry_error.{name}", f"expected at most {largest_m:.3g} m either way, got {error_m}"
     if error.rest_position_sigma_m and plan.rest.node_position_sigma_m is None:
-        expected = "expected rest.node_position_sigma_m beside it: nobody measured the rest shape"
+        expected = "expected rest.node_position_sigma_m too, without which the rest shape is not measured"
         yield "geometry_error.rest_position_sigma_m", f"{expected}, got {error.rest_position_sigma_m}"
     if error.hub_radius_m is not None:
         low, high = error.hub_radius_m
         largest_m = LARGEST_HUB * structure.natural_length_m.min()
         if not low <= high <= largest_m:
             yield "geometry_error.hub_radius_m", f"expected [least, most] up to {largest_m:.3g} m, got [{low}, {high}]"
-
-
-def _problems_of_loads(plan: Plan, structure: Structure) -> Iterator[tuple[str, str]]:
-    pushable = structure.free_nodes if plan.ground is None else np.arange(structure.node_count)
-    for field in fields(plan.load):
-        for index, load in enumerate(getattr(plan.load, field.name)):
-            key = f"load.{field.name}[{index}]"
-            if isinstance(load, RandomTimes):
-                yield from _problems_of_random(key, load, plan.duration_s)
-            yield from _problems_of_course(key, load, plan)
-            start, start_s = ("from_s", load.from_s) if isinstance(load, RandomTimes) else ("at_s", load.at_s)
-            first_s = 0.0 if getattr(load, "during_rest", False) else plan.rest.seconds
-            if not first_s <= start_s < plan.duration_s:
-                expected = f"{'0.0' if first_s == 0 else f'rest.seconds = {first_s}'} to duration_s = {plan.duration_s}"
-                yield f"{key}.{start}", f"expected a time from {expected}, got {start_s}"
-            for node in load.nodes:
-                if node not in pushable:
-                    yield f"{key}.nodes", f"expected nodes that can move, of {_listed(pushable)}, got {node}"
-            if not load.nodes or len(set(load.nodes)) < len(load.nodes):
-                yield f"{key}.nodes", f"expected different nodes, got {_listed(load.nodes)}"
-            if hasattr(load, "direction") and not hasattr(load, "direction_sigma") and not np.any(load.direction):
-                yield f"{key}.direction", "expected a direction, got zero"
-
-
-def _problems_of_random(key: str, load: RandomTimes, duration_s: float) -> Iterator[tuple[str, str]]:
-    """Yield what is wrong with the times of a load that is drawn."""
-    for name in ("pause_s", "duration_s"):
-        yield from _problems_of_range(key, name, getattr(load, name))
-    if load.ramp_share > 0.5:
-        yield f"{key}.ramp_share", f"expected at most 0.5, got {load.ramp_share}"
-    if load.from_s + load.pause_s[0] + load.duration_s[0] >= load.until_s or load.until_s > duration_s:
-        yield (
-            f"{key}.until_s",
-            f"expected room for one press, and at most duration_s = {duration_s}, got {load.until_s}",
-        )
-
-
-def _problems_of_course(key: str, load: object, plan: Plan) -> Iterator[tuple[str, str]]:
-    """Yield what is wrong with a load's own numbers."""
-    if isinstance(load, RandomPresses | RandomHugs | RandomShakes):
-        yield from _problems_of_range(key, "together", load.together)
-        yield from _problems_of_range(key, "force_n", load.force_n)
-        if load.together[1] > len(load.nodes):
-            yield f"{key}.together", f"expected at most {len(load.nodes)}, as there are nodes, got {load.together[1]}"
-    if (
-        isinstance(load, RandomPresses | RandomShakes)
-        and not np.any(load.direction)
-        and not np.any(load.direction_sigma)
-    ):
-        yield f"{key}.direction", "expected a direction, or a direction_sigma, got zero for both"
-    if isinstance(load, RandomHugs) and load.together[0] < 2:
-        yield f"{key}.together", f"expected at least 2, which have a middle, got {load.together[0]}"
-    if isinstance(load, RandomShakes):
-        yield from _problems_of_range(key, "frequency_hz", load.frequency_hz)
-        highest_hz = 1 / (STEPS_A_CYCLE * plan.mechanics.step_s)
-        if load.frequency_hz[1] > highest_hz:
-            expected = f"expected at most {highest_hz:g}, {STEPS_A_CYCLE} steps of mechanics.step_s a cycle"
-            yield f"{key}.frequency_hz", f"{expected}, got {load.frequency_hz[1]}"
-    if isinstance(load, WindPlan):
-        yield from _problems_of_range(key, "gust_period_s", load.gust_period_s)
-
-
-def _problems_of_range(key: str, name: str, bounds: tuple[float, float]) -> Iterator[tuple[str, str]]:
-    low, high = bounds
-    if low > high:
-        yield f"{key}.{name}", f"expected [least, most], got [{low}, {high}]"
 
 
 def _problems_of_boards(boards: BoardPhysics, tendons: int) -> Iterator[tuple[str, str]]:
@@ -205,9 +138,13 @@ def _problems_of_faults(plan: Plan, tendons: int) -> Iterator[tuple[str, str]]:
     for kind, index, fault in plan.fault.each():
         key = f"fault.{kind}[{index}]"
         if isinstance(fault, Unplugged):
-            name, number, count = "board", fault.board, len(plan.boards.tendon_of_channel)
+            name = "board"
+            number = fault.board
+            count = len(plan.boards.tendon_of_channel)
         else:
-            name, number, count = "tendon", fault.tendon, tendons
+            name = "tendon"
+            number = fault.tendon
+            count = tendons
         if not 0 <= number < count:
             yield f"{key}.{name}", f"expected a {name} from 0 to {count - 1}, got {number}"
         if not fault.from_s < fault.until_s <= plan.duration_s:
@@ -227,7 +164,3 @@ def _numbers(value: Any, key: str = "") -> Iterator[tuple[str, float]]:
             yield from _numbers(inner, f"{key}[{index}]")
     elif isinstance(value, float):
         yield key, value
-
-
-def _listed(nodes: Sequence[int] | NDArray[np.int64]) -> str:
-    return ", ".join(map(str, nodes))

@@ -1,4 +1,4 @@
-"""Sensors that drift slowly while they are used: all alike as they warm up, and each by itself."""
+"""Slow drift of sensors while they are used: a part that is common to all, and a part of each sensor."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -11,26 +11,29 @@ from ..values.tables import NotNegative, Positive
 
 @dataclass(frozen=True, slots=True)
 class DriftPlan:
-    """`[drift]` of a plan: what comes on top of the drift that calibration saw (`sensors.drift_sigma`).
+    """`[drift]` of a plan: a slow drift d of each sensor, added to the small drift that calibration saw.
 
-    The drift d of a sensor is zero until `from_s`, and stays from `until_s` on where it got to.
+    The small one is `sensors.drift_sigma`. The slow drift d is zero before `from_s` and constant after `until_s`.
     """
 
     from_s: NotNegative
+    """When it begins."""
     until_s: Positive
-    """May be later than the end of the trial, which then sees a part of it."""
+    """When it ends; it may end after the trial, which then sees a part of it."""
     of: Literal["resistance", "change"]
-    """`resistance`: R (1 + d), as of a temperature or a reference voltage; `change`: R0 (1 + dR/R + d)."""
+    """`resistance`: R (1 + d), as a temperature or a reference voltage has it; `change`: R0 (1 + dR/R + d)."""
     common_share: float
-    """d that all sensors have at `until_s`."""
+    """The part of d that is common to all sensors, at `until_s`."""
     common_course: Literal["ramp", "warm_up"]
-    """`ramp`: in proportion to time; `warm_up`: as 1 - exp(-t / tau)."""
+    """How the common part grows from `from_s` to `until_s`. `ramp`: in proportion to time; `warm_up`: in proportion to
+    1 - exp(-t / tau)."""
     own_sigma: NotNegative
-    """Standard deviation over sensors of what each has at `until_s` on top of that."""
+    """Standard deviation over sensors of the part of d that is the sensor's own, at `until_s`."""
     own_course: Literal["ramp", "walk"]
-    """`ramp`: in proportion to time; `walk`: a random walk, independent steps of equal variance."""
+    """How the own part grows. `ramp`: in proportion to time; `walk`: a random walk, whose steps are independent and of
+    equal variance."""
     time_constant_s: Positive | None = None
-    """tau of the warming up."""
+    """tau of `warm_up`, which needs it; `ramp` has none."""
 
     def drift(self, t_s: NDArray[np.float64], count: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return (steps, count) d at (steps,) times, evenly spaced."""

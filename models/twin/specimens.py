@@ -90,15 +90,16 @@ class SensorPhysics:
 
 @dataclass(frozen=True, slots=True)
 class HysteresisPlan:
-    """`[hysteresis]` of a plan: sensors that remember more, or less, than those that `[sensors]` says."""
+    """`[hysteresis]` of a plan: factors on what the sensors of `[sensors]` remember of their past."""
 
     hysteresis: NotNegative
-    """Times every w_i: the width of the loops."""
+    """Factor on every w_i, and so on the width of the loops."""
     creep: NotNegative
-    """Times every a_j: how much higher fast stretching reads, and how far the reading creeps back while held."""
+    """Factor on every a_j: how much higher fast stretching reads, and how far the reading creeps back when the strain
+    is held."""
 
     def applied(self, physics: SensorPhysics) -> SensorPhysics:
-        """Return such sensors."""
+        """Return the sensors with these factors."""
         return replace(
             physics,
             hysteresis_gain=[self.hysteresis * gain for gain in physics.hysteresis_gain],
@@ -137,7 +138,9 @@ class Sensors:
     """
 
     def __init__(self, physics: SensorPhysics, gain: NDArray[np.float64], strain: NDArray[np.float64]) -> None:
-        self._physics, self._gain, self._bending = physics, gain, BendingCurve()
+        self._physics = physics
+        self._gain = gain
+        self._bending = BendingCurve()
         column = (slice(None), None)
         self._overstress_gain, self._overstress_s = (
             np.array(values, dtype=np.float64)[column]

@@ -1,4 +1,4 @@
-"""Loads that no balance of forces at a few nodes explains: hands around the body, wind over all of it, shaking."""
+"""Loads on many nodes at once, and loads that swing: hugs, shakes and wind."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -11,36 +11,36 @@ from ..values.tables import AtLeastOne, NotNegative, Positive, Share
 from .loads import RandomTimes, Window
 
 MIDDLE_M = 1e-6
-"""A node this near to where a hug pushes it to is not pushed: it has no direction."""
+"""A node that is closer than this to the point to which a hug pushes it is not pushed: no direction is defined."""
 
 
 @dataclass(frozen=True, slots=True)
 class RandomHugs(RandomTimes):
-    """`[[load.hug]]`: many nodes at once are squeezed towards their middle, again and again."""
+    """`[[load.hug]]`: many nodes at once are pushed towards their middle, again and again."""
 
     nodes: list[int]
-    """Those that may be squeezed."""
+    """Those that may be pushed."""
     together: tuple[AtLeastOne, AtLeastOne]
-    """Fewest and most nodes squeezed at once."""
+    """Fewest and most nodes pushed at once."""
     force_n: tuple[Positive, Positive]
-    """At each node, on average over a hug's nodes."""
+    """Least and largest force at a node, averaged over the nodes of one hug."""
     force_spread: Share
-    """Nodes get more or less of it: evenly drawn from 1 minus this to 1 plus this."""
+    """The force at a node is that force times a number from 1 minus this to 1 plus this, drawn evenly."""
     axis: tuple[float, float, float]
-    """Arms around the body: nodes are pushed at right angles towards the line of this direction through their middle.
-    Zero: they are pushed towards the middle itself."""
+    """Direction of a line through the middle of the nodes, towards which nodes are pushed at a right angle, as by arms
+    around the body. Zero: they are pushed towards the middle itself."""
     direction_sigma: NotNegative
-    """How far a node's push is off that direction, normally distributed per axis, against a unit vector."""
+    """Standard deviation, per axis, of what is added to the unit vector of a node's force."""
 
     def draw(self, rng: np.random.Generator) -> list["Hug"]:
-        """Return the hugs that one seed makes of it."""
+        """Return the hugs that one seed draws."""
         hugs: list[Hug] = []
         for when in self.windows(rng):
             count = rng.integers(*self.together, endpoint=True)
             nodes = rng.choice(self.nodes, count, replace=False)
             force_n = rng.uniform(*self.force_n) * (1 + self.force_spread * rng.uniform(-1, 1, size=count))
             off = self.direction_sigma * rng.normal(size=(count, 3))
-            hugs.append(Hug(when, nodes, force_n, np.array(self.axis), off))
+            hugs.append(Hug(when=when, nodes=nodes, force_n=force_n, axis=np.array(self.axis), off=off))
         return hugs
 
 
@@ -52,14 +52,14 @@ class Hug:
     nodes: NDArray[np.int64]
     """(hugged,)"""
     force_n: NDArray[np.float64]
-    """(hugged,)"""
+    """(hugged,) size of the force at each."""
     axis: NDArray[np.float64]
-    """(3,) of any length, or zero."""
+    """(3,) of any length, or zero, see `RandomHugs`."""
     off: NDArray[np.float64]
-    """(hugged, 3) added to the unit vector inwards."""
+    """(hugged, 3) added to the unit vector that points inwards."""
 
     def full_n(self, t_s: float, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (nodes, 3) forces: the hands follow the nodes."""
+        """Return (nodes, 3) forces; their directions follow the nodes."""
         position_m = node_position_m[self.nodes]
         inward_m = position_m.mean(axis=0) - position_m
         if self.axis.any():
@@ -76,23 +76,23 @@ class Hug:
 
 @dataclass(frozen=True, slots=True)
 class RandomShakes(RandomTimes):
-    """`[[load.shake]]`: some nodes are shaken to and fro, F sin(2 pi f t), again and again."""
+    """`[[load.shake]]`: some nodes are shaken by a force F sin(2 pi f t), again and again."""
 
     nodes: list[int]
     """Those that may be shaken."""
     together: tuple[AtLeastOne, AtLeastOne]
-    """Fewest and most nodes shaken at once: all in step, by the same force, as a hand or a motor does."""
+    """Fewest and most nodes shaken at once, in phase and by the same force, as by one hand or one motor."""
     force_n: tuple[Positive, Positive]
-    """Amplitude F at each node."""
+    """Least and largest amplitude F at each node."""
     frequency_hz: tuple[Positive, Positive]
-    """f"""
+    """Lowest and highest f."""
     direction: tuple[float, float, float]
     """The mean direction; zero: none."""
     direction_sigma: tuple[NotNegative, NotNegative, NotNegative]
     """How far a direction differs from it, normally distributed per axis."""
 
     def draw(self, rng: np.random.Generator) -> list["Shake"]:
-        """Return the shakes that one seed makes of it."""
+        """Return the shakes that one seed draws."""
         shakes: list[Shake] = []
         for when in self.windows(rng):
             nodes = rng.choice(self.nodes, rng.integers(*self.together, endpoint=True), replace=False)
@@ -104,7 +104,7 @@ class RandomShakes(RandomTimes):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shake:
-    """One time of shaking."""
+    """One shake."""
 
     when: Window
     nodes: NDArray[np.int64]
@@ -121,29 +121,31 @@ class Shake:
 
 @dataclass(frozen=True, slots=True)
 class WindPlan:
-    """`[[load.wind]]`: a force of one direction on many nodes, which rises and falls slowly and does not end.
+    """`[[load.wind]]`: a force of one direction on many nodes, which varies slowly and does not end.
 
-    At a node it is F c (1 + g (sin(2 pi t / T1 + p1) + sin(2 pi t / T2 + p2))) with the node's own c, drawn once.
+    At a node it is F c (1 + g (sin(2 pi t / T1 + p1) + sin(2 pi t / T2 + p2))); each node has its own c.
     """
 
     at_s: NotNegative
     """When it begins."""
     ramp_s: Positive
+    """How long it grows."""
     nodes: list[int]
-    """Those it blows on."""
+    """Those on which it blows."""
     force_n: Positive
-    """F, at each node on average."""
+    """F, the mean over the nodes."""
     force_spread: Share
-    """Nodes catch more or less of it: c is drawn evenly from 1 minus this to 1 plus this."""
+    """c is drawn evenly from 1 minus this to 1 plus this, once for each node."""
     direction: tuple[float, float, float]
     """Its length does not matter."""
     gust_share: Annotated[float, Interval(ge=0, le=0.5)]
-    """g, the standard deviation of the gusts; up to a half, the wind does not turn round."""
+    """g, the standard deviation of the gusts; up to 0.5, the wind never reverses."""
     gust_period_s: tuple[Positive, Positive]
-    """T1 and T2 are drawn evenly from here, and their phases from all."""
+    """Shortest and longest period: T1 and T2 are drawn evenly from this range, and the phases p1 and p2 from a full
+    turn."""
 
     def draw(self, rng: np.random.Generator) -> "Wind":
-        """Return the wind that one seed makes of it."""
+        """Return the wind that one seed draws."""
         caught = 1 + self.force_spread * rng.uniform(-1, 1, size=len(self.nodes))
         direction = np.array(self.direction) / np.linalg.norm(self.direction)
         return Wind(
@@ -158,7 +160,7 @@ class WindPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wind:
-    """One wind, see `WindPlan`."""
+    """A wind as it blows, see `WindPlan`."""
 
     when: Window
     nodes: NDArray[np.int64]

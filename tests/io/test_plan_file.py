@@ -58,6 +58,18 @@ def test_what_cannot_be_is_refused_by_line(tmp_path, old, new, message) -> None:
     assert "\n" not in str(error.value)
 
 
+def test_an_error_of_the_rest_shape_needs_a_rest_shape_that_is_measured(tmp_path) -> None:
+    text = replaced(PLANS["press"].read_text(), ("node_position_sigma_m = 0.0003", ""))
+    path = tmp_path / "plan.toml"
+    path.write_text(f"{text}[geometry_error]\nrest_position_sigma_m = 0.002\n")
+    line = text.count("\n") + 2
+    message = (
+        rf"line {line}: geometry_error.rest_position_sigma_m: expected rest.node_position_sigma_m too, .*got 0.002"
+    )
+    with pytest.raises(InputError, match=message):
+        read_plan(path)
+
+
 HUG = """[[load.hug]]
 from_s = 3.0
 until_s = 20.0
@@ -115,17 +127,17 @@ gust_period_s = [2.0, 7.0]
         ("[hysteresis]\nhysteresis = -3.0\ncreep = 1.0", r"line {2}: hysteresis.hysteresis: .*got -3.0"),
         ("[hysteresis]\nhysteresis = 3.0", r"line {1}: hysteresis.creep: is missing"),
         ("[geometry_error]\nrod_length_sigma_m = -0.001", r"line {2}: geometry_error.rod_length_sigma_m: .*got -0.001"),
-        ("[geometry_error]\nrod_length_offset_m = -1.0", r"line {2}: geometry_error.rod_length_offset_m: .*0.3 m, got 1.0"),
+        ("[geometry_error]\nrod_length_offset_m = -1.0", r"line {2}: geometry_error.rod_length_offset_m: expected at most 0.03 m either way, got -1.0"),
         ("[geometry_error]\nhub_radius_m = [0.01, 0.005]", r"line {2}: .*hub_radius_m: expected \[least, most\] up to 0.0425 m"),
         ("[geometry_error]\nhub_radius_m = [0.01, 0.1]", r"line {2}: geometry_error.hub_radius_m: .*got \[0.01, 0.1\]"),
         ("[[load.press]]\nat_s = 0.5\nramp_s = 0.5\nhold_s = 0.5\nnodes = [5]\nforce_n = 1.0\ndirection = [0, 0, 1]",
          r"line {2}: load.press\[0\].at_s: expected a time from rest.seconds = 2.0 .*got 0.5"),
         ("[[load.hug]]\nfrom_s = 3.0", r"line {1}: load.hug\[0\].until_s: is missing"),
-        (f"{HUG}together = [1, 3]", r"line {12}: load.hug\[0\].together: expected at least 2, which have a middle, got 1"),
-        (f"{HUG}together = [2, 4]", r"line {12}: load.hug\[0\].together: expected at most 3, as there are nodes, got 4"),
+        (f"{HUG}together = [1, 3]", r"line {12}: load.hug\[0\].together: expected at least 2 nodes, got 1"),
+        (f"{HUG}together = [2, 4]", r"line {12}: load.hug\[0\].together: expected at most 3, the number of nodes, got 4"),
         (f"{HUG.replace('3, 4, 5', '0, 4, 5')}together = [2, 3]", r"line {7}: load.hug\[0\].nodes: .*can move, .*got 0"),
         (f"{SHAKE}frequency_hz = [8.0, 5.0]", r"line {12}: load.shake\[0\].frequency_hz: expected \[least, most\]"),
-        (f"{SHAKE}frequency_hz = [5.0, 80.0]", r"line {12}: load.shake\[0\].frequency_hz: expected at most 50, 20 steps"),
+        (f"{SHAKE}frequency_hz = [5.0, 80.0]", r"line {12}: load.shake\[0\].frequency_hz: expected at most 50, which is 20 steps"),
         (f"{WIND}gust_share = 0.6", r"line {9}: load.wind\[0\].gust_share: .*less than or equal to 0.5, got 0.6"),
         (f"{WIND.replace('1, 0, 0', '0, 0, 0')}gust_share = 0.4", r"line {7}: load.wind\[0\].direction: .*got zero"),
     ],
@@ -195,7 +207,10 @@ def test_a_problem_is_told_of_the_file_it_stands_in(below, added, message) -> No
     [
         ("3", r"below.toml: line 1: extends: expected the path of a plan, got 3"),
         ("'nothing.toml'", r"nothing.toml: no such file"),
-        ("'above.toml'", r"below.toml: line 1: extends: comes back to .*above.toml: expected a plan below"),
+        (
+            "'above.toml'",
+            r"below.toml: line 1: extends: leads back to .*above.toml: expected a plan that does not",
+        ),
     ],
 )
 def test_what_cannot_be_extended_is_said(below, edit, message) -> None:
