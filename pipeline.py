@@ -1,4 +1,4 @@
-"""The loop: counts to resistance to strain to length to shape. Only the root sees both io and estimator."""
+"""The pipeline from counts to resistance, strain, length and shape; here io and the estimators meet."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
@@ -29,7 +29,7 @@ from .models.values.readings import BoardReading, ResistanceReading, TendonLengt
 
 
 class Estimator(Protocol):
-    """Frames of length in, shapes out; anything of this form can stand in the pipeline."""
+    """An estimator of shapes from frames of lengths; any object with this method can be used in the pipeline."""
 
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
         """Yield a shape for each frame."""
@@ -37,7 +37,7 @@ class Estimator(Protocol):
 
 
 def unscented_kalman(structure: Structure, rest: RestShape, settings: Settings) -> Estimator:
-    """Return an `UnscentedKalman`; filterpy is imported for it alone."""
+    """Return an `UnscentedKalman`; its module is imported here because only this method needs filterpy."""
     from .estimator.unscented_kalman import UnscentedKalman
 
     return UnscentedKalman(structure, rest, settings)
@@ -50,12 +50,12 @@ ESTIMATORS: dict[str, Callable[[Structure, RestShape, Settings], Estimator]] = {
     "least-squares": LeastSquares,
     "ukf": unscented_kalman,
 }
-"""Each method by its name. To add one: `tensegraph.pipeline.ESTIMATORS["mine"] = MyEstimator`; from then on
-`reconstruct`, `stream` and the comparison of methods know it in this process."""
+"""The estimator of each method, by name. To add one: `tensegraph.pipeline.ESTIMATORS["mine"] = MyEstimator`; after that
+`reconstruct`, `stream` and the comparison of methods can use it in this process."""
 
 
 class Pipeline:
-    """Everything between the readings of one trial and its shapes, set up once from the trial's description."""
+    """The processing from the readings of one trial to its shapes, set up once from the trial's description."""
 
     def __init__(self, trial: TrialDescription, settings: Settings, model: SensorModel) -> None:
         self.trial = trial
@@ -67,20 +67,20 @@ class Pipeline:
             trial.natural_resistance_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate
         )
         self.front_end = FrontEnd(
-            model,
-            trial.natural_resistance_ohm,
-            trial.structure.natural_length_m,
-            self.rest.lengths(trial.structure, trial.rest_seconds) if trial.rest_seconds > 0 else None,
-            settings.front_end,
-            1 / settings.frames.rate_hz,
+            model=model,
+            natural_resistance_ohm=trial.natural_resistance_ohm,
+            natural_length_m=trial.structure.natural_length_m,
+            rest=self.rest.lengths(trial.structure, trial.rest_seconds) if trial.rest_seconds > 0 else None,
+            settings=settings.front_end,
+            frame_step_s=1 / settings.frames.rate_hz,
         )
 
     def estimate(self, readings: Iterable[Reading], method: str = "batch") -> Iterator[Shape]:
-        """Yield the shape of every frame, live ones as soon as they can be known."""
+        """Yield the shape in every frame; the live method yields each as soon as its frame is complete."""
         return self.shapes(self.lengths(readings), method)
 
     def shapes(self, frames: Iterable[TendonLengths], method: str) -> Iterator[Shape]:
-        """Yield the shape of every frame of lengths.
+        """Yield the shape in every frame of lengths.
 
         Raises:
             InputError: for a method that is not in `ESTIMATORS`.
@@ -90,13 +90,13 @@ class Pipeline:
         return ESTIMATORS[method](self.trial.structure, self.rest, self.settings).estimate(frames)
 
     def lengths(self, readings: Iterable[Reading]) -> Iterator[TendonLengths]:
-        """Yield all tendon lengths, frame by frame."""
-        for reading in readings:  # of one board, as they arrive
+        """Yield the lengths of all tendons in every frame."""
+        for reading in readings:  # each is one row of one board, in order of arrival
             if isinstance(reading, TendonLengths):
                 yield self._with_sigma(reading)
                 continue
             resistance = self._resistance(reading)  # eq. (1), at its time on the host clock
-            for frame in self._frames.add(resistance) if resistance else ():  # one instant of all sensors
+            for frame in self._frames.add(resistance) if resistance else ():  # all sensors at one instant
                 yield self.front_end.step(frame)  # strain and length, eqs. (2)-(4)
         for frame in self._frames.finish():
             yield self.front_end.step(frame)
@@ -123,11 +123,11 @@ def reconstruct(
 
     Args:
         trial: an opened trial, or the path of its directory.
-        method: `batch` uses all frames for each, `live` only those up to it, `frame` that frame alone; of others,
-            `least-squares` is the paper's, `ukf` an unscented Kalman filter (both use the past only). Any other
-            name in `ESTIMATORS` will do.
-        settings: defaults if None.
-        model: of the sensors; the one that ships with the package if None.
+        method: `batch` estimates each shape from all frames, `live` from its frame and those before it, `frame` from
+            its frame alone. For comparison, `least-squares` is the paper's method and `ukf` an unscented Kalman filter;
+            both use the past only. Any other name in `ESTIMATORS` is possible, too.
+        settings: the settings of the run; the defaults if None.
+        model: the sensor model; the one that ships with the package if None.
 
     Raises:
         InputError: for anything in the trial that cannot be read.
@@ -146,11 +146,11 @@ def stream(
     settings: Settings | None = None,
     model: SensorModel | None = None,
 ) -> Iterator[Shape]:
-    """Yield shapes from any iterator of readings, as they come.
+    """Yield shapes from any iterable of readings, as the readings arrive.
 
     Args:
         readings: rows of boards, readings of resistance, or lengths, in order of arrival.
-        trial: what is known of the trial before its first reading.
+        trial: description of the trial, which is known before its first reading.
         method: see `reconstruct`.
         settings: see `reconstruct`.
         model: see `reconstruct`.
@@ -169,13 +169,13 @@ def save(
     """Write shapes as a result directory: tables, figures, and the settings.
 
     Args:
-        reconstruction: what to write.
-        path: of the directory; an earlier result there is replaced.
-        settings: those that made it; their `probability` is that of the ellipsoids.
+        reconstruction: the shapes to write.
+        path: path of the directory; an earlier result at this path is replaced.
+        settings: the settings of the run; their `probability` is that of the ellipsoids.
         figures: whether to draw lengths.png and shape.png, which takes some seconds.
 
     Raises:
-        InputError: when something else than an earlier result stands there, or it cannot be written.
+        InputError: when the path holds something else than an earlier result, or cannot be written.
     """
     path = Path(path)
     settings = settings or Settings()
@@ -186,14 +186,14 @@ def save(
 def write_result(
     reconstruction: Reconstruction, path: Path, run: Mapping[str, Any], settings: Settings, figures_title: str | None
 ) -> None:
-    """Write a result directory, whole or not at all.
+    """Write a result directory, completely or not at all.
 
     Args:
-        reconstruction: what to write.
-        path: of the directory.
-        run: what run.toml says.
-        settings: those that made it.
-        figures_title: what was reconstructed; without one, no figures are drawn.
+        reconstruction: the shapes to write.
+        path: path of the directory.
+        run: the content of run.toml.
+        settings: the settings of the run.
+        figures_title: title of the figures, the name of the trial; None draws no figures.
 
     Raises:
         InputError: see `save`.

@@ -5,6 +5,7 @@ trains, the others test, each tared on its first 10 s.
 """
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from tensegraph.io.recording_files import read_recordings, read_rig
@@ -18,34 +19,49 @@ from tensegraph.models.sensor.bending import BendingCurve
 RIG = Path(__file__).parents[1] / "examples" / "cb_silicone_rig.toml"
 OTHER_MIX = "1_10_*"
 
+Scores = dict[str, dict[str, StripScore]]
+"""Of each recording, by estimator."""
 
-def scores(split: Split, settings: TrainingSettings) -> dict[str, list[tuple[str, StripScore]]]:
-    """Return each estimator's scores, recording by recording."""
+
+def scores(split: Split, settings: TrainingSettings) -> Scores:
+    """Train on a split, and return the scores on what it holds out."""
     calibration = calibrate_model(split, train(split, BendingCurve(), settings), None, settings)
-    return {name: [(run.name, StripScore.of([run])) for run in runs] for name, runs in calibration.runs.items()}
+    found: Scores = {}
+    for name, runs in calibration.runs.items():
+        for run in runs:
+            found.setdefault(run.name, {})[name] = StripScore.of([run])
+    return found
 
 
-def show(found: dict[str, list[tuple[str, StripScore]]]) -> int:
-    """Print a line for each recording; return on how many the network has the least error."""
-    wins = 0
-    for k, (name, _) in enumerate(found[LSTM]):
-        rmse = {estimator: 100 * rows[k][1].rmse for estimator, rows in found.items()}
-        won = rmse[LSTM] == min(rmse.values())
-        wins += won
-        cells = "".join(f"{value:20.2f}" for value in rmse.values())
-        print(f"{name:45}{cells}{found[LSTM][k][1].coverage_95:12.0%}  {'LSTM' if won else '-'}", flush=True)
-    return wins
-
-
-def main(folder: Path, rig: Path) -> None:
-    """Print both tables, RMSE in per cent of strain."""
-    recordings, settings = read_recordings(folder, read_rig(rig)).recordings, TrainingSettings()
-    print(f"{'RMSE, % strain':45}{'LSTM':>20}{'static curve':>20}{'polynomial of rates':>20}{'in 95 %':>12}  best")
-    wins = sum(show(scores(Split.by_time([recording], 0.4), settings)) for recording in recordings)
-    print(f"the LSTM is best on {wins} of {len(recordings)} files\n")
+def table(folder: Path, rig: Path, settings: TrainingSettings) -> Iterator[str]:
+    """Yield the rows of a Markdown table, RMSE in per cent of strain, and a line that counts where the network wins."""
+    recordings = read_recordings(folder, read_rig(rig)).recordings
+    alone: Scores = {}
+    for k, recording in enumerate(recordings):
+        alone |= scores(Split.by_time([recording], 0.4), settings)
+        if k == 0:
+            estimators = list(next(iter(alone.values())))
+            yield f"| file | {' | '.join(estimators)} | LSTM in 95 % |"
+            yield "|---" * (len(estimators) + 2) + "|"
+        yield row(recording.name, alone[recording.name])
     same_mix = [r for r in recordings if not Path(r.name).match(OTHER_MIX)]
-    wins = show(scores(split_by_files(same_mix), settings))
-    print(f"the LSTM is best on {wins} of {len(same_mix[1::2])} files of the same mix that it never saw")
+    unseen = scores(split_by_files(same_mix), settings)
+    for name, found in unseen.items():
+        yield row(f"trained on other files of the mix: {name}", found)
+    yield ""
+    yield f"The LSTM is best on {wins(alone)} of {len(alone)} files, and on {wins(unseen)} of {len(unseen)} never seen."
+
+
+def row(name: str, found: dict[str, StripScore]) -> str:
+    """Return one recording's row, the least error in bold."""
+    least = min(score.rmse for score in found.values())
+    cells = [f"**{100 * s.rmse:.2f}**" if s.rmse == least else f"{100 * s.rmse:.2f}" for s in found.values()]
+    return f"| {name} | {' | '.join(cells)} | {found[LSTM].coverage_95:.0%} |"
+
+
+def wins(found: Scores) -> int:
+    """Return on how many recordings the network has the least error."""
+    return sum(of[LSTM].rmse == min(score.rmse for score in of.values()) for of in found.values())
 
 
 def split_by_files(recordings: list[Recording]) -> Split:
@@ -54,4 +70,5 @@ def split_by_files(recordings: list[Recording]) -> Split:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else RIG)
+    for line in table(Path(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else RIG, TrainingSettings()):
+        print(line, flush=True)

@@ -167,6 +167,24 @@ def wrong_mechanics(trials: Sequence[Trial], methods: Sequence[Method]) -> Itera
         yield f"| {name} | " + " | ".join(f"{1e3 * value:.2f}" for value in errors_m) + " |"
 
 
+def dead_sensors_figure(trials: Sequence[Trial], draws: int, path: Path) -> Iterator[str]:
+    """Draw the figure, and yield a line of its medians for each trial."""
+    results = {}
+    for trial in trials:
+        rmse_mm, sigma_mm = dead_sensors(trial, draws)
+        results[trial.name] = rmse_mm, sigma_mm, held_rmse_mm(trial)
+        medians = zip(np.median(rmse_mm, axis=0), np.median(sigma_mm, axis=0), strict=True)
+        numbers = ", ".join(f"{rmse:.2f} / {sigma:.2f}" for rmse, sigma in medians)
+        yield f"{trial.name}, RMSE / sigma [mm] with 0, 1, 2 ... dead: {numbers}"
+    draw_dead_sensors(results, path)
+
+
+def default_trials(folder: Path) -> list[Trial]:
+    """Return press_01, and the twin's squeeze and slack, simulated into a folder."""
+    plans = [EXAMPLES / "plans" / f"{name}.toml" for name in ("squeeze", "slack")]
+    return [open_trial(EXAMPLES / "press_01"), *(simulate(plan, folder / plan.stem) for plan in plans)]
+
+
 def main(
     trials: Annotated[list[Path] | None, typer.Argument(help="With counts, [mechanics] and truth.")] = None,
     figure: Annotated[Path, typer.Option(help="Where it goes.")] = Path("dead_sensors.png"),
@@ -175,18 +193,10 @@ def main(
 ) -> None:
     """Write the figure and print the table."""
     with tempfile.TemporaryDirectory() as folder:
-        plans = [] if trials else [EXAMPLES / "plans" / f"{name}.toml" for name in ("squeeze", "slack")]
-        made = [simulate(plan, Path(folder) / plan.stem) for plan in plans]
-        opened = [open_trial(path) for path in trials or [EXAMPLES / "press_01"]] + made
+        opened = [open_trial(path) for path in trials] if trials else default_trials(Path(folder))
         if draws:
-            results = {}
-            for trial in opened:
-                rmse_mm, sigma_mm = dead_sensors(trial, draws)
-                results[trial.name] = rmse_mm, sigma_mm, held_rmse_mm(trial)
-                medians = zip(np.median(rmse_mm, axis=0), np.median(sigma_mm, axis=0), strict=True)
-                print(f"{trial.name}, RMSE / sigma [mm] with 0, 1, 2 ... dead:", end=" ")
-                print(", ".join(f"{rmse:.2f} / {sigma:.2f}" for rmse, sigma in medians), flush=True)
-            draw_dead_sensors(results, figure)
+            for line in dead_sensors_figure(opened, draws, figure):
+                print(line, flush=True)
         for row in wrong_mechanics(opened, ["live", "batch"] if batch else ["live"]):
             print(row, flush=True)
 

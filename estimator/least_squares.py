@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from ..factors.noise import tendon_sigma_m
 from ..models.settings import Settings
@@ -35,6 +34,8 @@ class LeastSquares:
 
     def update(self, lengths: TendonLengths) -> Shape:
         """Return the shape of one more frame."""
+        from scipy.optimize import least_squares  # imported for this method alone
+
         sigma_m = tendon_sigma_m(lengths, self._noise)
         usable = np.flatnonzero(np.isfinite(sigma_m))
         members = np.concatenate([self._structure.rods, self._structure.tendons[usable]])

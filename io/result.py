@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import tomli_w
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ..models.evaluation.estimate import Estimate
 from ..models.structure.external_loads import ExternalLoads, observable_loads
@@ -173,6 +172,8 @@ def _shape_rows(r: Reconstruction) -> Iterator[str]:
 
 
 def _ellipsoid_rows(r: Reconstruction, probability: float) -> Iterator[str]:
+    from scipy.spatial.transform import Rotation  # imported where results are written, not by `import tensegraph`
+
     yield (f"t_s,node,x_m,y_m,z_m,{','.join(COVARIANCE_COLUMNS)},semi_a_m,semi_b_m,semi_c_m,qx,qy,qz,qw,probability")
     regions = r.ellipsoids(probability)
     quaternion = Rotation.from_matrix(regions.axes.reshape(-1, 3, 3)).as_quat().reshape(*regions.axes.shape[:2], 4)

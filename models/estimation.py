@@ -1,4 +1,4 @@
-"""How the estimator weighs what it is given: noise of each kind of factor, the smoother's bounds, health, branches."""
+"""The settings of the estimators: noise of each kind of factor, smoother, sensor health, search for another shape."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -10,66 +10,77 @@ from .values.tables import Positive
 
 @dataclass(frozen=True, slots=True)
 class NoiseSettings:
-    """How far each kind of factor may be from true, per axis or per length, one sigma."""
+    """Standard deviation of each kind of factor, per axis or per length."""
 
     rod_m: Positive = 0.0002
-    """Of a rod's length."""
+    """Standard deviation of a rod's length."""
     anchor_m: Positive = 0.0001
-    """Of an anchor's position."""
+    """Standard deviation of an anchor's position, per axis."""
     stretching_m: Positive = 0.0002
-    """Of a stretched tendon as a straight line between its nodes; the reading's own sigma comes on top."""
+    """Standard deviation of the length of a stretched tendon as the distance between its nodes. The variance of the
+    reading is added."""
     bending_m: Positive = 0.001
-    """Of a bent one."""
+    """Standard deviation of the length of a bent tendon as the distance between its nodes. The variance of the reading
+    is added."""
     ambiguous_m: Positive = 0.001
-    """Of one whose mode is not sure: it may be bent. That the reading spans both modes is in the reading's sigma."""
+    """The same for a tendon whose mode is uncertain, so that it may be bent. The sigma of its reading covers the
+    difference between the modes."""
     unstated_m: Positive = 0.001
-    """Of a length that a trial gives without its sigma."""
+    """Standard deviation of a length that a trial gives without its sigma."""
     force_n: Positive = 0.1
-    """Of the balance of forces at a node: inertia and damping of moving rods stay below."""
+    """Standard deviation of the balance of forces at a node. Inertia and damping of moving rods stay below it."""
     shape_prior_m: Positive = 0.06
-    """Of a node about its rest position, in every frame: weak, but it keeps the motion that lengths do not see finite.
-    Three times what presses move a node (7 mm rms); slack bodies, which move by 30 mm rms, want 0.03."""
+    """Standard deviation of a node about its rest position, per axis and in every frame: a weak prior that keeps the
+    variance finite along motions that lengths do not observe. A press moves a node by 7 mm rms; for slack structures,
+    which move by 30 mm rms, 0.03 is better."""
     motion_m_per_s15: Positive = 0.3
-    """Square root of the acceleration's power density: a hand that changes its push by 0.7 m/s^2 every 0.2 s."""
+    """Square root of the power density of the acceleration: that of a hand which changes its push by 0.7 m/s^2 every
+    0.2 s."""
     robust: Literal["none", "huber", "cauchy"] = "none"
-    """Kernel on the tendon lengths, at its usual 95 % efficiency."""
+    """Robust kernel on the tendon lengths, with the constant that gives 95 % efficiency on Gaussian noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class SmootherSettings:
-    """How the live smoother is bounded."""
+    """The window of the live smoother, and when it linearises again."""
 
     lag: Annotated[int, Ge(2)] = 5
-    """Frames kept, at least two, which motion spans; older ones are marginalised into a prior."""
+    """Number of frames in the window; older frames are marginalised into a prior. The motion prior needs at least
+    two."""
     relinearize_m: Positive = 0.003
-    """A node that moves this far is linearised anew: a length bends away by 0.03 mm in 3 mm, far below its sigma."""
+    """Distance by which a node moves before its factors are linearised again. Over 3 mm the linearised length is wrong
+    by 0.03 mm, far less than its sigma."""
 
 
 @dataclass(frozen=True, slots=True)
 class HealthSettings:
-    """When a sensor is left out because the others do not bear it out, and when it is taken back."""
+    """When a sensor is left out because it disagrees with the others, and when it is used again."""
 
     memory_s: Positive = 0.5
-    """Over which disagreement is averaged: a press comes and goes in less, a fault does not."""
+    """Time constant of the mean of a sensor's studentised residual. A press is shorter, a fault is longer."""
     suspect_sigma: Positive = 2.5
-    """Mean disagreement from which on a sensor is checked."""
+    """Mean studentised residual above which a sensor is checked."""
     check_every_s: Positive = 0.1
-    """Least time between two checks, which take as long as a frame each."""
+    """Shortest time between two checks. A check takes as long as the estimate of a frame."""
     expected_log_ratio: Positive = 3.0
-    """Log of how many times better a frame is explained without a sensor that is merely unlucky, ..."""
+    """Log likelihood ratio of a frame without and with a sensor, as expected of a healthy sensor whose error is large
+    by chance. It is subtracted from the log ratio of each check."""
     log_ratio: Positive = 9.0
-    """... and how far the checks must add up to more: 24 sensors, checked 10 times a second, for hours."""
+    """Cumulative sum of the checks at which the sensor is left out: high enough for 24 sensors, checked 10 times a
+    second, for hours."""
     agree_sigma: Positive = 2.0
-    """Mean disagreement below which a sensor that was left out agrees again, ..."""
+    """Mean studentised residual below which a sensor that is left out agrees with the others again."""
     take_back_s: Positive = 1.0
-    """... and for how long it must before it is taken back."""
+    """Time for which a sensor that is left out must agree before it is used again."""
 
 
 @dataclass(frozen=True, slots=True)
 class BranchSettings:
-    """When the other shape with these lengths is told of."""
+    """When the other shape that explains the same lengths is searched for and reported."""
 
     look_every_s: Positive = 0.5
-    """Least time between two looks, which take as long as two frames each; in between the last one holds."""
+    """Shortest time between two searches, each of which takes as long as two frames. The result of the latest search
+    is reported until the next one."""
     log_ratio: Positive = 3.0
-    """Log of how many times better the shape must explain its frame (20 times) for the other not to be told of."""
+    """Log likelihood ratio of the estimated shape to the other one below which the other is reported; 3 means a ratio
+    of 20."""

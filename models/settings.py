@@ -1,4 +1,4 @@
-"""Every setting of a run, with its default and where the default comes from."""
+"""All settings of a run, with their defaults and the source of each default."""
 
 from dataclasses import dataclass, field
 
@@ -17,9 +17,9 @@ class Settings:
     """All settings of a run; each may be set in the file given by --config."""
 
     probability: Probability = 0.95
-    """Of the ellipsoids."""
+    """Probability with which an ellipsoid contains its node."""
     load_threshold_n: Positive = LOAD_THRESHOLD_N
-    """Above it a node is called loaded, in tables and figures; no estimate depends on it."""
+    """Load above which a node counts as loaded in tables and figures. No estimate depends on it."""
     clock: ClockSettings = field(default_factory=ClockSettings)
     gate: GateSettings = field(default_factory=GateSettings)
     frames: FrameSettings = field(default_factory=FrameSettings)

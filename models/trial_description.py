@@ -1,4 +1,4 @@
-"""A trial's description: what trial.toml says, checked, and given its meaning."""
+"""The description of a trial: the content of trial.toml, checked and converted to a structure, sensors and boards."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,10 +28,10 @@ class StructureTable:
     anchor_position_m: list[tuple[float, float, float]]
 
     def structure(self) -> Structure:
-        """Return the structure.
+        """Return the structure that the table describes.
 
         Raises:
-            InputError: when it is none.
+            InputError: when the table does not describe a tensegrity, see `Structure`.
         """
         return Structure(
             rods=np.array(self.rods),
@@ -45,17 +45,18 @@ class StructureTable:
 
 @dataclass(frozen=True, slots=True)
 class MechanicsTable:
-    """`[mechanics]`: what the equilibrium of forces needs."""
+    """`[mechanics]`: the properties that the balance of forces depends on, see `Mechanics`."""
 
     tendon_stiffness_n_per_m: Positive | list[Positive]
     rod_mass_kg: NotNegative
     push_back: NotNegative = 0.02
-    """Stiffness of a bent tendon over that of a stretched one: a strip that bows out pushes with a few per cent."""
+    """Ratio of the stiffness of a bent tendon to that of a stretched one. A strip that bows out has a few per cent of
+    its stiffness."""
 
 
 @dataclass(frozen=True, slots=True)
 class RestTable:
-    """`[rest]`: the structure stands unloaded for so long at the start, where it may have been measured."""
+    """`[rest]`: how long the structure stands unloaded at the start, and its shape there, if it was measured."""
 
     seconds: NotNegative = 0.0
     node_position_m: list[tuple[float, float, float]] | None = None
@@ -93,21 +94,21 @@ class LinkTable:
     """`[link]`: how the boards are read."""
 
     baud: AtLeastOne = 500_000
-    """That of our firmware."""
+    """Baud rate of the serial ports; the default is that of the project's firmware."""
     ports: list[str] = field(default_factory=list)
-    """Where to look for boards; none: on every USB serial port."""
+    """Serial ports at which to look for boards; an empty list means every USB serial port."""
 
 
 @dataclass(frozen=True, slots=True)
 class FileTable:
-    """`[resistance]` or `[lengths]`: one file that stands in for the boards."""
+    """`[resistance]` or `[lengths]`: one file that replaces the boards."""
 
     file: str
 
 
 @dataclass(frozen=True, slots=True)
 class FaultTable:
-    """`[[truth.fault]]`: evaluation only."""
+    """`[[truth.fault]]`: a known fault of a tendon's sensor or of a board, for evaluation only."""
 
     kind: str
     from_s: float
@@ -118,7 +119,7 @@ class FaultTable:
 
 @dataclass(frozen=True, slots=True)
 class TruthTable:
-    """`[truth]`: evaluation only, never an input to an estimator."""
+    """`[truth]`: the files of true positions and loads, for evaluation only, never an input to an estimator."""
 
     file: str
     loads: str | None = None
@@ -127,7 +128,7 @@ class TruthTable:
 
 @dataclass(frozen=True, slots=True)
 class TrialTable:
-    """trial.toml as it stands."""
+    """The tables of trial.toml."""
 
     structure: StructureTable
     format: Literal[1] = 1
@@ -152,26 +153,27 @@ class TrialDescription:
 
     structure: Structure
     mechanics: Mechanics | None
-    """Nominal, where the trial gives it: without it the balance of forces is not used."""
+    """The nominal mechanics; None where the trial does not give them, and then the balance of forces is not used."""
     rest_seconds: float
+    """How long the structure stands at its rest shape at the start."""
     rest_position_m: NDArray[np.float64] | None
-    """(nodes, 3) the measured rest shape, if there is one."""
+    """(nodes, 3) the measured rest shape; None where it was not measured."""
     source: Literal["counts", "resistance", "lengths"]
-    """In what form its measurements come."""
+    """The kind of measurements in the trial's files."""
     natural_resistance_ohm: NDArray[np.float64]
-    """(tendons,) R0; empty when lengths come."""
+    """(tendons,) R0; empty when the source is lengths."""
     divider: Divider | None
-    """When counts come."""
+    """The voltage divider; None unless the source is counts."""
     tendons_of_board: tuple[NDArray[np.int64], ...]
-    """The tendon of each channel, board by board."""
+    """(channels,) for each board, the tendon of each channel; empty unless the source is counts."""
     ignored_keys: tuple[str, ...]
-    """What trial.toml says that nothing here reads."""
+    """Dotted names in trial.toml that are not read."""
 
     def boards(self, settings: ClockSettings) -> Boards:
-        """Return what turns the rows of the trial's boards into readings.
+        """Return the converter from rows of the trial's boards to readings of resistance.
 
         Raises:
-            InputError: when counts do not come.
+            InputError: when the source is not counts.
         """
         if self.divider is None:
             raise InputError(f"a trial of {self.source} has no boards")
@@ -179,14 +181,14 @@ class TrialDescription:
 
 
 def describe_trial(table: Mapping[str, Any], where: str) -> tuple[TrialTable, TrialDescription]:
-    """Return trial.toml as a table and as a description.
+    """Return the tables of trial.toml, and the description that they give.
 
     Args:
         table: the parsed file.
-        where: its name, for errors.
+        where: name of the file for the error text.
 
     Raises:
-        InputError: naming file and key.
+        InputError: the text names the file and the key.
     """
     parsed = parse_table(TrialTable, table, where)
     try:

@@ -1,1 +1,1 @@
-"""How a sensor model is made of recordings of strips; no estimator imports this room."""
+"""The calibration: it makes a sensor model from recordings of strips. No estimator imports this package."""

@@ -1,4 +1,4 @@
-"""Eq. (9) fitted anew, to the recordings in which strips bend."""
+"""The fit of the polynomial of eq. (9) to the recordings in which strips bend."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,46 +13,48 @@ from .recordings import Recording
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BendingFit:
-    """Eq. (9) fitted anew, with x = strain."""
+    """The polynomial of eq. (9) with x = strain, fitted to recordings."""
 
     coefficients: NDArray[np.float64]
-    """(6,) highest power first, of dR/R."""
+    """(6,) coefficients of dR/R as a polynomial of strain, highest power first."""
     covariance: NDArray[np.float64]
-    """(6, 6) of these; residuals last for seconds, and count as many fewer."""
+    """(6, 6) covariance of the coefficients. It allows for residuals that are correlated over seconds."""
     r2: float
-    """Share of the variance of dR/R explained, on the recordings fitted, ..."""
+    """Share of the variance of dR/R that the fit explains on the fitted recordings."""
     held_out_r2: float
-    """... and on those held out; nan without any."""
+    """Share of the variance of dR/R that the fit explains on the recordings held out; nan when there are none."""
     residual_sigma: float
     """Standard deviation of dR/R about the curve."""
     lowest_strain: float
-    """As far as the recordings go."""
+    """The lowest strain in the fitted recordings."""
 
     def curve(self) -> BendingCurve:
-        """Return the curve, for use."""
+        """Return the curve in the form that converts between dR/R and strain."""
         return BendingCurve("strain", self.coefficients)
 
 
 def fit_bending(recordings: Sequence[Recording], held_out: Sequence[Recording]) -> BendingFit | None:
-    """Return the polynomial of degree five through the bent samples, their lag undone; None when there are too few.
+    """Return the polynomial of degree five through the bent samples, corrected for lag.
 
-    The covariance is sigma^2 (X'X)^-1 times the residuals' time of correlation in samples, 1 + 2 sum of their positive
-    autocorrelation.
+    It is None when no recording bends, or none bends further than a strain of -0.1. The covariance is
+    sigma^2 (X'X)^-1 times the correlation time of the residuals in samples, see `correlation_samples`.
     """
     bent = [_lag_free_bending(r) for r in recordings if r.stretched_share < 0.5]
-    if not bent or min(x.min() for x, _ in bent) > -0.1:
+    if not bent or min(strain.min() for strain, _ in bent) > -0.1:
         return None
-    x, y = (np.concatenate(column) for column in zip(*bent, strict=True))
+    x = np.concatenate([strain for strain, _ in bent])
+    y = np.concatenate([change for _, change in bent])
     basis = np.vander(x, 6)
     coefficients = np.linalg.lstsq(basis, y, rcond=None)[0]
     residual = y - basis @ coefficients
     sigma = float(residual.std())
-    correlated = [correlation_samples(part_y - np.polyval(coefficients, part_x)) for part_x, part_y in bent]
+    correlated = [correlation_samples(change - np.polyval(coefficients, strain)) for strain, change in bent]
     covariance = sigma**2 * np.linalg.inv(basis.T @ basis) * float(np.mean(correlated))
     tested = [_lag_free_bending(r) for r in held_out if r.stretched_share < 0.5]
     held_out_r2 = float("nan")
     if tested:
-        test_x, test_y = (np.concatenate(column) for column in zip(*tested, strict=True))
+        test_x = np.concatenate([strain for strain, _ in tested])
+        test_y = np.concatenate([change for _, change in tested])
         held_out_r2 = 1 - float(np.var(test_y - np.polyval(coefficients, test_x)) / np.var(test_y))
     r2 = 1 - sigma**2 / float(np.var(y))
     return BendingFit(
@@ -66,7 +68,7 @@ def fit_bending(recordings: Sequence[Recording], held_out: Sequence[Recording]) 
 
 
 def _lag_free_bending(recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return strain and lag-free dR/R of the settled bent samples."""
+    """Return (samples,) strain and (samples,) lag-free dR/R of the bent samples after settling."""
     lag_free = LagFree(1)
     step_s = np.diff(recording.t_s, prepend=2 * recording.t_s[0] - recording.t_s[1])
     pairs = zip(recording.change, step_s, strict=True)

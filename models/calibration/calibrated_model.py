@@ -1,4 +1,4 @@
-"""From what a training found to the sensor model: the curves, the scale of sigma, and the scores."""
+"""The sensor model from the result of a training: the curves, the scale of sigma, and the scores."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -34,39 +34,42 @@ from .strips import StripRun, run_strips
 LSTM = "LSTM"
 STATIC = "static curve"
 POLYNOMIAL = "polynomial of rates"
-"""The estimators' names."""
+"""Names of the three estimators that are scored."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """A calibrated kind of sensor, with what it was scored on."""
+    """A calibrated sensor model, with the training and the runs from which it is scored."""
 
     model: SensorModel
-    """Its provenance still without scores."""
+    """The sensor model; its provenance does not contain the scores yet."""
     trained: Trained
-    """The training."""
+    """The result of the training."""
     split: Split
-    """The recordings."""
+    """The recordings for training, validation and test."""
     bending: BendingFit | None
-    """None when no recording bends: the paper's eq. (9) serves."""
+    """None when no strip bends in the recordings; then the paper's eq. (9) is used."""
     runs: Mapping[str, Sequence[StripRun]]
-    """Of each estimator on the recordings held out."""
+    """Runs of each estimator, by its name, on the recordings held out."""
 
 
 def calibrate_model(
     split: Split, trained: Trained, bending: BendingFit | None, settings: TrainingSettings
 ) -> Calibration:
-    """Return the sensor model of a training, its sigma scaled on the validation recordings, run on those held out."""
+    """Return the sensor model from a training.
+
+    Its sigma is scaled on the validation recordings, and it is run on the recordings held out.
+    """
     signed = settings.unified
     mode_odds = _mode_odds(split, bending)
     trained = _with_spread(trained, bending, mode_odds, split, settings)
     common = on_common_curve(split.training, trained.gain_and_offset)
     model = _model(trained, bending, common, mode_odds, settings)
-    left = np.zeros((2, 2))
-    known = {name: StripGain(found, left) for name, found in trained.gain_and_offset.items()}
-    whole = tare_strips(NetworkEstimator(model), split.validation, trained.gauge, signed, seconds=np.inf)
-    exact = {name: StripGain(tare.gain_and_offset, left) for name, tare in whole.items()}
-    validation = run_strips(NetworkEstimator(model), split.validation, trained.gauge, exact | known, signed)
+    exact = np.zeros((2, 2))  # the covariance of a gain and offset that are known
+    known = {name: StripGain(values, exact) for name, values in trained.gain_and_offset.items()}
+    tares = tare_strips(NetworkEstimator(model), split.validation, trained.gauge, signed, seconds=np.inf)
+    validation_gains = {name: StripGain(tare.gain_and_offset, exact) for name, tare in tares.items()}
+    validation = run_strips(NetworkEstimator(model), split.validation, trained.gauge, validation_gains | known, signed)
     model = replace(model, sigma_scale=fit_sigma_scale(validation), lag_s=lag_s(validation))
     estimators: dict[str, StrainEstimator] = {
         LSTM: NetworkEstimator(model),
@@ -74,7 +77,7 @@ def calibrate_model(
         POLYNOMIAL: PolynomialEstimator.fit(common, signed),
     }
     scored = [r for r in split.held_out if signed or (r.strain >= 0).mean() > 0.3]
-    runs = {name: run_strips(e, scored, trained.gauge, known, signed) for name, e in estimators.items()}
+    runs = {name: run_strips(each, scored, trained.gauge, known, signed) for name, each in estimators.items()}
     return Calibration(model, trained, split, bending, runs)
 
 
@@ -85,28 +88,32 @@ def _with_spread(
     split: Split,
     settings: TrainingSettings,
 ) -> Trained:
-    """Return a training with each strip's gain and offset by all of its recording, and the gain's spread from these.
+    """Return a training with gain and offset of each strip from its whole recording, and the spread of these gains.
 
-    A strip of little motion keeps its gain near 1, so that the spread of the gains found is less than that of the
-    gains: spread^2 = mean((gain - mean gain)^2 + the variance left of each). The mean of all stays as in the training:
-    what is common to all strips is the curve's.
+    The estimated gain of a strip with little motion stays near 1, so that the spread of the estimates is less than that
+    of the gains: spread^2 = mean((gain - mean gain)^2 + variance of the estimate). The mean over all strips stays as in
+    the training, because a change that is common to all strips belongs to the curve.
     """
     model = _model(trained, bending, on_common_curve(split.training, trained.gain_and_offset), mode_odds, settings)
     signed = settings.unified
     stretched = [r for r in split.training if r.stretched_share > 0.3]
     tares = tare_strips(NetworkEstimator(model), stretched, trained.gauge, signed, np.inf, trained.gain_and_offset)
-    gains, left = np.array([(tare.gain_and_offset[0], tare.covariance[0, 0]) for tare in tares.values()]).T
-    found = float(np.sqrt(np.var(gains) + np.mean(left))) if len(gains) > 1 else 0.0  # one strip has no spread
-    common = np.mean([trained.gain_and_offset[name] - tare.gain_and_offset for name, tare in tares.items()], axis=0)
+    gains = np.array([tare.gain_and_offset[0] for tare in tares.values()])
+    variances = np.array([tare.covariance[0, 0] for tare in tares.values()])
+    spread = float(np.sqrt(np.var(gains) + np.mean(variances))) if len(gains) > 1 else 0.0  # one strip has no spread
+    shift = np.mean([trained.gain_and_offset[name] - tare.gain_and_offset for name, tare in tares.items()], axis=0)
     gain_and_offset = dict(trained.gain_and_offset) | {
-        name: tare.gain_and_offset + common for name, tare in tares.items()
+        name: tare.gain_and_offset + shift for name, tare in tares.items()
     }
-    gauge = replace(trained.gauge, gain_sigma=max(found, LEAST_GAIN_SIGMA))
+    gauge = replace(trained.gauge, gain_sigma=max(spread, LEAST_GAIN_SIGMA))
     return replace(trained, curve=replace(trained.curve, gauge=gauge), gain_and_offset=gain_and_offset)
 
 
 def lag_s(runs: Sequence[StripRun]) -> float:
-    """Return by how much estimates lag behind strain: -sum e v / sum v^2, e the error about its mean, v the rate."""
+    """Return the lag of estimates behind strain in seconds: -sum e v / sum v^2.
+
+    e is the error minus its mean in each run, v the rate of strain. A negative lag is returned as 0.
+    """
     parts = [(run.error - run.error.mean(), run.rate_per_s) for run in runs]
     moved = sum(float(np.nansum(rate**2)) for _, rate in parts)
     return max(-sum(float(np.nansum(error * rate)) for error, rate in parts) / moved, 0.0) if moved else 0.0
@@ -115,12 +122,13 @@ def lag_s(runs: Sequence[StripRun]) -> float:
 def fit_sigma_scale(runs: Sequence[StripRun]) -> SigmaScale:
     """Return the scale of sigma that makes the errors of these runs most likely.
 
-    The strips' gains and offsets are to be known here, by all of each recording: what taring leaves is added apart, and
-    so is what the curve leaves, which is little where recordings reach.
+    The gains and offsets of the strips must be known from their whole recordings: the uncertainties of taring and of
+    the curve's coefficients are added separately at run time.
     """
     if not runs:
         return SigmaScale()
-    error, sigma = (np.concatenate([getattr(run, name) for run in runs]) for name in ("error", "unscaled_sigma"))
+    error = np.concatenate([run.error for run in runs])
+    sigma = np.concatenate([run.unscaled_sigma for run in runs])
     log_spread = np.log(np.maximum(np.concatenate([run.spread for run in runs]), LEAST_SPREAD))
 
     def negative_log_likelihood(parameters: NDArray[np.float64]) -> float:
@@ -138,7 +146,7 @@ def _model(
     mode_odds: ModeOdds,
     settings: TrainingSettings,
 ) -> SensorModel:
-    """Return the model with sigma as the network has it."""
+    """Return the sensor model with the unscaled sigma of the network."""
     trained_on = tuple(sorted(r.name for r in common))
     return SensorModel(
         network=_network(trained),
@@ -152,7 +160,7 @@ def _model(
 
 
 def _network(trained: Trained) -> StretchingNetwork:
-    """Return the network, with a swing of dR/R for a golden vector."""
+    """Return the network with a golden vector, whose input is an oscillation of dR/R."""
     t = np.arange(20) * 0.02
     change = 0.1 + 0.05 * np.sin(5 * t)
     means = np.full((len(t), len(MEMORY_S)), 0.1)
@@ -174,18 +182,19 @@ def _ranges(common: Sequence[Recording], step_s: tuple[float, float]) -> Trained
 
 
 def _mode_odds(split: Split, bending: BendingFit | None) -> ModeOdds:
-    """Return `fit_mode` of all recordings but those held out: nothing is trained here.
+    """Return `fit_mode` of the recordings for training and validation.
 
-    Their gains and offsets are those of the static curves, which hold in both modes; the network's know no bending.
+    Gains and offsets are those of the static curves, which are valid in both modes; those of the network are estimated
+    without bent samples.
     """
     names = {r.name for r in split.training}
     recordings = [*split.training, *(r for r in split.validation if r.name not in names)]
-    _, own = fit_gauge(recordings, bending.curve() if bending else BendingCurve())
-    return fit_mode(on_common_curve(recordings, {name: np.array(pair) for name, pair in own.items()}))
+    _, gains = fit_gauge(recordings, bending.curve() if bending else BendingCurve())
+    return fit_mode(on_common_curve(recordings, {name: np.array(pair) for name, pair in gains.items()}))
 
 
 def _fastest_strain(recordings: Sequence[Recording]) -> float:
-    """Return the rate of strain that 99.9 % of the stretched samples stay under, smoothed as at run time."""
+    """Return the rate of strain which 99.9 % of the stretched samples do not exceed, smoothed as at run time."""
     rates = []
     for r in recordings:
         step_s = float(np.median(np.diff(r.t_s)))

@@ -1,4 +1,4 @@
-"""The static gauge curve, fitted to recordings together with each strip's own gain and offset."""
+"""The static gauge curve, fitted to recordings together with the gain and offset of each strip."""
 
 from collections.abc import Sequence
 
@@ -12,52 +12,56 @@ from ..values.errors import InputError
 from .recordings import Recording
 
 KNOTS = (0.0, 0.03, 0.07, 0.12, 0.2, 0.35, 0.5, 0.8, 1.2, 2.0, 3.0)
-"""Strains between which the gauge curve is straight: close where tendons of a tensegrity work. The last knot is the
-largest strain recorded."""
+"""Strains between which the gauge curve is linear. They are close together at the strains of the tendons of a
+tensegrity. The last knot is the largest strain recorded."""
 LEAST_SLOPE = 0.3
-"""The curve rises everywhere, by at least this share of its mean slope: its inverse must not run away."""
+"""Least slope of the curve as a share of its mean slope: the curve rises everywhere, so that its inverse stays
+bounded."""
 LEAST_GAIN_SIGMA = 0.01
-"""One recording alone shows no spread; sensors have one."""
+"""Least standard deviation of the gain over sensors, because a single recording shows no spread."""
 INDEPENDENT = 100
-"""About one sample in so many tells something new: the static curve's errors last for seconds."""
+"""Number of samples that count as one independent sample, because errors of the static curve are correlated over
+seconds."""
 
 
 def fit_gauge(
     recordings: Sequence[Recording], bending: BendingCurve
 ) -> tuple[StaticGauge, dict[str, tuple[float, float]]]:
-    """Return the gauge curve of all recordings together, and each one's own (gain, offset) against it.
+    """Return the gauge curve that fits all recordings, and the (gain, offset) of each recording by its name.
 
-    Alternates between the curve (non-negative least squares over all samples with strain >= 0) and each recording's
-    gain and offset (least squares with their own spread as prior, so that a recording of little motion keeps gain 1).
+    The fit alternates between the curve (non-negative least squares over all samples with strain >= 0) and the gain and
+    offset of each recording (least squares with their spread as prior, so that a recording with little motion keeps
+    gain 1).
 
     Raises:
         InputError: when no recording stays stretched.
     """
-    own = {recording.name: (1.0, 0.0) for recording in recordings}
+    gains = {recording.name: (1.0, 0.0) for recording in recordings}
     settled = {r.name: (r.strain[r.settled], r.change[r.settled]) for r in recordings}
     stretched = [r.name for r in recordings if (settled[r.name][0] >= 0).mean() > 0.9]
     if not stretched:
         raise InputError("no recording of stretching to fit a gauge curve to: expected one with strain >= 0 throughout")
     at_start = [r.change[0] for r in recordings if abs(r.strain[0]) < 1e-9]
-    widest = max(float(np.ptp(settled[name][1])) for name in stretched)
-    offset_sigma = float(np.std(at_start)) if len(at_start) > 2 else 0.1 * widest  # too few to say: left to each
-    high = max(float(settled[name][0].max()) for name in stretched)
+    largest_range = max(float(np.ptp(settled[name][1])) for name in stretched)
+    # with too few starts at zero strain the spread is not known: a wide prior leaves the offset to each recording
+    offset_sigma = float(np.std(at_start)) if len(at_start) > 2 else 0.1 * largest_range
+    largest_strain = max(float(settled[name][0].max()) for name in stretched)
     gain_sigma = 0.05
-    knots = np.array([knot for knot in KNOTS if knot < 0.95 * high] + [high])
+    knots = np.array([knot for knot in KNOTS if knot < 0.95 * largest_strain] + [largest_strain])
     gauge = StaticGauge(knots, knots.copy(), gain_sigma, offset_sigma)
     for _ in range(20):
         strain = np.concatenate([settled[name][0] for name in stretched])
-        change = np.concatenate([common_change(settled[name][1], *own[name]) for name in stretched])
+        change = np.concatenate([common_change(settled[name][1], *gains[name]) for name in stretched])
         gauge = StaticGauge(knots, _rising_curve(strain, change, knots), gain_sigma, offset_sigma)
-        own = {name: _own_gain_and_offset(*settled[name], gauge, bending) for name in settled}
-        gain_sigma = max(float(np.std([gain for gain, _ in own.values()])), LEAST_GAIN_SIGMA)
-    return StaticGauge(knots, gauge.change_knots, gain_sigma, offset_sigma), own
+        gains = {name: _gain_and_offset(*settled[name], gauge, bending) for name in settled}
+        gain_sigma = max(float(np.std([gain for gain, _ in gains.values()])), LEAST_GAIN_SIGMA)
+    return StaticGauge(knots, gauge.change_knots, gain_sigma, offset_sigma), gains
 
 
 def _rising_curve(
     strain: NDArray[np.float64], change: NDArray[np.float64], knots: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return dR/R at the knots, 0 at the first, that fits best among the curves that rise everywhere."""
+    """Return (knots,) dR/R of the best fit among the curves that rise everywhere; it is 0 at the first knot."""
     weight = _weight(strain)
     widths = np.diff(knots)
     pieces = np.clip(strain[:, None] - knots[:-1], 0, widths)
@@ -65,23 +69,24 @@ def _rising_curve(
     if not least > 0:
         raise InputError("the resistance does not rise with strain: expected a sensor whose resistance does")
     triangle = np.linalg.qr(pieces * weight[:, None])
-    right = (change - pieces.sum(axis=1) * least) * weight
-    slopes = least + nnls(triangle.R, triangle.Q.T @ right)[0]
+    target = (change - pieces.sum(axis=1) * least) * weight
+    slopes = least + nnls(triangle.R, triangle.Q.T @ target)[0]
     return np.concatenate([[0.0], np.cumsum(slopes * widths)])
 
 
 def _weight(strain: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return one over the static curve's own error: hysteresis grows with strain."""
+    """Return 1 / sigma of the static curve's error, which grows with strain because of hysteresis."""
     return np.asarray(1 / (0.003 + 0.05 * np.abs(strain)))
 
 
-def _own_gain_and_offset(
+def _gain_and_offset(
     strain: NDArray[np.float64], change: NDArray[np.float64], gauge: StaticGauge, bending: BendingCurve
 ) -> tuple[float, float]:
+    """Return the gain and offset of one recording by least squares, with their spread over strips as prior."""
     weight = _weight(strain) / np.sqrt(INDEPENDENT)
     expected = gauge.change(strain, bending)
     rows = np.stack([expected * weight, weight], axis=1)
     prior = np.diag([1 / gauge.gain_sigma, 1 / gauge.offset_sigma])
-    right = np.concatenate([change * weight, [1 / gauge.gain_sigma, 0.0]])
-    gain, offset = np.linalg.lstsq(np.concatenate([rows, prior]), right, rcond=None)[0]
+    target = np.concatenate([change * weight, [1 / gauge.gain_sigma, 0.0]])
+    gain, offset = np.linalg.lstsq(np.concatenate([rows, prior]), target, rcond=None)[0]
     return float(gain), float(offset)

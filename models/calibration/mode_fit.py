@@ -1,4 +1,4 @@
-"""Stretching or bending: how often a reading belonged to a bent strip, in the calibration recordings."""
+"""The odds of bending against stretching for a reading, from histograms of the calibration recordings."""
 
 from collections.abc import Sequence
 
@@ -10,17 +10,19 @@ from ..sensor.sensor_model import ModeOdds
 from .recordings import Recording
 
 CHANGE_STEP = 0.001
+"""Width of a bin of dR/R."""
 CHANGE_RANGE = (-0.3, 0.3)
+"""Range of the bins of dR/R."""
 KERNEL = 0.004
-"""Bins of dR/R, and the width to which they are smoothed."""
+"""Standard deviation of the Gaussian that smooths the histograms, in dR/R."""
 
 
 def fit_mode(recordings: Sequence[Recording]) -> ModeOdds:
-    """Return what dR/R says of the mode, from smoothed histograms.
+    """Return the log likelihood ratio of the modes as a function of dR/R, from smoothed histograms.
 
-    Near zero strain bent and stretched strips read the same (eq. (9) folds): what a reading says of the mode is
-    counted, not derived, over samples that hardly lag. Beyond the bins the outermost ratio holds. Without recordings
-    of both modes the ratio is that of the sign of dR/R.
+    Near zero strain bent and stretched strips have the same dR/R, because eq. (9) has a fold there. So the ratio is
+    counted and not derived, from samples with almost no lag. Outside of the bins that of the nearest bin applies.
+    Without recordings of both modes the ratio follows the sign of dR/R.
     """
     edges = np.arange(*CHANGE_RANGE, CHANGE_STEP)
     counts = np.zeros((2, len(edges) - 1))

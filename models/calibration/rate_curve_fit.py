@@ -11,29 +11,36 @@ from .gauge_fit import INDEPENDENT
 from .recordings import Recording
 
 RIDGE = 1e-4
-"""Of the mean square of a term: keeps terms apart that are nearly the same on a slow recording."""
+"""Damping as a share of the mean square of a term, because some terms are nearly equal on a slow recording."""
 
 
 def fit_rate_curve(
     recordings: Sequence[Recording], gauge: StaticGauge, memory_s: NDArray[np.float64], signed: bool
 ) -> RateCurve:
-    """Fit to recordings on the common curve, by ridge regression; to bent samples, too, if signed."""
+    """Return the rate curve fitted by ridge regression to recordings on the common curve.
+
+    Args:
+        recordings: with gain and offset removed.
+        gauge: the static gauge curve.
+        memory_s: (memories,) time constants of the running means.
+        signed: whether bent samples are fitted, too.
+    """
     parts = [(rate_inputs(r.change, r.running_means(memory_s)), r.strain, r.counted(signed)) for r in recordings]
     inputs = np.concatenate([x[counted] for x, _, counted in parts])
     strain = np.concatenate([strain[counted] for _, strain, counted in parts])
     scale: NDArray[np.float64] = np.maximum(inputs.std(axis=0), 1e-9)
-    between = np.stack([inputs.min(axis=0), inputs.max(axis=0)])
+    input_range = np.stack([inputs.min(axis=0), inputs.max(axis=0)])
     terms = curve_terms(inputs, scale, gauge)
     coefficients, normal = ridge(terms, strain)
     residual_sigma = np.sqrt(INDEPENDENT) * np.std(strain - terms @ coefficients)
     factor = residual_sigma * np.linalg.inv(np.linalg.cholesky(normal)).T
     return RateCurve(
-        gauge=gauge, memory_s=memory_s, scale=scale, range=between, coefficients=coefficients, factor=factor
+        gauge=gauge, memory_s=memory_s, scale=scale, range=input_range, coefficients=coefficients, factor=factor
     )
 
 
 def ridge(terms: NDArray[np.float64], strain: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the (terms,) coefficients of strain, damped by `RIDGE`, and the (terms, terms) damped normal matrix."""
-    normal = np.einsum("ni,nj->ij", terms, terms)  # sums in one order, however many cores there are
+    normal = np.einsum("ni,nj->ij", terms, terms)  # sums in the same order for any number of cores
     normal += RIDGE * np.diag(np.diag(normal))
     return np.asarray(np.linalg.solve(normal, np.einsum("ni,n->i", terms, strain))), normal

@@ -1,4 +1,4 @@
-"""The training's recipe, and what it finds; without torch, so that running and reporting need none."""
+"""The settings and the result of a training, without torch, so that a run and a report do not need it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,59 +13,63 @@ from ..sensor.rate_curve import RateCurve
 from ..values.tables import AtLeastOne, NotNegative, Positive, Probability
 
 CHECK_EVERY = 5
-"""Epochs from one validation and checkpoint to the next."""
+"""Number of epochs from one validation and checkpoint to the next."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingSettings:
-    """The training recipe, chosen on recordings that train or validate, never on those held out."""
+    """The settings of the training, chosen on the training and validation recordings, never on those held out."""
 
     epochs: AtLeastOne = 200
     learning_rate: Positive = 0.01
-    """Peak of a one-cycle schedule, Adam."""
+    """Largest learning rate of a one-cycle schedule with AdamW."""
     weight_decay_s: NotNegative = 45.0
-    """AdamW's decoupled weight decay times the seconds trained on: a prior on what the network adds to the curve, as
-    strong however long the recordings are, so that a few minutes of one strip do not overfit. On the shipped recordings
-    (76 minutes) 45 to 450 give the same validation loss, more gives a worse one."""
+    """Decoupled weight decay of AdamW times the duration of the training recordings. It is a prior on the correction of
+    the curve by the network, whose strength does not depend on the duration, so that a few minutes of one strip do not
+    overfit. On the shipped recordings (76 minutes) 45 to 450 give the same validation loss, and more gives a worse
+    one."""
     hidden: AtLeastOne = 16
     sequences: AtLeastOne = 32
-    """Random sequences an epoch, each with its own time step."""
+    """Random sequences per epoch, each with its own time step."""
     steps: AtLeastOne = 2400
-    """Time steps a sequence."""
+    """Time steps per sequence."""
     chunk: AtLeastOne = 200
     """Steps of truncated back-propagation; the state is carried from chunk to chunk."""
     burn_in: int = 20
-    """First steps of a sequence that do not count: the sensor's past is unknown there."""
+    """First steps of a sequence that are not in the loss, because the sensor's past is unknown there."""
     squared_error_share: Probability = 0.3
-    """First part of the training with squared error instead of Gaussian likelihood: sigma learns last."""
+    """First share of the training in which the loss is the squared error instead of the Gaussian likelihood, so that
+    sigma is learned last."""
     patience: AtLeastOne = 100
     """Epochs without a better validation loss after which the training stops."""
     relative_step: tuple[float, float] = (0.2, 2.0)
-    """Range of time steps in units of the recordings' own, drawn evenly in their logarithm: of 20 Hz, 100 to 10 Hz."""
+    """Range of time steps relative to that of the recordings, drawn uniformly in their logarithm: for recordings of
+    20 Hz this is 100 to 10 Hz."""
     noise: tuple[float, float] = (0.0, 0.002)
-    """Range of the relative white noise added to the resistance: up to that of a 10-bit divider."""
+    """Range of the standard deviation of the relative white noise that is added to the resistance: up to that of a
+    10-bit divider."""
     unified: bool = False
     """One signed network for bending and stretching, instead of the paper's eq. (3)."""
     seed: int = 0
 
 
 class Checkpoint(Protocol):
-    """Where an unfinished training is kept."""
+    """The storage of an unfinished training."""
 
     def load(self) -> bytes | None:
-        """Return what was saved last."""
+        """Return the state that was saved last; None when there is none."""
         ...
 
     def save(self, state: bytes) -> None:
-        """Keep a state in place of the last."""
+        """Store a state in place of the last one."""
         ...
 
 
 class NoCheckpoint:
-    """Keeps nothing."""
+    """A checkpoint that stores nothing."""
 
     def load(self) -> bytes | None:
-        """Return nothing."""
+        """Return None."""
         return None
 
     def save(self, state: bytes) -> None:
@@ -79,33 +83,33 @@ class History:
     training_loss: list[float] = field(default_factory=list)
     """Mean loss of each epoch."""
     validation_epoch: list[int] = field(default_factory=list)
-    """Epochs after which the validation was checked."""
+    """Epochs after which the validation loss was computed."""
     validation_loss: list[float] = field(default_factory=list)
-    """Its loss there."""
+    """Validation loss after each of these epochs."""
     best_epoch: int = 0
-    """The epoch whose weights were kept."""
+    """The epoch after which the validation loss was least; its weights are kept."""
     best_loss: float = float("inf")
-    """Its validation loss."""
+    """Validation loss after the best epoch."""
     likelihood_from: int = 0
-    """The epoch from which the loss is the Gaussian likelihood's."""
+    """The epoch from which on the loss is the negative log of the Gaussian likelihood."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trained:
-    """What a training found."""
+    """The result of a training."""
 
     weights: LstmWeights
-    """The network's."""
+    """Weights of the network."""
     curve: RateCurve
-    """What it corrects."""
+    """The curve that the network corrects."""
     gain_and_offset: Mapping[str, NDArray[np.float64]]
-    """(2,) gain and offset of each strip trained on."""
+    """(2,) gain and offset of each strip in the training, by the name of its recording."""
     scaling: Scaling
-    """Of the inputs."""
+    """Scales of the network's inputs."""
     step_s: tuple[float, float]
-    """Range of time steps trained on."""
+    """Range of time steps in the training."""
     history: History
-    """Of the losses."""
+    """Losses of the training."""
 
     @property
     def gauge(self) -> StaticGauge:

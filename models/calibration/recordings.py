@@ -1,4 +1,4 @@
-"""Calibration recordings, and which of them train, validate and test."""
+"""Calibration recordings, and their split into training, validation and test."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,13 +12,13 @@ from ..sensor.stretching import SETTLING_S
 from ..values.errors import InputError
 
 STEADY_RATIO = 1.5
-"""A recording is of one speed when its 90 % quantile of speed, while moving, is below this many times the 25 %."""
+"""Ratio of the 90 % quantile to the 25 % quantile of the speed while moving, below which a recording has one speed."""
 EVERY = 6
-"""Of recordings without a speed of their own, every sixth tests, and the one before it validates."""
+"""Of the recordings of irregular motion every sixth is for test, and the one before it for validation."""
 VALIDATION_TAIL = 0.15
-"""Last share of the training recordings that validates when there are too few to spare whole ones."""
+"""Last share of each training recording that is for validation when there are too few whole recordings."""
 TEST_TAIL = 0.3
-"""Last share of all recordings that tests then."""
+"""Last share of each recording that is for test when there are too few whole recordings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +33,8 @@ class Recording:
     change: NDArray[np.float64]
     """(samples,) dR/R, eq. (8)."""
     scored_from_s: float = -np.inf
-    """Earlier samples were trained on: they only bring the sensor's state up to here."""
+    """Time after which samples are scored. Earlier samples are in the training and only serve to reach the sensor's
+    state at this time."""
 
     @property
     def duration_s(self) -> float:
@@ -46,22 +47,25 @@ class Recording:
         return np.asarray(self.t_s - self.t_s[0] >= SETTLING_S)
 
     def counted(self, signed: bool) -> NDArray[np.bool_]:
-        """Return (samples,) those that train or score: settled, not trained on before, and stretched unless signed."""
+        """Return (samples,) which samples are in a loss or a score.
+
+        They are settled, later than `scored_from_s`, and stretched; signed includes bent samples.
+        """
         return self.settled & (self.t_s > self.scored_from_s) & (signed | (self.strain >= 0))
 
     def running_means(self, memory_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (samples, memories) running means of dR/R, see `stretching.running_means`."""
+        """Return (samples, memories) running means of dR/R, see `lstm.running_means`."""
         step_s = np.diff(self.t_s, prepend=2 * self.t_s[0] - self.t_s[1])
         return running_means(self.change[:, None], step_s[:, None], memory_s)[:, 0]
 
     @property
     def stretched_share(self) -> float:
-        """How much of it is stretching."""
+        """Share of the samples in which the strip is stretched."""
         return float((self.strain >= 0).mean())
 
     @property
     def speed_per_s(self) -> float:
-        """The one speed at which the strip was moved, in strain per second; nan when there is no such."""
+        """The speed at which the strip was moved, in strain per second; nan when it was not one constant speed."""
         speed = np.abs(np.diff(self.strain) / np.diff(self.t_s))
         moving = speed[speed > 0.1 * np.quantile(speed, 0.95)]
         if len(moving) < 0.5 * len(speed):
@@ -78,29 +82,29 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """Recordings by what they are for; no sample trains and tests."""
+    """Recordings for training, validation and test; no sample is used for both training and test."""
 
     training: Sequence[Recording]
-    """Fit the curves and the network."""
+    """Recordings to which the curves and the network are fitted."""
     validation: Sequence[Recording]
-    """Stop the training, and set the scale of sigma."""
+    """Recordings that decide when the training stops, and that set the scale of sigma."""
     held_out: Sequence[Recording]
-    """Only score."""
+    """Recordings that are only scored."""
     how: str
-    """In words."""
+    """Description of the split in words."""
 
     @classmethod
     def by_recordings(cls, recordings: Sequence[Recording]) -> "Split":
         """Hold out the middle one of three or more speeds, and every sixth recording of irregular motion.
 
-        When that leaves nothing to test, the last part of each recording tests.
+        When no stretched recording is held out by this rule, the last part of each recording is held out instead.
         """
         test = {r.name for kind in (False, True) for r in _middle_speed([r for r in recordings if _bends(r) == kind])}
         rest = [r for r in recordings if r.name not in test]
         steady = [r for r in rest if np.isfinite(r.speed_per_s) and not _bends(r)]
         irregular = [r for r in rest if not np.isfinite(r.speed_per_s)]
         test |= {r.name for r in irregular[EVERY - 1 :: EVERY]}
-        validate = {r.name for some in (irregular, steady) for r in some[EVERY - 2 :: EVERY]}
+        validate = {r.name for group in (irregular, steady) for r in group[EVERY - 2 :: EVERY]}
         if not any(r.stretched_share > 0.3 for r in recordings if r.name in test):
             return cls.by_time(recordings, TEST_TAIL)
         how = f"the middle one of the speeds and every {EVERY}th recording of irregular motion are held out"
@@ -108,10 +112,10 @@ class Split:
 
     @classmethod
     def by_name(cls, recordings: Sequence[Recording], patterns: Sequence[str]) -> "Split":
-        """Hold out the recordings whose names fit one of some patterns, such as `*_0.05_*`.
+        """Hold out the recordings whose names match one of the patterns, such as `*_0.05_*`.
 
         Raises:
-            InputError: when a pattern fits no recording, or all of them are held out.
+            InputError: when a pattern matches no recording, or all of them are held out.
         """
         for pattern in patterns:
             if not any(fnmatch(r.name, pattern) for r in recordings):
@@ -152,7 +156,7 @@ def _bends(recording: Recording) -> bool:
 
 
 def _middle_speed(recordings: Sequence[Recording]) -> list[Recording]:
-    """Return the recordings of the middle speed, when there are three speeds or more."""
+    """Return the recordings of the middle speed when there are three speeds or more, otherwise an empty list."""
     steady = sorted((r for r in recordings if np.isfinite(r.speed_per_s)), key=lambda r: r.speed_per_s)
     groups: list[list[Recording]] = []
     for r in steady:
@@ -164,6 +168,10 @@ def _middle_speed(recordings: Sequence[Recording]) -> list[Recording]:
 
 
 def _time_validation(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+    """Return the first part of each recording for training, and recordings scored only after it for validation.
+
+    Recordings in which the strip only bends are not used for validation.
+    """
     training = [r.part(0, 1 - VALIDATION_TAIL) for r in recordings]
     pairs = zip(recordings, training, strict=True)
     return training, [replace(r, scored_from_s=float(k.t_s[-1])) for r, k in pairs if not _bends(r)]

@@ -1,4 +1,4 @@
-"""Strain of strips from their dR/R, causally: the network as the front end runs it."""
+"""Causal estimators of the strain of strips from their dR/R: their interface, and the network as at run time."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,26 +11,31 @@ from ..sensor.stretching import Extrapolation, StrainSpread, StretchingSensors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Followed:
-    """An estimator's output on several strips side by side."""
+class EstimatedStrain:
+    """The output of an estimator on several strips at once."""
 
     strain: NDArray[np.float64]
     """(samples, strips)"""
     sigma: NDArray[np.float64]
-    """(samples, strips) its gain_and_offset, without what the tare leaves."""
+    """(samples, strips) standard deviation of strain, without the uncertainty of gain and offset."""
     unscaled_sigma: NDArray[np.float64]
-    """(samples, strips) before it was calibrated."""
+    """(samples, strips) the sigma of the network before it is scaled."""
     spread: NDArray[np.float64]
-    """(samples, strips) of strain lately, see `StrainSpread`."""
+    """(samples, strips) recent spread of strain, see `StrainSpread`."""
     beyond: NDArray[np.bool_]
-    """(samples, strips) whether a sample is beyond training: the flag of a tendon."""
+    """(samples, strips) whether a sample is outside the range of the training, which flags a tendon at run time."""
 
 
 class StrainEstimator(Protocol):
-    """Strain from dR/R, causally: the network, and what it is compared with."""
+    """A causal estimator of strain from dR/R: the network, or a baseline that it is compared with."""
 
-    def follow(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> Followed:
-        """Return strain and sigma from (samples, strips) dR/R on the common curve, and the steps before each."""
+    def estimate(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> EstimatedStrain:
+        """Return strain and sigma.
+
+        Args:
+            change: (samples, strips) dR/R on the common curve.
+            step_s: (samples, strips) time step before each sample.
+        """
         ...
 
 
@@ -39,22 +44,25 @@ class NetworkEstimator:
     """The sensor model as the front end runs it."""
 
     model: SensorModel
-    """The model."""
 
-    def follow(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> Followed:
-        """See `StrainEstimator`."""
+    def estimate(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> EstimatedStrain:
+        """Return strain and sigma, see `StrainEstimator`."""
         samples, count = change.shape
         sensors = StretchingSensors(self.model, count)
-        running = StrainSpread(count)
-        outside = Extrapolation(self.model, count)
+        running_spread = StrainSpread(count)
+        extrapolation = Extrapolation(self.model, count)
         sensors.settle(change[0], np.ones(count, dtype=np.bool_), float(np.median(step_s)))
         rate = np.diff(change, axis=0, prepend=change[:1]) / step_s
-        strain, sigma, spread, beyond, factor = (np.empty((samples, count)) for _ in range(5))
-        extra = np.empty((samples, count))
+        strain = np.empty((samples, count))
+        sigma = np.empty((samples, count))
+        spread = np.empty((samples, count))
+        factor = np.empty((samples, count))
+        added = np.empty((samples, count))
+        beyond = np.empty((samples, count), dtype=np.bool_)
         for k in range(samples):
             strain[k], sigma[k] = sensors.step(change[k], rate[k], step_s[k])
-            spread[k] = running.step(strain[k], step_s[k])
-            factor[k], farther, beyond[k] = outside.step(change[k], rate[k], strain[k], step_s[k])
-            extra[k] = np.hypot(farther, sensors.curve_sigma(change[k]))
-        scaled = np.hypot(sigma * self.model.sigma_scale.at(spread) * factor, extra)
-        return Followed(strain, scaled, sigma, spread, beyond.astype(np.bool_))
+            spread[k] = running_spread.step(strain[k], step_s[k])
+            factor[k], widening, beyond[k] = extrapolation.step(change[k], rate[k], strain[k], step_s[k])
+            added[k] = np.hypot(widening, sensors.curve_sigma(change[k]))
+        scaled = np.hypot(sigma * self.model.sigma_scale.at(spread) * factor, added)
+        return EstimatedStrain(strain, scaled, sigma, spread, beyond)

@@ -1,4 +1,4 @@
-"""What the network is compared with: a static monotone curve, and a polynomial in resistance and filtered rates."""
+"""The baselines of the network: a static monotone curve, and a polynomial of resistance and filtered rates."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,26 +12,26 @@ from ..sensor.lstm import running_means
 from ..sensor.rate_curve import products, rate_inputs
 from .rate_curve_fit import ridge
 from .recordings import Recording
-from .strain_estimators import Followed
+from .strain_estimators import EstimatedStrain
 
 FILTERS_S = np.array([0.3, 2.0, 10.0])
-"""Time constants of the filters: the sensor's lag, and its relaxation over seconds."""
+"""Time constants of the filters: that of the sensor's lag, and two of its relaxation over seconds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticEstimator:
-    """strain = s(dR/R), s monotone (isotonic regression): no memory."""
+    """strain = s(dR/R) without memory, where s is monotone and fitted by isotonic regression."""
 
     change: NDArray[np.float64]
-    """(knots,)"""
+    """(knots,) dR/R at the knots of s."""
     strain: NDArray[np.float64]
-    """(knots,)"""
+    """(knots,) strain at the knots of s."""
     sigma: float
-    """Of its error in training."""
+    """Standard deviation of the error in training."""
 
     @classmethod
     def fit(cls, recordings: Sequence[Recording], signed: bool) -> "StaticEstimator":
-        """Fit to recordings on the common curve."""
+        """Return the estimator fitted to recordings on the common curve; signed includes bent samples."""
         change, strain = _samples(recordings, signed)
         order = np.argsort(change, kind="stable")
         fitted = isotonic_regression(strain[order]).x
@@ -41,25 +41,25 @@ class StaticEstimator:
         sigma = float(np.std(strain - np.interp(change, curve_change, curve_strain)))
         return cls(curve_change, curve_strain, sigma)
 
-    def follow(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> Followed:
-        """See `StrainEstimator`."""
-        return _followed(np.interp(change, self.change, self.strain), self.sigma)
+    def estimate(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> EstimatedStrain:
+        """Return strain and sigma, see `StrainEstimator`."""
+        return _with_constant_sigma(np.interp(change, self.change, self.strain), self.sigma)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolynomialEstimator:
-    """Strain as a cubic in dR/R and in how far it is from its running means over three times: filtered rates."""
+    """Strain as a cubic polynomial of dR/R and its differences from three running means, which are filtered rates."""
 
     scale: NDArray[np.float64]
-    """(4,) of the four inputs."""
+    """(4,) divisors of the four inputs."""
     coefficients: NDArray[np.float64]
-    """(35,) of all products of up to three inputs."""
+    """(35,) coefficients of all products of up to three inputs."""
     sigma: float
-    """Of its error in training."""
+    """Standard deviation of the error in training."""
 
     @classmethod
     def fit(cls, recordings: Sequence[Recording], signed: bool) -> "PolynomialEstimator":
-        """Fit to recordings on the common curve."""
+        """Return the estimator fitted to recordings on the common curve; signed includes bent samples."""
         parts = [(r.counted(signed), rate_inputs(r.change, r.running_means(FILTERS_S)), r.strain) for r in recordings]
         inputs = np.concatenate([x[counted] for counted, x, _ in parts])
         strain = np.concatenate([strain[counted] for counted, _, strain in parts])
@@ -68,25 +68,33 @@ class PolynomialEstimator:
         coefficients, _ = ridge(terms, strain)
         return cls(scale, coefficients, float(np.std(strain - terms @ coefficients)))
 
-    def follow(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> Followed:
-        """See `StrainEstimator`."""
+    def estimate(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> EstimatedStrain:
+        """Return strain and sigma, see `StrainEstimator`."""
         inputs = rate_inputs(change, running_means(change, step_s, FILTERS_S))
-        return _followed(products(inputs / self.scale) @ self.coefficients, self.sigma)
+        return _with_constant_sigma(products(inputs / self.scale) @ self.coefficients, self.sigma)
 
 
-def on_common_curve(recordings: Sequence[Recording], own: Mapping[str, NDArray[np.float64]]) -> list[Recording]:
-    """Return recordings with each one's own gain and offset undone."""
+def on_common_curve(recordings: Sequence[Recording], gains: Mapping[str, NDArray[np.float64]]) -> list[Recording]:
+    """Return recordings with their gains and offsets removed.
+
+    Args:
+        recordings: of strips.
+        gains: (2,) gain and offset of each recording, by its name.
+    """
     return [
-        Recording(r.name, r.t_s, r.strain, common_change(r.change, *own[r.name]), r.scored_from_s) for r in recordings
+        Recording(r.name, r.t_s, r.strain, common_change(r.change, *gains[r.name]), r.scored_from_s) for r in recordings
     ]
 
 
 def _samples(recordings: Sequence[Recording], signed: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    pairs = [(r.change[r.counted(signed)], r.strain[r.counted(signed)]) for r in recordings]
-    change, strain = (np.concatenate(column) for column in zip(*pairs, strict=True))
+    """Return (samples,) dR/R and (samples,) strain of all samples that count."""
+    change = np.concatenate([r.change[r.counted(signed)] for r in recordings])
+    strain = np.concatenate([r.strain[r.counted(signed)] for r in recordings])
     return change, strain
 
 
-def _followed(strain: NDArray[np.float64], sigma: float) -> Followed:
-    sigmas, zeros = np.full(strain.shape, sigma), np.zeros(strain.shape)
-    return Followed(strain, sigmas, sigmas, zeros, zeros.astype(np.bool_))
+def _with_constant_sigma(strain: NDArray[np.float64], sigma: float) -> EstimatedStrain:
+    sigmas = np.full(strain.shape, sigma)
+    spread = np.zeros(strain.shape)
+    beyond = np.zeros(strain.shape, dtype=np.bool_)
+    return EstimatedStrain(strain, sigmas, sigmas, spread, beyond)

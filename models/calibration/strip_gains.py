@@ -1,4 +1,4 @@
-"""Each strip's own gain and offset, tared while its strain is known, as a tendon is while the structure rests."""
+"""The gain and offset of each strip, tared while its strain is known, as a tendon is tared at the rest shape."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,12 +15,12 @@ from .recordings import Recording
 from .strain_estimators import StrainEstimator
 
 GAIN_TRIES = 6
-"""Values of gain and offset tried on a strip."""
+"""Number of Gauss-Newton iterations for the gain and offset of a strip."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StripGain:
-    """What is known of one strip's gain_and_offset gain and offset: dR/R = offset + gain * common."""
+    """The estimated gain and offset of one strip: dR/R = offset + gain * (dR/R on the common curve)."""
 
     gain_and_offset: NDArray[np.float64]
     """(2,) gain and offset."""
@@ -32,7 +32,12 @@ class StripGain:
         return common_change(change, *self.gain_and_offset)
 
     def sigma(self, common: NDArray[np.float64], slope: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the strain sigma that is left at a dR/R of the common curve, which has this slope there."""
+        """Return the strain sigma due to the covariance of gain and offset.
+
+        Args:
+            common: (...) dR/R on the common curve.
+            slope: (...) slope d(dR/R) / d(strain) of the common curve there.
+        """
         slopes = np.stack([common, np.ones_like(common)], axis=-1) / (self.gain_and_offset[0] * slope[..., None])
         return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", slopes, self.covariance, slopes)))
 
@@ -45,13 +50,21 @@ def tare_strips(
     seconds: float = SETTLING_S,
     start: Mapping[str, NDArray[np.float64]] = MappingProxyType({}),
 ) -> dict[str, StripGain]:
-    """Return each strip's gain and offset by Gauss-Newton on its first seconds, with their spread as prior.
+    """Return the gain and offset of each strip by Gauss-Newton on its first seconds, with their spread as prior.
 
-    With p = (gain, offset) and P their covariance over strips, the sum
+    With p = (gain, offset) and P their covariance over strips, they minimise
 
         (p - (1, 0))' P^-1 (p - (1, 0)) + sum_t (estimate_t(p) - strain_t)^2 / (INDEPENDENT sigma_t^2)
 
-    is least,    with sigma as it is where the search begins: at `start`, by name, else at (1, 0).
+    where sigma is that at the start of the search.
+
+    Args:
+        estimator: the estimator of strain.
+        recordings: of strips.
+        gauge: contains the spread of gain and offset over strips.
+        signed: whether bent samples count, too.
+        seconds: length of the first part of each recording that is used.
+        start: (2,) gain and offset at which the search starts, by name of recording; (1, 0) for other recordings.
     """
     if not recordings:
         return {}
@@ -63,26 +76,26 @@ def tare_strips(
     front_end = FrontEndSettings()
     tries = np.array([[0.0, 0.0], [1e-3, 0.0], [0.0, 1e-4]])
     for _ in range(GAIN_TRIES):
-        tares = [replace(s.best, gain_and_offset=s.next_try + d) for s in searches for d in tries]
+        tares = [replace(s.best, gain_and_offset=s.next_try + step) for s in searches for step in tries]
         change, step_s = side_by_side([r for r in starts for _ in tries], tares)
-        followed = estimator.follow(change, step_s)
+        estimate = estimator.estimate(change, step_s)
         for k, r in enumerate(starts):
-            strain = followed.strain[: len(r.t_s), 3 * k : 3 * k + 3]
-            sigma = followed.sigma[: len(r.t_s), 3 * k]
+            strain = estimate.strain[: len(r.t_s), 3 * k : 3 * k + 3]
+            sigma = estimate.sigma[: len(r.t_s), 3 * k]
             warm_up = front_end.warm_up_sigma * np.exp(-(r.t_s - r.t_s[0]) / front_end.warm_up_s)
             variance = INDEPENDENT * (sigma**2 + warm_up**2)  # the strip's past is unknown at first
             weight = weights.setdefault(r.name, np.where(signed | (r.strain >= 0), 1 / variance, 0.0))
             error = strain[:, 0] - r.strain
-            away = searches[k].next_try - prior
+            deviation = searches[k].next_try - prior
             slopes = (strain[:, 1:] - strain[:, :1]) / np.array([1e-3, 1e-4])
-            cost = float(away @ information @ away + weight @ error**2)
-            gradient = slopes.T @ (weight * error) + information @ away
+            cost = float(deviation @ information @ deviation + weight @ error**2)
+            gradient = slopes.T @ (weight * error) + information @ deviation
             searches[k].take(cost, gradient, information + slopes.T @ (weight[:, None] * slopes))
     return {r.name: search.best for r, search in zip(recordings, searches, strict=True)}
 
 
 class StripGainSearch:
-    """Gauss-Newton for one strip; a step that makes things worse is halved."""
+    """Gauss-Newton for one strip; a step that increases the cost is halved."""
 
     def __init__(self, start: StripGain) -> None:
         self.best = start
@@ -91,7 +104,7 @@ class StripGainSearch:
         self._step = np.zeros(2)
 
     def take(self, cost: float, gradient: NDArray[np.float64], precision: NDArray[np.float64]) -> None:
-        """Take in what was found at `next_try`, and choose the next."""
+        """Use the cost and its derivatives at `next_try`, and choose the next values to try."""
         if cost < self._cost:
             self.best = StripGain(self.next_try, np.asarray(np.linalg.inv(precision), dtype=np.float64))
             self._cost = cost
@@ -104,13 +117,17 @@ class StripGainSearch:
 def side_by_side(
     recordings: Sequence[Recording], tares: Sequence[StripGain]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (samples, strips) dR/R on the common curve and time steps; shorter recordings stand still at their end."""
+    """Return (samples, strips) dR/R on the common curve, and (samples, strips) time steps.
+
+    Recordings that are shorter than the longest one are continued with their last value.
+    """
     longest = max(len(r.t_s) for r in recordings)
     change = np.empty((longest, len(recordings)))
     step_s = np.empty((longest, len(recordings)))
     for k, (r, tare) in enumerate(zip(recordings, tares, strict=True)):
         steps = np.diff(r.t_s)
-        own_step_s = float(np.median(steps))
-        change[:, k] = np.pad(tare.common(r.change), (0, longest - len(r.t_s)), mode="edge")
-        step_s[:, k] = np.pad(np.append(own_step_s, steps), (0, longest - len(r.t_s)), constant_values=own_step_s)
+        median_step_s = float(np.median(steps))
+        padding = (0, longest - len(r.t_s))
+        change[:, k] = np.pad(tare.common(r.change), padding, mode="edge")
+        step_s[:, k] = np.pad(np.append(median_step_s, steps), padding, constant_values=median_step_s)
     return change, step_s

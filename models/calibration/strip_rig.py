@@ -1,4 +1,4 @@
-"""How a test rig's files are to be read: which column is what, in which unit."""
+"""The format of a test rig's files: the meaning and the unit of each column."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -14,23 +14,23 @@ LENGTH_MM = {"mm": 1.0, "m": 1e3, "inch": 25.4}
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Names in the header, or numbers from 1 on in files without one."""
+    """The columns, by their names in the header, or by numbers from 1 on in files without a header."""
 
     time: str | int = "t_s"
-    """When the resistance was read."""
+    """Time at which the resistance was measured."""
     resistance: str | int = "resistance_ohm"
-    """Of the strip; its sign, the source's polarity, does not count."""
+    """Resistance of the strip. Its sign is ignored, because it depends on the polarity of the source."""
     strain: str | int = "strain"
-    """Of the strip, where the rig tells it; else ..."""
+    """Strain of the strip; not used when `displacement` is given."""
     displacement: str | int | None = None
-    """... how far the rig has moved, which over the gauge length is strain."""
+    """Displacement of the rig, which is divided by the gauge length to get strain."""
     strain_time: str | int | None = None
-    """When strain or displacement was read, if that has a clock reading of its own."""
+    """Time at which strain or displacement was measured, if that is a separate column."""
 
 
 @dataclass(frozen=True, slots=True)
 class Units:
-    """Of the columns."""
+    """The units of the columns."""
 
     time: Literal["s", "ms", "us"] = "s"
     resistance: Literal["ohm", "kohm", "Mohm"] = "ohm"
@@ -40,18 +40,19 @@ class Units:
 
 @dataclass(frozen=True, slots=True)
 class StripRig:
-    """A test rig, as in the file given by --rig; the defaults are the project's own recordings."""
+    """A test rig, as in the file given by --rig; the defaults are those of the project's recordings."""
 
     columns: Columns = field(default_factory=Columns)
     units: Units = field(default_factory=Units)
     gauge_length_mm: Positive | None = None
     """Length of the strip between the clamps at zero displacement."""
     natural_resistance_ohm: Positive | Literal["header", "start"] = "header"
-    """R0: from a line `# natural_resistance_ohm = ...` in each file, or the mean of each file's first second."""
+    """R0 as a number; `header` reads it from a line `# natural_resistance_ohm = ...` in each file, and `start` is the
+    mean of the first second of each file."""
     magnitude: bool = False
-    """Whether all motion is stretching, whatever its sign."""
+    """Whether all motion is stretching, so that the sign of strain or displacement is ignored."""
     average: AtLeastOne = 1
-    """Readings in a running mean: 2 for a source whose current alternates."""
+    """Number of readings in a running mean: 2 for a source with alternating current."""
 
     def __post_init__(self) -> None:
         if self.columns.displacement is not None and self.gauge_length_mm is None:
@@ -64,19 +65,19 @@ class StripRig:
 
     @property
     def numbered(self) -> bool:
-        """Whether the files have no header."""
+        """Whether the files have no header, so that columns are given by number."""
         return isinstance(self.columns.time, int)
 
     @property
     def needed_columns(self) -> tuple[str | int, str | int, str | int, str | int]:
-        """Time and resistance, time of strain and strain or displacement."""
+        """The columns of time, resistance, time of strain, and strain or displacement, in this order."""
         c = self.columns
         motion = c.strain if c.displacement is None else c.displacement
         return c.time, c.resistance, c.time if c.strain_time is None else c.strain_time, motion
 
     @property
     def strain_scale(self) -> float:
-        """By what to multiply the column of strain or displacement to get strain."""
+        """The factor that converts the column of strain or displacement to strain."""
         if self.columns.displacement is None or self.gauge_length_mm is None:
             return STRAIN[self.units.strain]
         return LENGTH_MM[self.units.displacement] / self.gauge_length_mm

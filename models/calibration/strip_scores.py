@@ -1,4 +1,4 @@
-"""Numbers that say how well an estimator follows strips."""
+"""Scores of an estimator on strips: errors, coverage and their correlation time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from ..values.correlation import autocorrelation_of
 from .strips import StripRun
 
 IRREGULAR = "irregular motion"
-"""The group of the recordings without a speed of their own."""
+"""Name of the group of recordings that do not have one constant speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,28 +18,29 @@ class StripScore:
     """Errors of strain over some recordings."""
 
     samples: int
-    """How many."""
+    """Number of samples."""
     rmse: float
     """Root mean square error of strain."""
     r2: float
-    """Share of the variance of strain explained."""
+    """Share of the variance of strain that the estimate explains."""
     coverage_68: float
-    """Share of errors inside one sigma, ..."""
+    """Share of the errors within one sigma."""
     coverage_95: float
-    """... and inside 1.96 sigma."""
+    """Share of the errors within 1.96 sigma."""
     median_sigma: float
-    """Of strain: coverage alone says nothing."""
+    """Median of the sigma of strain, without which coverage is not meaningful."""
     correlation_s: float
-    """Time after which the error's autocorrelation has fallen to 1/e."""
+    """Time after which the autocorrelation of the error has fallen to 1/e."""
     beyond: float
-    """Share of the samples flagged as beyond training."""
+    """Share of the samples that are flagged as outside the range of the training."""
 
     @classmethod
     def of(cls, runs: Sequence[StripRun]) -> "StripScore":
         """Return the score over all samples of some runs."""
-        error, strain, sigma, beyond = (
-            np.concatenate([getattr(run, name) for run in runs]) for name in ("error", "strain", "sigma", "beyond")
-        )
+        error = np.concatenate([run.error for run in runs])
+        strain = np.concatenate([run.strain for run in runs])
+        sigma = np.concatenate([run.sigma for run in runs])
+        beyond = np.concatenate([run.beyond for run in runs])
         z = np.abs(error / sigma)
         return cls(
             samples=len(error),
@@ -54,7 +55,7 @@ class StripScore:
 
 
 def by_speed(runs: Sequence[StripRun]) -> dict[str, list[StripRun]]:
-    """Return runs in groups of one speed each, slow ones first, irregular motion last."""
+    """Return the runs in groups of one speed each, in order of speed; irregular motion is last."""
     groups: dict[str, list[StripRun]] = {}
     for run in sorted(runs, key=lambda run: (np.isnan(run.speed_per_s), float(f"{run.speed_per_s:.2g}"), run.name)):
         label = IRREGULAR if np.isnan(run.speed_per_s) else f"speed {run.speed_per_s:.2g} /s"
@@ -63,7 +64,7 @@ def by_speed(runs: Sequence[StripRun]) -> dict[str, list[StripRun]]:
 
 
 def error_autocorrelation(run: StripRun, longest_s: float = 60.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return lags in seconds, and the autocorrelation of a run's error there."""
+    """Return (lags,) lags in seconds, and (lags,) the autocorrelation of a run's error at these lags."""
     step_s = float(np.median(np.diff(run.t_s)))
     even_s = np.arange(run.t_s[0], run.t_s[-1], step_s)
     correlation = autocorrelation_of(np.interp(even_s, run.t_s, run.error))

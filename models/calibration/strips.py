@@ -1,4 +1,4 @@
-"""Strips on the test rig, followed as tendons on a structure are: tared while their strain is known, then estimated."""
+"""Runs of an estimator on strips, processed like tendons: tared while their strain is known, and then estimated."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,35 +14,35 @@ from .strip_gains import StripGain, side_by_side, tare_strips
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StripRun:
-    """One recording, estimated; only where it counts: stretched, settled, and never trained on."""
+    """The estimate on one recording, at the samples that are scored, see `Recording.counted`."""
 
     name: str
     speed_per_s: float
-    """Nan for irregular motion."""
+    """Speed of the recording in strain per second; nan for irregular motion."""
     t_s: NDArray[np.float64]
     """(samples,)"""
     strain: NDArray[np.float64]
-    """(samples,) as the rig measured it."""
+    """(samples,) strain as measured by the rig."""
     change: NDArray[np.float64]
-    """(samples,) dR/R as read."""
+    """(samples,) dR/R as measured."""
     rate_per_s: NDArray[np.float64]
-    """(samples,) of the rig's strain."""
+    """(samples,) rate of the measured strain."""
     estimate: NDArray[np.float64]
-    """(samples,)"""
+    """(samples,) estimated strain."""
     sigma: NDArray[np.float64]
-    """(samples,) with what the tare leaves."""
+    """(samples,) standard deviation of the estimate, including that due to taring."""
     tare_sigma: NDArray[np.float64]
-    """(samples,) that alone."""
+    """(samples,) standard deviation due to taring alone."""
     unscaled_sigma: NDArray[np.float64]
-    """(samples,) of the network alone, before calibration."""
+    """(samples,) sigma of the network before it is scaled."""
     spread: NDArray[np.float64]
-    """(samples,) of strain lately."""
+    """(samples,) recent spread of strain, see `StrainSpread`."""
     beyond: NDArray[np.bool_]
-    """(samples,) flagged as beyond training."""
+    """(samples,) whether a sample is outside the range of the training."""
 
     @property
     def error(self) -> NDArray[np.float64]:
-        """(samples,) estimate minus strain."""
+        """(samples,) estimated minus measured strain."""
         return self.estimate - self.strain
 
 
@@ -53,29 +53,30 @@ def run_strips(
     known: Mapping[str, StripGain],
     signed: bool = False,
 ) -> list[StripRun]:
-    """Return an estimator's output on recordings.
+    """Return the output of an estimator on recordings.
 
-    A strip whose recording was trained on keeps the gain and offset found there (`known`); any other is tared on its
-    first 10 s, in which the rig tells its strain, as the rest shape tells a tendon's. These do not score.
+    A strip whose recording was in the training keeps its gain and offset from there (`known`). Any other strip is tared
+    on the first 10 s of its recording, in which its strain is known from the rig, as that of a tendon is known at the
+    rest shape. These 10 s are not scored.
 
     Args:
         estimator: the network, or a baseline.
         recordings: of strips.
-        gauge: the common curve, and how much strips differ from it.
-        known: tares by name.
+        gauge: the common curve, with the spread of gain and offset over strips.
+        known: gain and offset by name of recording.
         signed: whether bent samples count, too.
     """
     if not recordings:
         return []
-    fresh = [r for r in recordings if r.name not in known]
-    tares = dict(known) | tare_strips(estimator, fresh, gauge, signed)
+    untared = [r for r in recordings if r.name not in known]
+    tares = dict(known) | tare_strips(estimator, untared, gauge, signed)
     change, step_s = side_by_side(recordings, [tares[r.name] for r in recordings])
-    followed = estimator.follow(change, step_s)
+    estimate = estimator.estimate(change, step_s)
     runs = []
     for k, r in enumerate(recordings):
         samples = len(r.t_s)
         counted = r.counted(signed)
-        strain = followed.strain[:samples, k]
+        strain = estimate.strain[:samples, k]
         common = change[:samples, k]
         tare_sigma = tares[r.name].sigma(common, gauge.slope(np.maximum(strain, 0)))
         run = StripRun(
@@ -86,11 +87,11 @@ def run_strips(
             change=r.change[counted],
             rate_per_s=np.gradient(r.strain, r.t_s)[counted],
             estimate=strain[counted],
-            sigma=np.hypot(followed.sigma[:samples, k], tare_sigma)[counted],
+            sigma=np.hypot(estimate.sigma[:samples, k], tare_sigma)[counted],
             tare_sigma=tare_sigma[counted],
-            unscaled_sigma=followed.unscaled_sigma[:samples, k][counted],
-            spread=followed.spread[:samples, k][counted],
-            beyond=followed.beyond[:samples, k][counted],
+            unscaled_sigma=estimate.unscaled_sigma[:samples, k][counted],
+            spread=estimate.spread[:samples, k][counted],
+            beyond=estimate.beyond[:samples, k][counted],
         )
         runs.append(run)
     return [run for run in runs if len(run.t_s)]

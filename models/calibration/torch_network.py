@@ -1,6 +1,6 @@
-"""The network and the rate curve in torch, to differentiate them; `sensor.lstm` and `sensor.rate_curve` run them.
+"""The network and the rate curve in torch, for their gradients in training.
 
-Tests hold the two versions of each equation together.
+At run time `sensor.lstm` and `sensor.rate_curve` are used; tests check that the two versions of each equation agree.
 """
 
 from typing import Any
@@ -17,46 +17,48 @@ from ..sensor.rate_curve import RateCurve, product_indices
 class StretchingModule(torch.nn.Module):
     """The LSTM with its head, and the gain and offset of each strip, in units of their spread."""
 
-    def __init__(self, inputs: int, hidden: int, own: NDArray[np.float64]) -> None:
+    def __init__(self, inputs: int, hidden: int, gains: NDArray[np.float64]) -> None:
         super().__init__()
         self.lstm = torch.nn.LSTM(inputs, hidden, batch_first=True)
         self.head = torch.nn.Linear(hidden, 2)
-        self.register_buffer("mean_own", torch.tensor(own.mean(axis=0), dtype=torch.float32))
-        self.own_away = torch.nn.Parameter(torch.tensor(own, dtype=torch.float32))
+        self.register_buffer("mean_gains", torch.tensor(gains.mean(axis=0), dtype=torch.float32))
+        self.free_gains = torch.nn.Parameter(torch.tensor(gains, dtype=torch.float32))
         with torch.no_grad():
             forget_bias = dict(self.lstm.named_parameters())["bias_ih_l0"][hidden : 2 * hidden]
-            forget_bias += 1.0  # remember, to begin with
-            self.head.weight *= torch.tensor([[0.0], [0.3]])  # start on the curve
+            forget_bias += 1.0  # so that the network keeps its memory at the start of the training
+            self.head.weight *= torch.tensor([[0.0], [0.3]])  # so that the training starts at the curve
             self.head.bias[0] = 0.0
 
     @property
-    def own(self) -> torch.Tensor:
-        """(strips, 2) with the mean that they began with: a gain common to all strips is the curve's."""
-        return self.own_away - self.own_away.mean(dim=0) + self.get_buffer("mean_own")
+    def gains(self) -> torch.Tensor:
+        """(strips, 2) gain and offset; their mean is fixed, because a gain that all strips share is in the curve."""
+        return self.free_gains - self.free_gains.mean(dim=0) + self.get_buffer("mean_gains")
 
     def forward(self, x: torch.Tensor, state: Any) -> tuple[torch.Tensor, torch.Tensor, Any]:
-        """Return mean and log variance, (sequences, steps) each, and the state after (sequences, steps, features)."""
+        """Return mean and log variance, each (sequences, steps), and the state after (sequences, steps, features) x."""
         h, state = self.lstm(x, state)
         mean, log_variance = self.head(h).unbind(-1)
         return mean, log_variance.clamp(*LOG_VARIANCE_RANGE), state
 
 
 def curve_strain(curve: RateCurve, common: torch.Tensor, means: torch.Tensor) -> torch.Tensor:
-    """Return `RateCurve.strain` in torch, which can differentiate it."""
-    scale, low, high, coefficients = (
-        torch.tensor(a, dtype=torch.float32) for a in (curve.scale, *curve.range, curve.coefficients)
-    )
+    """Return `RateCurve.strain`, computed in torch."""
+    scale = torch.tensor(curve.scale, dtype=torch.float32)
+    low = torch.tensor(curve.range[0], dtype=torch.float32)
+    high = torch.tensor(curve.range[1], dtype=torch.float32)
+    coefficients = torch.tensor(curve.coefficients, dtype=torch.float32)
     inputs = torch.cat([common[..., None], common[..., None] - means], dim=-1)
-    held = torch.minimum(torch.maximum(inputs, low), high)
-    factors = torch.cat([torch.ones_like(held[..., :1]), held / scale], dim=-1)
-    first, second, third = (factors[..., index] for index in product_indices(held.shape[-1]).T)
-    static = _static_strain(curve.gauge, held[..., 0])
-    strain = (first * second * third) @ coefficients[:-1] + coefficients[-1] * static
+    clipped = torch.minimum(torch.maximum(inputs, low), high)
+    factors = torch.cat([torch.ones_like(clipped[..., :1]), clipped / scale], dim=-1)
+    first, second, third = product_indices(clipped.shape[-1]).T
+    products = factors[..., first] * factors[..., second] * factors[..., third]
+    static = _static_strain(curve.gauge, clipped[..., 0])
+    strain = products @ coefficients[:-1] + coefficients[-1] * static
     return strain + _static_strain(curve.gauge, common) - static
 
 
 def _static_strain(gauge: StaticGauge, common: torch.Tensor) -> torch.Tensor:
-    """Return `StaticGauge.stretched_strain` as a sum of ramps."""
+    """Return `StaticGauge.stretched_strain`, computed in torch as a sum of ramps."""
     slopes = np.diff(gauge.strain_knots) / np.diff(gauge.change_knots)
     strain = float(slopes[0]) * common
     for knot, bend in zip(gauge.change_knots[1:-1].tolist(), np.diff(slopes).tolist(), strict=True):
@@ -67,13 +69,13 @@ def _static_strain(gauge: StaticGauge, common: torch.Tensor) -> torch.Tensor:
 def sample_loss(
     error: torch.Tensor, log_variance: torch.Tensor, counted: torch.Tensor, likelihood: bool
 ) -> torch.Tensor:
-    """Return the mean over the counted samples of -log likelihood, or of the squared error before sigma learns."""
+    """Return the mean over the counted samples of -log likelihood, or else of the squared error."""
     loss = 0.5 * (error**2 * torch.exp(-log_variance) + log_variance) if likelihood else error**2
     return (loss * counted).sum() / counted.sum().clamp(min=1)
 
 
 def scaled_gaussian_loss(error: torch.Tensor, log_variance: torch.Tensor, counted: torch.Tensor) -> torch.Tensor:
-    """Return the Gaussian loss with sigma multiplied by what makes it least: sigma is scaled after the training."""
+    """Return the Gaussian loss with the factor of sigma that minimises it, because sigma is scaled after training."""
     count = counted.sum().clamp(min=1)
     mean_square = (error**2 * torch.exp(-log_variance) * counted).sum() / count
     return 0.5 * ((log_variance * counted).sum() / count + torch.log(mean_square + 1e-12) + 1)

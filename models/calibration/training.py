@@ -21,6 +21,9 @@ from .recordings import Recording, Split
 from .strip_baselines import on_common_curve
 from .torch_network import StretchingModule, curve_strain, sample_loss, scaled_gaussian_loss
 
+CHECKPOINT_VERSION = 2
+"""Version of the names in a checkpoint; a checkpoint of another version is not used."""
+
 
 def train(
     split: Split,
@@ -29,18 +32,19 @@ def train(
     progress: Callable[[int, float], None] = lambda epoch, loss: None,
     checkpoint: Checkpoint | None = None,
 ) -> Trained:
-    """Fit the curves, then the network on recordings in which strain is mostly tensile.
+    """Fit the curves, and then the network, to recordings in which strain is mostly tensile.
 
-    Each strip's own gain and offset are unknown; they are learned along with the network, with their spread over
-    strips as prior. The loss counts samples with strain >= 0 only, but bending passes through the input, so that the
-    network knows a strip that comes back from it; a unified network counts all.
+    The gain and offset of each strip are unknown; they are learned together with the network, with their spread over
+    strips as prior. The loss counts only samples with strain >= 0. Bent samples are in the input all the same, so that
+    the network learns the state of a strip after bending. For a unified network the loss counts all samples.
 
     Args:
-        split: what to train on, and what to validate with.
+        split: the recordings for training and validation.
         bending: the curve of bent strips.
-        settings: the recipe.
+        settings: the settings of the training.
         progress: called after each epoch with its number and mean loss.
-        checkpoint: where to go on from, and to keep the state; one of other data or settings is not used.
+        checkpoint: the storage of the unfinished training, from which it continues. A state of other data or settings
+            is not used.
 
     Raises:
         InputError: when there is nothing to train on.
@@ -53,7 +57,7 @@ def train(
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Sums in one order, however many cores there are; networks this small gain nothing from a second one."""
+    """Run torch in one thread, so that sums have the same order on any machine; a small network is not slower."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -64,57 +68,64 @@ def _one_thread() -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Batch:
-    """Pieces of recordings: (sequences, steps) each."""
+    """Pieces of recordings, resampled to constant time steps."""
 
     strip: torch.Tensor
-    """(sequences,) which strip."""
+    """(sequences,) index of the strip."""
     change: torch.Tensor
+    """(sequences, steps) dR/R with noise."""
     means: torch.Tensor
-    """(sequences, steps, memories) running means of the same, without noise."""
+    """(sequences, steps, memories) running means of dR/R, without noise."""
     step_s: torch.Tensor
     """(sequences, 1)"""
     strain: torch.Tensor
+    """(sequences, steps)"""
     counted: torch.Tensor
+    """(sequences, steps) 1 for the samples in the loss, 0 for others."""
 
 
 class _Training:
-    """The state of a training, epoch by epoch."""
+    """The state of a training, which is updated in each epoch."""
 
     def __init__(self, split: Split, bending: BendingCurve, settings: TrainingSettings) -> None:
         self._settings = settings
-        self._gauge, own = fit_gauge(split.training, bending)
-        common = on_common_curve(split.training, {name: np.array(pair) for name, pair in own.items()})
+        self._gauge, training_gains = fit_gauge(split.training, bending)
+        common = on_common_curve(split.training, {name: np.array(pair) for name, pair in training_gains.items()})
         self._curve = fit_rate_curve(common, self._gauge, np.array(MEMORY_S[:CURVE_MEMORIES]), settings.unified)
-        _, own_of_validation = fit_gauge([*split.training, *split.validation], bending)
+        _, validation_gains = fit_gauge([*split.training, *split.validation], bending)
         self._recordings = split.training
         self._spread = np.array([self._gauge.gain_sigma, self._gauge.offset_sigma])
         self._names = [r.name for r in split.training]
-        own_of_all = own_of_validation | own
-        units, validation_units = (
-            np.array([(np.array(own_of_all[r.name]) - [1, 0]) / self._spread for r in recordings])
-            for recordings in (split.training, split.validation)
-        )
+        gains = validation_gains | training_gains
+        units = np.array([(np.array(gains[r.name]) - [1, 0]) / self._spread for r in split.training])
+        validation_units = np.array([(np.array(gains[r.name]) - [1, 0]) / self._spread for r in split.validation])
         self._scaling = _scaling(split.training)
         self._step_s = _step_range(split.training, settings.relative_step)
-        everything = (*split.training, *split.validation)
-        self._means = {(r.name, len(r.t_s)): r.running_means(np.array(MEMORY_S)) for r in everything}
+        recordings = (*split.training, *split.validation)
+        self._means = {(r.name, len(r.t_s)): r.running_means(np.array(MEMORY_S)) for r in recordings}
         self._prepare(split, units, validation_units)
 
     def _prepare(self, split: Split, units: NDArray[np.float64], validation_units: NDArray[np.float64]) -> None:
-        """Set up the network and what optimises it; gains and offsets come in units of their spread."""
+        """Set up the network and its optimiser.
+
+        Args:
+            split: the recordings for training and validation.
+            units: (strips, 2) gain - 1 and offset of the training recordings, in units of their spread.
+            validation_units: (strips, 2) the same for the validation recordings.
+        """
         settings = self._settings
         torch.manual_seed(settings.seed)
         self._rng = np.random.default_rng(settings.seed)
         self._network = StretchingModule(3 + len(MEMORY_S), settings.hidden, units)
-        self._own_of_validation = torch.tensor(validation_units, dtype=torch.float32, requires_grad=True)
+        self._validation_gains = torch.tensor(validation_units, dtype=torch.float32, requires_grad=True)
         names = {name: k for k, name in enumerate(self._names)}
-        self._known_of_validation = [(k, names[r.name]) for k, r in enumerate(split.validation) if r.name in names]
-        self._tare = torch.optim.Adam([self._own_of_validation], lr=0.1)
-        shared = [p for p in self._network.parameters() if p is not self._network.own_away]
+        self._trained_strips = [(k, names[r.name]) for k, r in enumerate(split.validation) if r.name in names]
+        self._tare = torch.optim.Adam([self._validation_gains], lr=0.1)
+        shared = [p for p in self._network.parameters() if p is not self._network.free_gains]
         trained_s = sum(r.duration_s for r in split.training)
         groups: list[dict[str, Any]] = [
             {"params": shared, "weight_decay": settings.weight_decay_s / trained_s},
-            {"params": [self._network.own_away], "weight_decay": 0.0},
+            {"params": [self._network.free_gains], "weight_decay": 0.0},
         ]
         self._optimizer = torch.optim.AdamW(groups, lr=settings.learning_rate)
         self._chunks = [slice(k, k + settings.chunk) for k in range(0, settings.steps, settings.chunk)]
@@ -148,16 +159,16 @@ class _Training:
         losses = []
         likelihood = epoch >= self.history.likelihood_from
         for chunk in self._chunks:
-            x, curve = self._inputs(batch, self._network.own, chunk)
+            x, curve = self._inputs(batch, self._network.gains, chunk)
             mean, log_variance, state = self._network(x, state)
             state = tuple(s.detach() for s in state)
             error = mean + (curve - batch.strain[:, chunk]) / STRAIN_SCALE
             loss = sample_loss(error, log_variance, batch.counted[:, chunk], likelihood)
-            prior = self._prior_weight * (self._network.own**2).sum() if likelihood else 0.0
+            prior = self._prior_weight * (self._network.gains**2).sum() if likelihood else 0.0
             self._optimizer.zero_grad()
             (loss + prior).backward()  # type: ignore[no-untyped-call]
-            if not likelihood:  # squared error knows no scale to weigh the prior against
-                self._network.own_away.grad = None
+            if not likelihood:  # the squared error has no scale that the prior could be compared with
+                self._network.free_gains.grad = None
             torch.nn.utils.clip_grad_norm_(self._network.parameters(), 1.0)
             self._optimizer.step()
             self._schedule.step()
@@ -165,14 +176,14 @@ class _Training:
         return float(np.mean(losses))
 
     def _validate(self, epoch: int) -> None:
-        """Check the loss on strips not trained on; only their gain and offset are fitted, a step a check."""
+        """Compute the validation loss, and fit the gain and offset of the validation strips by one step."""
         likelihood = epoch > self.history.likelihood_from
         history = self.history
-        own = self._own_of_validation
-        with torch.no_grad():  # of a strip that is trained on it is known
-            for k, strip in self._known_of_validation:
-                own[k] = self._network.own[strip]
-        x, curve = self._inputs(self._validation, own, slice(0, self._settings.steps))
+        gains = self._validation_gains
+        with torch.no_grad():  # gain and offset of a strip that is in the training, too, are known from there
+            for k, strip in self._trained_strips:
+                gains[k] = self._network.gains[strip]
+        x, curve = self._inputs(self._validation, gains, slice(0, self._settings.steps))
         mean, log_variance, _ = self._network(x, None)
         error = mean + (curve - self._validation.strain) / STRAIN_SCALE
         counted = self._validation.counted
@@ -183,7 +194,7 @@ class _Training:
         )
         if likelihood:
             self._tare.zero_grad()
-            (loss + self._prior_weight * (own**2).sum()).backward()  # type: ignore[no-untyped-call]
+            (loss + self._prior_weight * (gains**2).sum()).backward()  # type: ignore[no-untyped-call]
             self._tare.step()
         history.validation_epoch.append(epoch)
         history.validation_loss.append(loss.item())
@@ -211,7 +222,7 @@ class _Training:
             r = recordings[strip[k]]
             step_s[k] = min(step_s[k], r.duration_s / steps)
             last_start_s = r.t_s[-1] - step_s[k] * (steps - 1)
-            first_start_s = min(max(r.t_s[0], r.scored_from_s), last_start_s)  # earlier pieces would count less
+            first_start_s = min(max(r.t_s[0], r.scored_from_s), last_start_s)  # so that most samples are counted
             t_s = rng.uniform(first_start_s, last_start_s) + step_s[k] * np.arange(steps)
             strain[k] = np.interp(t_s, r.t_s, r.strain)
             change[k] = np.interp(t_s, r.t_s, r.change)
@@ -223,20 +234,30 @@ class _Training:
             counts &= strain >= 0
         noisy = (1 + change) * (1 + noise) - 1
         return _Batch(
-            torch.tensor(strip),
-            *(torch.tensor(a, dtype=torch.float32) for a in (noisy, means, step_s[:, None], strain, counts)),
+            strip=torch.tensor(strip),
+            change=torch.tensor(noisy, dtype=torch.float32),
+            means=torch.tensor(means, dtype=torch.float32),
+            step_s=torch.tensor(step_s[:, None], dtype=torch.float32),
+            strain=torch.tensor(strain, dtype=torch.float32),
+            counted=torch.tensor(counts, dtype=torch.float32),
         )
 
-    def _inputs(self, batch: _Batch, own_units: torch.Tensor, chunk: slice) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the network's input (sequences, chunk, features), and the strain of the curve that it corrects."""
-        own = own_units[batch.strip] * torch.tensor(self._spread, dtype=torch.float32)
-        common = (batch.change[:, max(chunk.start - 1, 0) : chunk.stop] - own[:, 1:]) / (1 + own[:, :1])
+    def _inputs(self, batch: _Batch, units: torch.Tensor, chunk: slice) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the network's input (sequences, chunk, features), and the strain of the curve that it corrects.
+
+        Args:
+            batch: the pieces of recordings.
+            units: (strips, 2) gain - 1 and offset in units of their spread.
+            chunk: the time steps.
+        """
+        gains = units[batch.strip] * torch.tensor(self._spread, dtype=torch.float32)
+        common = (batch.change[:, max(chunk.start - 1, 0) : chunk.stop] - gains[:, 1:]) / (1 + gains[:, :1])
         before = common[:, :1]
         common = common[:, 1:] if chunk.start else common
         rate = torch.diff(common, dim=1, prepend=before) / batch.step_s
         s = self._scaling
         step = torch.log(batch.step_s / s.step_s).expand_as(common)
-        means = (batch.means[:, chunk] - own[:, None, 1:]) / (1 + own[:, None, :1])
+        means = (batch.means[:, chunk] - gains[:, None, 1:]) / (1 + gains[:, None, :1])
         now = torch.stack([(common - s.change_middle) / s.change, rate / s.rate_per_s, step], dim=-1)
         x = torch.cat([now, (common[..., None] - means) / s.change], dim=-1)
         return x, curve_strain(self._curve, common, means[..., :CURVE_MEMORIES])
@@ -249,7 +270,7 @@ class _Training:
                 "network": self._network.state_dict(),
                 "optimizer": self._optimizer.state_dict(),
                 "schedule": self._schedule.state_dict(),
-                "own_of_validation": self._own_of_validation.detach(),
+                "validation_gains": self._validation_gains.detach(),
                 "tare": self._tare.state_dict(),
                 "best": self._best,
                 "history": json.dumps(asdict(self.history)),
@@ -268,28 +289,28 @@ class _Training:
         self._network.load_state_dict(state["network"])
         self._optimizer.load_state_dict(state["optimizer"])
         self._schedule.load_state_dict(state["schedule"])
-        self._own_of_validation.data.copy_(state["own_of_validation"])
+        self._validation_gains.data.copy_(state["validation_gains"])
         self._tare.load_state_dict(state["tare"])
         self._best = state["best"]
         self.history = History(**json.loads(state["history"]))
         self._rng.bit_generator.state = json.loads(state["rng"])
 
     def result(self) -> Trained:
-        """Return the best network, in numpy."""
-        p = {name: value.numpy().astype(np.float64) for name, value in self._best.items()}
-        own = np.array([1.0, 0.0]) + (p["own_away"] - p["own_away"].mean(axis=0) + p["mean_own"]) * self._spread
+        """Return the network with the least validation loss, as numpy arrays."""
+        best = {name: value.numpy().astype(np.float64) for name, value in self._best.items()}
+        units = best["free_gains"] - best["free_gains"].mean(axis=0) + best["mean_gains"]
+        gains = np.array([1.0, 0.0]) + units * self._spread
         weights = LstmWeights(
-            weight_ih=p["lstm.weight_ih_l0"],
-            weight_hh=p["lstm.weight_hh_l0"],
-            bias=p["lstm.bias_ih_l0"] + p["lstm.bias_hh_l0"],
-            head_weight=p["head.weight"],
-            head_bias=p["head.bias"],
+            weight_ih=best["lstm.weight_ih_l0"],
+            weight_hh=best["lstm.weight_hh_l0"],
+            bias=best["lstm.bias_ih_l0"] + best["lstm.bias_hh_l0"],
+            head_weight=best["head.weight"],
+            head_bias=best["head.bias"],
         )
-        named = dict(zip(self._names, own, strict=True))
         return Trained(
             weights=weights,
             curve=self._curve,
-            gain_and_offset=named,
+            gain_and_offset=dict(zip(self._names, gains, strict=True)),
             scaling=self._scaling,
             step_s=self._step_s,
             history=self.history,
@@ -297,7 +318,7 @@ class _Training:
 
 
 def _scaling(recordings: Sequence[Recording]) -> Scaling:
-    """Return scales of the inputs that suit recordings, to two digits."""
+    """Return scales of the inputs from the recordings, rounded to two digits."""
     change = np.concatenate([r.change for r in recordings])
     rate = np.concatenate([np.diff(r.change) / np.diff(r.t_s) for r in recordings])
     values = (np.median(change), np.std(change), np.sqrt(np.mean(rate**2)))
@@ -305,13 +326,15 @@ def _scaling(recordings: Sequence[Recording]) -> Scaling:
 
 
 def _step_range(recordings: Sequence[Recording], relative: tuple[float, float]) -> tuple[float, float]:
-    """Return a range of time steps about the recordings' own."""
-    own = float(np.median([np.median(np.diff(r.t_s)) for r in recordings]))
-    return float(f"{relative[0] * own:.2g}"), float(f"{relative[1] * own:.2g}")
+    """Return the range of time steps, given relative to that of the recordings, rounded to two digits."""
+    step_s = float(np.median([np.median(np.diff(r.t_s)) for r in recordings]))
+    return float(f"{relative[0] * step_s:.2g}"), float(f"{relative[1] * step_s:.2g}")
 
 
 def _fingerprint(split: Split, settings: TrainingSettings) -> str:
-    digest = hashlib.sha256(json.dumps([asdict(settings), torch.__version__], sort_keys=True).encode())
+    """Return a hash of everything that a checkpoint depends on."""
+    versions = [CHECKPOINT_VERSION, torch.__version__]
+    digest = hashlib.sha256(json.dumps([asdict(settings), *versions], sort_keys=True).encode())
     for recordings in (split.training, split.validation):
         for r in recordings:
             digest.update(f"|{r.name}|{r.scored_from_s}".encode())

@@ -1,1 +1,1 @@
-"""The sensor model that ships with the package, see `tensegraph.models.sensor_model`."""
+"""The sensor model that ships with the package, see `tensegraph.models.sensor.sensor_model`."""

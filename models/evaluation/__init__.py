@@ -1,1 +1,1 @@
-"""An estimate against the truth; no estimator imports this room."""
+"""The comparison of an estimate with the truth. No estimator imports this package."""

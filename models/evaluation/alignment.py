@@ -1,19 +1,24 @@
-"""The truth laid onto the estimate: in time by interpolation, in space by the best rigid fit."""
+"""Alignment of the truth with the estimate: in time by interpolation, in space by the best rigid motion."""
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 MAX_HOLE = 3.0
-"""Truth is not interpolated across holes of more than so many of its own median steps."""
+"""Longest time step of the truth, in units of its median time step, within which it is interpolated."""
 
 
 def interpolated(
     t_s: NDArray[np.float64], truth_s: NDArray[np.float64], truth_position_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the (frames, nodes, 3) true positions at some times, on straight lines between the given ones.
+    """Return the (frames, nodes, 3) true positions at the times of the frames, by linear interpolation.
 
-    They are nan before the first and after the last time, in holes of the truth, and next to a node's nan.
+    They are nan before the first and after the last time of the truth, in its gaps, and next to a nan.
+
+    Args:
+        t_s: (frames,) times of the frames.
+        truth_s: (times,) times of the truth.
+        truth_position_m: (times, nodes, 3) true positions, or other vectors.
     """
     after = np.clip(np.searchsorted(truth_s, t_s), 1, len(truth_s) - 1)
     step_s = truth_s[after] - truth_s[after - 1]
@@ -27,7 +32,7 @@ def interpolated(
 
 
 def rigid_alignment(points_m: NDArray[np.float64], onto_m: NDArray[np.float64]) -> tuple[Rotation, NDArray[np.float64]]:
-    """Return the rotation R and shift t with the least sum of |R p + t - q|^2 (Umeyama 1991, without scale).
+    """Return the rotation R and translation t that minimise the sum of |R p + t - q|^2 (Umeyama 1991, without scale).
 
     Args:
         points_m: (points, 3) p; rows with a nan are left out.

@@ -1,4 +1,4 @@
-"""Methods side by side, as in the paper's Table I."""
+"""The comparison of methods, as in the paper's Table I."""
 
 from dataclasses import dataclass
 
@@ -7,33 +7,33 @@ import numpy as np
 from .evaluation import ShapeErrors
 
 ALL = "all"
-"""The trial of a row over all trials together."""
+"""Name of the trial in a row over all trials."""
 
 
 @dataclass(frozen=True, slots=True)
 class ComparisonRow:
-    """One method on one trial, or on all of them together; nan is not known."""
+    """The results of one method on one trial or on all trials; nan where a value is not known."""
 
     trial: str
-    """Its name, or `ALL`."""
+    """Name of the trial, or `ALL`."""
     method: str
     trials: int
-    """How many of them had truth and were finished."""
+    """Number of trials that have truth and were finished."""
     frames: int
     errors: ShapeErrors
     coverage_95: float
-    """Share of (frame, free node) whose ellipsoid of 95 % holds the truth."""
+    """Share of the pairs (frame, free node) in which the 95 % ellipsoid contains the true position."""
     median_sigma_m: float
-    """Of the free nodes, root of the trace of the covariance."""
+    """Median over frames and free nodes of the square root of the trace of the node's covariance."""
     wrong_branch_share: float
-    """Of the compared frames."""
+    """Share of the compared frames whose shape is on the wrong branch."""
     ms_per_frame: float
-    """Of the estimator alone, from lengths to shape and covariance."""
+    """Time of the estimator alone, from lengths to shape and covariance."""
 
 
 @dataclass(frozen=True, slots=True)
 class Published:
-    """A row of the paper's Table I: another robot, under other conditions, by its authors' own definitions."""
+    """A row of the paper's Table I, for another robot, other conditions, and the definitions of its authors."""
 
     source: str
     node_mm: float
@@ -46,4 +46,4 @@ PUBLISHED = (
     Published("Booth et al.", 32.3, system_mm=45.8),
     Published("Mao et al.", 21.2, 35.8, 39.4),
 )
-"""The paper's text gives its 35.8 mm for faces; Table I has the others."""
+"""Published errors: the 35.8 mm for faces are from the paper's text, the others from its Table I."""

@@ -1,4 +1,4 @@
-"""Whether errors are as large as the covariances say: NEES, NIS, coverage."""
+"""Consistency of errors with the estimated covariances: NEES, NIS and coverage."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,12 @@ from .evaluation import ComparedFrames, Consistency
 from .statistics import mean_over_frames, of_known
 
 REDUNDANT = 0.1
-"""A length whose innovation has less than this share of its own sigma was taken by the shape as it came: no check."""
+"""Least ratio of the sigma of the innovation to the sigma of the length with which a length is in the NIS. Below it the
+shape follows the length so closely that the innovation is no test."""
 
 
 def consistency(structure: Structure, estimate: Estimate, compared: ComparedFrames) -> Consistency:
-    """Return whether errors and innovations are as large as the covariances say."""
+    """Return NEES, NIS and coverage of an estimate, and the bands in which they lie when it is consistent."""
     tendons = structure.free_tendons
     predicted_m = structure.tendon_length_m(estimate.node_position_m)
     innovation = ((estimate.length_m - predicted_m) / np.maximum(estimate.innovation_sigma_m, 1e-9))[:, tendons]
@@ -37,33 +38,36 @@ def consistency(structure: Structure, estimate: Estimate, compared: ComparedFram
 
 
 def normalised_error_squared(error_m: NDArray[np.float64], covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (...,) NEES e^T P^-1 e of (..., 3) errors; nan where either is unknown."""
+    """Return (...,) NEES e^T P^-1 e of (..., 3) errors e with (..., 3, 3) covariances P; nan where either is unknown.
+
+    It is inf where P has an eigenvalue that is not positive.
+    """
     known = np.isfinite(error_m).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-2, -1))
     e = error_m[known]
     covariance = covariance_m2[known]
-    sure = np.linalg.eigvalsh(covariance)[:, 0] <= 0  # claims to know some direction exactly
-    solved = np.linalg.solve(np.where(sure[:, None, None], np.eye(3), covariance), e[..., None])[..., 0]
+    singular = np.linalg.eigvalsh(covariance)[:, 0] <= 0
+    solved = np.linalg.solve(np.where(singular[:, None, None], np.eye(3), covariance), e[..., None])[..., 0]
     nees = np.full(known.shape, np.nan)
-    nees[known] = np.where(sure, np.inf, np.einsum("ni,ni->n", e, solved))
+    nees[known] = np.where(singular, np.inf, np.einsum("ni,ni->n", e, solved))
     return nees
 
 
 def coverage(nees: NDArray[np.float64], probability: float) -> float:
-    """Return the share of errors within the ellipsoid of some probability, e^T P^-1 e <= chi2_3; nan of none."""
+    """Return the share of errors within the ellipsoid of a probability, e^T P^-1 e <= chi2_3; nan without errors."""
     return of_known(lambda known: np.mean(known <= chi2.ppf(probability, 3)), nees)
 
 
 def mean_band(degrees: int, count: float) -> tuple[float, float]:
-    """Return where 95 % of the means of so many independent chi-square values lie; nan of none."""
+    """Return the interval that contains 95 % of the means of `count` independent chi-square values; nan for none."""
     low, high = chi2.ppf([0.025, 0.975], degrees * count) / count if count > 0 else (np.nan, np.nan)
     return float(low), float(high)
 
 
 def independent_count(series: NDArray[np.float64]) -> float:
-    """Return how many independent values are worth as much for a mean as this series: n / (1 + 2 sum rho_k).
+    """Return the effective number of independent values in a series: n / (1 + 2 sum rho_k).
 
-    rho is the autocorrelation, summed up to where it first is not positive (Geyer, Statistical Science 7, 1992, cuts
-    likewise); 0 of an empty series, 1 of a constant one.
+    rho is the autocorrelation, summed up to its first value that is not positive (a similar bound is in Geyer,
+    Statistical Science 7, 1992). The number is 0 for an empty series and 1 for a constant one.
     """
     series = series[np.isfinite(series)]
     if len(series) == 0 or np.ptp(series) == 0:

@@ -1,4 +1,4 @@
-"""What a method says of a trial, as much of it as a result directory keeps."""
+"""The result of a method on a trial, as far as it is stored in a result directory."""
 
 from dataclasses import dataclass
 
@@ -11,29 +11,38 @@ from ..structure.reconstruction import Reconstruction
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """What a method says of a trial, as much of it as a result directory keeps."""
+    """The result of a method on a trial, as far as it is stored in a result directory."""
 
     t_s: NDArray[np.float64]
     """(frames,)"""
     node_position_m: NDArray[np.float64]
     """(frames, nodes, 3)"""
     node_covariance_m2: NDArray[np.float64]
-    """(frames, nodes, 3, 3) of each node; nan from a method that gives none."""
+    """(frames, nodes, 3, 3) covariance of each node; nan for a method without covariance."""
     length_m: NDArray[np.float64]
-    """(frames, tendons) as measured, nan where not."""
+    """(frames, tendons) measured lengths; nan where no length was measured."""
     sigma_m: NDArray[np.float64]
-    """(frames, tendons) of the measurement, inf where there is none."""
+    """(frames, tendons) standard deviation of the measured length; inf where no length was measured."""
     mode: NDArray[np.int64]
     """(frames, tendons) `Mode`."""
     flags: NDArray[np.int64]
     """(frames, tendons) `Flag` bits."""
     innovation_sigma_m: NDArray[np.float64]
-    """(frames, tendons) sigma of measured minus predicted length; nan from a method that gives no covariance."""
+    """(frames, tendons) sigma of measured minus predicted length; nan for a method without covariance."""
     loads: ExternalLoads | None = None
-    """Of all frames; None from a method that gives none."""
+    """Estimated loads in all frames; None for a method without loads."""
 
     @classmethod
-    def of(cls, r: Reconstruction) -> "Estimate":
-        """Return what a result directory would keep of a reconstruction."""
-        lengths = (r.length_m, r.sigma_m, r.mode, r.flags, r.innovation_sigma_m)
-        return cls(r.t_s, r.node_position_m, r.node_covariance_m2, *lengths, r.loads)
+    def of(cls, reconstruction: Reconstruction) -> "Estimate":
+        """Return the part of a reconstruction that is stored in a result directory."""
+        return cls(
+            t_s=reconstruction.t_s,
+            node_position_m=reconstruction.node_position_m,
+            node_covariance_m2=reconstruction.node_covariance_m2,
+            length_m=reconstruction.length_m,
+            sigma_m=reconstruction.sigma_m,
+            mode=reconstruction.mode,
+            flags=reconstruction.flags,
+            innovation_sigma_m=reconstruction.innovation_sigma_m,
+            loads=reconstruction.loads,
+        )

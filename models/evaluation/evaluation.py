@@ -1,4 +1,4 @@
-"""What is said of an estimate against the truth."""
+"""The results of the comparison of an estimate with the truth."""
 
 from dataclasses import dataclass
 
@@ -10,63 +10,69 @@ from ..structure.structure import Structure
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """Of many points, in metres; 3-D but for the height, and nan of no points."""
+    """Statistics of the errors of many points; nan when there are no points."""
 
     rmse_m: float
-    """Root of the mean of |error|^2."""
+    """Square root of the mean of |error|^2 in 3-D."""
     height_rmse_m: float
-    """Root of the mean of the squared error of z."""
+    """Square root of the mean squared error of z."""
     median_m: float
-    """Of |error|."""
+    """Median of |error| in 3-D."""
     percentile_95_m: float
-    """Of |error|."""
+    """95th percentile of |error| in 3-D."""
 
 
 @dataclass(frozen=True, slots=True)
 class ShapeErrors:
-    """The paper's three figures, each over all compared frames."""
+    """The three error measures of the paper, each over all compared frames."""
 
     nodes: Errors
-    """Of the free nodes."""
+    """Errors of the free nodes."""
     faces: Errors
-    """Of the centres of the faces, the triangles closed by three tendons."""
+    """Errors of the centres of the faces, which are triangles of three tendons."""
     system: Errors
-    """Of the free nodes and the centres of the faces together (the paper gives no definition)."""
+    """Errors of the free nodes and of the centres of the faces together (the paper gives no definition)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Consistency:
-    """Whether errors are as large as the covariances say."""
+    """Whether the errors agree with the estimated covariances."""
 
     nees: NDArray[np.float64]
-    """(free nodes,) mean over the frames of e^T P^-1 e: 3 is right, more is overconfident."""
+    """(free nodes,) mean over the frames of e^T P^-1 e: 3 is consistent, more is overconfident."""
     nees_band: NDArray[np.float64]
-    """(free nodes, 2) where 95 % of such means lie: chi-square with 3 N, over N, see `independent_frames`."""
+    """(free nodes, 2) interval that contains 95 % of such means when they are consistent: chi-square with 3 N degrees
+    of freedom, divided by N, see `independent_frames`."""
     independent_frames: NDArray[np.float64]
-    """(free nodes,) N: the frames over the time for which a node's NEES stays like itself (its autocorrelation)."""
+    """(free nodes,) N, the effective number of independent frames, from the autocorrelation of the node's NEES."""
     coverage_50: float
-    """Share of (frame, free node) whose ellipsoid of 50 % holds the truth."""
+    """Share of the pairs (frame, free node) in which the 50 % ellipsoid contains the true position."""
     coverage_68: float
+    """The same for the 68 % ellipsoid."""
     coverage_95: float
+    """The same for the 95 % ellipsoid."""
     median_sigma_m: float
-    """Of the free nodes, root of the trace of the covariance: what a coverage is worth."""
+    """Median over frames and free nodes of the square root of the trace of the node's covariance. Coverage is only
+    meaningful together with it."""
     nis: float
-    """Mean of ((measured - predicted length) / its sigma)^2 over frames and tendons that others check: 1 is right."""
+    """Mean of ((measured - predicted length) / sigma of the difference)^2 over frames and redundant tendons: 1 is
+    consistent."""
     nis_band: tuple[float, float]
-    """Where 95 % of such means lie: chi-square with N degrees, over N, N summed over the tendons."""
+    """Interval that contains 95 % of such means when they are consistent: chi-square with N degrees of freedom, divided
+    by N, where N is the effective number of independent values of all tendons."""
 
 
 @dataclass(frozen=True, slots=True)
 class Regime:
-    """Errors, and whether they are as large as the covariances say, in frames of one kind; nan of no frames."""
+    """Errors and consistency in the frames of one kind; nan when there are no such frames."""
 
     name: str
-    """`quiet`: no true load above the threshold at any node; `loaded`: the others; `slack`: some tendon, as measured,
-    is bent or may be, loaded or not."""
+    """`quiet`: no true load at any node is above the threshold; `loaded`: a true load is above it; `slack`: by its
+    measurement some tendon is bent or may be bent, with or without load."""
     frames: int
     node_rmse_m: float
     nees: float
-    """Mean over frames and free nodes: 3 is right."""
+    """Mean over frames and free nodes of e^T P^-1 e: 3 is consistent."""
     coverage_68: float
     coverage_95: float
     median_sigma_m: float
@@ -74,103 +80,109 @@ class Regime:
 
 @dataclass(frozen=True, slots=True)
 class LoadScore:
-    """Estimated loads against true ones, as far as the balance of forces shows these; nan of no loads."""
+    """The comparison of estimated loads with the observable part of true loads; nan when there are no cases.
+
+    A case is a pair (frame, free node). It is loaded when its true load is above the threshold.
+    """
 
     threshold_n: float
-    """A node with a larger load is loaded."""
+    """Load above which a case is loaded, and above which an estimate is a detection."""
     loaded_rmse_n: float
-    """Root of the mean of |error|^2 (3-D) over (frame, free node) that truly are loaded."""
+    """Square root of the mean of |error|^2 in 3-D over the loaded cases."""
     unloaded_rmse_n: float
-    """Over all others."""
+    """Square root of the mean of |error|^2 in 3-D over the cases that are not loaded."""
     recall: float
-    """Share of the truly loaded (frame, free node) that are called loaded."""
+    """Share of the loaded cases that are detected."""
     precision: float
-    """Share of those called loaded that are."""
+    """Share of the detections that are loaded cases."""
     false_alarm_share: float
-    """Of the (frame, free node) that truly are not loaded, the share called loaded."""
+    """Share of the cases that are not loaded and yet detected, among all that are not loaded."""
     quiet_false_alarm_share: float
-    """The same in frames in which no node is loaded."""
+    """Share of the cases that are detected, among all cases in frames in which no node is loaded."""
     clear_frames: int
-    """Frames with a true load above 0.3 N."""
+    """Number of frames with a true load above 0.3 N."""
     most_loaded_share: float
-    """Of these, in how many the largest estimated load is at the truly most loaded node."""
+    """Share of these frames in which the node of the largest estimated load is the node of the largest true load."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultScore:
-    """Whether a fault was seen in its interval, by a flag or an infinite sigma of its tendons."""
+    """Whether a fault was detected while it lasted, by a flag or an infinite sigma of its tendons."""
 
     kind: str
     where: str
+    """The faulty part: `tendon 3` or `board 1`."""
     from_s: float
     tendons: int
-    """How many it spoils."""
+    """Number of tendons whose readings the fault affects."""
     named: int
-    """How many of these were named while it lasted."""
+    """Number of these tendons that were flagged or left out while the fault lasted."""
     delay_s: float | None
-    """From its beginning until the last of them was first named; None when one never was."""
+    """Time from the start of the fault until all of its tendons had been detected; None when one was not detected."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ComparedFrames:
-    """Frame by frame, what an evaluation was made of: for figures, and to pool trials."""
+    """The values of each compared frame from which an evaluation is computed, for figures and for pooling trials."""
 
     t_s: NDArray[np.float64]
     """(frames,)"""
     estimated_m: NDArray[np.float64]
     """(frames, nodes, 3)"""
     true_m: NDArray[np.float64]
-    """(frames, nodes, 3) in the estimate's frame, nan where unknown."""
+    """(frames, nodes, 3) in the coordinate frame of the estimate; nan where unknown."""
     node_sigma_m: NDArray[np.float64]
-    """(frames, free nodes) root of the trace of the covariance."""
+    """(frames, free nodes) square root of the trace of the node's covariance."""
     height_sigma_m: NDArray[np.float64]
-    """(frames, nodes)"""
+    """(frames, nodes) standard deviation of z."""
     nees: NDArray[np.float64]
     """(frames, free nodes) e^T P^-1 e."""
     node_error_m: NDArray[np.float64]
-    """(frames, free nodes, 3) estimated minus true."""
+    """(frames, free nodes, 3) estimated minus true position."""
     face_error_m: NDArray[np.float64]
-    """(frames, faces, 3) of the faces' centres."""
+    """(frames, faces, 3) estimated minus true centre of each face."""
     frame_error_m: NDArray[np.float64]
-    """(frames,) root of the mean of |error|^2 over the free nodes."""
+    """(frames,) square root of the mean of |error|^2 over the free nodes."""
     wrong_branch: NDArray[np.bool_]
-    """(frames,) det J has the other sign than at truth, and the frame's error is above 5 mm."""
+    """(frames,) whether det J has another sign than at the true shape, and the frame's error is above 5 mm."""
     estimated_load_n: NDArray[np.float64] | None
-    """(frames, free nodes, 3); None where loads were not estimated, or are not known."""
+    """(frames, free nodes, 3); None when loads were not estimated, or true loads are not known."""
     true_load_n: NDArray[np.float64] | None
-    """(frames, free nodes, 3) what the balance of forces shows of it; None where it is not known."""
+    """(frames, free nodes, 3) observable part of the true loads; None when they are not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """All that is said of one estimate against the truth."""
+    """All results of the comparison of one estimate with the truth."""
 
     frames: int
-    """Compared: those within the times of the truth, and not in a hole of it."""
+    """Number of compared frames, which are those within the times of the truth and not in one of its gaps."""
     frames_without_truth: int
-    """Of the estimate, and not compared."""
+    """Number of frames of the estimate that were not compared."""
     rotation_deg: float | None
-    """By how much the truth was turned to fit, None when it was taken as it stands."""
+    """Angle by which the truth was rotated for alignment; None when it was not aligned."""
     absolute: ShapeErrors
+    """Errors of the positions."""
     displacement: ShapeErrors | None
-    """Of the motion away from the rest shape, each side from its own; None when the truth has no rest."""
+    """Errors of the displacements from the rest shape, the estimate's from its own and the truth's from the true one;
+    None when the truth has no rest."""
     node_rmse_m: NDArray[np.float64]
-    """(free nodes,) nan of a node that the truth never shows."""
+    """(free nodes,) nan for a node without true positions."""
     node_height_rmse_m: NDArray[np.float64]
-    """(free nodes,)"""
+    """(free nodes,) square root of the mean squared error of z."""
     worst_node: int
     """The free node with the largest RMSE."""
     consistency: Consistency
     regimes: tuple[Regime, ...]
-    """Quiet and loaded only where true loads are known."""
+    """The kinds of frames; quiet and loaded frames only when true loads are known."""
     loads: LoadScore | None
-    """None where loads were not estimated, or are not known."""
+    """None when loads were not estimated, or true loads are not known."""
     first_good_s: float | None
-    """From the first compared frame to the first one whose error is at most 5 mm; None when there is none."""
+    """Time from the first compared frame to the first frame whose error is at most 5 mm; None when there is none."""
     wrong_branch_frames: int | None
-    """None where the length Jacobian is not square."""
+    """Number of frames on the wrong branch; None when the length Jacobian is not square."""
     faults: tuple[FaultScore, ...]
     false_alarm_share: float
-    """Of all readings (frame, tendon) without a fault, the share that is named as one."""
+    """Share of the readings (frame, tendon) without a fault that were flagged as faulty or left out."""
     structure: Structure
     compared: ComparedFrames

@@ -1,4 +1,4 @@
-"""Whether sensors that failed were named, and healthy ones were not."""
+"""Scores of the detection of faulty sensors, and of false alarms for healthy ones."""
 
 from collections.abc import Iterable
 
@@ -12,30 +12,30 @@ from .truth import Fault
 
 
 def named_as_fault(estimate: Estimate) -> NDArray[np.bool_]:
-    """Return (frames, tendons) where a flag tells of the sensor, or the length was left out."""
+    """Return (frames, tendons) where a flag describes a fault of the sensor, or the length was left out."""
     return np.asarray(((estimate.flags & ~int(MOMENTARY)) != 0) | ~np.isfinite(estimate.sigma_m))
 
 
 def score_fault(fault: Fault, estimate: Estimate) -> FaultScore:
-    """Return whether and when a fault was seen."""
+    """Return whether and when a fault was detected."""
     during = (estimate.t_s >= fault.from_s) & (estimate.t_s <= fault.until_s)
     named = named_as_fault(estimate)[during][:, fault.tendons]
-    seen = np.asarray(named.any(axis=0))
+    detected = np.asarray(named.any(axis=0))
     delay_s = None
-    if len(seen) and seen.all():
+    if len(detected) and detected.all():
         delay_s = float((estimate.t_s[during][named.argmax(axis=0)] - fault.from_s).max())
     return FaultScore(
         kind=fault.kind,
         where=fault.where,
         from_s=fault.from_s,
-        tendons=len(seen),
-        named=int(seen.sum()),
+        tendons=len(detected),
+        named=int(detected.sum()),
         delay_s=delay_s,
     )
 
 
 def false_alarm_share(faults: Iterable[Fault], estimate: Estimate) -> float:
-    """Return the share of the readings without a fault that are named as one."""
+    """Return the share of the readings without a fault that are flagged as faulty or left out."""
     healthy = np.ones(estimate.flags.shape, dtype=np.bool_)
     for fault in faults:
         during = (estimate.t_s >= fault.from_s) & (estimate.t_s <= fault.until_s)

@@ -1,4 +1,4 @@
-"""How far estimates are from the truth. Only the root may import this: an estimator never sees truth."""
+"""Errors of an estimate against the truth. An estimator must not import this module, because it must not use truth."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from .statistics import mean_over_frames, of_known
 from .truth import TrueLoads, Truth
 
 GOOD_M = 0.005
-"""A frame's error up to which its shape is good, and above which the other sign of det J means the wrong branch."""
+"""Largest error of a frame with a good shape; above it a different sign of det J means the wrong branch."""
 
 
 def evaluate(
@@ -34,16 +34,16 @@ def evaluate(
     """Compare an estimate with the truth.
 
     Args:
-        structure: whose shape it is.
-        rest_position_m: (nodes, 3) the rest shape that the estimate started from.
-        estimate: in the anchors' frame.
-        truth: in the same frame, unless aligned.
-        align: turn and shift the truth as a whole so that it fits best over all frames and free nodes; its
-            loads are in the anchors' frame as they stand.
-        load_threshold_n: a node with a larger load is loaded.
+        structure: the structure whose shape was estimated.
+        rest_position_m: (nodes, 3) the rest shape from which the estimate started.
+        estimate: shapes in the coordinate frame of the anchors.
+        truth: true shapes in the same coordinate frame, unless they are to be aligned.
+        align: whether to rotate and translate the truth by one rigid motion, the best fit over all frames and free
+            nodes. True loads are not rotated.
+        load_threshold_n: load above which a node counts as loaded.
 
     Raises:
-        InputError: when they have no frame in common.
+        InputError: when the truth covers no frame of the estimate.
     """
     true_m = interpolated(estimate.t_s, truth.t_s, truth.node_position_m)
     free = structure.free_nodes
@@ -90,7 +90,13 @@ def evaluate(
 def _displacement_errors(
     structure: Structure, compared: ComparedFrames, rest_error_m: NDArray[np.float64]
 ) -> ShapeErrors | None:
-    """Return the errors of the motion away from the rest shape, whose own error is (nodes, 3); None without a rest."""
+    """Return the errors of the displacements from the rest shape; None when the true rest shape is not known.
+
+    Args:
+        structure: the structure whose shape was estimated.
+        compared: the compared frames.
+        rest_error_m: (nodes, 3) estimated minus true rest shape; nan where the true one is not known.
+    """
     nodes = compared.node_error_m - rest_error_m[structure.free_nodes]
     faces = compared.face_error_m - rest_error_m[structure.faces].mean(axis=1)
     return shape_errors(nodes, faces) if np.isfinite(nodes).any() else None
@@ -103,14 +109,14 @@ def compare_frames(
     known: NDArray[np.bool_],
     loads: TrueLoads | None = None,
 ) -> ComparedFrames:
-    """Return what can be said frame by frame.
+    """Return the errors and other values of each compared frame.
 
     Args:
-        structure: whose shape it is.
-        estimate: of the whole run.
-        true_m: (frames, nodes, 3) truth at the estimate's frames.
-        known: (frames,) which of them to compare.
-        loads: true ones, if they are known.
+        structure: the structure whose shape was estimated.
+        estimate: the estimate in all frames of the run.
+        true_m: (frames, nodes, 3) true positions at the times of these frames.
+        known: (frames,) which frames to compare.
+        loads: the true loads; None when they are not known.
     """
     free = structure.free_nodes
     estimated_m = estimate.node_position_m[known]
@@ -119,7 +125,8 @@ def compare_frames(
     error_m = estimated_m - true_m
     node_error_m = error_m[:, free]
     frame_error_m = np.sqrt(np.nanmean((node_error_m**2).sum(axis=-1), axis=1))
-    true_load_n = estimated_load_n = None
+    true_load_n = None
+    estimated_load_n = None
     if loads:
         force_n = interpolated(estimate.t_s[known], loads.t_s, loads.force_n)
         true_load_n = observable_part(structure, force_n, true_m)[:, free]
@@ -142,14 +149,14 @@ def compare_frames(
 
 
 def shape_errors(node_error_m: NDArray[np.float64], face_error_m: NDArray[np.float64]) -> ShapeErrors:
-    """Return the paper's three figures of (..., 3) errors of free nodes and of faces' centres."""
+    """Return the paper's three error measures from (..., 3) errors of free nodes and of the centres of faces."""
     nodes = node_error_m.reshape(-1, 3)
     faces = face_error_m.reshape(-1, 3)
     return ShapeErrors(errors_of(nodes), errors_of(faces), errors_of(np.concatenate([nodes, faces])))
 
 
 def errors_of(error_m: NDArray[np.float64]) -> Errors:
-    """Summarise (points, 3) errors; those with a nan are left out."""
+    """Return the statistics of (points, 3) errors; points with a nan are left out."""
     error_m = error_m[np.isfinite(error_m).all(axis=-1)]
     if len(error_m) == 0:
         return Errors(np.nan, np.nan, np.nan, np.nan)
@@ -163,7 +170,7 @@ def errors_of(error_m: NDArray[np.float64]) -> Errors:
 
 
 def regimes(compared: ComparedFrames, slack: NDArray[np.bool_], load_threshold_n: float) -> tuple[Regime, ...]:
-    """Return errors and consistency of quiet, loaded and slack frames, see `Regime`."""
+    """Return errors and consistency in quiet, loaded and slack frames, see `Regime`."""
     masks = {"slack": slack}
     if compared.true_load_n is not None:
         loaded = (np.linalg.norm(compared.true_load_n, axis=-1) > load_threshold_n).any(axis=1)
@@ -185,13 +192,13 @@ def regimes(compared: ComparedFrames, slack: NDArray[np.bool_], load_threshold_n
 def node_rmse_m(
     reconstruction: Reconstruction, truth_s: NDArray[np.float64], truth_position_m: NDArray[np.float64]
 ) -> float:
-    """Return the root of the mean of |error|^2 (3-D) over the free nodes and all frames that the truth covers."""
+    """Return the square root of the mean of |error|^2 in 3-D over free nodes and all frames that the truth covers."""
     true_m = interpolated(reconstruction.t_s, truth_s, truth_position_m)
     error_m = (reconstruction.node_position_m - true_m)[:, reconstruction.structure.free_nodes]
     return errors_of(error_m.reshape(-1, 3)).rmse_m
 
 
 def slack_frames(structure: Structure, estimate: Estimate) -> NDArray[np.bool_]:
-    """Return (frames,) in which some tendon, as measured, is bent or may be."""
+    """Return (frames,) whether some tendon is bent or may be bent, by its measurement."""
     slack = (estimate.mode == Mode.BENDING) | ((estimate.flags & Flag.AMBIGUOUS) != 0)
     return np.asarray((slack & np.isfinite(estimate.length_m))[:, structure.free_tendons].any(axis=1))

@@ -1,4 +1,4 @@
-"""Statistics over what is known, where nan is not."""
+"""Statistics over the known values of an array; unknown values are nan."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,23 +8,23 @@ from numpy.typing import NDArray
 
 
 def mean_over_frames(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean over the first axis of what is not nan; nan of nothing."""
+    """Return the mean over the first axis of the values that are not nan; nan where there are none."""
     known = ~np.isnan(values)
     count = known.sum(axis=0)
     return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
 
 
 def of_known(statistic: Callable[[NDArray[np.float64]], Any], values: NDArray[np.float64]) -> float:
-    """Return a statistic of what is not nan; nan of nothing."""
+    """Return a statistic of the values that are not nan; nan when there are none."""
     known = values[~np.isnan(values)]
     return float(statistic(known)) if len(known) else np.nan
 
 
 def share_of_cases(cases: NDArray[np.bool_]) -> float:
-    """Return the share of the cases that are true; nan of none."""
+    """Return the share of the cases that are true; nan when there are no cases."""
     return float(cases.mean()) if len(cases) else np.nan
 
 
 def root_mean_square(values: NDArray[np.float64]) -> float:
-    """Return the root of the mean of the squares of what is not nan."""
+    """Return the square root of the mean square of the values that are not nan."""
     return float(np.sqrt(of_known(np.mean, values**2)))

@@ -1,4 +1,4 @@
-"""How far an estimate is from the truth: what goes into an evaluation, and what comes out. Never for an estimator."""
+"""The truth with which an estimate is compared: positions, loads and faults. No estimator may use it."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ class Fault:
     where: str
     """`tendon 3` or `board 1`."""
     tendons: NDArray[np.int64]
-    """Whose readings it spoils."""
+    """(tendons,) numbers of the tendons whose readings the fault affects."""
     from_s: float
     until_s: float
 
@@ -34,23 +34,23 @@ class TrueLoads:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """Where the nodes were, by another measurement."""
+    """The true node positions, from an independent measurement, with known loads and faults."""
 
     t_s: NDArray[np.float64]
     """(times,) increasing, host clock."""
     node_position_m: NDArray[np.float64]
-    """(times, nodes, 3); nan where a node was not seen."""
+    """(times, nodes, 3); nan where a node was not measured."""
     rest_seconds: float = 0.0
-    """The structure stood at its rest shape for so long from the estimate's first frame on."""
+    """How long the structure stood at its rest shape, from the first frame of the estimate on."""
     faults: tuple[Fault, ...] = ()
     loads: TrueLoads | None = None
 
 
 def known_faults(truth: TruthTable, trial: TrialDescription, where: str) -> tuple[Fault, ...]:
-    """Return the faults that a trial names, with the tendons they spoil. Evaluation only.
+    """Return the faults that a trial describes, with the tendons that they affect, for evaluation only.
 
     Raises:
-        InputError: for a tendon or board that is not there, or an interval that ends before it begins.
+        InputError: for a tendon or board that does not exist, or an interval that ends before it begins.
     """
     tendons = len(trial.structure.tendons)
     boards = len(trial.tendons_of_board)
@@ -63,13 +63,13 @@ def known_faults(truth: TruthTable, trial: TrialDescription, where: str) -> tupl
             if not 0 <= fault.tendon < tendons:
                 raise InputError(f"{name}.tendon: expected a tendon from 0 to {tendons - 1}, got {fault.tendon}")
             place = f"tendon {fault.tendon}"
-            spoilt = np.array([fault.tendon])
+            affected = np.array([fault.tendon])
         elif fault.board is not None and fault.tendon is None:
             if not 0 <= fault.board < boards:
                 raise InputError(f"{name}.board: expected one of the trial's {boards} boards, got {fault.board}")
             place = f"board {fault.board}"
-            spoilt = trial.tendons_of_board[fault.board]
+            affected = trial.tendons_of_board[fault.board]
         else:
             raise InputError(f"{name}: expected either tendon or board")
-        faults.append(Fault(fault.kind, place, spoilt, fault.from_s, fault.until_s))
+        faults.append(Fault(fault.kind, place, affected, fault.from_s, fault.until_s))
     return tuple(faults)

@@ -1,1 +1,1 @@
-"""The sensors at run time: from rows of counts to tendon lengths with their sigma."""
+"""The sensors at run time: from rows of ADC counts to tendon lengths with their sigma."""

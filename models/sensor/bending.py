@@ -1,14 +1,14 @@
-"""The bending sensor, eq. (9): a polynomial of degree five between strain and resistance change.
+"""The bending sensor, eq. (9): a polynomial of degree five that relates strain and resistance change.
 
     f(x) = -4.7589 x^5 - 16.521 x^4 - 20.239 x^3 - 9.9675 x^2 - 0.5464 x - 0.0016
 
-The paper does not say which of the two x is. The text and the captions of Figs. 3D and 4D speak for x = strain
-(negative when shortened) and f = dR/R; that is the default. The name f_4(R) in eq. (3) speaks for the opposite. The
-two differ by up to 14 % of L0, so it is a setting.
+The paper does not say which of the two x is. Its text and the captions of Figs. 3D and 4D suggest x = strain (negative
+when shortened) and f = dR/R, which is the default. The name f_4(R) in eq. (3) suggests the opposite. The results differ
+by up to 14 % of L0, so that the choice is a setting.
 
-f rises on [-1, x_c], x_c = -0.0301, to its maximum y_c = 0.0064, and falls from there to x = 0: on that fold two
-strains have the same f, so it is inverted on [-1, x_c] only. The constant term is a fit's residue (f(0) must be 0,
-or bending and stretching would not join), and is left out: y_c = 0.0080 then.
+f rises on [-1, x_c], x_c = -0.0301, to its maximum y_c = 0.0064, and falls between x_c and x = 0. On this fold two
+strains have the same f, so that f is inverted on [-1, x_c] only. The constant term is left out, because f(0) must be 0
+for bending and stretching to agree at zero strain; it is an artefact of the fit. Without it y_c = 0.0080.
 """
 
 from typing import Literal
@@ -20,21 +20,22 @@ from scipy.interpolate import CubicSpline
 from ..values.low_pass import smoothed_rate
 
 COEFFICIENTS = (-4.7589, -16.521, -20.239, -9.9675, -0.5464, -0.0016)
-"""Of eq. (9), highest power first."""
+"""Coefficients of eq. (9), highest power first."""
 
 
 BENDING_LAG_S = (0.124, 0.236)
-"""Time constants of a bent sensor, bending and straightening: the paper's 286 and 544 ms to 90 %, over ln 10."""
+"""Time constants of a sensor that bends and of one that straightens: the paper's times to 90 %, 286 and 544 ms, divided
+by ln 10."""
 SMOOTHING_S = 0.06
-"""Memory of the rate by which the lag is undone."""
+"""Time constant of the smoothing of dR/R before its rate is taken for the lag correction."""
 
 
 class FoldedPolynomial:
-    """A polynomial that rises on [x_min, x_c] and folds over at x_c <= 0; f(0) = 0.
+    """A polynomial with f(0) = 0 that rises on [x_min, x_c] and falls between x_c and 0.
 
-    x_c is its last maximum below 0 (0 without one), x_min the minimum before that, where there is one.
+    x_c <= 0 is its last maximum below 0, or 0 when there is none. x_min is the minimum before x_c, if there is one.
 
-    Inverted as x(s), s = sqrt(y_c - y): that is smooth at the fold, where x(y) has infinite slope.
+    The inverse is computed as x(s) with s = sqrt(y_c - y), which is smooth at the fold, where x(y) has infinite slope.
     """
 
     def __init__(self, coefficients: ArrayLike = COEFFICIENTS, x_min: float = -1.0) -> None:
@@ -46,7 +47,7 @@ class FoldedPolynomial:
         self.y_fold = float(self._f(self.x_fold))
         self.y_min = float(self._f(x_min))
         self._curvature = abs(float(self._f.deriv(2)(self.x_fold)))
-        # knots close together where s = 0, that is at the fold; 1e-12 exact between them
+        # the knots are close together in s near the fold, s = 0; the spline is exact to 1e-12 between the knots
         x = self.x_fold - (self.x_fold - x_min) * np.linspace(0, 1, 4097)
         self._x_of_s = CubicSpline(np.sqrt(np.maximum(self.y_fold - self._f(x), 0)), x)
 
@@ -64,14 +65,14 @@ class FoldedPolynomial:
         return np.asarray(self._x_of_s(s), dtype=np.float64)
 
     def inverse_sigma(self, x: ArrayLike, sigma_y: ArrayLike) -> NDArray[np.float64]:
-        """Return sigma of x = inverse(y): sigma_y / f', and at the fold, to second order, sqrt(2 sigma_y / |f''|)."""
+        """Return sigma of x = inverse(y): the smaller of sigma_y / f' and, to second order, sqrt(2 sigma_y / |f''|)."""
         sigma_y = np.asarray(sigma_y, dtype=np.float64)
         slope = np.maximum(np.abs(self.slope(x)), 1e-12)
         return np.minimum(sigma_y / slope, np.sqrt(2 * sigma_y / self._curvature))
 
 
 class BendingCurve:
-    """Eq. (9) as a map between strain <= 0 and relative resistance change dR/R, in either reading."""
+    """Eq. (9) as a map between strain <= 0 and relative resistance change dR/R, with x = strain or x = dR/R."""
 
     def __init__(self, abscissa: Literal["strain", "resistance"] = "strain", coefficients: ArrayLike = COEFFICIENTS):
         self.polynomial = FoldedPolynomial(coefficients)
@@ -79,7 +80,7 @@ class BendingCurve:
 
     @property
     def ambiguous_change(self) -> float:
-        """The dR/R below which no stretched tendon stands, and up to which bent ones do: the height of the fold."""
+        """The height of the fold, the largest dR/R of a bent tendon: between 0 and this the mode is ambiguous."""
         return self.polynomial.y_fold if self.abscissa == "strain" else 0.0
 
     def change(self, strain: ArrayLike) -> NDArray[np.float64]:
@@ -96,22 +97,22 @@ class BendingCurve:
         return strain, slope * np.asarray(sigma_change, dtype=np.float64)
 
     def in_range(self, change: ArrayLike) -> NDArray[np.bool_]:
-        """Return where a dR/R is one the curve can give."""
+        """Return where a dR/R is in the range of the curve."""
         low = self.polynomial.y_min if self.abscissa == "strain" else self.polynomial.x_min
         return np.asarray(np.asarray(change) >= low)
 
 
 class LagFree:
-    """dR/R with a bent sensor's lag undone: y + tau dy/dt, the rate taken of y smoothed.
+    """Correction of dR/R for the lag of a bent sensor: y + tau dy/dt, with the rate of the smoothed y.
 
-    On the bending recordings that takes the error of eq. (9) from 0.019 to 0.007 strain.
+    On the bending recordings the correction reduces the error of eq. (9) from 0.019 to 0.007 of strain.
     """
 
     def __init__(self, sensors: int) -> None:
         self._smooth = np.full(sensors, np.nan)
 
     def step(self, change: NDArray[np.float64], step_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (sensors,) lag-free dR/R, and by how much it differs from the given one."""
+        """Return (sensors,) lag-free dR/R, and the correction that was added to the given dR/R."""
         smooth = np.where(np.isnan(self._smooth), change, self._smooth)
         rate = smoothed_rate(change, smooth, step_s, SMOOTHING_S)
         self._smooth = smooth + rate * step_s

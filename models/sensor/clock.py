@@ -1,8 +1,8 @@
-"""A board's own clock, laid onto the host's, from past rows only.
+"""Conversion of a board's clock to the host's clock, from past rows only.
 
-A row that the board stamps d reaches the host at h = a + b d + delay, delay >= 0: the line a + b d lies below all
-points (d, h), and the best such line runs along an edge of their lower convex hull. (Least squares would be late by
-the mean delay: 3.5 ms, against 0.001 ms, for 3 ms of exponential jitter.)
+A row with the board's time stamp d reaches the host at h = a + b d + delay, delay >= 0. So the line a + b d lies below
+all points (d, h), and the best such line contains an edge of their lower convex hull. (Least squares would be late by
+the mean delay: 3.5 ms instead of 0.001 ms, for exponential jitter of 3 ms.)
 """
 
 from collections import deque
@@ -22,38 +22,39 @@ HOST_TOLERANCE_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class ClockSettings:
-    """What is known of the boards' clocks and of the way to the host."""
+    """What is known of the boards' clocks and of the transmission to the host."""
 
     minimum_delay_s: NotNegative = 0.002
-    """The part of the delay that every row has (USB, one poll): no fit can see it."""
+    """The part of the delay that all rows have in common (USB, one poll), which no fit can determine."""
     window_s: Positive = 60.0
-    """How much of the past the fitted rate looks at."""
+    """Length of the time window from which the rate is fitted."""
     offset_window_s: Positive = 5.0
-    """How much of it the offset looks at: long enough for a row of next to no delay, short against a wrong rate."""
+    """Length of the time window from which the offset is fitted: long enough to contain a row with almost no delay, and
+    short enough that an error of the rate does not matter."""
     max_rate_error: Positive = 0.005
-    """A ceramic resonator's; the fitted rate stays within."""
+    """Bound of the fitted rate error: that of a ceramic resonator."""
     rate_prior_s: Positive = 5.0
-    """With this much data the fitted rate counts for half, against no rate error at all."""
+    """Time span of data at which the fitted rate error is multiplied by one half; with less data it is nearer to 0."""
 
 
 @dataclass(slots=True)
 class ClockCounts:
-    """Rows of one board that were not plain."""
+    """Numbers of rows and irregular events of one board."""
 
     rows: int = 0
     """Rows that arrived."""
     lost_rows: int = 0
-    """Numbers that the board's counter skipped."""
+    """Rows that did not arrive, by the gaps in the board's row counter."""
     dropped_rows: int = 0
-    """Rows that came late, twice, or out of nowhere, and were left out."""
+    """Rows that were left out because they came late, came twice, or did not follow the row before."""
     restarts: int = 0
-    """How often the board began anew."""
+    """How often the board has restarted."""
     host_steps: int = 0
-    """How often the host's stamps went back while the board's went on."""
+    """How often the host's time stamps went back while the board's went forward."""
 
 
 class BoardClock:
-    """Turns the rows of one board into times on the host clock, causally, and counts what was not plain."""
+    """Computes the time of each row of one board on the host clock from past rows, and counts irregular events."""
 
     def __init__(self, settings: ClockSettings) -> None:
         self._line = _LowerLine(settings)
@@ -69,7 +70,7 @@ class BoardClock:
     def time_s(self, row: BoardReading) -> float | None:
         """Return when the row was measured, on the host clock; None for a row that does not follow the one before.
 
-        Two such rows in succession that do follow each other mean that the board began anew.
+        Two such rows in succession that follow each other mean that the board has restarted.
         """
         self.counts.rows += 1
         last = self._last
@@ -94,7 +95,7 @@ class BoardClock:
         return self._time_s
 
     def _follows(self, row: BoardReading, last: BoardReading) -> bool:
-        """Whether both of the board's counters go on from `last`, at the row rate or along with the host's clock."""
+        """Whether both counters of the board continue from `last`, at the row rate or in agreement with the host."""
         rows, device_s = _steps(row, last)
         if row.boot != last.boot or not (0 < rows < SEQ_WRAP // 2 and 0 < device_s < WRAP_US / 2e6):
             return False
@@ -111,14 +112,15 @@ class BoardClock:
 
 
 def _steps(row: BoardReading, last: BoardReading) -> tuple[int, float]:
-    """Return how many rows and seconds the board's counters say have passed, wrap-around undone."""
+    """Return the rows and seconds between two rows by the board's counters, corrected for their wrap-around."""
     return (row.seq - last.seq) % SEQ_WRAP, (row.device_us - last.device_us) % WRAP_US * 1e-6
 
 
 class _LowerLine:
-    """The line below the latest points (device_s, host_s - device_s), along the lower hull of a sliding window.
+    """The line below the latest points (device_s, host_s - device_s), on the lower hull of those in a time window.
 
-    Only the lowest point of each second is kept: others are above the hull's edge, or too near its end to matter.
+    Only the lowest point of each second is kept: the others lie above the edge of the hull, or so near to its end that
+    they have no effect.
     """
 
     def __init__(self, settings: ClockSettings) -> None:
@@ -127,14 +129,14 @@ class _LowerLine:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all points."""
+        """Remove all points."""
         self._lowest.clear()
         self._rate = 0.0
         self._origin_s = 0.0
         self._offset_s = np.inf
 
     def add(self, device_s: float, offset_s: float) -> None:
-        """Take a point in; the line never lies above it, unless it is impossibly far below."""
+        """Add a point, so that the line does not lie above it; a point impossibly far below the line is ignored."""
         if self.value(device_s) - offset_s > HOST_TOLERANCE_S and np.isfinite(self._offset_s):
             return
         if self._lowest and int(self._lowest[-1][0]) == int(device_s):
@@ -158,11 +160,12 @@ class _LowerLine:
         edge = min(max(int(np.searchsorted(hull[:, 0], middle)), 1), len(hull) - 1)
         span_s = points[-1, 0] - points[0, 0]
         if edge > 0 and span_s > 0:
-            (left_s, left) = hull[edge - 1]
-            (right_s, right) = hull[edge]
-            trust = span_s**2 / (span_s**2 + self._settings.rate_prior_s**2)
+            left_s, left_offset_s = hull[edge - 1]
+            right_s, right_offset_s = hull[edge]
+            weight = span_s**2 / (span_s**2 + self._settings.rate_prior_s**2)
             limit = self._settings.max_rate_error
-            self._rate = float(np.clip((right - left) / (right_s - left_s), -limit, limit)) * trust
+            slope = (right_offset_s - left_offset_s) / (right_s - left_s)
+            self._rate = float(np.clip(slope, -limit, limit)) * weight
         self._origin_s = float(points[-1, 0])
         recent = points[points[:, 0] >= self._origin_s - self._settings.offset_window_s]
         self._offset_s = float((recent[:, 1] - self._rate * (recent[:, 0] - self._origin_s)).min())
@@ -173,8 +176,8 @@ def _lower_hull(points: NDArray[np.float64]) -> NDArray[np.float64]:
     hull: list[NDArray[np.float64]] = []
     for point in points:
         while len(hull) > 1:
-            (x0, y0) = hull[-2]
-            (x1, y1) = hull[-1]
+            x0, y0 = hull[-2]
+            x1, y1 = hull[-1]
             if (x1 - x0) * (point[1] - y0) > (y1 - y0) * (point[0] - x0):
                 break
             hull.pop()

@@ -1,12 +1,13 @@
 """The voltage divider: ADC codes to resistance, eq. (1).
 
-Each sensor R and its known resistor R_k divide the supply; the ADC's reference is that supply, so its value cancels.
+Each sensor R and its known resistor R_k divide the supply voltage. The supply is also the ADC's reference, so that its
+value cancels.
 A code n of N means a voltage ratio (n + 1/2) / N:
 
     sensor to ground:  R = R_k (n + 1/2) / (N - n - 1/2)
     sensor to supply:  R = R_k (N - n - 1/2) / (n + 1/2)
 
-and, the code being uniform over one step, sigma_R = (R + R_k)^2 / (R_k N sqrt(12)) on either side.
+The quantisation error is uniform over one step, so that sigma_R = (R + R_k)^2 / (R_k N sqrt(12)) in both cases.
 """
 
 from dataclasses import dataclass
@@ -23,13 +24,13 @@ class Divider:
     """One known resistor in series with each sensor, across the ADC's reference.
 
     Raises:
-        InputError: for a resolution or resistor that can not be.
+        InputError: for a resolution or resistance that is impossible.
     """
 
     bits: int
     known_resistor_ohm: float
     sensor_side: Literal["ground", "supply"]
-    """What the sensor's other end is tied to."""
+    """Where the end of the sensor that is not at the known resistor is connected."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.bits <= 24:
@@ -43,18 +44,18 @@ class Divider:
         return 1 << self.bits
 
     def resistance_ohm(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the resistance that each code means; codes 0 and N - 1 are only bounds, see `saturated`."""
+        """Return the resistance for each code; codes 0 and N - 1 give only a bound, see `saturated`."""
         ratio = (counts + 0.5) / (self.codes - counts - 0.5)
         return self.known_resistor_ohm * (ratio if self.sensor_side == "ground" else 1 / ratio)
 
     def counts(
         self, resistance_ohm: NDArray[np.float64], noise_codes: NDArray[np.float64] | float = 0.0
     ) -> NDArray[np.int64]:
-        """Return the code that each resistance gives, 0 and infinity included.
+        """Return the code for each resistance, 0 and infinity included.
 
         Args:
-            resistance_ohm: of the sensors.
-            noise_codes: of the converter, in codes before they are cut to whole ones.
+            resistance_ohm: resistances of the sensors.
+            noise_codes: noise of the converter, in codes, which is added before the code is rounded down.
         """
         with np.errstate(divide="ignore"):
             ratio = 1 / (1 + self.known_resistor_ohm / resistance_ohm)
@@ -62,7 +63,7 @@ class Divider:
         return np.clip(np.floor(ratio * self.codes + noise_codes), 0, self.codes - 1).astype(np.int64)
 
     def sigma_ohm(self, resistance_ohm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the quantisation sigma at a resistance."""
+        """Return the standard deviation of the quantisation error at a resistance."""
         sigma: NDArray[np.float64] = (resistance_ohm + self.known_resistor_ohm) ** 2 / (
             self.known_resistor_ohm * self.codes * np.sqrt(12)
         )

@@ -1,9 +1,10 @@
-"""From readings of unsynchronised boards to frames of all sensors at one rate.
+"""Resampling of the readings of unsynchronised boards to frames of all sensors at one rate.
 
-A frame is the mean, over one output period about its time, of the line through the readings: every reading counts
-once, a lost row is bridged, and 100 Hz boards are averaged to 50 Hz without aliasing. Measured on the trials at hand,
-the newest reading / the line at the frame's time / its mean: noise of dR/R at rest 0.0022 / 0.0018 / 0.0013, length
-error about each tendon's mean 0.38 / 0.36 / 0.35 mm (press_01), 1.57 / 1.50 / 1.47 mm (slack_02).
+A frame is the mean of the line through the readings, taken over one output period about the frame's time. So every
+reading counts once, a lost row is bridged, and boards of 100 Hz are averaged to 50 Hz without aliasing. Three methods
+were compared on the available trials: the newest reading, the line at the frame's time, and the mean of the line. The
+noise of dR/R at rest was 0.0022, 0.0018 and 0.0013; the length error about each tendon's mean was 0.38, 0.36 and
+0.35 mm (press_01), and 1.57, 1.50 and 1.47 mm (slack_02).
 """
 
 from bisect import bisect_left, bisect_right
@@ -20,16 +21,17 @@ from .gate import GateSettings, ReadingGate
 
 @dataclass(frozen=True, slots=True)
 class FrameSettings:
-    """The output rate, and how long a reading stands in for the next one."""
+    """The output rate, and the longest gap between readings that is bridged."""
 
     rate_hz: Positive = 50.0
-    """Frames a second; frames stand at whole multiples of the period on the host clock."""
+    """Frames per second. The times of the frames are whole multiples of the period on the host clock."""
     max_gap_s: Positive = 0.1
-    """Readings this far apart are bridged, and a silent board is waited for this long; then its sensors are missing."""
+    """Longest time between two readings that is bridged, and longest time to wait for a silent board. After it the
+    board's sensors are missing."""
 
 
 class _Source:
-    """The recent readings of sensors that are read together."""
+    """The recent readings of the sensors of one source (a board or a file), which are read together."""
 
     def __init__(self, reading: ResistanceReading, natural_ohm: NDArray[np.float64], gate: GateSettings) -> None:
         self.tendon = reading.tendon
@@ -49,7 +51,7 @@ class _Source:
     def mean(
         self, from_s: float, until_s: float, max_gap_s: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-        """Return resistance, sigma and flags of the mean over an interval, and forget what lies before it."""
+        """Return resistance, sigma and flags of the mean over an interval, and delete the readings before it."""
         reach = slice(
             max(bisect_left(self.t_s, from_s - max_gap_s) - 1, 0), bisect_right(self.t_s, until_s + max_gap_s) + 1
         )
@@ -57,33 +59,41 @@ class _Source:
         count = len(self.tendon)
         if len(t_s) == 0:
             return np.full(count, np.nan), np.full(count, np.nan), np.full(count, int(Flag.MISSING))
-        value, sigma, flags = (np.array(column) for column in zip(*self._rows[reach], strict=True))
+        rows = self._rows[reach]
+        value = np.array([row[0] for row in rows])
+        sigma = np.array([row[1] for row in rows])
+        flags = np.array([row[2] for row in rows])
         inside = (t_s > from_s - 0.5 * (until_s - from_s)) & (t_s <= until_s + 0.5 * (until_s - from_s))
         result_flags = np.bitwise_or.reduce(np.where(inside[:, None], flags, 0), axis=0)
         finite = np.isfinite(value)
         weight = np.zeros(value.shape)
-        for good, channels in _grouped(finite):  # one group, unless some channel has a gap
-            weight[np.ix_(good, channels)] = _mean_weights(t_s[good], from_s, until_s, max_gap_s)[:, None]
+        for readings, channels in _grouped(finite):  # one group, unless some channel has a gap
+            weight[np.ix_(readings, channels)] = _mean_weights(t_s[readings], from_s, until_s, max_gap_s)[:, None]
         seen = weight.sum(axis=0) > 0.5
         mean = np.where(seen, (weight * np.where(finite, value, 0)).sum(axis=0), np.nan)
         mean_sigma = np.sqrt(((weight * np.where(finite, sigma, 0)) ** 2).sum(axis=0))
         drop = max(bisect_left(self.t_s, until_s - 2 * max_gap_s) - 1, 0)
-        del self.t_s[:drop], self._rows[:drop]
+        del self.t_s[:drop]
+        del self._rows[:drop]
         return mean, np.where(seen, mean_sigma, np.nan), result_flags | np.where(seen, 0, Flag.MISSING)
 
 
 def _grouped(finite: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield (rows, channels) for each pattern of finite rows, with the channels that have it."""
-    patterns, group = np.unique(finite, axis=1, return_inverse=True) if not finite.all() else (finite[:, :1], None)
+    """Yield the finite rows and the channels of each group of channels that are finite in the same rows."""
+    if finite.all():  # the usual case, without the cost of `unique`
+        patterns = finite[:, :1]
+        group = np.zeros(finite.shape[1], dtype=np.int64)
+    else:
+        patterns, group = np.unique(finite, axis=1, return_inverse=True)
     for index, pattern in enumerate(patterns.T):
-        yield np.flatnonzero(pattern), np.arange(finite.shape[1]) if group is None else np.flatnonzero(group == index)
+        yield np.flatnonzero(pattern), np.flatnonzero(group == index)
 
 
 def _mean_weights(t_s: NDArray[np.float64], from_s: float, until_s: float, max_gap_s: float) -> NDArray[np.float64]:
-    """Return each reading's weight in the mean over an interval of the line through all readings.
+    """Return (readings,) the weight of each reading in the mean of the line through all readings over an interval.
 
-    The line is level before the first reading and after the last, for at most `max_gap_s`, and absent in wider gaps:
-    then all weights are zero.
+    The line is constant before the first reading and after the last, for at most `max_gap_s`. All weights are zero when
+    the middle of the interval is in a wider gap.
     """
     weight = np.zeros(len(t_s))
     if len(t_s) == 0:
@@ -109,7 +119,10 @@ def _mean_weights(t_s: NDArray[np.float64], from_s: float, until_s: float, max_g
 
 
 class FrameAssembler:
-    """Takes readings in order of arrival and gives frames as soon as every source has passed them, or is silent."""
+    """Makes frames from readings in order of arrival.
+
+    A frame is complete as soon as every source has a reading after it or has been silent for `max_gap_s`.
+    """
 
     def __init__(
         self, natural_ohm: NDArray[np.float64], sources: int, frames: FrameSettings, gate: GateSettings
@@ -122,7 +135,7 @@ class FrameAssembler:
         self._first_arrival_s = np.nan
 
     def add(self, reading: ResistanceReading) -> Iterator[ResistanceFrame]:
-        """Take one reading, and yield the frames that are now complete."""
+        """Add one reading, and yield the frames that are complete with it."""
         source = self._sources[reading.source]
         if source is None:
             source = self._sources[reading.source] = _Source(reading, self._natural_ohm, self._gate)
@@ -146,7 +159,7 @@ class FrameAssembler:
         if not any(passed):
             return False
         silent_s = [now_s - (source.arrival_s if source else self._first_arrival_s) for source in self._sources]
-        return all(p or s > self._settings.max_gap_s for p, s in zip(passed, silent_s, strict=True))
+        return all(done or silent > self._settings.max_gap_s for done, silent in zip(passed, silent_s, strict=True))
 
     def _frame(self) -> ResistanceFrame:
         assert self._next is not None
@@ -157,9 +170,12 @@ class FrameAssembler:
         flags = np.full(count, int(Flag.MISSING))
         for source in self._sources:
             if source is not None:
-                interval_s = (self._next - 0.5) / rate_hz, (self._next + 0.5) / rate_hz
-                mean = source.mean(*interval_s, self._settings.max_gap_s)
-                value[source.tendon], sigma[source.tendon], flags[source.tendon] = mean
+                from_s = (self._next - 0.5) / rate_hz
+                until_s = (self._next + 0.5) / rate_hz
+                mean, mean_sigma, mean_flags = source.mean(from_s, until_s, self._settings.max_gap_s)
+                value[source.tendon] = mean
+                sigma[source.tendon] = mean_sigma
+                flags[source.tendon] = mean_flags
         frame = ResistanceFrame(self._next / rate_hz, value, sigma, flags)
         self._next += 1
         return frame

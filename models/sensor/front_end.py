@@ -17,43 +17,43 @@ from .taring import RestShift, Taring
 
 @dataclass(frozen=True, slots=True)
 class FrontEndSettings:
-    """How resistance becomes strain."""
+    """How resistance is converted to strain."""
 
     bending_abscissa: Literal["strain", "resistance"] = "strain"
     """Which quantity is x in eq. (9)."""
     bending_sigma: Positive = 0.01
-    """Error of eq. (9), in dR/R."""
+    """Standard deviation of the error of eq. (9), in dR/R."""
     settle_after_s: Positive = 0.5
-    """After a gap this long a sensor's history is taken as unknown."""
+    """Length of a gap in the readings after which the loading history of a sensor counts as unknown."""
     warm_up_sigma: Positive = 0.025
-    """Strain sigma right after an unknown history, ..."""
+    """Standard deviation of strain that is added in quadrature directly after an unknown history."""
     warm_up_s: Positive = 3.0
-    """... and the time in which it falls by e."""
+    """Time in which the added standard deviation falls by a factor of e."""
     bending_share: Probability = 0.05
-    """How much of the time a tendon is bent, to the best of one's knowledge before the trial."""
+    """Prior probability that a tendon is bent."""
     enter_bending: Probability = 0.7
-    """Probability of bending above which a tendon is called bent, ..."""
+    """Probability of bending above which the mode of a stretched tendon changes to bending."""
     leave_bending: Probability = 0.3
-    """... and below which it is called stretched again."""
+    """Probability of bending below which the mode of a bent tendon changes to stretching."""
     ambiguous_probability: Probability = 0.05
-    """The less likely mode is mentioned from here on."""
+    """Probability of the less likely mode above which the reading is flagged as ambiguous."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _HeldChange:
-    """dR/R on the common curve, gaps filled with the last value."""
+    """dR/R on the common curve, in which a missing value is replaced by the last one (zero-order hold)."""
 
     change: NDArray[np.float64]
     """(tendons,)"""
     rate_per_s: NDArray[np.float64]
-    """(tendons,) zero after a gap."""
+    """(tendons,) rate of dR/R; zero after a gap."""
     flags: NDArray[np.int64]
     """(tendons,) `Flag` bits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Strain:
-    """Strain of all tendons, with its sigma."""
+    """Strain of all tendons, with its standard deviation."""
 
     value: NDArray[np.float64]
     """(tendons,)"""
@@ -62,7 +62,7 @@ class _Strain:
 
 
 class FrontEnd:
-    """Turns frames of resistance into frames of length, one after another; the same live and offline."""
+    """Converts frames of resistance to frames of length, one after another; live and offline are the same."""
 
     def __init__(
         self,
@@ -94,7 +94,7 @@ class FrontEnd:
         self._last_s = np.nan
 
     def step(self, frame: ResistanceFrame) -> TendonLengths:
-        """Return the lengths at one more frame."""
+        """Return the lengths in one more frame."""
         step_s = frame.t_s - self._last_s if np.isfinite(self._last_s) else self._frame_step_s
         self._last_s = frame.t_s
         change = self._taring.common_change(frame.t_s, frame.resistance_ohm / self._R0 - 1)  # eq. (8)
@@ -102,7 +102,7 @@ class FrontEnd:
         lag_free, lag = self._lag_free.step(held.change, step_s)
         stretched = self._stretched(held, frame.t_s, step_s)  # f_3
         bent = self._bent(lag_free, lag)  # f_4
-        if self._model.unified:  # one network for both
+        if self._model.unified:  # one network for both modes
             bent = stretched
         probability = self._decide_mode(lag_free, frame.t_s)
         strain = self._in_its_mode(stretched, bent, probability)  # eq. (3)
@@ -111,18 +111,18 @@ class FrontEnd:
 
     @property
     def exchanged(self) -> list[tuple[int, int]]:
-        """Pairs of tendons whose sensors look exchanged, by what they read at rest."""
+        """Pairs of tendons whose sensors seem to be exchanged, from their readings at rest."""
         return self._taring.exchanged(self._R0)
 
     @property
     def rest_in_doubt(self) -> bool:
-        """Whether most sensors do not fit the rest shape."""
+        """Whether at least half of the sensors do not fit the rest shape."""
         return self._taring.in_doubt
 
     def _decide_mode(self, lag_free: NDArray[np.float64], t_s: float) -> NDArray[np.float64]:
         """Return the probability that each tendon is bent, and set its mode, with hysteresis."""
         probability = expit(self._model.mode_odds.at(lag_free) + logit(self._settings.bending_share))
-        if self._taring.is_resting(t_s):  # then the mode is known
+        if self._taring.is_resting(t_s):  # at rest the mode is known
             known = np.isfinite(self._taring.rest_strain)
             probability = np.where(known, self._taring.rest_strain < 0, probability)
         limit = np.where(self._mode == Mode.BENDING, self._settings.leave_bending, self._settings.enter_bending)
@@ -130,7 +130,7 @@ class FrontEnd:
         return np.asarray(probability)
 
     def _hold_missing(self, frame: ResistanceFrame, change: NDArray[np.float64]) -> _HeldChange:
-        """Return dR/R with gaps held; start sensors afresh that come back from long gaps."""
+        """Return dR/R with missing values held; reset the state of sensors that have a reading after a long gap."""
         seen = np.isfinite(change)
         fresh = seen & (frame.t_s - self._seen_s > self._settings.settle_after_s)
         change = np.where(seen, change, self._change)
@@ -161,18 +161,21 @@ class FrontEnd:
         return _Strain(strain, np.asarray(np.sqrt(sum(part**2 for part in parts))))
 
     def _bent(self, lag_free: NDArray[np.float64], lag: NDArray[np.float64]) -> _Strain:
-        """Return the strain of each tendon if it is bent, f_4 of eq. (3): half of the lag undone is not trusted."""
+        """Return the strain of each tendon if it is bent, f_4 of eq. (3).
+
+        Half of the lag correction is added to sigma.
+        """
         return _Strain(*self._bending.strain(lag_free, np.hypot(self._settings.bending_sigma, 0.5 * lag)))
 
     def _in_its_mode(self, stretched: _Strain, bent: _Strain, probability: NDArray[np.float64]) -> _Strain:
-        """Return the strain in the mode that each tendon is in, with the sigma of both modes as they are likely."""
+        """Return the strain in the mode of each tendon; its sigma combines both modes, weighted by probability."""
         strain = np.where(self._mode == Mode.BENDING, bent.value, stretched.value)
         variance = (1 - probability) * (stretched.sigma**2 + (stretched.value - strain) ** 2)
         variance += probability * (bent.sigma**2 + (bent.value - strain) ** 2)
         return _Strain(strain, np.sqrt(variance))
 
     def _flags(self, flags: NDArray[np.int64], probability: NDArray[np.float64], t_s: float) -> NDArray[np.int64]:
-        """Return the flags with those added that the history of a sensor gives."""
+        """Return the flags with ambiguous modes, warm-up and misfit at rest added."""
         ambiguous = np.minimum(probability, 1 - probability) > self._settings.ambiguous_probability
         warming_up = t_s - self._warm_s < self._settings.warm_up_s
         for flag, where in (

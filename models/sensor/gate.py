@@ -1,4 +1,4 @@
-"""What a single sensor's readings say against themselves: jumps there and back, and codes that never change."""
+"""Plausibility checks of the readings of a single sensor: outliers, and codes that do not change."""
 
 from dataclasses import dataclass
 
@@ -11,20 +11,22 @@ from ..values.tables import AtLeastOne, Positive, Probability
 
 @dataclass(frozen=True, slots=True)
 class GateSettings:
-    """When a reading is not believed."""
+    """When a reading is rejected."""
 
     max_rate_per_s: Positive = 4.0
-    """Of dR/R. The calibration recordings, random motion included, exceed it in less than one reading of 1000."""
+    """Rate of dR/R above which a reading is an outlier. In the calibration recordings, random motion included, less
+    than one reading in 1000 exceeds it."""
     accept_after: AtLeastOne = 3
-    """This many readings in succession that jumped to the same place are believed after all."""
+    """Number of successive outliers at about the same value after which the value is accepted."""
     stuck_s: Positive = 1.0
-    """A sensor is stuck after this long on one code, if noise makes that very unlikely, ..."""
+    """Time on one code after which a sensor may be stuck, see `stuck_probability`."""
     stuck_probability: Probability = 1e-9
-    """... that is, less likely than this, by how often the code has stayed the same so far."""
+    """Probability below which so many equal codes in succession mean that the sensor is stuck. It is estimated from how
+    often the sensor's code has stayed the same before."""
 
 
 class ReadingGate:
-    """Flags outliers and stuck sensors of one source, reading by reading, and blanks them."""
+    """Flags outliers and stuck sensors among the sensors of one source, and replaces their values by nan."""
 
     def __init__(self, settings: GateSettings, sensors: int) -> None:
         self._settings = settings
@@ -35,51 +37,53 @@ class ReadingGate:
         self._last = np.full(sensors, np.nan)
         self._last_s = np.nan
         self._same_since_s = np.full(sensors, np.nan)
-        self._run = np.zeros(sensors)
-        self._same = np.full(sensors, 49.0)  # a quiet sensor, until it shows noise
-        self._seen = np.full(sensors, 50.0)
+        self._run_length = np.zeros(sensors)
+        self._repeats = np.full(sensors, 49.0)  # with `_readings`, the prior of a sensor with little noise
+        self._readings = np.full(sensors, 50.0)
 
     def check(
         self, t_s: float, value: NDArray[np.float64], sigma: NDArray[np.float64], flags: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the values, nan where they are not believed, and the flags with the reasons added.
+        """Return the values, nan where they are rejected, and the flags with the reasons added.
 
         Args:
-            t_s: when the values were measured.
+            t_s: time of the measurement.
             value: (sensors,) dR/R, nan where there is none.
-            sigma: (sensors,) its sigma.
-            flags: (sensors,) `Flag` bits so far.
+            sigma: (sensors,) standard deviation of dR/R.
+            flags: (sensors,) `Flag` bits set so far.
         """
-        outlier = self._jumps(t_s, value, sigma)
-        stuck = self._stays(t_s, value)
+        outlier = self._outliers(t_s, value, sigma)
+        stuck = self._stuck(t_s, value)
         flags = flags | np.where(outlier, Flag.OUTLIER, 0) | np.where(stuck, Flag.STUCK, 0)
         return np.where(outlier | stuck, np.nan, value), flags
 
-    def _jumps(self, t_s: float, value: NDArray[np.float64], sigma: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def _outliers(self, t_s: float, value: NDArray[np.float64], sigma: NDArray[np.float64]) -> NDArray[np.bool_]:
         finite = np.isfinite(value)
-        room = self._settings.max_rate_per_s * (t_s - self._accepted_s) + 8 * sigma
-        jumped = finite & (np.abs(value - self._accepted) > room)
-        again = jumped & (np.abs(value - self._rejected) <= room)
+        largest_change = self._settings.max_rate_per_s * (t_s - self._accepted_s) + 8 * sigma
+        jumped = finite & (np.abs(value - self._accepted) > largest_change)
+        repeated = jumped & (np.abs(value - self._rejected) <= largest_change)
         self._rejections = np.where(
-            again, self._rejections + 1, np.where(jumped, 1, np.where(finite, 0, self._rejections))
+            repeated, self._rejections + 1, np.where(jumped, 1, np.where(finite, 0, self._rejections))
         )
         self._rejected = np.where(jumped, value, self._rejected)
         outlier: NDArray[np.bool_] = jumped & (self._rejections < self._settings.accept_after)
-        taken = finite & ~outlier
-        self._accepted = np.where(taken, value, self._accepted)
-        self._accepted_s = np.where(taken, t_s, self._accepted_s)
+        accepted = finite & ~outlier
+        self._accepted = np.where(accepted, value, self._accepted)
+        self._accepted_s = np.where(accepted, t_s, self._accepted_s)
         return outlier
 
-    def _stays(self, t_s: float, value: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def _stuck(self, t_s: float, value: NDArray[np.float64]) -> NDArray[np.bool_]:
         finite = np.isfinite(value)
         same = finite & (value == self._last)
-        ended = finite & ~same  # only runs that have ended say how often a code stays: the present one is to be judged
+        # the probability of a repeat is estimated from completed runs only, because the present run is to be tested
+        ended = finite & ~same
         counted = ended & np.isfinite(self._last)
-        self._same += np.where(counted, self._run, 0)
-        self._seen += np.where(counted, self._run + 1, 0)
-        self._run = np.where(same, self._run + 1, np.where(ended, 0, self._run))
+        self._repeats += np.where(counted, self._run_length, 0)
+        self._readings += np.where(counted, self._run_length + 1, 0)
+        self._run_length = np.where(same, self._run_length + 1, np.where(ended, 0, self._run_length))
         self._same_since_s = np.where(ended, t_s, self._same_since_s)
         self._last = np.where(finite, value, self._last)
-        unlikely = self._run * np.log(self._same / self._seen) < np.log(self._settings.stuck_probability)
+        log_probability = self._run_length * np.log(self._repeats / self._readings)
+        unlikely = log_probability < np.log(self._settings.stuck_probability)
         stuck: NDArray[np.bool_] = same & unlikely & (t_s - self._same_since_s >= self._settings.stuck_s)
         return stuck

@@ -1,4 +1,4 @@
-"""The static gauge curve: dR/R against strain, without history, and how much sensors differ from it."""
+"""The static gauge curve: dR/R as a function of strain without history, and how much sensors differ from it."""
 
 from dataclasses import dataclass
 
@@ -8,24 +8,25 @@ from numpy.typing import ArrayLike, NDArray
 from .bending import BendingCurve
 
 OVERSHOOT = 1.25
-"""Times the largest strain recorded: a strip let go at once reads far higher than any that is stretched."""
+"""Ratio of the largest strain that is returned to the largest strain recorded. The bound is needed because a strip that
+is released suddenly has a far higher dR/R than any stretched strip."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticGauge:
     """dR/R = g(strain): piecewise linear when stretched, eq. (9) when bent; g(0) = 0.
 
-    One sensor of many reads offset + gain * g.
+    A single sensor measures offset + gain * g.
     """
 
     strain_knots: NDArray[np.float64]
-    """(knots,) from 0 up."""
+    """(knots,) increasing strains, the first is 0."""
     change_knots: NDArray[np.float64]
-    """(knots,) dR/R there, from 0 up."""
+    """(knots,) increasing dR/R at these strains, the first is 0."""
     gain_sigma: float
-    """How much the gain differs between sensors, about 1."""
+    """Standard deviation of the gain over sensors; its mean is 1."""
     offset_sigma: float
-    """How much dR/R at zero strain differs between sensors, and drifts, about 0."""
+    """Standard deviation of the offset, dR/R at zero strain, over sensors and time; its mean is 0."""
 
     def change(self, strain: ArrayLike, bending: BendingCurve) -> NDArray[np.float64]:
         """Return dR/R at a strain of either sign."""
@@ -33,13 +34,16 @@ class StaticGauge:
         return np.where(strain < 0, bending.change(np.minimum(strain, 0)), self._stretched_change(strain))
 
     def stretched_strain(self, change: ArrayLike) -> NDArray[np.float64]:
-        """Return the strain of a stretched tendon; the curve's ends go on straight, the upper one up to `OVERSHOOT`."""
+        """Return the strain of a stretched tendon at a dR/R.
+
+        Beyond its knots the curve continues straight, at its upper end up to `most_strain`.
+        """
         strain = _interpolate(np.asarray(change, dtype=np.float64), self.change_knots, self.strain_knots)
         return np.asarray(np.minimum(strain, self.most_strain))
 
     @property
     def most_strain(self) -> float:
-        """The largest strain that a reading is taken for."""
+        """The largest strain that `stretched_strain` returns."""
         return OVERSHOOT * float(self.strain_knots[-1])
 
     def slope(self, strain: ArrayLike) -> NDArray[np.float64]:
@@ -55,7 +59,7 @@ class StaticGauge:
 def common_change(
     change: NDArray[np.float64], gain: NDArray[np.float64] | float, offset: NDArray[np.float64] | float
 ) -> NDArray[np.float64]:
-    """Return the dR/R that a sensor of gain 1 and offset 0 would read: (y - offset) / gain."""
+    """Return the dR/R that a sensor of gain 1 and offset 0 would measure: (y - offset) / gain."""
     return np.asarray((change - offset) / gain)
 
 

@@ -1,9 +1,9 @@
 """The stretching sensor at run time: the paper's LSTM, eqs. (10)-(15), with a Gaussian head, in numpy.
 
-The network corrects a `RateCurve`: strain = curve(dR/R, running means) + SCALE * W_y h_t, and a second output is the
-log variance of that. Its input X_t is dR/R, its rate per second, the log of the time step, so that one network serves
-10 to 100 Hz, and how far dR/R is from its running means over `MEMORY_S`: rubber relaxes for longer than
-back-propagation reaches.
+The network corrects a `RateCurve`: strain = curve(dR/R, running means) + STRAIN_SCALE * W_y h_t, and its second output
+is the log variance of the strain. Its input X_t consists of dR/R, the rate of dR/R per second, the log of the time
+step, so that one network is valid from 10 to 100 Hz, and the differences between dR/R and its running means over
+`MEMORY_S`. The running means are needed because rubber relaxes for longer than back-propagation reaches.
 """
 
 from dataclasses import dataclass
@@ -14,26 +14,28 @@ from numpy.typing import NDArray
 from ..values.low_pass import low_pass_weight
 
 STRAIN_SCALE = 0.05
-"""The network's outputs are in units of this strain."""
+"""Unit of strain in which the network's outputs are given."""
 LOG_VARIANCE_RANGE = (-10.0, 4.0)
+"""Range to which the second output, the log variance, is clipped."""
 MEMORY_S = (2.0, 10.0, 50.0)
 """Time constants of the running means."""
 CURVE_MEMORIES = 2
-"""How many of them, from the first on, the curve sees: a recording of minutes has too few spans of the last to fit."""
+"""Number of running means, from the first on, that are inputs of the rate curve. A recording of some minutes is too
+short, compared with the last time constant, to fit its effect."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scaling:
-    """What brings the network's inputs to about 1."""
+    """Scales that bring the network's inputs to a magnitude of about 1."""
 
     change_middle: float = 0.15
-    """Subtracted from dR/R, ..."""
+    """Value that is subtracted from dR/R before it is divided by `change`."""
     change: float = 0.3
-    """... which is then divided by this."""
+    """Divisor of dR/R and of its differences from its running means."""
     rate_per_s: float = 0.3
-    """By which the rate of dR/R is divided."""
+    """Divisor of the rate of dR/R."""
     step_s: float = 0.03
-    """A time step whose input is 0; others are its natural logarithm away."""
+    """Divisor of the time step before its natural logarithm is taken."""
 
 
 def features(
@@ -63,17 +65,18 @@ def next_means(
 def running_means(
     change: NDArray[np.float64], step_s: NDArray[np.float64], memory_s: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return (samples, sensors, memories) running means of (samples, sensors) dR/R, from its first value on."""
+    """Return (samples, sensors, memories) running means of (samples, sensors) dR/R; they start at its first value."""
     result = np.empty((*change.shape, len(memory_s)))
     means = np.repeat(change[0][:, None], len(memory_s), axis=1)
     for k, (value, step) in enumerate(zip(change, step_s, strict=True)):
-        result[k] = means = next_means(means, value, step, memory_s)
+        means = next_means(means, value, step, memory_s)
+        result[k] = means
     return result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LstmState:
-    """What the network remembers of each sensor."""
+    """The state of the network for each sensor."""
 
     h: NDArray[np.float64]
     """(sensors, hidden) short-term memory, eq. (15)."""
@@ -86,22 +89,22 @@ class LstmWeights:
     """The weights of `Lstm`, gates in the order i, f, g, o of torch's parameters."""
 
     weight_ih: NDArray[np.float64]
-    """(4 hidden, features) of the input X_t."""
+    """(4 hidden, features) weights of the input X_t."""
     weight_hh: NDArray[np.float64]
-    """(4 hidden, hidden) of the short-term memory."""
+    """(4 hidden, hidden) weights of the short-term memory."""
     bias: NDArray[np.float64]
-    """(4 hidden,)"""
+    """(4 hidden,) biases of the gates."""
     head_weight: NDArray[np.float64]
-    """(2, hidden) of the linear head."""
+    """(2, hidden) weights of the linear head."""
     head_bias: NDArray[np.float64]
-    """(2,)"""
+    """(2,) biases of the linear head."""
 
 
 class Lstm:
-    """One LSTM layer and a linear head, all sensors in one step.
+    """One LSTM layer and a linear head; one step computes all sensors.
 
-    With sigma(z) = (1 + tanh(z / 2)) / 2 the halves go into the
-    weights, and all four gates take one matrix product and one tanh.
+    Because sigma(z) = (1 + tanh(z / 2)) / 2, the weights of the three sigmoid gates are halved once, and then all four
+    gates need only one matrix product and one tanh.
     """
 
     def __init__(self, weights: LstmWeights) -> None:
@@ -113,7 +116,7 @@ class Lstm:
         self._head_bias = weights.head_bias
 
     def initial_state(self, sensors: int) -> LstmState:
-        """Return the state of sensors never read."""
+        """Return the state before the first reading of each sensor."""
         return LstmState(np.zeros((sensors, self.hidden)), np.zeros((sensors, self.hidden)))
 
     def step(self, x: NDArray[np.float64], state: LstmState) -> tuple[NDArray[np.float64], LstmState]:
@@ -129,7 +132,7 @@ class Lstm:
 
 
 def run_lstm(lstm: Lstm, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (steps, 2) outputs for one sensor's (steps, features) inputs, from a fresh state."""
+    """Return (steps, 2) outputs for one sensor's (steps, features) inputs, from the initial state."""
     state = lstm.initial_state(1)
     outputs = []
     for row in x:

@@ -1,4 +1,4 @@
-"""Rows of the boards into readings of resistance: the divider, and each board's clock."""
+"""Conversion of the boards' rows to readings of resistance, by the voltage divider and each board's clock."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from .divider import Divider
 
 
 class Boards:
-    """Turns rows into readings, eq. (1), each at its time on the host clock."""
+    """Converts rows of counts to readings of resistance, eq. (1), with their times on the host clock."""
 
     def __init__(
         self, divider: Divider, tendons_of_board: Sequence[NDArray[np.int64]], settings: ClockSettings
@@ -22,11 +22,11 @@ class Boards:
 
     @property
     def counts(self) -> list[ClockCounts]:
-        """What each board's clock saw so far."""
+        """The numbers of rows and irregular events of each board so far."""
         return [clock.counts for clock in self._clocks]
 
     def reading(self, row: BoardReading) -> ResistanceReading | None:
-        """Return what a row measured, or None when it is late or came twice."""
+        """Return the reading of a row; None for a row that came late or twice or does not follow the one before."""
         t_s = self._clocks[row.board].time_s(row)
         if t_s is None:
             return None

@@ -1,4 +1,4 @@
-"""All that is known of the strain sensors as a kind: network, curves, modes, ranges."""
+"""The model of one kind of strain sensor: network, curves, odds of the modes, and the ranges of its training."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,13 +14,14 @@ from .lstm import Lstm, LstmWeights, Scaling, run_lstm
 from .rate_curve import RateCurve
 
 GOLDEN_TOLERANCE = 1e-6
+"""Largest difference from the golden vector, in units of the network's outputs."""
 LEAST_SPREAD = 0.002
-"""Strain spread of a strip that hardly moves; sigma shrinks no further."""
+"""Spread of strain, that of a strip which hardly moves, below which sigma does not decrease further."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GoldenVector:
-    """An input of the network and the output that it gave when it was made: a file that is damaged gives another."""
+    """An input of the network and the output for it after training; weights from a damaged file give another output."""
 
     input: NDArray[np.float64]
     """(steps, features)"""
@@ -30,7 +31,7 @@ class GoldenVector:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StretchingNetwork:
-    """The LSTM of eqs. (10)-(15) with what scales its inputs.
+    """The LSTM of eqs. (10)-(15) with the scales of its inputs.
 
     Raises:
         InputError: for weights that do not fit together, or do not reproduce the golden vector.
@@ -52,45 +53,45 @@ class StretchingNetwork:
             raise InputError(f"its golden vector is off by {difference:.2g}: expected less than {GOLDEN_TOLERANCE:g}")
 
     def lstm(self) -> Lstm:
-        """Return the network, ready to run."""
+        """Return the network in the form that can be evaluated."""
         return Lstm(self.weights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BendingCoefficients:
-    """Eq. (9) as the recordings have it."""
+    """The polynomial of eq. (9), fitted to recordings."""
 
     coefficients: NDArray[np.float64]
-    """(6,) highest power first, of dR/R."""
+    """(6,) coefficients of dR/R as a polynomial of strain, highest power first."""
     covariance: NDArray[np.float64]
-    """(6, 6) of these."""
+    """(6, 6) covariance of the coefficients."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModeOdds:
-    """What a reading says of the mode: log p(dR/R | bending) / p(dR/R | stretching)."""
+    """The log likelihood ratio of the modes for a reading: log of p(dR/R | bending) / p(dR/R | stretching)."""
 
     change: NDArray[np.float64]
-    """(bins,) dR/R as `LagFree` gives it, rising."""
+    """(bins,) increasing dR/R, corrected for lag by `LagFree`."""
     log_odds: NDArray[np.float64]
-    """(bins,)"""
+    """(bins,) log likelihood ratio at these dR/R."""
 
     def at(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the log odds at a dR/R; beyond the bins the outermost holds."""
+        """Return the log likelihood ratio at a dR/R; outside of the bins that of the nearest bin."""
         return np.interp(change, self.change, self.log_odds)
 
 
 @dataclass(frozen=True, slots=True)
 class SigmaScale:
-    """By what to multiply the network's sigma: b s^p, s being the strain's spread over the last while.
+    """The factor b s^p of the network's sigma, where s is the recent spread of strain, see `StrainSpread`.
 
-    The error that the network does not know of grows with how much a strip has been moved lately.
+    The network underestimates its error the more, the more a strip has been moved in the recent past.
     """
 
     factor: float = 1.0
-    """b"""
+    """b in b s^p."""
     power: float = 0.0
-    """p"""
+    """p in b s^p."""
 
     def at(self, strain_spread: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the scale at a spread of strain."""
@@ -99,45 +100,45 @@ class SigmaScale:
 
 @dataclass(frozen=True, slots=True)
 class TrainedRanges:
-    """Where the training reached; beyond, sigma grows and readings are flagged."""
+    """The ranges of the training data; outside of them sigma grows and readings are flagged."""
 
     change: tuple[float, float]
     """Least and largest dR/R."""
     rate_per_s: float
-    """The rate of dR/R that 99.9 % of the training stays under."""
+    """Rate of dR/R, which 99.9 % of the training samples do not exceed."""
     strain: tuple[float, float]
     """Least and largest strain."""
     step_s: tuple[float, float]
     """Shortest and longest time step."""
     strain_rate_per_s: float = float("inf")
-    """The rate of strain that 99.9 % of the stretching stays under."""
+    """Rate of strain, which 99.9 % of the stretched training samples do not exceed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """How a model was made: for people and for its card; no estimate depends on it."""
+    """How a model was made, for the reader of its model card; no estimate depends on it."""
 
     recipe: Mapping[str, Any]
     """The settings of the training."""
     trained_on: tuple[str, ...]
-    """Names of the recordings."""
+    """Names of the recordings in the training."""
     split: str = ""
-    """Which recordings were held out, in words."""
+    """Description of the recordings that were held out."""
     held_out: Mapping[str, Any] = field(default_factory=dict)
-    """Scores of the network, by recording held out."""
+    """Scores of the network on each recording that was held out."""
     baselines: Mapping[str, Any] = field(default_factory=dict)
-    """Scores of what it is compared with, by estimator and recording."""
+    """Scores of the estimators that the network is compared with, by estimator and recording."""
     data_sha256: Mapping[str, str] = field(default_factory=dict)
-    """Of every file of recordings."""
+    """SHA-256 of every file of recordings."""
     command: str = ""
-    """That makes the same model again."""
+    """The command that makes the same model again."""
     versions: Mapping[str, str] = field(default_factory=dict)
-    """Of the packages that made it."""
+    """Versions of the packages with which the model was made."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorModel:
-    """A sensor model, as `calibrate` makes it and the model file keeps it.
+    """A sensor model, as `calibrate` makes it and the model file stores it.
 
     Raises:
         InputError: for a curve whose parts do not fit together.
@@ -145,33 +146,37 @@ class SensorModel:
 
     network: StretchingNetwork
     curve: RateCurve
-    """What the network corrects; its static gauge curve says how much strips differ, for taring."""
+    """The curve that the network corrects. Its static gauge curve contains the spread of gain and offset for taring."""
     mode_odds: ModeOdds
     bending: BendingCoefficients | None
-    """None where no recording bends: the paper's eq. (9) serves."""
+    """None when no strip was bent in the recordings; then the paper's eq. (9) is used."""
     ranges: TrainedRanges
     provenance: Provenance
     sigma_scale: SigmaScale = SigmaScale()
     lag_s: float = 0.0
-    """By how much the strain that it gives lags behind."""
+    """Time by which the estimated strain lags behind the true one."""
     unified: bool = False
-    """Whether the network measures bent tendons, too."""
+    """Whether the network estimates the strain of bent tendons, too."""
 
     def __post_init__(self) -> None:
+        change = np.zeros(1)
         try:
-            nothing = np.zeros(1), np.zeros((1, len(self.curve.memory_s)))
-            self.curve.strain(*nothing)
-            self.curve.sigma(*nothing)
+            means = np.zeros((1, len(self.curve.memory_s)))
+            self.curve.strain(change, means)
+            self.curve.sigma(change, means)
         except ValueError as error:
             raise InputError(f"its curve's parts do not fit together ({error})") from error
 
     @property
     def gauge(self) -> StaticGauge:
-        """The static curve, by which strips differ."""
+        """The static gauge curve, with the spread of gain and offset over sensors."""
         return self.curve.gauge
 
     def bending_curve(self, abscissa: Literal["strain", "resistance"]) -> BendingCurve:
-        """Return the curve of bent tendons: the recordings' own where they bend, else the paper's eq. (9)."""
+        """Return the curve of bent tendons: that fitted to recordings with x = strain, or the paper's eq. (9).
+
+        The paper's is used when no strip was bent in the recordings, or when x is resistance.
+        """
         if abscissa == "strain" and self.bending is not None:
             return BendingCurve("strain", self.bending.coefficients)
         return BendingCurve(abscissa)

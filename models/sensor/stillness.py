@@ -10,26 +10,29 @@ from ..values.readings import ResistanceReading
 from .gauge import StaticGauge
 
 BLOCK_S = 0.25
-"""Readings are averaged over this long: noise of 0.0022 in dR/R becomes 0.1 mm of length, motion stays."""
+"""Time over which readings are averaged: noise of 0.0022 in dR/R is reduced to 0.1 mm of length, while motion is not
+reduced."""
 STILL_M = 0.001
-"""A tendon that changes by less is taken as still. At rest the most of any of 24 is 0.5 to 0.8 mm in 2 s (six
-trials), all of it noise; while the structure is pressed 17 tendons change by more, the most by 3.5 mm and up."""
+"""Change of length below which a tendon counts as still. At rest the largest change of 24 tendons in 2 s is 0.5 to
+0.8 mm (six trials), all of it noise. While the structure is pressed 17 tendons change by more than the threshold, and
+the largest change is at least 3.5 mm."""
 MOVING_TENDONS = 3
-"""So many have to change: a node takes at least four tendons along, a bad sensor is alone."""
+"""Number of tendons that must change for the structure to count as moving. A node that moves changes at least four
+tendons, a faulty sensor only one."""
 
 
 @dataclass(frozen=True, slots=True)
 class RestMotion:
-    """How much the tendons changed while the structure was to stand still."""
+    """How much the lengths of the tendons changed while the structure was supposed to stand still."""
 
     largest_m: float
-    """Of the tendon that changed most, from the lowest to the highest of its averages."""
+    """Largest change of a tendon, from the least to the greatest of its block averages."""
     tendon: int
-    """That tendon."""
+    """The tendon with the largest change."""
     moving: int
-    """How many tendons changed by more than noise does."""
+    """Number of tendons whose change is larger than noise, see `STILL_M`."""
     mean_m: float
-    """Over all tendons."""
+    """Mean of the changes of all tendons."""
 
     @property
     def still(self) -> bool:
@@ -54,16 +57,17 @@ class StillnessWatch:
         self._sum: defaultdict[int, NDArray[np.float64]] = defaultdict(lambda: np.zeros((2, len(natural_length_m))))
 
     def add(self, reading: ResistanceReading) -> None:
-        """Take one reading in."""
+        """Add one reading."""
         e = reading.tendon
         change_m = (reading.resistance_ohm / self._R0[e] - 1) * self._m_per_change[e]
         seen = np.isfinite(change_m)
         self._sum[int(reading.t_s // BLOCK_S)][:, e[seen]] += np.stack([change_m[seen], np.ones(seen.sum())])
 
     def motion(self) -> RestMotion:
-        """Return how much the tendons changed; the first and the last block are cut short by the watch, and left out.
+        """Return how much the tendons changed.
 
-        A tendon that no reading told of counts as still.
+        The first and the last block are left out because they are incomplete. A tendon without a reading counts as
+        still.
         """
         blocks = np.array([self._sum[k] for k in sorted(self._sum)[1:-1]]).reshape(-1, 2, len(self._R0))
         with np.errstate(invalid="ignore"):

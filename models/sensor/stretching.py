@@ -1,4 +1,4 @@
-"""The stretching network at work on several sensors at once, and how far it is to be believed."""
+"""The stretching network running on several sensors at once, and the corrections of its sigma."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,18 +10,23 @@ from .sensor_model import SensorModel
 Step = float | NDArray[np.float64]
 """A time step in seconds: one for all sensors, or one for each."""
 SPREAD_MEMORY_S = 30.0
+"""Time constant of the running mean and variance of strain in `StrainSpread`."""
 SETTLING_S = 10.0
-"""How long a strip's past motion matters: relaxation takes seconds, hysteresis until it is wiped out."""
+"""Time after which the past motion of a strip has no more effect. The network runs for this time at constant dR/R to
+reach its state at rest, and a calibration recording is not scored for this time."""
 EXTRAPOLATION_MEMORY_S = 3.0
-"""How long a motion faster than any in training spoils the estimate: the correlation time of the network's error."""
+"""Time for which a motion that is faster than any in training affects the estimate: the correlation time of the
+network's error."""
 STRETCHING_LAG_S = 0.4
-"""Lag of a sensor that the network knows nothing of: the paper's 926 ms to 90 %, over ln 10."""
+"""Time constant of the lag of a sensor without correction by the network: the paper's time to 90 %, 926 ms, divided by
+ln 10."""
 STRAIN_RATE_S = 0.2
-"""Memory of the strain's rate: a sample's noise is no motion."""
+"""Time constant of the smoothing of strain before its rate is taken, so that noise of a sample is not taken as
+motion."""
 
 
 class StretchingSensors:
-    """The stretching network running on several sensors at once, with their states."""
+    """The stretching network on several sensors at once, with the state of each sensor."""
 
     def __init__(self, model: SensorModel, sensors: int) -> None:
         self._lstm = model.network.lstm()
@@ -35,19 +40,23 @@ class StretchingSensors:
     def step(
         self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: Step
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (sensors,) strain and its sigma after one more reading; inputs must be finite."""
+        """Return (sensors,) strain and its sigma after one more reading of each sensor; inputs must be finite."""
         self._means = next_means(self._means, change, step_s, self._memory_s)
         strain, sigma, self._state = self._evaluate(change, rate_per_s, step_s, self._means, self._state)
         return strain, sigma
 
     def curve_sigma(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (sensors,) what the curve leaves unknown of strain, after the latest step."""
+        """Return (sensors,) the strain sigma due to the coefficients of the rate curve, after the latest step."""
         return self._curve.sigma(change, self._means[:, : self._curve_memories])
 
-    def settle(self, change: NDArray[np.float64], which: NDArray[np.bool_], step_s: float) -> NDArray[np.float64]:
-        """Put some sensors into the state of having rested at a dR/R for long; return the strain they then give.
+    def settle(self, change: NDArray[np.float64], chosen: NDArray[np.bool_], step_s: float) -> NDArray[np.float64]:
+        """Put sensors into the state that they have after a long rest at their dR/R; return the strain in this state.
 
-        In steps as long as those to come: settled in others, a sensor at rest would drift by 0.001 of strain in 10 s.
+        Args:
+            change: (sensors,) dR/R.
+            chosen: (sensors,) which sensors to put into the new state.
+            step_s: time step, equal to that of the readings that follow. With another time step a sensor at rest would
+                drift by 0.001 of strain in 10 s.
         """
         state = self._lstm.initial_state(len(change))
         still = np.zeros(len(change))
@@ -55,9 +64,9 @@ class StretchingSensors:
         means = np.repeat(change[:, None], len(self._memory_s), axis=1)
         for _ in range(round(SETTLING_S / step_s)):
             strain, _, state = self._evaluate(change, still, step_s, means, state)
-        keep = which[:, None]
-        self._means = np.where(keep, means, self._means)
-        self._state = LstmState(np.where(keep, state.h, self._state.h), np.where(keep, state.c, self._state.c))
+        replaced = chosen[:, None]
+        self._means = np.where(replaced, means, self._means)
+        self._state = LstmState(np.where(replaced, state.h, self._state.h), np.where(replaced, state.c, self._state.c))
         return strain
 
     def _evaluate(
@@ -75,26 +84,27 @@ class StretchingSensors:
 
 
 class StrainSpread:
-    """The running standard deviation of strain, forgetting with `SPREAD_MEMORY_S`."""
+    """The running standard deviation of strain, with the time constant `SPREAD_MEMORY_S`."""
 
     def __init__(self, sensors: int, initial_spread: float = 0.0) -> None:
         self._mean = np.full(sensors, np.nan)
         self._variance = np.full(sensors, initial_spread**2)
 
     def step(self, strain: NDArray[np.float64], step_s: Step) -> NDArray[np.float64]:
-        """Return (sensors,) the spread after one more strain."""
+        """Return (sensors,) the running standard deviation after one more strain of each sensor."""
         weight = low_pass_weight(step_s, SPREAD_MEMORY_S)
-        away = np.nan_to_num(strain - self._mean)
-        self._mean = np.where(np.isnan(self._mean), strain, self._mean + weight * away)
-        self._variance = (1 - weight) * (self._variance + weight * away**2)
+        deviation = np.nan_to_num(strain - self._mean)
+        self._mean = np.where(np.isnan(self._mean), strain, self._mean + weight * deviation)
+        self._variance = (1 - weight) * (self._variance + weight * deviation**2)
         return np.asarray(np.sqrt(self._variance))
 
 
 class Extrapolation:
-    """How far beyond its training the network is asked, sensor by sensor.
+    """The increase of sigma for inputs outside the range of the training, for each sensor.
 
-    Sigma is multiplied by how much faster dR/R changes than in training, and added to it are the lag times what the
-    strain's rate exceeds that of the training by, and the distance beyond the largest dR/R.
+    Sigma is multiplied by the ratio of the rate of dR/R to that in training. Two terms are added in quadrature: the
+    excess of the strain's rate over that in training times the lag, and the excess of dR/R over its largest value in
+    training, converted to strain.
     """
 
     def __init__(self, model: SensorModel, sensors: int) -> None:
@@ -107,7 +117,10 @@ class Extrapolation:
     def step(
         self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], strain: NDArray[np.float64], step_s: Step
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return by what to multiply sigma, what to add to it in quadrature, and whether this is beyond training."""
+        """Return (sensors,) the factor of sigma, the term to add to it, and whether the input is beyond training.
+
+        The factor and the term decay with `EXTRAPOLATION_MEMORY_S` after such an input.
+        """
         fade = np.exp(-np.asarray(step_s) / EXTRAPOLATION_MEMORY_S)
         ratio = np.maximum(np.abs(rate_per_s) / self._ranges.rate_per_s - 1, 0)
         self._ratio = np.maximum(ratio, self._ratio * fade)
@@ -116,6 +129,6 @@ class Extrapolation:
         self._smooth = smooth + strain_rate * step_s
         excess = np.maximum(np.abs(strain_rate) - self._ranges.strain_rate_per_s, 0)
         self._excess = np.maximum(excess, self._excess * fade)
-        farther = np.maximum(change - self._ranges.change[1], 0) / self._gauge.slope(strain)
-        beyond = (ratio > 0) | (excess > 0) | (farther > 0)
-        return 1 + self._ratio, np.hypot(STRETCHING_LAG_S * self._excess, farther), beyond
+        strain_beyond = np.maximum(change - self._ranges.change[1], 0) / self._gauge.slope(strain)
+        beyond = (ratio > 0) | (excess > 0) | (strain_beyond > 0)
+        return 1 + self._ratio, np.hypot(STRETCHING_LAG_S * self._excess, strain_beyond), beyond

@@ -1,4 +1,4 @@
-"""Taring: what each sensor's readings at the rest shape say of its own gain and offset."""
+"""Taring: the gain and offset of each sensor, estimated from its readings at the rest shape."""
 
 from itertools import combinations
 
@@ -10,25 +10,27 @@ from .bending import BendingCurve
 from .gauge import StaticGauge, common_change
 
 CURVE_SIGMA = 0.004
+"""Standard deviation of the error of the gauge curve, in dR/R."""
 FOLD_SIGMA = 0.01
+"""Standard deviation of the error of eq. (9), in dR/R."""
 FOLD_STRAIN = 0.02
-"""Error of the gauge curve in dR/R, and of eq. (9), which may hold for strains below the last one."""
+"""Rest strain below which a tendon may be bent at rest, so that `FOLD_SIGMA` is used."""
 MISFIT_SIGMA = 5.0
-"""Beyond this a rest reading is no matter of gain and offset: a natural resistance wrong by 4 %. The 192 sensors of the
-development trials stay below 2.2."""
+"""Number of standard deviations above which a reading at rest cannot be explained by gain and offset. It corresponds to
+a natural resistance that is wrong by 4 %. The 192 sensors of the development trials stay below 2.2."""
 
 
 class Taring:
-    """Brings each sensor onto the common gauge curve.
+    """Converts the readings of each sensor to the common gauge curve.
 
-    One sensor of many reads y = offset + gain g(strain). At rest the strain is known to be e, and what the mean reading
-    differs from g(e) is split between gain and offset in proportion to their variances over sensors:
+    A single sensor measures y = offset + gain g(strain). At rest its strain e is known, and the difference between the
+    mean reading and g(e) is split between gain and offset in proportion to their variances over sensors:
 
         y - g(e) = (gain - 1) g(e) + offset
 
-    Tared lengths agree with the rest shape as it is believed to be, all of them: the estimate then stands there to
-    begin with, and the error of the rest shape does not come back twentyfold along the mechanism. Without a rest
-    shape gain is 1, offset 0, and their spread over sensors goes into sigma.
+    All tared lengths agree exactly with the assumed rest shape. So the estimate starts at this shape, and the error of
+    the rest shape is not amplified by a factor of about twenty along the mechanism. Without a rest shape the gain is 1,
+    the offset is 0, and their spread over sensors is included in sigma.
     """
 
     def __init__(
@@ -45,22 +47,22 @@ class Taring:
         curve_sigma = np.where(self.rest_strain < FOLD_STRAIN, FOLD_SIGMA, CURVE_SIGMA)
         self._rest_change_sigma = np.sqrt(gain_variance + gauge.offset_sigma**2 + strain_variance + curve_sigma**2)
         self._gain_share = gain_variance / (gain_variance + gauge.offset_sigma**2 + strain_variance)
-        self._gain_sigma_left = gauge.gain_sigma * np.sqrt(1 - self._gain_share)
+        self._tared_gain_sigma = gauge.gain_sigma * np.sqrt(1 - self._gain_share)
         self._mean = np.zeros(count)
         self._count = np.zeros(count)
         self._first_s: float | None = None
         self.gain = np.ones(count)
         self.offset = np.zeros(count)
         self.misfit = np.zeros(count, dtype=np.bool_)
-        """(tendons,) which sensors read at rest what no sensor on that tendon would; none when the rest is in doubt."""
+        """(tendons,) which sensors have a reading at rest that is impossible for their tendon; none when `in_doubt`."""
         self.in_doubt = False
-        """Whether half of the sensors are odd at rest: then it is the rest shape that is wrong, or it was no rest."""
+        """Whether at least half of the sensors do not fit: then the rest shape is wrong, or there was no rest."""
 
     def exchanged(self, natural_resistance_ohm: NDArray[np.float64]) -> list[tuple[int, int]]:
         """Return pairs of misfit sensors that would fit if their channels were exchanged.
 
         Args:
-            natural_resistance_ohm: (tendons,) by which their dR/R was formed.
+            natural_resistance_ohm: (tendons,) R0, with which dR/R was computed.
         """
         pairs: list[tuple[int, int]] = []
         suspects = np.flatnonzero(self.misfit).tolist()
@@ -75,25 +77,25 @@ class Taring:
         return pairs
 
     def _fits(self, change: NDArray[np.float64]) -> NDArray[np.bool_]:
-        away = np.abs(change - self.rest_change)
-        return np.asarray(~(away > MISFIT_SIGMA * self._rest_change_sigma))
+        difference = np.abs(change - self.rest_change)
+        return np.asarray(~(difference > MISFIT_SIGMA * self._rest_change_sigma))
 
     @property
     def tared(self) -> NDArray[np.bool_]:
-        """(tendons,) which sensors have been read at rest."""
+        """(tendons,) which sensors have had a reading at rest."""
         return self._count > 0
 
     @property
     def rest_sigma(self) -> NDArray[np.float64]:
-        """(tendons,) the strain sigma that the rest shape leaves in tared sensors."""
+        """(tendons,) the strain sigma of tared sensors that is due to the rest shape; zero for other sensors."""
         return np.where(self.tared, self._rest_sigma, 0.0)
 
     def is_resting(self, t_s: float) -> bool:
-        """Whether the structure still stands at its rest shape: for the rest seconds from the first frame on."""
+        """Whether the structure still stands at its rest shape, as it does for the rest time from the first frame."""
         return self._first_s is not None and t_s - self._first_s < self._rest_s
 
     def common_change(self, t_s: float, change: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (tendons,) dR/R on the common curve; while the structure rests, learn gain and offset first."""
+        """Return (tendons,) dR/R on the common curve; while the structure rests, update gain and offset first."""
         if self._first_s is None:
             self._first_s = t_s
         if self.is_resting(t_s):
@@ -101,19 +103,19 @@ class Taring:
         return common_change(change, self.gain, self.offset)
 
     def sigma(self, strain: NDArray[np.float64], change: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (tendons,) the strain sigma that gain, offset and rest shape leave at a strain with its dR/R."""
+        """Return (tendons,) the strain sigma due to gain, offset and rest shape, at a strain and its dR/R."""
         slope = self._gauge.slope(np.maximum(strain, 0))
         untared = np.hypot(self._gauge.gain_sigma * change, self._gauge.offset_sigma) / slope
-        tared = np.hypot(self._gain_sigma_left * (change - self.rest_change) / slope, self.rest_sigma)
+        tared = np.hypot(self._tared_gain_sigma * (change - self.rest_change) / slope, self.rest_sigma)
         return np.where(self.tared, tared, untared)
 
     def _learn(self, change: NDArray[np.float64]) -> None:
         seen = np.isfinite(change)
         self._count += seen
         self._mean[seen] += (change[seen] - self._mean[seen]) / self._count[seen]
-        odd = self.tared & ~self._fits(self._mean)
-        self.in_doubt = bool(2 * odd.sum() >= self.tared.sum() > 0)
-        self.misfit = odd & (not self.in_doubt)
+        misfit = self.tared & ~self._fits(self._mean)
+        self.in_doubt = bool(2 * misfit.sum() >= self.tared.sum() > 0)
+        self.misfit = misfit & (not self.in_doubt)
         innovation = self._mean - self.rest_change
         at_zero = np.abs(self.rest_change) < 1e-6
         share = np.where(at_zero, 0.0, self._gain_share)
@@ -123,7 +125,7 @@ class Taring:
 
 
 class RestShift:
-    """Shifts the network's strain so that its mean while the structure rests is the known one."""
+    """Shifts the network's strain so that its mean while the structure rests equals the known strain at rest."""
 
     def __init__(self, rest_strain: NDArray[np.float64]) -> None:
         self._rest_strain = np.where(rest_strain >= 0, rest_strain, np.nan)
@@ -131,7 +133,7 @@ class RestShift:
         self._count = np.zeros(len(rest_strain))
 
     def corrected(self, strain: NDArray[np.float64], resting: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return (tendons,) strain shifted; those that are read at rest are learned from first."""
+        """Return (tendons,) shifted strain; the shifts of tendons that are at rest are updated first."""
         self._sum += np.where(resting, strain, 0.0)
         self._count += resting
         shift = self._rest_strain - self._sum / np.maximum(self._count, 1)

@@ -8,13 +8,7 @@ import sys
 
 import pytest
 
-IMPORTS = {
-    "nothing": "pass",
-    "gtsam alone": "import gtsam",
-    "tensegraph": "import tensegraph",
-    "all public names": "import tensegraph\nfor name in dir(tensegraph): getattr(tensegraph, name)",
-    "the command line": "import tensegraph.cli",
-}
+from timing import IMPORTS
 
 
 @pytest.mark.parametrize("what", list(IMPORTS))

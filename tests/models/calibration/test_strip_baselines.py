@@ -16,11 +16,11 @@ class TestBaselines:
         np.testing.assert_allclose(np.interp(0.01, curve.change, curve.strain), 0.1, atol=2e-3)
 
     def test_polynomial_knows_rates(self) -> None:
-        """dR/R = strain + 0.3 d(strain)/dt: a static curve can not, the polynomial can."""
+        """dR/R = strain + 0.3 d(strain)/dt: a static curve cannot do it, the polynomial can."""
         strain = 0.1 - 0.05 * np.cos(0.7 * T_S) - 0.05 * np.cos(1.9 * T_S)
         r = Recording("a", T_S, strain, strain + 0.3 * np.gradient(strain, T_S))
         static, polynomial = (kind.fit([r], signed=False) for kind in (StaticEstimator, PolynomialEstimator))
         assert polynomial.sigma < 0.2 * static.sigma
-        followed = polynomial.follow(r.change[:, None], np.full((len(T_S), 1), 0.05))
+        estimate = polynomial.estimate(r.change[:, None], np.full((len(T_S), 1), 0.05))
         settled = r.settled
-        assert np.std(followed.strain[settled, 0] - strain[settled]) == pytest.approx(polynomial.sigma, rel=1e-6)
+        assert np.std(estimate.strain[settled, 0] - strain[settled]) == pytest.approx(polynomial.sigma, rel=1e-6)

@@ -1,0 +1,63 @@
+"""Loads and the honesty of ellipsoids by regime, of the batch graph: `loads_by_regime.py [TRIAL...]`, with truth."""
+
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tensegraph import Reconstruction, Settings, open_trial
+from tensegraph.io.model_file import read_sensor_model
+from tensegraph.models.evaluation.estimate import Estimate
+from tensegraph.models.evaluation.evaluation import Evaluation
+from tensegraph.models.evaluation.metrics import evaluate
+from tensegraph.models.evaluation.truth import Truth
+from tensegraph.pipeline import Pipeline
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+REGIMES = ("quiet", "loaded", "slack")
+
+
+def evaluated(path: Path) -> Evaluation:
+    """Reconstruct a trial with the batch graph, and compare it with the truth."""
+    trial = open_trial(path)
+    description = trial.description
+    pipeline = Pipeline(description, Settings(), read_sensor_model())
+    shapes = pipeline.estimate(trial.readings(), "batch")
+    positions = trial.truth()
+    truth = Truth(
+        t_s=positions.t_s,
+        node_position_m=positions.node_position_m,
+        rest_seconds=description.rest_seconds,
+        faults=trial.faults(),
+        loads=trial.true_loads(),
+    )
+    estimate = Estimate.of(Reconstruction.of(description.structure, shapes))
+    return evaluate(description.structure, pipeline.rest.node_position_m, estimate, truth)
+
+
+def cell(value: float, form: str) -> str:
+    """Return a number, or a dash for none."""
+    return format(value, form) if np.isfinite(value) else "-"
+
+
+def table(trials: Sequence[Path]) -> Iterator[str]:
+    """Yield the rows of a Markdown table, one trial with true loads a row."""
+    yield "| trial | loaded | others | seen | true | false alarms | right node | quiet | loaded | slack |"
+    yield "|---" * 10 + "|"
+    for path in trials:
+        evaluation = evaluated(path)
+        score = evaluation.loads
+        if score is None:
+            continue
+        cells = [cell(score.loaded_rmse_n, ".2f"), cell(score.unloaded_rmse_n, ".2f")]
+        cells += [cell(share, ".0%") for share in (score.recall, score.precision)]
+        cells += [cell(score.quiet_false_alarm_share, ".1%"), cell(score.most_loaded_share, ".0%")]
+        regimes = {regime.name: regime for regime in evaluation.regimes}
+        cells += [f"{cell(r.coverage_68, '.0%')}, {cell(r.coverage_95, '.0%')}" for r in map(regimes.get, REGIMES) if r]
+        yield f"| {path.resolve().name} | {' | '.join(cells)} |"
+
+
+if __name__ == "__main__":
+    for line in table([Path(argument) for argument in sys.argv[1:]] or [EXAMPLES / "press_01"]):
+        print(line, flush=True)

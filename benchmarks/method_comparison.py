@@ -1,0 +1,25 @@
+"""All methods on the same lengths, as `tensegraph compare` has them: `method_comparison.py [TRIAL...]`, with truth."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from tensegraph import Settings, open_trial
+from tensegraph.commands.compare import comparison_rows, measure
+from tensegraph.io.model_file import read_sensor_model
+from tensegraph.io.reports.comparison_tables import as_markdown
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+def tables(trials: Sequence[Path]) -> str:
+    """Return both tables as Markdown, with a line about each."""
+    model = read_sensor_model()
+    measured = [
+        one for path in trials for one in measure(open_trial(path), Settings(), model, lambda frames, *_: frames)
+    ]
+    return as_markdown(comparison_rows(measured), "tensegraph compare TRIAL...")
+
+
+if __name__ == "__main__":
+    print(tables([Path(argument) for argument in sys.argv[1:]] or [EXAMPLES / "press_01"]))

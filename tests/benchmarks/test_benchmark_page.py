@@ -1,0 +1,60 @@
+"""The command that writes the benchmark page: whole tables, part by part, and never silently of two sources."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(__file__).parents[2] / "examples" / "benchmark_page.py"
+
+
+def write(page: Path, *arguments: object) -> str:
+    """Run the command, and return the page."""
+    command = [sys.executable, SCRIPT, "--page", page, *arguments]
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    return page.read_text()
+
+
+@pytest.fixture(scope="module")
+def short_trial(tmp_path_factory, example) -> Path:
+    """The first four seconds of the example trial."""
+    folder = tmp_path_factory.mktemp("trials") / "short"
+    folder.mkdir()
+    for source in example.iterdir():
+        lines = source.read_text().splitlines(keepends=True)
+        (folder / source.name).write_text("".join(lines if source.suffix == ".toml" else lines[:201]))
+    return folder
+
+
+def test_parts_are_made_one_by_one_and_stay(short_trial: Path, tmp_path: Path) -> None:
+    """Every part that a short trial is enough for; then one of them alone, which leaves the others as they stand."""
+    page = tmp_path / "benchmarks.md"
+    names = ("methods", "loads", "front-end", "held-out")
+    text = write(page, "--trials", short_trial, *(word for name in names for word in ("--only", name)))
+    assert re.findall(r"<!-- part: (\S+), source ([0-9a-f]{8}) -->", text) == [
+        (name, re.search(r"source ([0-9a-f]{8})", text)[1]) for name in names
+    ]
+    for row in ("| graph, batch | ", "| short | 0.", "| stretch_0.05_s0 | LSTM | 0.00"):
+        assert row in text, row
+    assert "different sources" not in text
+    assert text.count("\n## ") == len(names)
+    tables = [block for block in text.split("\n\n") if block.startswith("|")]
+    assert len(tables) == len(names) + 1  # two of methods
+    for table in tables:
+        assert len({line.count("|") for line in table.splitlines()}) == 1, table
+    page.write_text(re.sub(r"part: loads, source \S+", "part: loads, source 00000000", text))
+    again = write(page, "--only", "held-out")
+    assert "Parts of this page are of different sources" in again
+    assert [again.count(f"<!-- part: {name}, ") for name in names] == [1] * len(names)
+    assert text[text.index("## All methods") : text.index("<!-- end of methods")] in again
+
+
+def test_what_is_no_part_is_refused(tmp_path: Path) -> None:
+    command = [sys.executable, SCRIPT, "--page", tmp_path / "page.md", "--only", "nothing"]
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 2
+    assert "invalid choice: 'nothing'" in done.stderr
+    assert not (tmp_path / "page.md").exists()
