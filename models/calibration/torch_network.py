@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from ..sensor.gauge import StaticGauge
-from ..sensor.lstm import LOG_VARIANCE_RANGE
+from ..sensor.lstm import LOG_VARIANCE_RANGE, Scaling
 from ..sensor.rate_curve import RateCurve, product_indices
 
 
@@ -39,6 +39,25 @@ class StretchingModule(torch.nn.Module):
         h, state = self.lstm(x, state)
         mean, log_variance = self.head(h).unbind(-1)
         return mean, log_variance.clamp(*LOG_VARIANCE_RANGE), state
+
+
+def network_input(
+    change: torch.Tensor, rate_per_s: torch.Tensor, step_s: torch.Tensor, means: torch.Tensor, scaling: Scaling
+) -> torch.Tensor:
+    """Return `sensor.lstm.features` in torch, (sequences, steps, features).
+
+    Args:
+        change: (sequences, steps) dR/R on the common curve.
+        rate_per_s: (sequences, steps) rate of it.
+        step_s: (sequences, 1) time step.
+        means: (sequences, steps, memories) running means of dR/R.
+        scaling: of the inputs.
+    """
+    step = torch.log(step_s / scaling.step_s).expand_as(change)
+    now = torch.stack(
+        [(change - scaling.change_middle) / scaling.change, rate_per_s / scaling.rate_per_s, step], dim=-1
+    )
+    return torch.cat([now, (change[..., None] - means) / scaling.change], dim=-1)
 
 
 def curve_strain(curve: RateCurve, common: torch.Tensor, means: torch.Tensor) -> torch.Tensor:

@@ -19,7 +19,7 @@ from .rate_curve_fit import fit_rate_curve
 from .recipe import CHECK_EVERY, Checkpoint, History, NoCheckpoint, Trained, TrainingSettings
 from .recordings import Recording, Split
 from .strip_baselines import on_common_curve
-from .torch_network import StretchingModule, curve_strain, sample_loss, scaled_gaussian_loss
+from .torch_network import StretchingModule, curve_strain, network_input, sample_loss, scaled_gaussian_loss
 
 CHECKPOINT_VERSION = 2
 """Version of the names in a checkpoint; a checkpoint of another version is not used."""
@@ -120,7 +120,7 @@ class _Training:
         self._validation_gains = torch.tensor(validation_units, dtype=torch.float32, requires_grad=True)
         names = {name: k for k, name in enumerate(self._names)}
         self._trained_strips = [(k, names[r.name]) for k, r in enumerate(split.validation) if r.name in names]
-        self._tare = torch.optim.Adam([self._validation_gains], lr=0.1)
+        self._validation_optimizer = torch.optim.Adam([self._validation_gains], lr=0.1)
         shared = [p for p in self._network.parameters() if p is not self._network.free_gains]
         trained_s = sum(r.duration_s for r in split.training)
         groups: list[dict[str, Any]] = [
@@ -193,9 +193,9 @@ class _Training:
             else sample_loss(error, log_variance, counted, False)
         )
         if likelihood:
-            self._tare.zero_grad()
+            self._validation_optimizer.zero_grad()
             (loss + self._prior_weight * (gains**2).sum()).backward()  # type: ignore[no-untyped-call]
-            self._tare.step()
+            self._validation_optimizer.step()
         history.validation_epoch.append(epoch)
         history.validation_loss.append(loss.item())
         if likelihood and loss.item() < history.best_loss:
@@ -255,11 +255,8 @@ class _Training:
         before = common[:, :1]
         common = common[:, 1:] if chunk.start else common
         rate = torch.diff(common, dim=1, prepend=before) / batch.step_s
-        s = self._scaling
-        step = torch.log(batch.step_s / s.step_s).expand_as(common)
         means = (batch.means[:, chunk] - gains[:, None, 1:]) / (1 + gains[:, None, :1])
-        now = torch.stack([(common - s.change_middle) / s.change, rate / s.rate_per_s, step], dim=-1)
-        x = torch.cat([now, (common[..., None] - means) / s.change], dim=-1)
+        x = network_input(common, rate, batch.step_s, means, self._scaling)
         return x, curve_strain(self._curve, common, means[..., :CURVE_MEMORIES])
 
     def _state(self) -> bytes:
@@ -271,7 +268,7 @@ class _Training:
                 "optimizer": self._optimizer.state_dict(),
                 "schedule": self._schedule.state_dict(),
                 "validation_gains": self._validation_gains.detach(),
-                "tare": self._tare.state_dict(),
+                "tare": self._validation_optimizer.state_dict(),
                 "best": self._best,
                 "history": json.dumps(asdict(self.history)),
                 "rng": json.dumps(self._rng.bit_generator.state),
@@ -290,7 +287,7 @@ class _Training:
         self._optimizer.load_state_dict(state["optimizer"])
         self._schedule.load_state_dict(state["schedule"])
         self._validation_gains.data.copy_(state["validation_gains"])
-        self._tare.load_state_dict(state["tare"])
+        self._validation_optimizer.load_state_dict(state["tare"])
         self._best = state["best"]
         self.history = History(**json.loads(state["history"]))
         self._rng.bit_generator.state = json.loads(state["rng"])

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from ..values.low_pass import smoothed_rate
+from ..values.low_pass import SmoothedRate
 
 COEFFICIENTS = (-4.7589, -16.521, -20.239, -9.9675, -0.5464, -0.0016)
 """Coefficients of eq. (9), highest power first."""
@@ -109,12 +109,10 @@ class LagFree:
     """
 
     def __init__(self, sensors: int) -> None:
-        self._smooth = np.full(sensors, np.nan)
+        self._rate = SmoothedRate(sensors, SMOOTHING_S)
 
     def step(self, change: NDArray[np.float64], step_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (sensors,) lag-free dR/R, and the correction that was added to the given dR/R."""
-        smooth = np.where(np.isnan(self._smooth), change, self._smooth)
-        rate = smoothed_rate(change, smooth, step_s, SMOOTHING_S)
-        self._smooth = smooth + rate * step_s
+        rate = self._rate.step(change, step_s)
         lag = np.where(rate < 0, *BENDING_LAG_S) * rate
         return change + lag, lag

@@ -3,12 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..values.low_pass import low_pass_weight, smoothed_rate
+from ..values.low_pass import Floats, SmoothedRate, low_pass_weight
 from .lstm import LOG_VARIANCE_RANGE, STRAIN_SCALE, LstmState, features, next_means
 from .sensor_model import SensorModel
 
-Step = float | NDArray[np.float64]
-"""A time step in seconds: one for all sensors, or one for each."""
 SPREAD_MEMORY_S = 30.0
 """Time constant of the running mean and variance of strain in `StrainSpread`."""
 SETTLING_S = 10.0
@@ -38,7 +36,7 @@ class StretchingSensors:
         self._means = np.zeros((sensors, len(self._memory_s)))
 
     def step(
-        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: Step
+        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: Floats
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (sensors,) strain and its sigma after one more reading of each sensor; inputs must be finite."""
         self._means = next_means(self._means, change, step_s, self._memory_s)
@@ -73,7 +71,7 @@ class StretchingSensors:
         self,
         change: NDArray[np.float64],
         rate_per_s: NDArray[np.float64],
-        step_s: Step,
+        step_s: Floats,
         means: NDArray[np.float64],
         state: LstmState,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], LstmState]:
@@ -90,7 +88,7 @@ class StrainSpread:
         self._mean = np.full(sensors, np.nan)
         self._variance = np.full(sensors, initial_spread**2)
 
-    def step(self, strain: NDArray[np.float64], step_s: Step) -> NDArray[np.float64]:
+    def step(self, strain: NDArray[np.float64], step_s: Floats) -> NDArray[np.float64]:
         """Return (sensors,) the running standard deviation after one more strain of each sensor."""
         weight = low_pass_weight(step_s, SPREAD_MEMORY_S)
         deviation = np.nan_to_num(strain - self._mean)
@@ -112,10 +110,10 @@ class Extrapolation:
         self._gauge = model.gauge
         self._ratio = np.zeros(sensors)
         self._excess = np.zeros(sensors)
-        self._smooth: NDArray[np.float64] | None = None
+        self._strain_rate = SmoothedRate(sensors, STRAIN_RATE_S)
 
     def step(
-        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], strain: NDArray[np.float64], step_s: Step
+        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], strain: NDArray[np.float64], step_s: Floats
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
         """Return (sensors,) the factor of sigma, the term to add to it, and whether the input is beyond training.
 
@@ -124,9 +122,7 @@ class Extrapolation:
         fade = np.exp(-np.asarray(step_s) / EXTRAPOLATION_MEMORY_S)
         ratio = np.maximum(np.abs(rate_per_s) / self._ranges.rate_per_s - 1, 0)
         self._ratio = np.maximum(ratio, self._ratio * fade)
-        smooth = strain if self._smooth is None else self._smooth
-        strain_rate = smoothed_rate(strain, smooth, step_s, STRAIN_RATE_S)
-        self._smooth = smooth + strain_rate * step_s
+        strain_rate = self._strain_rate.step(strain, step_s)
         excess = np.maximum(np.abs(strain_rate) - self._ranges.strain_rate_per_s, 0)
         self._excess = np.maximum(excess, self._excess * fade)
         strain_beyond = np.maximum(change - self._ranges.change[1], 0) / self._gauge.slope(strain)

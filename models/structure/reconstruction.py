@@ -152,4 +152,4 @@ class Reconstruction:
         free = self.structure.free_coordinates
         covariance = self.covariance_m2[:, free[:, None], free]
         motion = self._smallest_singular[1]
-        return np.asarray(np.sqrt(np.einsum("ti,tij,tj->t", motion, covariance, motion)))
+        return np.sqrt(propagated_variance(motion[:, None, :], covariance)[:, 0])

@@ -77,7 +77,7 @@ class Unplugged:
     until_s: Positive
 
 
-Fault = SensorFault | Spikes | ResistanceDrift | Unplugged
+PlannedFault = SensorFault | Spikes | ResistanceDrift | Unplugged
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,11 +91,11 @@ class Faults:
     resistance_drift: Sequence[ResistanceDrift] = ()
     unplugged: Sequence[Unplugged] = ()
 
-    def each(self) -> list[tuple[str, int, Fault]]:
+    def each(self) -> list[tuple[str, int, PlannedFault]]:
         """Return every fault with its kind and its number among those."""
         return [(f.name, index, fault) for f in fields(self) for index, fault in enumerate(getattr(self, f.name))]
 
-    def of_sensors(self, tendons: NDArray[np.int64]) -> list[tuple[str, int, Fault]]:
+    def of_sensors(self, tendons: NDArray[np.int64]) -> list[tuple[str, int, PlannedFault]]:
         """Return the faults of the sensors of (channels,) tendons, each with its kind and its channel."""
         channel = {tendon: c for c, tendon in enumerate(tendons.tolist())}
         return [
@@ -195,7 +195,7 @@ def _counts(
 
 
 def _faulty_resistance_ohm(
-    kind: str, fault: Fault, t_s: NDArray[np.float64], resistance_ohm: NDArray[np.float64]
+    kind: str, fault: PlannedFault, t_s: NDArray[np.float64], resistance_ohm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return (rows,) resistance of one sensor with one fault; a fault of its codes leaves it as it is."""
     if isinstance(fault, ResistanceDrift):
@@ -206,5 +206,5 @@ def _faulty_resistance_ohm(
     return resistance_ohm
 
 
-def _during(fault: Fault, t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _during(fault: PlannedFault, t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
     return (t_s >= fault.from_s) & (t_s < fault.until_s)

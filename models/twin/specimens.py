@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from ..sensor.bending import BendingCurve
+from ..values.low_pass import low_pass_weight
 from ..values.tables import NotNegative, Positive
 
 
@@ -160,7 +161,7 @@ class Sensors:
         """Yield (tendons,) y at each of the (steps, tendons) strains, `step_s` apart."""
         decay = np.exp(-step_s / self._overstress_s)
         share = {
-            bent: 1 - np.exp(-step_s / np.array(times_s))
+            bent: low_pass_weight(step_s, np.array(times_s))
             for bent, times_s in ((False, self._physics.stretching_time_s), (True, self._physics.bending_time_s))
         }
         for now in strain:

@@ -1,1 +1,1 @@
-"""Plain values that every other package may use: errors, checked tables, readings, the state of the serial link."""
+"""Plain values that every other room may use: errors, checked tables, readings, stamped positions, the serial link."""

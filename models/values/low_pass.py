@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = float | NDArray[np.float64]
+"""One number for all, or one for each."""
 
 
 def low_pass_weight(step_s: Floats, time_constant_s: Floats) -> NDArray[np.float64]:
@@ -11,8 +12,16 @@ def low_pass_weight(step_s: Floats, time_constant_s: Floats) -> NDArray[np.float
     return np.asarray(1 - np.exp(-np.asarray(step_s) / np.asarray(time_constant_s)))
 
 
-def smoothed_rate(
-    value: NDArray[np.float64], smooth: NDArray[np.float64], step_s: Floats, time_constant_s: float
-) -> NDArray[np.float64]:
-    """Return the rate of a smoothed value: the filter's change in one step, divided by the step."""
-    return np.asarray((value - smooth) * low_pass_weight(step_s, time_constant_s) / step_s)
+class SmoothedRate:
+    """The rate of a value after a first-order low-pass, (m' - m) / dt; the low-pass starts at the first value."""
+
+    def __init__(self, count: int, time_constant_s: float) -> None:
+        self._time_constant_s = time_constant_s
+        self._smooth = np.full(count, np.nan)
+
+    def step(self, value: NDArray[np.float64], step_s: Floats) -> NDArray[np.float64]:
+        """Return the (count,) rates per second after one more value."""
+        smooth = np.where(np.isnan(self._smooth), value, self._smooth)
+        rate = (value - smooth) * low_pass_weight(step_s, self._time_constant_s) / step_s
+        self._smooth = smooth + rate * step_s
+        return np.asarray(rate)

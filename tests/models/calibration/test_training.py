@@ -12,7 +12,7 @@ from tensegraph.models.calibration.recordings import Split
 from tensegraph.models.calibration.strip_scores import StripScore
 from tensegraph.models.calibration.training import train
 from tensegraph.models.sensor.bending import BendingCurve
-from tensegraph.models.sensor.lstm import CURVE_MEMORIES, MEMORY_S
+from tensegraph.models.sensor.lstm import CURVE_MEMORIES, MEMORY_S, Scaling, features
 from tensegraph.models.sensor.stretching import StretchingSensors
 
 QUICK = TrainingSettings(epochs=120, sequences=12, steps=600, hidden=8)
@@ -55,6 +55,19 @@ def test_gains_are_found_along_with_the_network(calibrated) -> None:
     gains = np.array([own[f"random_s{k}"][0] for k in range(4)])
     np.testing.assert_allclose(gains / gains.mean(), np.array(GAINS[:4]), rtol=0.03)
     assert 0.03 < calibrated[0].trained.gauge.gain_sigma < 0.1
+
+
+def test_the_network_s_input_in_torch_is_that_in_numpy() -> None:
+    import torch
+
+    from tensegraph.models.calibration.torch_network import network_input
+
+    rng = np.random.default_rng(0)
+    change, rate, means = rng.normal(size=(4, 50)), rng.normal(size=(4, 50)), rng.normal(size=(4, 50, len(MEMORY_S)))
+    step_s, scaling = rng.uniform(0.01, 0.1, size=(4, 1)), Scaling(0.1, 0.3, 0.2, 0.03)
+    tensors = [torch.tensor(values) for values in (change, rate, step_s, means)]
+    expected = features(change, rate, step_s, means, scaling)
+    np.testing.assert_allclose(network_input(*tensors, scaling).numpy(), expected, rtol=1e-12)
 
 
 def test_held_out_recordings_are_kept_out(calibrated) -> None:
