@@ -190,7 +190,7 @@ def _mode_odds(split: Split, bending: BendingFit | None) -> ModeOdds:
     names = {r.name for r in split.training}
     recordings = [*split.training, *(r for r in split.validation if r.name not in names)]
     _, gains = fit_gauge(recordings, bending.curve() if bending else BendingCurve())
-    return fit_mode(on_common_curve(recordings, {name: np.array(pair) for name, pair in gains.items()}))
+    return fit_mode(on_common_curve(recordings, gains))
 
 
 def _fastest_strain(recordings: Sequence[Recording]) -> float:

@@ -26,8 +26,8 @@ seconds."""
 
 def fit_gauge(
     recordings: Sequence[Recording], bending: BendingCurve
-) -> tuple[StaticGauge, dict[str, tuple[float, float]]]:
-    """Return the gauge curve that fits all recordings, and the (gain, offset) of each recording by its name.
+) -> tuple[StaticGauge, dict[str, NDArray[np.float64]]]:
+    """Return the gauge curve that fits all recordings, and (2,) gain and offset of each recording by its name.
 
     The fit alternates between the curve (non-negative least squares over all samples with strain >= 0) and the gain and
     offset of each recording (least squares with their spread as prior, so that a recording with little motion keeps
@@ -36,7 +36,7 @@ def fit_gauge(
     Raises:
         InputError: when no recording stays stretched.
     """
-    gains = {recording.name: (1.0, 0.0) for recording in recordings}
+    gains = {recording.name: np.array([1.0, 0.0]) for recording in recordings}
     settled = {r.name: (r.strain[r.settled], r.change[r.settled]) for r in recordings}
     stretched = [r.name for r in recordings if (settled[r.name][0] >= 0).mean() > 0.9]
     if not stretched:
@@ -81,12 +81,11 @@ def _weight(strain: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _gain_and_offset(
     strain: NDArray[np.float64], change: NDArray[np.float64], gauge: StaticGauge, bending: BendingCurve
-) -> tuple[float, float]:
-    """Return the gain and offset of one recording by least squares, with their spread over strips as prior."""
+) -> NDArray[np.float64]:
+    """Return (2,) gain and offset of one recording by least squares, with their spread over strips as prior."""
     weight = _weight(strain) / np.sqrt(INDEPENDENT)
     expected = gauge.change(strain, bending)
     rows = np.stack([expected * weight, weight], axis=1)
     prior = np.diag([1 / gauge.gain_sigma, 1 / gauge.offset_sigma])
     target = np.concatenate([change * weight, [1 / gauge.gain_sigma, 0.0]])
-    gain, offset = np.linalg.lstsq(np.concatenate([rows, prior]), target, rcond=None)[0]
-    return float(gain), float(offset)
+    return np.asarray(np.linalg.lstsq(np.concatenate([rows, prior]), target, rcond=None)[0])

@@ -90,15 +90,15 @@ class _Training:
     def __init__(self, split: Split, bending: BendingCurve, settings: TrainingSettings) -> None:
         self._settings = settings
         self._gauge, training_gains = fit_gauge(split.training, bending)
-        common = on_common_curve(split.training, {name: np.array(pair) for name, pair in training_gains.items()})
+        common = on_common_curve(split.training, training_gains)
         self._curve = fit_rate_curve(common, self._gauge, np.array(MEMORY_S[:CURVE_MEMORIES]), settings.unified)
         _, validation_gains = fit_gauge([*split.training, *split.validation], bending)
         self._recordings = split.training
         self._spread = np.array([self._gauge.gain_sigma, self._gauge.offset_sigma])
         self._names = [r.name for r in split.training]
         gains = validation_gains | training_gains
-        units = np.array([(np.array(gains[r.name]) - [1, 0]) / self._spread for r in split.training])
-        validation_units = np.array([(np.array(gains[r.name]) - [1, 0]) / self._spread for r in split.validation])
+        units = np.array([(gains[r.name] - [1, 0]) / self._spread for r in split.training])
+        validation_units = np.array([(gains[r.name] - [1, 0]) / self._spread for r in split.validation])
         self._scaling = _scaling(split.training)
         self._step_s = _step_range(split.training, settings.relative_step)
         recordings = (*split.training, *split.validation)

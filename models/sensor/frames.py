@@ -9,7 +9,7 @@ noise of dR/R at rest was 0.0022, 0.0018 and 0.0013; the length error about each
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,30 +39,28 @@ class _Source:
         self.arrival_s = reading.arrival_s
         self._gate = ReadingGate(gate, len(reading.tendon))
         self._natural_ohm = natural_ohm[reading.tendon]
-        self._rows: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]] = []
+        self._readings: list[ResistanceReading] = []
 
     def add(self, reading: ResistanceReading) -> None:
         self.arrival_s = reading.arrival_s
         change = reading.resistance_ohm / self._natural_ohm - 1
         value, flags = self._gate.check(reading.t_s, change, reading.sigma_ohm / self._natural_ohm, reading.flags)
         self.t_s.append(reading.t_s)
-        self._rows.append((np.where(np.isnan(value), np.nan, reading.resistance_ohm), reading.sigma_ohm, flags))
+        resistance_ohm = np.where(np.isnan(value), np.nan, reading.resistance_ohm)
+        self._readings.append(replace(reading, resistance_ohm=resistance_ohm, flags=flags))
 
-    def mean(
-        self, from_s: float, until_s: float, max_gap_s: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-        """Return resistance, sigma and flags of the mean over an interval, and delete the readings before it."""
+    def mean(self, from_s: float, until_s: float, max_gap_s: float) -> ResistanceFrame:
+        """Return the mean over an interval, of this source's channels alone, and delete the readings before it."""
         reach = slice(
             max(bisect_left(self.t_s, from_s - max_gap_s) - 1, 0), bisect_right(self.t_s, until_s + max_gap_s) + 1
         )
         t_s = np.array(self.t_s[reach])
-        count = len(self.tendon)
+        middle_s = 0.5 * (from_s + until_s)
         if len(t_s) == 0:
-            return np.full(count, np.nan), np.full(count, np.nan), np.full(count, int(Flag.MISSING))
-        rows = self._rows[reach]
-        value = np.array([row[0] for row in rows])
-        sigma = np.array([row[1] for row in rows])
-        flags = np.array([row[2] for row in rows])
+            return _missing(middle_s, len(self.tendon))
+        value = np.array([reading.resistance_ohm for reading in self._readings[reach]])
+        sigma = np.array([reading.sigma_ohm for reading in self._readings[reach]])
+        flags = np.array([reading.flags for reading in self._readings[reach]])
         inside = (t_s > from_s - 0.5 * (until_s - from_s)) & (t_s <= until_s + 0.5 * (until_s - from_s))
         result_flags = np.bitwise_or.reduce(np.where(inside[:, None], flags, 0), axis=0)
         finite = np.isfinite(value)
@@ -74,8 +72,14 @@ class _Source:
         mean_sigma = np.sqrt(((weight * np.where(finite, sigma, 0)) ** 2).sum(axis=0))
         drop = max(bisect_left(self.t_s, until_s - 2 * max_gap_s) - 1, 0)
         del self.t_s[:drop]
-        del self._rows[:drop]
-        return mean, np.where(seen, mean_sigma, np.nan), result_flags | np.where(seen, 0, Flag.MISSING)
+        del self._readings[:drop]
+        mean_flags = result_flags | np.where(seen, 0, Flag.MISSING)
+        return ResistanceFrame(middle_s, mean, np.where(seen, mean_sigma, np.nan), mean_flags)
+
+
+def _missing(t_s: float, count: int) -> ResistanceFrame:
+    """Return a frame in which no sensor has a reading."""
+    return ResistanceFrame(t_s, np.full(count, np.nan), np.full(count, np.nan), np.full(count, int(Flag.MISSING)))
 
 
 def _grouped(finite: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
@@ -164,18 +168,14 @@ class FrameAssembler:
     def _frame(self) -> ResistanceFrame:
         assert self._next is not None
         rate_hz = self._settings.rate_hz
-        count = len(self._natural_ohm)
-        value = np.full(count, np.nan)
-        sigma = np.full(count, np.nan)
-        flags = np.full(count, int(Flag.MISSING))
+        frame = _missing(self._next / rate_hz, len(self._natural_ohm))
         for source in self._sources:
             if source is not None:
                 from_s = (self._next - 0.5) / rate_hz
                 until_s = (self._next + 0.5) / rate_hz
-                mean, mean_sigma, mean_flags = source.mean(from_s, until_s, self._settings.max_gap_s)
-                value[source.tendon] = mean
-                sigma[source.tendon] = mean_sigma
-                flags[source.tendon] = mean_flags
-        frame = ResistanceFrame(self._next / rate_hz, value, sigma, flags)
+                mean = source.mean(from_s, until_s, self._settings.max_gap_s)
+                frame.resistance_ohm[source.tendon] = mean.resistance_ohm
+                frame.sigma_ohm[source.tendon] = mean.sigma_ohm
+                frame.flags[source.tendon] = mean.flags
         self._next += 1
         return frame
