@@ -2,8 +2,9 @@
 
 A hook of MkDocs. In a page, `<!-- fields: MODULE.CLASS -->` becomes a table of that dataclass: name, type, default, and
 the docstring under each field; `<!-- settings -->` becomes those of `Settings` and all its parts, `<!-- commands -->`
-every command with its options. Lines `NAME: TEXT` inside the first comment say what a field without docstring means;
-a name that is no field, and a field that is said nowhere, are warnings, which `mkdocs build --strict` refuses.
+every command with its options and examples, `<!-- statuses -->` what to do at each status of a frame. Lines
+`NAME: TEXT` inside the first comment say what a field without docstring means; a name that is no field, and a field
+that is said nowhere, are warnings, which `mkdocs build --strict` refuses.
 """
 
 import ast
@@ -84,6 +85,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         markdown = markdown.replace("<!-- settings -->", settings_text())
     if "<!-- commands -->" in markdown:
         markdown = markdown.replace("<!-- commands -->", commands_text())
+    if "<!-- statuses -->" in markdown:
+        markdown = markdown.replace("<!-- statuses -->", statuses_table())
     return FIELDS.sub(lambda match: fields_table(dataclass_named(match["name"]), notes_of(match["notes"])), markdown)
 
 
@@ -173,6 +176,14 @@ def settings_text() -> str:
             assert isinstance(kind, type)
             parts += [f"## `[{field.name}]`", inspect.getdoc(kind) or "", fields_table(kind, {})]
     return "\n\n".join(parts)
+
+
+def statuses_table() -> str:
+    """Return a Markdown table of the statuses of a frame, each with its advice."""
+    from tensegraph import Status
+
+    rows = [f"| `{status.value}` | {escaped(status.advice)} |" for status in Status]
+    return "\n".join(["| status | what to make of it |", "|---|---|", *rows])
 
 
 def docstrings(kind: type[Any]) -> dict[str, str]:
