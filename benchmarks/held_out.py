@@ -35,7 +35,8 @@ def held_out_table() -> Iterator[str]:
     yield "| held out | estimator | RMSE | R² | in 95 % band | median sigma |"
     yield "|---" * 6 + "|"
     for recording, scores in sorted(provenance.held_out.items()):
-        rows = {"LSTM": scores, **{name: of[recording] for name, of in provenance.baselines.items()}}
+        baselines = {name: by_recording[recording] for name, by_recording in provenance.baselines.items()}
+        rows = {"LSTM": scores, **baselines}
         for k, (name, score) in enumerate(rows.items()):
             yield f"| {'' if k else recording} | {name} | {_cells(score)} |"
 

@@ -61,7 +61,9 @@ def row(name: str, found: dict[str, StripScore]) -> str:
 
 def wins(found: Scores) -> int:
     """Return on how many recordings the network has the least error."""
-    return sum(of[LSTM].rmse == min(score.rmse for score in of.values()) for of in found.values())
+    return sum(
+        estimators[LSTM].rmse == min(score.rmse for score in estimators.values()) for estimators in found.values()
+    )
 
 
 def split_by_files(recordings: list[Recording]) -> Split:

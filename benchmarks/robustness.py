@@ -1,8 +1,8 @@
 """How much the estimate bears: dead sensors, and wrong mechanics. `robustness.py [TRIAL...]`, for trials with truth.
 
 Writes a figure of error and sigma against the number of dead sensors (live), and prints a table of the error when the
-estimator is given other stiffnesses, natural lengths, push-backs and rod masses. Without trials, those of the README:
-press_01, and the twin's squeeze and slack.
+estimator is given other stiffnesses, natural lengths, push-backs and rod masses. Without trials, those of the
+benchmark page: press_01, and the twin's squeeze and slack.
 """
 
 import tempfile
@@ -160,7 +160,8 @@ WRONG: dict[str, Callable[[TrialDescription], TrialDescription]] = {
 def wrong_mechanics(trials: Sequence[Trial], methods: Sequence[Method]) -> Iterator[str]:
     """Yield the rows of a Markdown table of node RMSE [mm]."""
     columns = [(trial, method) for trial in trials for method in methods]
-    yield "| the estimator is told | " + " | ".join(f"{trial.name}, {method}" for trial, method in columns) + " |"
+    names = [f"{trial.name}, {method}" for trial, method in columns]
+    yield f"| mechanics given to the estimator | {' | '.join(names)} |"
     yield "|---|" + "---|" * len(columns)
     for name, change in WRONG.items():
         errors_m = [rmse_m(t, estimated(t, change(t.description), method)) for t, method in columns]

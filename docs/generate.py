@@ -2,8 +2,9 @@
 
 A hook of MkDocs. In a page, `<!-- fields: MODULE.CLASS -->` becomes a table of that dataclass: name, type, default, and
 the docstring under each field; `<!-- settings -->` becomes those of `Settings` and all its parts, `<!-- commands -->`
-every command with its options. Lines `NAME: TEXT` inside the first comment say what a field without docstring means;
-a name that is no field, and a field that is said nowhere, are warnings, which `mkdocs build --strict` refuses.
+every command with its options and examples, `<!-- statuses -->` what to do at each status of a frame. Lines
+`NAME: TEXT` inside the first comment say what a field without docstring means; a name that is no field, and a field
+that is said nowhere, are warnings, which `mkdocs build --strict` refuses.
 """
 
 import ast
@@ -15,13 +16,12 @@ import re
 import shutil
 import tempfile
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from annotated_types import Ge, Gt, Interval
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
@@ -41,6 +41,7 @@ PICTURES = ("examples/*.png",)
 """Their pictures, and those that pages link to as `../examples/...`."""
 FIELDS = re.compile(r"<!-- fields: (?P<name>[\w.]+)(?P<notes>.*?)-->", re.DOTALL)
 BASICS = {float: "number", int: "whole number", str: "text", bool: "true or false", type(None): "none"}
+BOUNDS = {"gt": "&gt;", "ge": "≥", "lt": "&lt;", "le": "≤"}
 
 log = logging.getLogger("mkdocs.hooks.generate")
 
@@ -84,6 +85,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         markdown = markdown.replace("<!-- settings -->", settings_text())
     if "<!-- commands -->" in markdown:
         markdown = markdown.replace("<!-- commands -->", commands_text())
+    if "<!-- statuses -->" in markdown:
+        markdown = markdown.replace("<!-- statuses -->", statuses_table())
     return FIELDS.sub(lambda match: fields_table(dataclass_named(match["name"]), notes_of(match["notes"])), markdown)
 
 
@@ -175,6 +178,14 @@ def settings_text() -> str:
     return "\n\n".join(parts)
 
 
+def statuses_table() -> str:
+    """Return a Markdown table of the statuses of a frame, each with its advice."""
+    from tensegraph import Status
+
+    rows = [f"| `{status.value}` | {escaped(status.advice)} |" for status in Status]
+    return "\n".join(["| status | what to make of it |", "|---|---|", *rows])
+
+
 def docstrings(kind: type[Any]) -> dict[str, str]:
     """Return the docstring under each field of a dataclass, those that it inherits included, on one line."""
     said = {}
@@ -207,16 +218,9 @@ def type_text(hint: Any) -> str:
 
 
 def bound_text(bound: object) -> str:
-    """Return a bound of a number."""
-    if isinstance(bound, Gt):
-        return f"&gt;&nbsp;{bound.gt}"
-    if isinstance(bound, Ge):
-        return f"≥&nbsp;{bound.ge}"
-    if isinstance(bound, Interval):
-        low = "above" if bound.ge is None else "from"
-        high = "to below" if bound.le is None else "to"
-        return f"{low} {bound.gt if bound.ge is None else bound.ge} {high} {bound.lt if bound.le is None else bound.le}"
-    return str(bound)
+    """Return the bounds of a number, as `annotated_types` states them."""
+    stated = [(sign, getattr(bound, name, None)) for name, sign in BOUNDS.items()]
+    return " and ".join(f"{sign}&nbsp;{value}" for sign, value in stated if value is not None) or str(bound)
 
 
 def default_text(field: "Field[Any]") -> str:
@@ -238,27 +242,31 @@ def commands_text() -> str:
 
     from tensegraph.cli import app
 
-    group: Any = get_command(app)
-    parts = ["## tensegraph", "Options of the program itself, before the command:", options_table(group)]
-    for name, command in sorted(group.commands.items()):
+    program: Any = get_command(app)
+    context = program.make_context("tensegraph", [], resilient_parsing=True)
+    parts = ["## tensegraph", "Options of the program itself, before the command:", options_table(program, context)]
+    for name, command in sorted(program.commands.items()):
         if not command.hidden:
-            parts += [f"## {name}", *help_parts(command.help or ""), options_table(command)]
+            inner = command.make_context(name, [], parent=context, resilient_parsing=True)
+            help_text = inspect.cleandoc(command.help or "")
+            parts += [f"## {name}", help_text, options_table(command, inner), examples_text(command.epilog or "")]
     return "\n\n".join(part for part in parts if part)
 
 
-def help_parts(text: str) -> Iterator[str]:
-    """Yield a command's help as paragraphs, and the commands that it gives as examples."""
-    for paragraph in inspect.cleandoc(text.replace("\\b", "").replace("\b", "")).split("\n\n"):
-        lines = [line.strip() for line in paragraph.strip().splitlines()]
-        if lines and all(line.startswith("tensegraph ") for line in lines):
-            yield "```text\n" + "\n".join(lines) + "\n```"
-        elif lines:
-            yield "\n".join(lines)
+def examples_text(epilog: str) -> str:
+    """Return the end of a command's help: text as it is, and each run of its commands as one block."""
+    parts: list[str] = []
+    for paragraph in epilog.split("\n\n"):
+        line = paragraph.strip()
+        if line.startswith("tensegraph ") and parts and parts[-1].endswith("\n```"):
+            parts[-1] = f"{parts[-1].removesuffix('```')}{line}\n```"
+        else:
+            parts.append(f"```text\n{line}\n```" if line.startswith("tensegraph ") else line)
+    return "\n\n".join(parts)
 
 
-def options_table(command: Any) -> str:
+def options_table(command: Any, context: Any) -> str:
     """Return a Markdown table of a command's arguments and options."""
-    context = command.make_context(command.name, [], resilient_parsing=True)
     records = [parameter.get_help_record(context) for parameter in command.get_params(context)]
     rows = [f"| `{record[0]}` | {escaped(record[1])} |" for record in records if record]
     return "\n".join(["| | |", "|---|---|", *rows])

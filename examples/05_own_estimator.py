@@ -49,7 +49,13 @@ class ExtendedKalman:
             moved = K @ (z - member_length_m(self._position_m, members))
             self._position_m[s.free_nodes] += moved.reshape(-1, 3)
             self._covariance_m2[np.ix_(free, free)] = (np.eye(len(free)) - K @ H) @ P
-            yield tg.Shape(t_s, self._position_m.copy(), self._covariance_m2.copy(), tg.Status.OK, lengths)
+            yield tg.Shape(
+                t_s=t_s,
+                node_position_m=self._position_m.copy(),
+                covariance_m2=self._covariance_m2.copy(),
+                status=tg.Status.OK,
+                lengths=lengths,
+            )
 
 
 ESTIMATORS["extended-kalman"] = ExtendedKalman

@@ -56,7 +56,11 @@ readings = takewhile(lambda row: row.host_s < 1.5, trial.readings())
 *_, lengths = pipeline.lengths(readings)  # the last frame at rest, where the laser reads the height at rest
 
 at_rest = trial.description.rest_position_m
-without_forces = RestShape(at_rest, pipeline.rest.covariance_m2, "measured")
+without_forces = RestShape(
+    node_position_m=at_rest,
+    covariance_m2=pipeline.rest.covariance_m2,
+    source="measured",
+)
 free = trial.description.structure.free_nodes
 for name, height_m in (("lengths alone", None), (f"with the height of node {NODE}", at_rest[NODE, 2])):
     sigma_m = estimated(trial, without_forces, lengths, height_m)

@@ -2,8 +2,9 @@
 
 Every table of the page comes from a module of benchmarks/, and says by which command and by which source it was made.
 With the example trial alone it takes a few minutes. `--only NAME` makes one part anew and leaves the others as they
-stand; a part whose input is not given, or that is slow, stays too. Parts made by different sources are named at the top
-of the page. Stopped, it has kept the parts that were done.
+stand; a part whose input is not given, or that is slow, stays too. A part that was never made stands as its heading and
+its command, so that links to it hold. Parts made by different sources are named at the top of the page. Stopped, it has
+kept the parts that were done.
 """
 
 import argparse
@@ -32,6 +33,8 @@ from tensegraph.io.provenance import versions  # noqa: E402
 from tensegraph.models.calibration.recipe import TrainingSettings  # noqa: E402
 
 FIGURE = Path("examples/dead_sensors.png")
+NOT_MADE = "none"
+"""Stands for the source of a part that was never made."""
 PACKAGE = ("commands", "estimator", "factors", "io", "live", "models", "benchmarks")
 MARK = re.compile(r"<!-- part: (\S+), source (\S+) -->\n(.*?)<!-- end of \1 -->\n", re.DOTALL)
 START = """# Benchmarks
@@ -185,12 +188,20 @@ def section(part: Part, inputs: Inputs, made_by: str) -> str:
 
 
 def page(parts: dict[str, tuple[str, str]]) -> str:
-    """Return the page from (source, text) of each part."""
-    order = [part.name for part in PARTS if part.name in parts]
-    sources = {parts[name][0] for name in order}
+    """Return the page from (source, text) of the parts that were made; of the others it has heading and command."""
+    sections = []
+    for part in PARTS:
+        absent = f"## {part.title}\n\nNot measured in this run: `{part.command}`\n"
+        made_by, text = parts.get(part.name, (NOT_MADE, absent))
+        sections.append(f"<!-- part: {part.name}, source {made_by} -->\n{text}<!-- end of {part.name} -->\n")
+    sources = {made_by for made_by, _ in parts.values()}
     warning = "\nParts of this page are of different sources, named under each table: run the command again.\n"
-    marked = [f"<!-- part: {n}, source {parts[n][0]} -->\n{parts[n][1]}<!-- end of {n} -->\n" for n in order]
-    return "\n".join([START + (warning if len(sources) > 1 else ""), *marked])
+    return "\n".join([START + (warning if len(sources) > 1 else ""), *sections])
+
+
+def made_before(text: str) -> dict[str, tuple[str, str]]:
+    """Return (source, text) of each part that was made, by its name, from the text of a page."""
+    return {name: (made_by, body) for name, made_by, body in MARK.findall(text) if made_by != NOT_MADE}
 
 
 def main(arguments: list[str]) -> None:
@@ -204,7 +215,7 @@ def main(arguments: list[str]) -> None:
     options = parser.parse_args(arguments)
     inputs = Inputs(options.trials, options.strips)
     text = options.page.read_text(encoding="utf-8") if options.page.exists() else ""
-    parts = {name: (made_by, body) for name, made_by, body in MARK.findall(text)}
+    parts = made_before(text)
     made_by = source()
     for part in PARTS:
         asked = part.name in options.only if options.only else options.slow or not part.slow

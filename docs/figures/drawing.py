@@ -41,7 +41,8 @@ def draw_structure(
 
 def set_space(axes: Axes3D, node_position_m: NDArray[np.float64]) -> None:
     """Set equal scales around some shape, and name the axes."""
-    low, high = 1e3 * node_position_m.min(axis=0) - 15, 1e3 * node_position_m.max(axis=0) + 15
+    low = 1e3 * node_position_m.min(axis=0) - 15
+    high = 1e3 * node_position_m.max(axis=0) + 15
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.1)
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")

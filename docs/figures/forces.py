@@ -23,7 +23,8 @@ def main() -> None:
     figure = Figure(figsize=(12, 4.2), layout="constrained")
     bars, time = figure.subplots(1, 2, width_ratios=[1, 1.7])
 
-    place, rows = np.arange(len(structure.free_nodes)), 3 * len(structure.free_nodes)
+    place = np.arange(len(structure.free_nodes))
+    rows = 3 * len(structure.free_nodes)
     nominal = ("nominal stiffness", description.mechanics, ORANGE)
     tared = ("after taring", rest.mechanics, BLUE)
     for offset, (label, mechanics, colour) in ((-0.2, nominal), (0.2, tared)):
@@ -35,7 +36,8 @@ def main() -> None:
     bars.set_ylim(0, 1.4)
     bars.legend(frameon=False, loc="upper left", ncols=2)
 
-    result, true_loads = reconstruct(trial, "batch"), open_trial(TRIAL).true_loads()
+    result = reconstruct(trial, "batch")
+    true_loads = open_trial(TRIAL).true_loads()
     assert result.loads is not None
     assert true_loads is not None
     truth = open_trial(TRIAL).truth()

@@ -23,7 +23,7 @@ def test_the_example_of_robustness(trial_copy) -> None:
     first, header, _, *rows = done.stdout.splitlines()
     assert first.startswith("press_01, RMSE / sigma [mm] with 0, 1, 2 ... dead: ")
     assert first.count(" / ") == 1 + 7
-    assert header == "| the estimator is told | press_01, live |"
+    assert header == "| mechanics given to the estimator | press_01, live |"
     error_mm = {name.strip(): float(value) for _, name, value, _ in (row.split("|") for row in rows)}
     assert len(error_mm) == 9
     assert error_mm["as in trial.toml"] < min(error_mm["rods without mass"], error_mm["no mechanics at all"])
