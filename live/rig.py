@@ -98,7 +98,7 @@ def wait_for_boards(link: SerialLink, count: int, ports: str) -> int:
     heard: set[int] = set()
     while len(heard) < count and time.perf_counter() < until_s:
         time.sleep(0.05)
-        link.waiting()
+        link.receive()
         heard = {port.board for port in link.state.ports if port.board is not None}
     if not heard:
         reasons = [f"{port.port}: {_reason_of_silence(port)}" for port in link.state.ports]
