@@ -1,4 +1,4 @@
-"""The command line: `tensegraph --help`. What a command does is in `commands/`, imported when it is chosen."""
+"""The command line, see `tensegraph --help`. The work of a command is in `commands/`, imported when it is chosen."""
 
 import math
 import sys
@@ -21,22 +21,24 @@ app = typer.Typer(
 )
 
 Config = Annotated[
-    Path | None, typer.Option(help="Settings that differ from the defaults, as TOML.", show_default=False)
+    Path | None, typer.Option(help="TOML file of the settings that differ from the defaults.", show_default=False)
 ]
 Model = Annotated[
-    Path | None, typer.Option(help="Sensor model that `calibrate` wrote.", show_default="the one that ships")
+    Path | None, typer.Option(help="Sensor model, a file written by `calibrate`.", show_default="the one that ships")
 ]
 Ports = Annotated[
     list[str] | None,
     typer.Option("--port", help="Serial port; may be repeated.", show_default="the rig's, or all"),
 ]
-Seconds = Annotated[float, typer.Option(min=0, help="End by itself after so many seconds.", show_default="at Ctrl-C")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show results' paths and errors only.")]
+Seconds = Annotated[
+    float, typer.Option(min=0, help="Time after which the command ends by itself.", show_default="at Ctrl-C")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show only errors and the paths of the results.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show how long each stage takes, on stderr.")]
 
 
 def main() -> None:
-    """Run the command line; what is wrong with the input or the disk is one line on stderr and exit code 2."""
+    """Run the command line; an error of the input or of the disk is printed as one line on stderr, with exit code 2."""
     try:
         app()
     except TensegraphError as error:
@@ -51,7 +53,7 @@ def _end(message: str) -> None:
 
 
 def _examples(*commands: str) -> str:
-    """Return the end of a help page: one command a line, which typer wants a paragraph each."""
+    """Return the end of a help page with one command per line; typer needs a paragraph for each."""
     return "\n\n".join(["Examples:", *commands])
 
 
@@ -88,17 +90,18 @@ def reconstruct(
     method: Annotated[
         Literal["graph", "frame", "least-squares", "ukf"],
         typer.Option(
-            help="The factor graph over all frames, the same of each frame alone, the paper's least squares, "
-            "or an unscented Kalman filter."
+            help="Factor graph over all frames, factor graph of each frame by itself, least squares as in the paper, "
+            "or unscented Kalman filter."
         ),
     ] = "graph",
     live: Annotated[
-        bool, typer.Option("--live", help="Use the past only, frame by frame, as the other methods do anyway.")
+        bool, typer.Option("--live", help="Use only the past of each frame; only the graph method can do otherwise.")
     ] = False,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Result directory; of several trials the one that holds theirs.", show_default="results/TRIAL"
+            help="Result directory; for several trials, the directory in which each gets its own.",
+            show_default="results/TRIAL",
         ),
     ] = None,
     config: Config = None,
@@ -131,19 +134,28 @@ def evaluate(
     results: Annotated[list[Path], typer.Argument(help="Result directories, as reconstruct writes them.")],
     truth: Annotated[
         Path | None,
-        typer.Option(help="Stamped node positions (t_s, n0_x_m ...).", show_default="the trial's own"),
+        typer.Option(
+            help="CSV file of the true node positions over time (t_s, n0_x_m ...).", show_default="the trial's own"
+        ),
     ] = None,
-    trial: Annotated[Path | None, typer.Option(help="Trial directory.", show_default="where the result says")] = None,
-    align: Annotated[bool, typer.Option("--align", help="Turn and shift the truth so that it fits best.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON in place of tables.")] = False,
+    trial: Annotated[
+        Path | None, typer.Option(help="Trial directory.", show_default="the one named in the result")
+    ] = None,
+    align: Annotated[
+        bool, typer.Option("--align", help="Rotate and translate the truth so that it fits the result best.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
     out: Annotated[
         Path | None,
-        typer.Option(help="Where to; of several results, what holds theirs.", show_default="results/evaluation/RESULT"),
+        typer.Option(
+            help="Evaluation directory; for several results, the directory in which each gets its own.",
+            show_default="results/evaluation/RESULT",
+        ),
     ] = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Evaluate results against the truth: errors, honesty of the ellipsoids, faults seen, with figures."""
+    """Evaluate results against the truth: errors, coverage of the ellipsoids, detected faults, with figures."""
     from .commands.evaluate import evaluate_results
 
     evaluate_results(
@@ -159,14 +171,14 @@ def evaluate(
 
 @app.command(epilog=_examples("tensegraph compare examples/press_01"))
 def compare(
-    trials: Annotated[list[Path], typer.Argument(help="Trial directories, with truth.")],
-    out: Annotated[Path, typer.Option(help="Where the table and the figure go.")] = Path("results/comparison"),
+    trials: Annotated[list[Path], typer.Argument(help="Trial directories that include the true node positions.")],
+    out: Annotated[Path, typer.Option(help="Directory of the table and the figure.")] = Path("results/comparison"),
     config: Config = None,
     model: Model = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Compare all methods on the same lengths: the paper's Table I, measured here."""
+    """Compare all methods on the same tendon lengths, in the form of the paper's Table I."""
     from .commands.compare import compare_trials
 
     compare_trials(trials, out=out, config=config, model=model, terminal=_terminal(quiet, verbose))
@@ -180,34 +192,44 @@ def compare(
 )
 def calibrate(
     folder: Annotated[Path, typer.Argument(help="Folder of calibration recordings (*.csv).")],
-    out: Annotated[Path, typer.Option(help="Model file to write (*.safetensors); card and figures go beside it.")],
+    out: Annotated[
+        Path, typer.Option(help="Model file to write (*.safetensors); model card and figures go to its directory.")
+    ],
     rig: Annotated[
-        Path | None, typer.Option(help="Which columns are what, in which units, as TOML.", show_default=False)
+        Path | None,
+        typer.Option(help="TOML file that describes the columns and units of the recordings.", show_default=False),
     ] = None,
     hold_out: Annotated[
-        list[str] | None, typer.Option(help="Recordings to test with, by name (*_0.05_*); may be repeated.")
+        list[str] | None, typer.Option(help="Name pattern of recordings to test with (*_0.05_*); may be repeated.")
     ] = None,
     hold_out_tail: Annotated[
-        float | None, typer.Option(help="Test with this last share of each recording.", min=0.05, max=0.9)
+        float | None,
+        typer.Option(help="Test with the end of each recording: 0.2 is the last fifth.", min=0.05, max=0.9),
     ] = None,
-    unified: Annotated[bool, typer.Option("--unified", help="One signed network for bending and stretching.")] = False,
-    sweep: Annotated[bool, typer.Option("--sweep", help="Try learning rates first, and draw the losses.")] = False,
-    epochs: Annotated[int, typer.Option(help="Most epochs of the training.", min=1)] = 200,
-    learning_rate: Annotated[float, typer.Option(help="Peak of the schedule.")] = 0.01,
-    seed: Annotated[int, typer.Option(help="Of the training's random numbers.")] = 0,
+    unified: Annotated[
+        bool, typer.Option("--unified", help="Train one network for both bending and stretching, with signed strain.")
+    ] = False,
+    sweep: Annotated[
+        bool, typer.Option("--sweep", help="Try several learning rates first, and draw the loss of each.")
+    ] = False,
+    epochs: Annotated[int, typer.Option(help="Largest number of training epochs.", min=1)] = 200,
+    learning_rate: Annotated[float, typer.Option(help="Largest learning rate of the training.")] = 0.01,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers of the training.")] = 0,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Calibrate the sensors from recordings of strips: model file, model card, figures."""
     from .commands.calibrate import HoldOut, calibrate_folder
     from .models.calibration.recipe import TrainingSettings
+    from .models.values.tables import parse_table
 
+    options = {"epochs": epochs, "learning_rate": learning_rate, "unified": unified, "seed": seed}
     calibrate_folder(
         folder,
         out,
         rig=rig,
         hold_out=HoldOut(tuple(hold_out or ()), hold_out_tail),
-        settings=TrainingSettings(epochs=epochs, learning_rate=learning_rate, unified=unified, seed=seed),
+        settings=parse_table(TrainingSettings, options, "calibrate"),
         sweep=sweep,
         terminal=_terminal(quiet, verbose),
     )
@@ -218,8 +240,10 @@ def ports(
     ports: Annotated[
         list[str] | None, typer.Argument(help="Ports to ask.", show_default="all USB serial ports")
     ] = None,
-    baud: Annotated[int, typer.Option(help="Of the boards' firmware.")] = 500_000,
-    seconds: Annotated[float, typer.Option(help="To listen at most; a Mega takes two to start.")] = 4.0,
+    baud: Annotated[int, typer.Option(min=1, help="Baud rate of the firmware on the boards.")] = 500_000,
+    seconds: Annotated[
+        float, typer.Option(min=0, help="Longest wait for an answer; an Arduino Mega takes 2 s to start.")
+    ] = 4.0,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -231,7 +255,9 @@ def ports(
 
 @app.command(epilog=_examples("tensegraph record --rig examples/rig.toml --out trials/first"))
 def record(
-    rig: Annotated[Path, typer.Option(help="Description of structure, sensors and boards, as examples/rig.toml.")],
+    rig: Annotated[
+        Path, typer.Option(help="TOML file that describes structure, sensors and boards, like examples/rig.toml.")
+    ],
     out: Annotated[Path, typer.Option(help="Trial directory to write; must not exist.")],
     model: Model = None,
     port: Ports = None,
@@ -254,10 +280,12 @@ def record(
     )
 )
 def live(
-    rig: Annotated[Path | None, typer.Option(help="As for record: the shape from the boards.")] = None,
-    replay: Annotated[Path | None, typer.Option(help="Instead: the shape from a recorded trial.")] = None,
-    twin: Annotated[Path | None, typer.Option(help="Or: from the simulation of a plan, at its pace ...")] = None,
-    speed: Annotated[float, typer.Option(min=1e-3, help="... or so many times faster.")] = 1.0,
+    rig: Annotated[
+        Path | None, typer.Option(help="Show the shape from the boards of a rig; the file is that of `record`.")
+    ] = None,
+    replay: Annotated[Path | None, typer.Option(help="Show the shape from a recorded trial.")] = None,
+    twin: Annotated[Path | None, typer.Option(help="Show the shape from the simulation of a plan.")] = None,
+    speed: Annotated[float, typer.Option(min=1e-3, help="Speed of a replay or a simulation; 1 is real time.")] = 1.0,
     record: Annotated[Path | None, typer.Option(help="Trial directory to record into; must not exist.")] = None,
     out: Annotated[Path | None, typer.Option(help="Result directory.", show_default="results/NAME")] = None,
     config: Config = None,
@@ -268,7 +296,7 @@ def live(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Show the shape while it moves, and keep it: from the boards or from a trial; Ctrl-C ends it."""
+    """Show and write the shape while it moves, from boards, a trial or a simulation, until Ctrl-C."""
     from .commands.live import LiveSource, show_live
 
     source = LiveSource(rig=rig, replay=replay, twin=twin, speed=speed, ports=tuple(port or ()), record=record)
@@ -280,11 +308,13 @@ def live(
 def simulate(
     plan: Annotated[Path, typer.Argument(help="Plan (*.toml), such as those in examples/plans.")],
     out: Annotated[Path, typer.Option(help="Trial directory to write.")],
-    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the plan's own.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of the random numbers.", show_default="the plan's")
+    ] = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Simulate a structure, its sensors and its boards: a trial with its truth."""
+    """Simulate a structure, its sensors and its boards, and write a trial that includes the truth."""
     from .commands.simulate import simulate_trial
 
     simulate_trial(plan, out, seed, _terminal(quiet, verbose))

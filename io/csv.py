@@ -9,12 +9,26 @@ from pathlib import Path
 from ..models.values.errors import InputError
 
 
+@dataclass(frozen=True, slots=True)
+class CsvHead:
+    """The beginning of a CSV file."""
+
+    pairs: dict[str, str]
+    """Names and values in the comment lines before the header."""
+    columns: list[str]
+    """Names of the columns."""
+    row: int
+    """Row of the header, or of the first values if the file has no header; the first row of the file is 1."""
+    first_row: int
+    """Row of the first values."""
+
+
 @dataclass(slots=True)
 class CsvFile:
-    """A file of numbers; rows are counted as an editor counts lines, the header being row 1.
+    """A file of numbers. Rows are counted like the lines in an editor: the first line of the file is row 1.
 
-    Iterating gives the values of each row in the order of `columns`. A last line without an end, as a power cut leaves
-    it, is left out and counted. Lines before the header that begin with # hold `name = value` pairs.
+    Iterating gives the values of each row in the order of `columns`. A last line without a line end,
+    as after a power cut, is left out and counted. Lines before the header that begin with # hold `name = value` pairs.
 
     Raises:
         InputError: for a missing file or column, a wrong number of fields, or a cell that is not a finite number.
@@ -22,26 +36,30 @@ class CsvFile:
 
     path: Path
     columns: Sequence[str]
-    """Needed columns."""
+    """Names of the columns that the file must have."""
     optional: Sequence[str] = ()
-    """Columns that may be absent: nan then."""
+    """Names of the columns that may be absent; their values are nan then."""
     blank: Sequence[str] = ()
     """Columns in which a cell may be blank or nan."""
     words: Mapping[str, Callable[[str], float]] = field(default_factory=dict)
-    """Columns of other cells than finite numbers, each with what makes a number of one, or raises a ValueError."""
+    """Columns whose cells are not finite numbers, each with a function that converts a cell to a number, or raises a
+    ValueError."""
     numbered: bool = False
-    """Whether the file has no header: its columns are called 1, 2, ... then."""
+    """Whether the file has no header; its columns are then named 1, 2, ..."""
     half_lines: int = field(default=0, init=False)
-    """Lines that were left out because they had no end."""
+    """Number of lines left out because they had no line end."""
 
-    def head(self) -> tuple[dict[str, str], list[str]]:
-        """Return the pairs before the header, and the header."""
+    def head(self) -> CsvHead:
+        """Return the comment lines and the header."""
         pairs: dict[str, str] = {}
         try:
             with self.path.open(encoding="utf-8-sig", newline="") as file:
-                for line in file:
+                for row, line in enumerate(file, start=1):
                     if not line.startswith("#"):
-                        return pairs, [name.strip() for name in line.split(",")]
+                        names = [name.strip() for name in line.split(",")]
+                        if self.numbered:
+                            return CsvHead(pairs, [str(k + 1) for k in range(len(names))], row, first_row=row)
+                        return CsvHead(pairs, names, row, first_row=row + 1)
                     name, _, value = line.lstrip("#").partition("=")
                     pairs[name.strip()] = value.strip()
         except FileNotFoundError as error:
@@ -51,19 +69,17 @@ class CsvFile:
         raise InputError(f"{self.path}: is empty: expected a header with {', '.join(self.columns)}")
 
     def __iter__(self) -> Iterator[list[float]]:
-        pairs, header = self.head()
-        first = len(pairs) + (1 if self.numbered else 2)
-        if self.numbered:
-            header = [str(k + 1) for k in range(len(header))]
+        head = self.head()
+        header = head.columns
         for name in self.columns:
             if name not in header:
-                row = len(pairs) + 1
-                raise InputError(f"{self.path}: row {row}: column '{name}' is missing: got {', '.join(header)[:80]}")
+                got = ", ".join(header)[:80]
+                raise InputError(f"{self.path}: row {head.row}: column '{name}' is missing: got {got}")
         index = [header.index(name) if name in header else None for name in (*self.columns, *self.optional)]
         names = (*self.columns, *self.optional)
         may_be_blank = frozenset(self.blank)
         with self.path.open(encoding="utf-8-sig", newline="", errors="replace") as file:
-            for row, line in enumerate(islice(file, first - 1, None), start=first):
+            for row, line in enumerate(islice(file, head.first_row - 1, None), start=head.first_row):
                 if not line.endswith("\n"):
                     self.half_lines += 1
                     return

@@ -1,4 +1,4 @@
-"""Stamped node positions as CSV: `t_s, n0_x_m .. n11_z_m`, the form of shape.csv and of truth; forces likewise."""
+"""Node positions over time as CSV, `t_s, n0_x_m .. n11_z_m`, as in shape.csv and in truth.csv; forces likewise."""
 
 from pathlib import Path
 
@@ -25,8 +25,8 @@ def read_positions(path: Path, node_count: int) -> StampedPositions:
     """Return the positions in a file; nan where a cell is blank or a node has no columns.
 
     Raises:
-        InputError: for a file that cannot be read, fewer than two rows, no node at all, or a stamp that does not
-            go on from the one before.
+        InputError: for a file that cannot be read, fewer than two rows, no node at all, or a stamp that is not
+            later than the one before.
     """
     rows = _read_rows(path, position_columns(node_count))
     return StampedPositions(rows[:, 0], _vectors(rows))
@@ -45,13 +45,14 @@ def read_forces(path: Path, node_count: int) -> TrueLoads:
 def _read_rows(path: Path, columns: list[str]) -> NDArray[np.float64]:
     """Return (times, 1 + columns): the stamps, then the columns."""
     file = CsvFile(path, ["t_s"], optional=columns, blank=columns)
-    if not set(columns) & set(file.head()[1]):
+    head = file.head()
+    if not set(columns) & set(head.columns):
         raise InputError(f"{path}: holds no node: expected columns as {columns[0]}")
     rows = np.array(list(file))
     if len(rows) < 2:
         raise InputError(f"{path}: expected at least two rows, got {len(rows)}")
     for index in np.flatnonzero(np.diff(rows[:, 0]) <= 0)[:1]:
-        row = index + 3 + len(file.head()[0])
+        row = index + 1 + head.first_row
         raise InputError(
             f"{path}: row {row}, column t_s: expected more than {rows[index, 0]}, got {rows[index + 1, 0]}"
         )

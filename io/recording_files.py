@@ -19,12 +19,12 @@ from .toml import read_toml
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordingFolder:
-    """What a folder of recordings holds."""
+    """The contents of a folder of recordings."""
 
     recordings: list[Recording]
-    """Sorted by name."""
+    """The usable recordings, sorted by name."""
     sha256: dict[str, str]
-    """Of each of their files."""
+    """SHA-256 of the file of each recording, by file name."""
     left_out: list[str]
     """One line for each file that cannot be used: which, where and why."""
 
@@ -33,7 +33,7 @@ def read_rig(path: Path | None) -> StripRig:
     """Return the rig described in a TOML file, or the default.
 
     Raises:
-        InputError: for a file that cannot be read, a key that is none, or a value that cannot be.
+        InputError: for a file that cannot be read, an unknown key, or a value that is not allowed.
     """
     if path is None:
         return StripRig()
@@ -47,7 +47,7 @@ def read_rig(path: Path | None) -> StripRig:
 
 
 def rig_text(rig: StripRig) -> str:
-    """Return the TOML that `read_rig` makes this rig of."""
+    """Return the TOML text from which `read_rig` reads the same rig."""
     return tomli_w.dumps(asdict(rig, dict_factory=lambda pairs: {k: v for k, v in pairs if v is not None}))
 
 
@@ -55,7 +55,7 @@ def read_recordings(folder: Path, rig: StripRig) -> RecordingFolder:
     """Return all recordings of a folder, and why the others cannot be used.
 
     Raises:
-        InputError: when there is no usable one.
+        InputError: when the folder has no usable recording.
     """
     paths = sorted(folder.glob("*.csv"))
     if not paths:
@@ -79,19 +79,19 @@ def read_recording(path: Path, rig: StripRig) -> Recording:
     Strain is interpolated to the stamps of the resistance, where both are known.
 
     Raises:
-        InputError: when the file is not as the rig says, its stamps do not increase, or it is too short.
+        InputError: when the file does not have the form that the rig describes, its stamps do not increase, or it is
+            too short.
     """
     file = CsvFile(path, [str(name) for name in rig.needed_columns], numbered=rig.numbered)
-    pairs, _ = file.head()
-    first_row = len(pairs) + (1 if rig.numbered else 2)
-    header_ohm = _header_resistance(path, pairs) if rig.natural_resistance_ohm == "header" else None
-    rows = _rows_in_time(file, first_row)
+    head = file.head()
+    header_ohm = _header_resistance(path, head.pairs) if rig.natural_resistance_ohm == "header" else None
+    rows = _rows_in_time(file, head.first_row)
     t_s = rows[:, 0] * TIME_S[rig.units.time]
     strain_t_s = rows[:, 2] * TIME_S[rig.units.time]
     resistance_ohm = _running_mean(np.abs(rows[:, 1]), rig.average) * RESISTANCE_OHM[rig.units.resistance]
     for row in np.flatnonzero(resistance_ohm <= 0):
         raise InputError(
-            f"{path}: row {row + first_row}, column {file.columns[1]}: expected a resistance above zero, got 0"
+            f"{path}: row {row + head.first_row}, column {file.columns[1]}: expected a resistance above zero, got 0"
         )
     strain = np.interp(t_s, strain_t_s, rows[:, 3] * rig.strain_scale)
     both = (t_s >= strain_t_s[0]) & (t_s <= strain_t_s[-1])

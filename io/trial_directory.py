@@ -99,7 +99,7 @@ class Trial:
         channels = len(self.table.board[board].tendon_of_channel)
         columns = ["host_s", "seq", "device_us", *(f"adc{c}" for c in range(channels))]
         file = CsvFile(self.path / self.table.board[board].file, columns, optional=["boot"])
-        for number, (host_s, *integers, boot) in enumerate(file, start=2):
+        for number, (host_s, *integers, boot) in enumerate(file, start=file.head().first_row):
             for name, value in zip(columns[1:], integers, strict=True):
                 if value != int(value):
                     raise InputError(f"{file.path}: row {number}, column {name}: expected an integer, got {value}")

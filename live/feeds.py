@@ -204,6 +204,7 @@ class TrialOfBoards:
 
     def waiting(self) -> int:
         """Return how many rows have come and were not yet yielded."""
+        self._link.receive()
         return len(self._tared) + self._link.waiting()
 
     def late_s(self) -> float:

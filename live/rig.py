@@ -11,7 +11,7 @@ from ..io.boards.hub import LinkPlan
 from ..io.boards.process import SerialLink
 from ..io.toml import read_toml
 from ..models.sensor.sensor_model import SensorModel
-from ..models.sensor.stillness import RestMotion, StillnessWatch
+from ..models.sensor.stillness import SHORTEST_S, RestMotion, StillnessWatch
 from ..models.settings import Settings
 from ..models.trial_description import TrialDescription, TrialTable, describe_trial
 from ..models.values.errors import InputError, TensegraphError
@@ -48,7 +48,12 @@ class Rig:
         table, description = describe_trial(toml, str(path))
         if description.source != "counts":
             raise InputError(f"{path}: a rig has boards: expected [[board]], got [{description.source}]")
-        return cls(path, toml, table, description)
+        if 0 < description.rest_seconds < SHORTEST_S:
+            raise InputError(
+                f"{path}: [rest] seconds: too short to judge whether the structure stands still: expected 0 or at "
+                f"least {SHORTEST_S:g}, got {description.rest_seconds:g}"
+            )
+        return cls(path=path, toml=toml, table=table, description=description)
 
     def plan(self, ports: Sequence[str]) -> LinkPlan:
         """Return which boards to read on which ports; without ports, on the rig's own, or on all.
@@ -93,7 +98,7 @@ def wait_for_boards(link: SerialLink, count: int, ports: str) -> int:
     heard: set[int] = set()
     while len(heard) < count and time.perf_counter() < until_s:
         time.sleep(0.05)
-        link.waiting()
+        link.receive()
         heard = {port.board for port in link.state.ports if port.board is not None}
     if not heard:
         reasons = [f"{port.port}: {_reason_of_silence(port)}" for port in link.state.ports]

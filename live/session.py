@@ -12,7 +12,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from ..io.figures.shape_figures import write_figures
 from ..io.provenance import relative_path, versions
 from ..io.replay import arrival_s
 from ..io.result import result_directory, write_run, write_tables
@@ -70,6 +69,8 @@ class LiveResult:
         Raises:
             InputError: when there was no frame.
         """
+        from ..io.figures.shape_figures import write_figures  # matplotlib, which `record` does without
+
         drawn = Reconstruction.of(self._structure, self._drawn)
         self._write_chunk()
         write_figures(drawn, self._settings, title, self._directory)

@@ -59,6 +59,22 @@ def test_bad_input_is_one_line_and_exit_code_2(trial_copy, arguments, message) -
     assert [name for name in left if name not in before] in ([], ["results"])
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["calibrate", ".", "--out", "m.safetensors", "--learning-rate", "-1"],
+        ["calibrate", ".", "--out", "m.safetensors", "--learning-rate", "nan"],
+        ["calibrate", ".", "--out", "m.safetensors", "--seed", "-1"],
+        ["ports", "nowhere", "--baud", "-5"],
+    ],
+)
+def test_a_number_out_of_range_is_refused_by_its_option(tmp_path, arguments) -> None:
+    result = run(*arguments, cwd=tmp_path)
+    assert result.returncode == 2
+    assert arguments[-2].strip("-").replace("-", "_") in result.stderr.replace("-", "_")
+    assert "Traceback" not in result.stderr
+
+
 def test_an_error_of_the_system_is_one_line_too(monkeypatch, capsys) -> None:
     def fail() -> None:
         raise PermissionError(13, "Permission denied", "some/file")

@@ -32,6 +32,10 @@ def test_help_loads_no_work(arguments) -> None:
     assert not loaded(run) & {"numpy", "gtsam", "scipy", "matplotlib", "torch"}  # typer itself may load pydantic
 
 
+def test_a_recording_loads_no_matplotlib() -> None:
+    assert "matplotlib" not in loaded("import tensegraph.commands.record")
+
+
 def test_filterpy_is_loaded_when_it_is_chosen() -> None:
     choose = (
         "from tensegraph import Settings, six_strut\n"

@@ -127,12 +127,13 @@ class Hub:
                 rows = list(self._outgoing)
                 finished = self._finished
                 self._outgoing.clear()
-            now_s = time.perf_counter()
+                now_s = time.perf_counter()
+                state = self._state() if finished or now_s - state_s > STATE_S else None
             try:
                 if rows:
                     pipe.send(rows)
-                if finished or now_s - state_s > STATE_S:
-                    pipe.send(self._state())
+                if state is not None:
+                    pipe.send(state)
                     state_s = now_s
                 if finished:
                     pipe.send(None)
@@ -187,6 +188,7 @@ class Hub:
             self._recorder.add(rebased(row, self._origin_s))
 
     def _state(self) -> LinkState:
+        """Return the state of ports and recording; to be called with the lock held, since readers change it."""
         boards = {id(owner): board for board, (owner, _) in self._owner.items()}
         ports = tuple(
             PortState(

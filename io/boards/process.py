@@ -58,7 +58,7 @@ class SerialLink:
     def wait_until_it_reads(self) -> None:
         """Wait until the other process has started, which takes seconds on a busy machine."""
         while not self._reads:
-            self._receive(STATE_S)
+            self.receive(STATE_S)
 
     def begin(self, origin_s: float, path: Path | None = None, metadata: Mapping[str, Any] | None = None) -> None:
         """Begin a trial with the first row from `origin_s` on; record it if a path is given.
@@ -73,15 +73,16 @@ class SerialLink:
         Raises:
             TensegraphError: when the other process ended by itself.
         """
-        while self.waiting() or not self._ended:
+        self.receive()
+        while self._rows or not self._ended:
             if self._rows:
                 yield self._rows.popleft()
+                self.receive()
             else:
-                self._receive(STATE_S)
+                self.receive(STATE_S)
 
     def waiting(self) -> int:
-        """Return how many rows have come and were not yet yielded."""
-        self._receive(0.0)
+        """Return how many rows have been received and not yet yielded."""
         return len(self._rows)
 
     def stop(self) -> None:
@@ -90,8 +91,17 @@ class SerialLink:
             self._stopping = True
             self._pipe.send(None)
 
-    def _receive(self, timeout_s: float) -> None:
-        """Take in what the other process sent, waiting for the first of it; leave there what is too much."""
+    def receive(self, timeout_s: float = 0.0) -> None:
+        """Receive the rows and the state that the other process has sent.
+
+        At most about `WAITING_ROWS` rows are held here; further ones stay in the other process.
+
+        Args:
+            timeout_s: how long to wait if nothing has been sent.
+
+        Raises:
+            TensegraphError: when the other process ended by itself.
+        """
         try:
             while not self._ended and len(self._rows) < WAITING_ROWS and self._pipe.poll(timeout_s):
                 timeout_s = 0.0

@@ -6,12 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..values.errors import TensegraphError
 from ..values.readings import ResistanceReading
 from .gauge import StaticGauge
 
 BLOCK_S = 0.25
 """Time over which readings are averaged: noise of 0.0022 in dR/R is reduced to 0.1 mm of length, while motion is not
 reduced."""
+SHORTEST_S = 4 * BLOCK_S
+"""Shortest time from which motion can be judged: two whole blocks and the incomplete ones before and after."""
 STILL_M = 0.001
 """Change of length below which a tendon counts as still. At rest the largest change of 24 tendons in 2 s is 0.5 to
 0.8 mm (six trials), all of it noise. While the structure is pressed 17 tendons change by more than the threshold, and
@@ -68,8 +71,16 @@ class StillnessWatch:
 
         The first and the last block are left out because they are incomplete. A tendon without a reading counts as
         still.
+
+        Raises:
+            TensegraphError: when fewer than two blocks are left to compare.
         """
-        blocks = np.array([self._sum[k] for k in sorted(self._sum)[1:-1]]).reshape(-1, 2, len(self._R0))
+        whole = sorted(self._sum)[1:-1]
+        if len(whole) < 2:
+            raise TensegraphError(
+                f"too few readings to judge whether the structure stands still: expected at least {SHORTEST_S:g} s"
+            )
+        blocks = np.array([self._sum[k] for k in whole])
         with np.errstate(invalid="ignore"):
             mean_m = blocks[:, 0] / blocks[:, 1]
         range_m = np.max(mean_m, axis=0, initial=-np.inf, where=np.isfinite(mean_m)) - np.min(

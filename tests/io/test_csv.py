@@ -1,7 +1,9 @@
 """Tables of numbers."""
 
 import numpy as np
+import pytest
 
+from tensegraph import InputError
 from tensegraph.io.csv import CsvFile
 
 
@@ -17,3 +19,15 @@ class TestCsv:
         (row,) = CsvFile(path, ["a"], optional=["z"])
         assert row[0] == 1
         assert np.isnan(row[1])
+
+    @pytest.mark.parametrize("numbered", [False, True])
+    def test_equal_comment_lines_do_not_shift_the_rows(self, tmp_path, numbered) -> None:
+        """Rows are counted by lines, not by the names in the comments."""
+        path = tmp_path / "a.csv"
+        path.write_text("# made by hand\n# made by hand\n" + ("" if numbered else "1\n") + "5\nx\n")
+        file = CsvFile(path, ["1"], numbered=numbered)
+        assert next(iter(file)) == [5.0]
+        with pytest.raises(
+            InputError, match=f"row {4 if numbered else 5}, column 1: expected a finite number, got 'x'"
+        ):
+            list(file)

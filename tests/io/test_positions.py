@@ -24,6 +24,7 @@ class TestPositions:
             ("n0_x_m\n0\n1\n", "column 't_s' is missing"),
             ("t_s,n0_x_m\n0,1\n", "expected at least two rows, got 1"),
             ("t_s,n0_x_m\n0,1\n1,1\n1,2\n", "row 4, column t_s: expected more than 1.0, got 1.0"),
+            ("# a\n# a\nt_s,n0_x_m\n0,1\n1,1\n1,2\n", "row 6, column t_s: expected more than 1.0, got 1.0"),
             ("t_s,n0_x_m\n0,1\n1,left\n", "row 3, column n0_x_m: expected a finite number, got 'left'"),
         ],
     )

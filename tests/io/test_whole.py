@@ -2,6 +2,7 @@
 
 import os
 import stat
+from pathlib import Path
 
 import pytest
 
@@ -46,6 +47,55 @@ def test_what_the_system_refuses_is_an_input_error(tmp_path) -> None:
     ):
         raise OSError(28, "No space left on device")
     assert not list(tmp_path.iterdir())
+
+
+def test_an_error_that_is_not_of_writing_stays_what_it_is(tmp_path) -> None:
+    """A file that cannot be read inside the block is not reported as an output that cannot be written."""
+    with pytest.raises(FileNotFoundError), written_whole(tmp_path / "out"):
+        (tmp_path / "absent").read_text()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_move_that_fails_gives_back_what_was_there(tmp_path, monkeypatch) -> None:
+    """The second move fails: the directory moved first and the file are as they were, and nothing else is left."""
+    folder, file, other = tmp_path / "figures", tmp_path / "model", tmp_path / "new"
+    folder.mkdir()
+    (folder / "old.png").write_text("old")
+    file.write_text("old")
+    replace = Path.replace
+
+    def fails_for_the_model(self: Path, target: Path) -> Path:
+        if target == file and self.read_text() == "new":
+            raise OSError(5, "Input/output error")
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", fails_for_the_model)
+
+    def write() -> None:
+        with written_whole(folder, other, file) as (new_folder, new_other, new_file):
+            new_folder.mkdir()
+            new_other.write_text("new")
+            new_file.write_text("new")
+
+    with pytest.raises(InputError, match="model: cannot be written: Input/output error"):
+        write()
+    assert [path.name for path in folder.iterdir()] == ["old.png"]
+    assert file.read_text() == "old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["figures", "model"]
+
+
+def test_a_directory_whose_own_move_fails_is_given_back(tmp_path, monkeypatch) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "run.toml").write_text("old")
+
+    def fail(self: Path, target: Path) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(InputError, match="out: cannot be written"), written_whole(tmp_path / "out") as (inside,):
+        inside.mkdir()
+    assert (tmp_path / "out" / "run.toml").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
 def test_modes_follow_the_umask(tmp_path) -> None:

@@ -30,7 +30,7 @@ def settled(link: SerialLink, condition, timeout_s: float = 10.0):
     while not condition(link.state):
         assert time.monotonic() < until_s, link.state
         time.sleep(0.02)
-        link.waiting()
+        link.receive()
     return link.state
 
 

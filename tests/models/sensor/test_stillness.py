@@ -23,6 +23,26 @@ def test_stillness(example, model, from_s: float, still: bool) -> None:
     assert (motion.largest_m < 0.001) == still
 
 
+def test_too_few_readings_are_no_rest(example, model) -> None:
+    """Three quarters of a second leave one whole block, which cannot be compared with anything."""
+    d = open_trial(example).description
+    watch = StillnessWatch(model.gauge, d.natural_resistance_ohm, d.structure.natural_length_m)
+    none = np.zeros(24, dtype=np.int64)
+    for k in range(37):
+        reading = tensegraph.ResistanceReading(
+            source=0,
+            t_s=0.02 * k,
+            arrival_s=0.02 * k,
+            tendon=np.arange(24),
+            resistance_ohm=d.natural_resistance_ohm,
+            sigma_ohm=none,
+            flags=none,
+        )
+        watch.add(reading)
+    with pytest.raises(tensegraph.TensegraphError, match="expected at least 1 s"):
+        watch.motion()
+
+
 def test_a_bad_sensor_alone_does_not_move_the_structure(example, model) -> None:
     d = open_trial(example).description
     watch = StillnessWatch(model.gauge, d.natural_resistance_ohm, d.structure.natural_length_m)

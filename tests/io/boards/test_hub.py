@@ -1,0 +1,55 @@
+"""Where the rows of all boards meet, without boards."""
+
+import multiprocessing
+import threading
+import time
+from collections.abc import Callable
+
+from tensegraph.io.boards.hub import Hub, LinkPlan
+from tensegraph.io.boards.port import PortReader
+from tensegraph.io.boards.protocol import Row
+
+
+class InterruptedDict(dict):
+    """A dictionary in which something happens while its items are iterated."""
+
+    def __init__(self, interrupt: Callable[[], None]) -> None:
+        super().__init__()
+        self.interrupt = interrupt
+
+    def items(self):
+        for item in super().items():
+            self.interrupt()
+            yield item
+
+
+def test_a_board_may_be_heard_while_the_state_is_reported() -> None:
+    """The second board's first row arrives in the middle of a report: both boards are in a later one."""
+    plan = LinkPlan((0, 1), (1, 1), ("absent0", "absent1"), 500_000)
+    hub = Hub(plan)
+    hub.look_for_ports()
+    readers = list(hub._readers.values())
+    second = threading.Thread(target=take, args=(hub, readers[1], 1), daemon=True)
+
+    def interrupt() -> None:
+        if second.ident is None:
+            second.start()
+            second.join(0.3)  # with the lock it has to wait
+
+    hub._owner = InterruptedDict(interrupt)
+    take(hub, readers[0], 0)
+    ours, theirs = multiprocessing.Pipe()
+    sender = threading.Thread(target=hub.send_all, args=(theirs,), daemon=True)
+    sender.start()
+    time.sleep(0.5)
+    hub.stop_reading()
+    hub.finish()
+    sender.join(5)
+    messages = []
+    while ours.poll(0.5) and (message := ours.recv()) is not None:
+        messages.append(message)
+    assert {port.board for port in messages[-1].ports} == {0, 1}
+
+
+def take(hub: Hub, reader: PortReader, board: int) -> None:
+    hub.take(reader, [Row(board_id=board, boot=0, seq=0, device_us=0, codes=(512,))], time.perf_counter())
