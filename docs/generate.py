@@ -176,14 +176,15 @@ def settings_text() -> str:
 
 
 def docstrings(kind: type[Any]) -> dict[str, str]:
-    """Return the docstring under each field of a class, on one line."""
-    body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
-    assert isinstance(body, ast.ClassDef)
+    """Return the docstring under each field of a dataclass, those that it inherits included, on one line."""
     said = {}
-    for field, text in zip(body.body, body.body[1:], strict=False):
-        match field, text:
-            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(words))):
-                said[name] = " ".join(words.split())
+    for part in filter(is_dataclass, reversed(kind.__mro__)):
+        body = ast.parse(textwrap.dedent(inspect.getsource(part))).body[0]
+        assert isinstance(body, ast.ClassDef)
+        for field, text in zip(body.body, body.body[1:], strict=False):
+            match field, text:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(words))):
+                    said[name] = " ".join(words.split())
     return said
 
 
@@ -212,7 +213,9 @@ def bound_text(bound: object) -> str:
     if isinstance(bound, Ge):
         return f"≥&nbsp;{bound.ge}"
     if isinstance(bound, Interval):
-        return f"between {bound.gt} and {bound.lt}"
+        low = "above" if bound.ge is None else "from"
+        high = "to below" if bound.le is None else "to"
+        return f"{low} {bound.gt if bound.ge is None else bound.ge} {high} {bound.lt if bound.le is None else bound.le}"
     return str(bound)
 
 

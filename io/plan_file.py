@@ -1,24 +1,47 @@
 """Plans of the twin, from TOML."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
+from typing import Any
 
-from ..models.twin.plan import Plan, problems
+from ..models.twin.plan import Plan
+from ..models.twin.plan_problems import problems
 from ..models.values.errors import InputError
 from ..models.values.tables import parse_table, unknown_keys
 from .toml import line_of, read_toml
+
+EXTENDS = "extends"
+"""Key at the top of a plan: the path, from the plan's own folder, of another plan, to which it adds its own keys."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Layer:
+    """One file of a plan."""
+
+    path: Path
+    table: dict[str, Any]
+    text: str
 
 
 def read_plan(path: Path) -> Plan:
     """Return a plan that can be simulated.
 
+    A plan that `extends` another has all keys of the other. Its own tables add keys to the tables of the other or
+    replace keys of them. Its own lists, and lists of tables, replace those of the other as a whole.
+
     Raises:
-        InputError: naming file, line and key of the first thing that cannot be.
+        InputError: naming file, line and key of the first thing that cannot be simulated.
     """
-    table = read_toml(path)
-    text = path.read_text(encoding="utf-8")
+    layers = _layers(path)
+    table: dict[str, Any] = {}
+    for layer in reversed(layers):
+        table = _merged(table, layer.table)
 
     def place(key: str) -> str:
-        return f"{path}: line {line_of(text, key)}"
+        layer = _owner(layers, key)
+        return f"{layer.path}: line {line_of(layer.text, key)}"
 
     for key in unknown_keys(Plan, table):
         raise InputError(f"{place(key)}: {key}: is no key of a plan")
@@ -26,3 +49,69 @@ def read_plan(path: Path) -> Plan:
     for key, problem in problems(plan):
         raise InputError(f"{place(key)}: {key}: {problem}")
     return plan
+
+
+def base_plan_path(path: Path) -> Path | None:
+    """Return the path of the plan that a plan extends, or None if it stands by itself.
+
+    Raises:
+        InputError: when the plan cannot be read, or `extends` is not a path.
+    """
+    table = read_toml(path)
+    if EXTENDS not in table:
+        return None
+    base = table[EXTENDS]
+    if not isinstance(base, str):
+        line = line_of(path.read_text(encoding="utf-8"), EXTENDS)
+        raise InputError(f"{path}: line {line}: {EXTENDS}: expected the path of a plan, got {base!r}")
+    return path.parent / base
+
+
+def _layers(path: Path) -> list[_Layer]:
+    """Return the files of a plan: its own, the one that it extends, and so on.
+
+    Raises:
+        InputError: when one of them cannot be read, or they extend each other in a circle.
+    """
+    layers: list[_Layer] = []
+    following: Path | None = path
+    while following is not None:
+        if following.resolve() in [layer.path.resolve() for layer in layers]:
+            line = line_of(layers[-1].text, EXTENDS)
+            raise InputError(
+                f"{layers[-1].path}: line {line}: {EXTENDS}: leads back to {following}: expected a plan that does not"
+            )
+        base = base_plan_path(following)
+        table = read_toml(following)
+        table.pop(EXTENDS, None)
+        layers.append(_Layer(following, table, following.read_text(encoding="utf-8")))
+        following = base
+    return layers
+
+
+def _owner(layers: Sequence[_Layer], key: str) -> _Layer:
+    """Return the file from which a dotted key of a plan comes; if none has it, that of the table or list around it."""
+    holding: list[tuple[_Layer, Any]] = [(layer, layer.table) for layer in layers]
+    for part in key.replace("[", ".[").split("."):
+        name = int(part[1:-1]) if part.startswith("[") else part
+        inner = [(layer, value[name]) for layer, value in holding if _has(value, name)]
+        if not inner:
+            break
+        tables = takewhile(lambda held: isinstance(held[1], dict), inner)
+        holding = list(tables) or inner[:1]  # tables are merged, anything else replaces what is below
+    return holding[0][0]
+
+
+def _has(value: Any, name: str | int) -> bool:
+    if isinstance(value, dict):
+        return name in value
+    return isinstance(value, list) and isinstance(name, int) and name < len(value)
+
+
+def _merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a table with the keys of both. If both have a key, two tables are merged; otherwise `above` counts."""
+    both = {
+        key: _merged(below[key], value) if isinstance(value, dict) and isinstance(below.get(key), dict) else value
+        for key, value in above.items()
+    }
+    return {**below, **both}

@@ -15,7 +15,6 @@ def main() -> None:
     """Draw the figure."""
     truth = open_trial(TRIAL).truth()
     assert truth is not None
-    true_t_s, true_m = truth
     figure = Figure(figsize=(12, 4.2), layout="constrained")
     shares, time = figure.subplots(1, 2, width_ratios=[1, 1.7])
     probability = np.linspace(0.01, 0.995, 100)
@@ -23,8 +22,8 @@ def main() -> None:
     for method, colour in (("batch", BLUE), ("live", ORANGE)):
         result = reconstruct(TRIAL, method)
         free = result.structure.free_nodes
-        flat_m = true_m.reshape(len(true_t_s), -1)
-        at_frames_m = np.stack([np.interp(result.t_s, true_t_s, column) for column in flat_m.T], axis=1)
+        flat_m = truth.node_position_m.reshape(len(truth.t_s), -1)
+        at_frames_m = np.stack([np.interp(result.t_s, truth.t_s, column) for column in flat_m.T], axis=1)
         error_m = result.node_position_m - at_frames_m.reshape(result.node_position_m.shape)
         nees = normalised_error_squared(error_m[:, free], result.node_covariance_m2[:, free])
         inside = [np.mean(nees <= chi2.ppf(p, 3)) for p in probability]

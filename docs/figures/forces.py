@@ -40,7 +40,7 @@ def main() -> None:
     assert true_loads is not None
     truth = open_trial(TRIAL).truth()
     assert truth is not None
-    seen_n = observable_part(structure, true_loads.force_n, truth[1])
+    seen_n = observable_part(structure, true_loads.force_n, truth.node_position_m)
     time.plot(true_loads.t_s, np.linalg.norm(seen_n[:, NODE], axis=-1), color=BLACK, lw=1.0, label="true")
     estimated_n = np.linalg.norm(result.loads.force_n[:, NODE], axis=-1)
     time.plot(result.t_s, estimated_n, color=BLUE, label="estimated (batch)")

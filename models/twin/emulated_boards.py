@@ -2,19 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from annotated_types import Interval
 from numpy.typing import NDArray
 
 from ..sensor.clock import SEQ_WRAP, WRAP_US
 from ..sensor.divider import Divider
 from ..values.readings import BoardReading
-from ..values.tables import AtLeastOne, NotNegative, Positive
+from ..values.tables import AtLeastOne, NotNegative, Positive, Share
 
-Share = Annotated[float, Interval(ge=0, lt=1)]
-"""From 0 up to, not including, 1."""
 STAMP_S = 1e-6
 """The host's stamps are this fine: two rows of a board never have the same."""
 
@@ -98,6 +95,15 @@ class Faults:
         """Return every fault with its kind and its number among those."""
         return [(f.name, index, fault) for f in fields(self) for index, fault in enumerate(getattr(self, f.name))]
 
+    def of_sensors(self, tendons: NDArray[np.int64]) -> list[tuple[str, int, Fault]]:
+        """Return the faults of the sensors of (channels,) tendons, each with its kind and its channel."""
+        channel = {tendon: c for c, tendon in enumerate(tendons.tolist())}
+        return [
+            (kind, channel[fault.tendon], fault)
+            for kind, _, fault in self.each()
+            if not isinstance(fault, Unplugged) and fault.tendon in channel
+        ]
+
     def as_truth(self) -> list[dict[str, Any]]:
         """Return `[[truth.fault]]` of trial.toml, in order of time."""
         named = [
@@ -121,6 +127,14 @@ class Signal:
     noise: NDArray[np.float64]
     """(steps, tendons) standard deviation of its white noise, relative."""
 
+    def at(self, t_s: NDArray[np.float64], tendons: NDArray[np.int64]) -> "Signal":
+        """Return the signal of some tendons at other times, linear between the samples."""
+
+        def sampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.stack([np.interp(t_s, self.t_s, values[:, tendon]) for tendon in tendons], axis=1)
+
+        return Signal(t_s, sampled(self.resistance_ohm), sampled(self.noise))
+
 
 def board_rows(
     board: int, physics: BoardPhysics, divider: Divider, signal: Signal, faults: Faults, rng: np.random.Generator
@@ -128,7 +142,8 @@ def board_rows(
     """Return all rows of one board that arrive on the host, in order."""
     tendons = np.array(physics.tendon_of_channel[board])
     period_s = physics.period_us * 1e-6 * (1 + rng.uniform(-1, 1) * physics.rate_error)
-    first_s, first_us = rng.uniform(0, period_s), int(rng.integers(500_000, 5_000_000))  # since it was switched on
+    first_s = rng.uniform(0, period_s)
+    first_us = int(rng.integers(500_000, 5_000_000))  # since it was switched on
     t_s = np.arange(first_s, signal.t_s[-1], period_s)
     arrival_s = t_s + physics.minimum_delay_s + physics.delay_s * rng.exponential(size=len(t_s))
     after_s = STAMP_S * np.arange(len(t_s))
@@ -139,11 +154,11 @@ def board_rows(
         arrives &= (gap.board != board) | ~_during(gap, t_s)
     return [
         BoardReading(
-            board,
-            float(arrival_s[k]),
-            int(k) % SEQ_WRAP,
-            int(first_us + k * physics.period_us) % WRAP_US,
-            counts[k],
+            board=board,
+            host_s=float(arrival_s[k]),
+            seq=int(k) % SEQ_WRAP,
+            device_us=int(first_us + k * physics.period_us) % WRAP_US,
+            counts=counts[k],
         )
         for k in np.flatnonzero(arrives)
     ]
@@ -159,36 +174,36 @@ def _counts(
     rng: np.random.Generator,
 ) -> NDArray[np.int64]:
     """Return (rows, channels) codes; all channels of a row are read at one instant."""
-
-    def sampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.stack([np.interp(t_s, signal.t_s, values[:, tendon]) for tendon in tendons], axis=1)
-
-    resistance_ohm = sampled(signal.resistance_ohm)
-    resistance_ohm *= 1 + sampled(signal.noise) * rng.normal(size=resistance_ohm.shape)
+    here = signal.at(t_s, tendons)
+    resistance_ohm = here.resistance_ohm * (1 + here.noise * rng.normal(size=here.noise.shape))
     noise_codes = physics.noise_codes * rng.normal(size=resistance_ohm.shape)
-    spike = rng.random(resistance_ohm.shape), rng.uniform(-1, 1, size=resistance_ohm.shape)
-    channel = {tendon: c for c, tendon in enumerate(tendons.tolist())}
-    here = [
-        (kind, channel[fault.tendon], fault)
-        for kind, _, fault in faults.each()
-        if not isinstance(fault, Unplugged) and fault.tendon in channel
-    ]
-    for kind, c, fault in here:
-        if isinstance(fault, ResistanceDrift):
-            since_s = np.clip(t_s, fault.from_s, fault.until_s) - fault.from_s
-            resistance_ohm[:, c] *= np.maximum(1 + fault.share_per_s * since_s, 0.0)
-        if kind in ("open_circuit", "short_circuit"):
-            resistance_ohm[_during(fault, t_s), c] = np.inf if kind == "open_circuit" else 0.0
+    chance = rng.random(resistance_ohm.shape)
+    height = rng.uniform(-1, 1, size=resistance_ohm.shape)
+    faults_here = faults.of_sensors(tendons)
+    for kind, column, fault in faults_here:
+        resistance_ohm[:, column] = _faulty_resistance_ohm(kind, fault, t_s, resistance_ohm[:, column])
     counts = divider.counts(resistance_ohm, noise_codes)
-    for kind, c, fault in here:
-        rows = np.flatnonzero(_during(fault, t_s))
+    for kind, column, fault in faults_here:
+        during = _during(fault, t_s)
         if isinstance(fault, Spikes):
-            rows = rows[spike[0][rows, c] < fault.per_s * physics.period_us * 1e-6]
-            off = np.round(spike[1][rows, c] * fault.codes).astype(np.int64)
-            counts[rows, c] = np.clip(counts[rows, c] + off, 0, divider.codes - 1)
-        elif kind == "stuck" and len(rows):
-            counts[rows, c] = counts[rows[0], c]
+            during &= chance[:, column] < fault.per_s * physics.period_us * 1e-6
+            off = np.round(height[during, column] * fault.codes).astype(np.int64)
+            counts[during, column] = np.clip(counts[during, column] + off, 0, divider.codes - 1)
+        elif kind == "stuck" and during.any():
+            counts[during, column] = counts[during.argmax(), column]
     return counts
+
+
+def _faulty_resistance_ohm(
+    kind: str, fault: Fault, t_s: NDArray[np.float64], resistance_ohm: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (rows,) resistance of one sensor with one fault; a fault of its codes leaves it as it is."""
+    if isinstance(fault, ResistanceDrift):
+        since_s = np.clip(t_s, fault.from_s, fault.until_s) - fault.from_s
+        return resistance_ohm * np.maximum(1 + fault.share_per_s * since_s, 0.0)
+    if kind in ("open_circuit", "short_circuit"):
+        return np.where(_during(fault, t_s), np.inf if kind == "open_circuit" else 0.0, resistance_ohm)
+    return resistance_ohm
 
 
 def _during(fault: Fault, t_s: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..structure.lengths import member_length_m
 from ..structure.rigidity import find_rest_shape
 from ..values.errors import TensegraphError
 from .loads import Loads
@@ -27,6 +28,8 @@ class TwinMotion:
     """(steps, nodes, 3)"""
     load_n: NDArray[np.float64]
     """(steps, nodes, 3) external force at each node, gravity and the ground's left out."""
+    tendon_length_m: NDArray[np.float64]
+    """(steps, tendons) between the two ends of a tendon, which are its nodes if there are no hubs."""
 
 
 class Twin:
@@ -35,7 +38,7 @@ class Twin:
     Args:
         body: what it is made of.
         step_s: of the integration.
-        node_position_m: (nodes, 3) where it starts, at rest; the shape of least tendon energy if None.
+        node_position_m: (nodes, 3) from which it starts, at rest; the shape of least tendon energy if None.
     """
 
     def __init__(self, body: Body, step_s: float, node_position_m: NDArray[np.float64] | None = None) -> None:
@@ -49,6 +52,9 @@ class Twin:
         self._data = mujoco.MjData(self._model)
         self._site = np.array([self._model.site(f"n{node}").id for node in range(body.structure.node_count)])
         self._body = self._model.site_bodyid[self._site]
+        tendons = range(len(body.structure.tendons))
+        names = [[body.end_site(tendon, end) for end in (0, 1)] for tendon in tendons]
+        self._end = np.array([[self._model.site(name).id for name in pair] for pair in names])
         self._step_s = step_s
         mujoco.mj_forward(self._model, self._data)
 
@@ -56,6 +62,11 @@ class Twin:
     def node_position_m(self) -> NDArray[np.float64]:
         """(nodes, 3) where the nodes are."""
         return np.array(self._data.site_xpos[self._site])
+
+    @property
+    def tendon_length_m(self) -> NDArray[np.float64]:
+        """(tendons,) between the two ends of a tendon."""
+        return member_length_m(self._data.site_xpos, self._end)
 
     def settle(self) -> None:
         """Wait, without loads, until nothing moves.
@@ -81,13 +92,15 @@ class Twin:
         """Return what happens under the loads from now on, which is t = 0."""
         position_m = np.empty((steps, len(self._site), 3))
         load_n = np.empty_like(position_m)
+        length_m = np.empty((steps, len(self._end)))
         for k in range(steps):
             position_m[k] = self.node_position_m
+            length_m[k] = self.tendon_length_m
             load_n[k] = loads.force_n(k * self._step_s, position_m[k])
             self._push(load_n[k], position_m[k])
             self._engine.mj_step(self._model, self._data)
         self._check_stable()
-        return TwinMotion(self._step_s * np.arange(steps, dtype=np.float64), position_m, load_n)
+        return TwinMotion(self._step_s * np.arange(steps, dtype=np.float64), position_m, load_n, length_m)
 
     def _check_stable(self) -> None:
         """Refuse what the engine would only log: it starts anew when the numbers run away.

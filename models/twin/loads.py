@@ -1,17 +1,50 @@
-"""External loads on the twin: presses, squeezes, holds and random ones, as forces on nodes over time.
+"""External loads on the twin at single nodes: presses, squeezes, holds and random presses, as forces over time.
 
-Each grows from zero to its force F in the ramp time r, is held for h, and fades as it came:
+Each grows from zero to its force F in the ramp time r, is held for a time h, and fades in the same way as it grew:
 
     F(t) = F (1 - cos(pi t / r)) / 2        0 <= t < r
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..values.tables import AtLeastOne, NotNegative, Positive
+
+
+class Timed(Protocol):
+    """A load that grows, is held, and fades."""
+
+    @property
+    def at_s(self) -> float:
+        """When it begins."""
+        ...
+
+    @property
+    def ramp_s(self) -> float:
+        """How long it grows, and again how long it fades."""
+        ...
+
+    @property
+    def hold_s(self) -> float:
+        """How long it is held; infinite if it does not end."""
+        ...
+
+
+class SpreadLoad(Protocol):
+    """A load on many nodes, or one that changes while it is held."""
+
+    @property
+    def when(self) -> Timed:
+        """When it acts."""
+        ...
+
+    def full_n(self, t_s: float, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (nodes, 3) forces while it is held, at a time, when the nodes are at (nodes, 3)."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +60,8 @@ class Press:
     force_n: Positive
     direction: tuple[float, float, float]
     """Its length does not matter."""
+    during_rest: bool = False
+    """Whether it may begin within the seconds of rest, as if somebody touched the structure while sensors are tared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +73,8 @@ class Squeeze:
     hold_s: NotNegative
     nodes: tuple[int, int]
     force_n: Positive
+    during_rest: bool = False
+    """See `Press`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,20 +86,50 @@ class Hold:
     nodes: list[int]
     force_n: Positive
     direction: tuple[float, float, float]
+    during_rest: bool = False
+    """See `Press`."""
+
+    @property
+    def hold_s(self) -> float:
+        """It does not end."""
+        return np.inf
 
 
 @dataclass(frozen=True, slots=True)
-class RandomPresses:
-    """`[[load.random]]`: presses one after another, each drawn evenly from these ranges by the seed."""
+class Window:
+    """The time in which one load acts, see `Timed`."""
+
+    at_s: float
+    ramp_s: float
+    hold_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class RandomTimes:
+    """Loads one after another; the seed draws their times evenly from these ranges."""
 
     from_s: NotNegative
     until_s: Positive
     pause_s: tuple[NotNegative, NotNegative]
-    """Least and longest time between two."""
+    """Shortest and longest time between two."""
     duration_s: tuple[Positive, Positive]
-    """From beginning to end."""
+    """Shortest and longest time from the beginning of one to its end."""
     ramp_share: Positive
-    """Of the duration that each ramp takes."""
+    """Share of the duration that each of the two ramps takes."""
+
+    def windows(self, rng: np.random.Generator) -> Iterator[Window]:
+        """Yield the time in which each acts; other numbers may be drawn from `rng` before the next is asked for."""
+        at_s = self.from_s + rng.uniform(*self.pause_s)
+        while at_s + (duration_s := rng.uniform(*self.duration_s)) < self.until_s:
+            ramp_s = self.ramp_share * duration_s
+            yield Window(at_s, ramp_s, duration_s - 2 * ramp_s)
+            at_s += duration_s + rng.uniform(*self.pause_s)
+
+
+@dataclass(frozen=True, slots=True)
+class RandomPresses(RandomTimes):
+    """`[[load.random]]`: presses one after another, each drawn evenly from these ranges by the seed."""
+
     nodes: list[int]
     """Those that may be pressed."""
     together: tuple[AtLeastOne, AtLeastOne]
@@ -74,29 +141,44 @@ class RandomPresses:
     """How far a direction differs from it, normally distributed per axis."""
 
     def draw(self, rng: np.random.Generator) -> list[Press]:
-        """Return the presses that one seed makes of it."""
+        """Return the presses that one seed draws."""
         presses: list[Press] = []
-        at_s = self.from_s + rng.uniform(*self.pause_s)
-        while at_s + (duration_s := rng.uniform(*self.duration_s)) < self.until_s:
-            ramp_s = self.ramp_share * duration_s
+        for when in self.windows(rng):
             for node in rng.choice(self.nodes, rng.integers(*self.together, endpoint=True), replace=False):
                 x, y, z = rng.normal(self.direction, self.direction_sigma)
                 force_n = rng.uniform(*self.force_n)
-                presses.append(Press(at_s, ramp_s, duration_s - 2 * ramp_s, [int(node)], force_n, (x, y, z)))
-            at_s += duration_s + rng.uniform(*self.pause_s)
+                presses.append(
+                    Press(
+                        at_s=when.at_s,
+                        ramp_s=when.ramp_s,
+                        hold_s=when.hold_s,
+                        nodes=[int(node)],
+                        force_n=force_n,
+                        direction=(x, y, z),
+                    )
+                )
         return presses
 
 
 class Loads:
-    """The force on every node at any time."""
+    """The force on every node at any time.
 
-    def __init__(self, loads: Sequence[Press | Squeeze | Hold], node_count: int) -> None:
+    Args:
+        loads: at single nodes.
+        node_count: of the structure.
+        spread: loads on many nodes, or ones that change while they are held.
+    """
+
+    def __init__(
+        self, loads: Sequence[Press | Squeeze | Hold], node_count: int, spread: Sequence[SpreadLoad] = ()
+    ) -> None:
         self._shape = (node_count, 3)
         self._fixed = [load for load in loads if not isinstance(load, Squeeze)]
         self._full_n = np.zeros((len(self._fixed), *self._shape))
         for full_n, load in zip(self._full_n, self._fixed, strict=True):
             full_n[load.nodes] = load.force_n * np.array(load.direction) / np.linalg.norm(load.direction)
         self._squeezes = [load for load in loads if isinstance(load, Squeeze)]
+        self._spread = spread
 
     def force_n(self, t_s: float, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (nodes, 3) forces at a time, when the nodes are at (nodes, 3)."""
@@ -111,12 +193,15 @@ class Loads:
                 push_n = share * squeeze.force_n * between / np.linalg.norm(between)
                 force_n[a] += push_n
                 force_n[b] -= push_n
+        for spread in self._spread:
+            if share := share_of(spread.when, t_s):
+                force_n += share * spread.full_n(t_s, node_position_m)
         return force_n
 
 
-def share_of(load: Press | Squeeze | Hold, t_s: float) -> float:
+def share_of(load: Timed, t_s: float) -> float:
     """Return which share of its force a load has at a time, from 0 to 1."""
     since_s = t_s - load.at_s
-    left_s = np.inf if isinstance(load, Hold) else 2 * load.ramp_s + load.hold_s - since_s
+    left_s = 2 * load.ramp_s + load.hold_s - since_s
     ramp = min(since_s, left_s, load.ramp_s) / load.ramp_s
     return float((1 - np.cos(np.pi * ramp)) / 2) if ramp > 0 else 0.0

@@ -23,7 +23,7 @@ Drift is an Ornstein-Uhlenbeck process, noise white from row to row.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +88,25 @@ class SensorPhysics:
         return change
 
 
+@dataclass(frozen=True, slots=True)
+class HysteresisPlan:
+    """`[hysteresis]` of a plan: factors on what the sensors of `[sensors]` remember of their past."""
+
+    hysteresis: NotNegative
+    """Factor on every w_i, and so on the width of the loops."""
+    creep: NotNegative
+    """Factor on every a_j: how much higher fast stretching reads, and how far the reading creeps back when the strain
+    is held."""
+
+    def applied(self, physics: SensorPhysics) -> SensorPhysics:
+        """Return the sensors with these factors."""
+        return replace(
+            physics,
+            hysteresis_gain=[self.hysteresis * gain for gain in physics.hysteresis_gain],
+            overstress_gain=[self.creep * gain for gain in physics.overstress_gain],
+        )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Specimens:
     """The sensors of one structure, one a tendon."""
@@ -119,7 +138,9 @@ class Sensors:
     """
 
     def __init__(self, physics: SensorPhysics, gain: NDArray[np.float64], strain: NDArray[np.float64]) -> None:
-        self._physics, self._gain, self._bending = physics, gain, BendingCurve()
+        self._physics = physics
+        self._gain = gain
+        self._bending = BendingCurve()
         column = (slice(None), None)
         self._overstress_gain, self._overstress_s = (
             np.array(values, dtype=np.float64)[column]

@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..sensor.divider import Divider
+from ..structure.rigidity import find_rest_shape
 from ..structure.structure import Structure
 from ..values.readings import BoardReading
 from .emulated_boards import Signal, board_rows
 from .engine import Twin, TwinMotion
-from .loads import Loads
+from .geometry_error import end_to_end_m, hub_offset_m
+from .loads import Loads, SpreadLoad
 from .mjcf import Body
 from .plan import Plan
 from .specimens import Sensors, Specimens, drift
-
-LENGTH_DIGITS = 5
-"""Lengths and positions in trial.toml are measured to 0.01 mm."""
+from .trial_metadata import told_geometry, trial_metadata
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,118 +38,149 @@ class VirtualTrial:
     """(rows, nodes, 3)"""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RandomStreams:
+    """The random numbers of one seed.
+
+    Each use has its own stream, so that another load, for example, does not change the sensors.
+    """
+
+    body: np.random.Generator
+    """For what differs from tendon to tendon."""
+    loads: np.random.Generator
+    """For random presses."""
+    rest: np.random.Generator
+    """For the measurement of the rest shape."""
+    specimens: np.random.Generator
+    """For what differs from sensor to sensor."""
+    drift: np.random.Generator
+    """For `[sensors]`, the drift that every sensor has."""
+    boards: list[np.random.Generator]
+    """One for each board."""
+    hubs: np.random.Generator
+    """For the radii of hubs."""
+    told: np.random.Generator
+    """For the errors of the geometry in trial.toml."""
+    slow_drift: np.random.Generator
+    """For `[drift]`."""
+    hugs: np.random.Generator
+    shakes: np.random.Generator
+    wind: np.random.Generator
+
+    @classmethod
+    def of(cls, seed: int, boards: int) -> "RandomStreams":
+        """Return the streams of a seed.
+
+        The streams of the causes follow all others, so that a plan without causes makes the same trial as it did before
+        there were any.
+        """
+        root = np.random.SeedSequence(seed)
+        body, loads, rest, specimens, of_drift, *of_boards = map(np.random.default_rng, root.spawn(5 + boards))
+        hubs, told, slow_drift, hugs, shakes, wind = map(np.random.default_rng, root.spawn(6))
+        return cls(
+            body=body,
+            loads=loads,
+            rest=rest,
+            specimens=specimens,
+            drift=of_drift,
+            boards=of_boards,
+            hubs=hubs,
+            told=told,
+            slow_drift=slow_drift,
+            hugs=hugs,
+            shakes=shakes,
+            wind=wind,
+        )
+
+
 def simulate(plan: Plan, provenance: str) -> VirtualTrial:
-    """Return the trial that a plan and its seed make; same plan, same seed, same trial.
+    """Return the trial that a plan and its seed make; the same plan and seed make the same trial.
 
     Args:
         plan: without problems.
-        provenance: what trial.toml says of where it comes from.
+        provenance: what trial.toml says about where the trial comes from.
 
     Raises:
         IndeterminateError: when the structure has no rest shape.
         TensegraphError: when it does not come to rest, its motion runs away, or MuJoCo is not installed.
     """
-    # one stream of random numbers each, so that another load, say, leaves the sensors what they are
-    seeds = np.random.SeedSequence(plan.seed).spawn(5 + len(plan.boards.tendon_of_channel))
-    of_body, of_loads, of_rest, of_specimens, of_drift, *of_boards = map(np.random.default_rng, seeds)
-    body = _body(plan, of_body)
-    random = [press for load in plan.load.random for press in load.draw(of_loads)]
-    loads = Loads([*plan.load.press, *plan.load.squeeze, *plan.load.hold, *random], body.structure.node_count)
-    twin = Twin(body, plan.mechanics.step_s)
+    streams = RandomStreams.of(plan.seed, len(plan.boards.tendon_of_channel))
+    body, start_m = _body(plan, streams)
+    structure = body.structure
+    twin = Twin(body, plan.mechanics.step_s, start_m)
     twin.settle()
-    motion = twin.run(loads, plan.steps)
-    specimens = Specimens.draw(plan.sensors, len(body.structure.tendons), of_specimens)
-    signal = _signal(plan, body.structure, motion, specimens, of_drift)
-    divider = Divider(plan.adc.bits, plan.adc.known_resistor_ohm, plan.adc.sensor_side)
-    rows = (board_rows(board, plan.boards, divider, signal, plan.fault, rng) for board, rng in enumerate(of_boards))
+    motion = twin.run(_loads(plan, structure.node_count, streams), plan.steps)
+    specimens = Specimens.draw(plan.sensors, len(structure.tendons), streams.specimens)
+    told = told_geometry(plan, structure, motion.node_position_m[0], streams.rest, streams.told)
     every = round(1 / plan.truth.rate_hz / plan.mechanics.step_s)
     return VirtualTrial(
-        _metadata(plan, body.structure, specimens, motion.node_position_m[0], provenance, of_rest),
-        list(heapq.merge(*rows, key=lambda row: row.host_s)),
-        motion.t_s[::every],
-        motion.node_position_m[::every],
-        motion.load_n[::every],
+        metadata=trial_metadata(plan, told, specimens, provenance),
+        readings=_readings(plan, _signal(plan, structure, motion, specimens, streams), streams),
+        t_s=motion.t_s[::every],
+        node_position_m=motion.node_position_m[::every],
+        load_n=motion.load_n[::every],
     )
 
 
-def _body(plan: Plan, rng: np.random.Generator) -> Body:
-    """Draw what differs from tendon to tendon."""
-    m, structure = plan.mechanics, plan.structure.structure()
+def _body(plan: Plan, streams: RandomStreams) -> tuple[Body, NDArray[np.float64]]:
+    """Draw what differs from tendon to tendon; return it with the (nodes, 3) shape to start from."""
+    mechanics = plan.mechanics
+    structure = plan.structure.structure()
     count = len(structure.tendons)
-    natural_m = structure.natural_length_m + m.natural_length_spread_m * rng.normal(size=count)
-    stiffness = m.tendon_stiffness_n_per_m * np.maximum(1 + m.tendon_stiffness_spread * rng.normal(size=count), 0.1)
-    return Body(
-        replace(structure, natural_length_m=natural_m),
-        m.rod_mass_kg,
-        m.rod_radius_m,
-        m.rod_drag_n_s_per_m,
-        stiffness,
-        m.tendon_damping_n_s_per_m,
-        m.push_back,
-        m.gravity_m_per_s2,
-        plan.ground.friction if plan.ground else None,
+    natural_m = structure.natural_length_m + mechanics.natural_length_spread_m * streams.body.normal(size=count)
+    share = np.maximum(1 + mechanics.tendon_stiffness_spread * streams.body.normal(size=count), 0.1)
+    structure = replace(structure, natural_length_m=natural_m)
+    start_m = find_rest_shape(structure)
+    offset_m = None
+    if plan.geometry_error.hub_radius_m is not None:
+        offset_m = hub_offset_m(structure, start_m, plan.geometry_error.hub_radius_m, streams.hubs)
+        shortened = end_to_end_m(structure, start_m, offset_m) / structure.tendon_length_m(start_m)
+        structure = replace(structure, natural_length_m=shortened * natural_m)
+    body = Body(
+        structure=structure,
+        rod_mass_kg=mechanics.rod_mass_kg,
+        rod_radius_m=mechanics.rod_radius_m,
+        rod_drag_n_s_per_m=mechanics.rod_drag_n_s_per_m,
+        stiffness_n_per_m=mechanics.tendon_stiffness_n_per_m * share,
+        damping_n_s_per_m=mechanics.tendon_damping_n_s_per_m,
+        push_back=mechanics.push_back,
+        gravity_m_per_s2=mechanics.gravity_m_per_s2,
+        ground_friction=plan.ground.friction if plan.ground else None,
+        hub_offset_m=offset_m,
     )
+    return body, start_m
+
+
+def _loads(plan: Plan, node_count: int, streams: RandomStreams) -> Loads:
+    """Draw the loads that the seed decides."""
+    random = [press for load in plan.load.random for press in load.draw(streams.loads)]
+    spread: list[SpreadLoad] = [hug for load in plan.load.hug for hug in load.draw(streams.hugs)]
+    spread += [shake for load in plan.load.shake for shake in load.draw(streams.shakes)]
+    spread += [load.draw(streams.wind) for load in plan.load.wind]
+    return Loads([*plan.load.press, *plan.load.squeeze, *plan.load.hold, *random], node_count, spread)
 
 
 def _signal(
-    plan: Plan, structure: Structure, motion: TwinMotion, specimens: Specimens, rng: np.random.Generator
+    plan: Plan, structure: Structure, motion: TwinMotion, specimens: Specimens, streams: RandomStreams
 ) -> Signal:
     """Return the sensors' resistances: each follows its tendon's strain, drifts, and is noisy."""
     step_s = plan.mechanics.step_s
-    strain = structure.tendon_length_m(motion.node_position_m) / structure.natural_length_m - 1
-    change = np.array(list(Sensors(plan.sensors, specimens.gain, strain[0]).changes(strain, step_s)))
-    noise = np.hypot(plan.sensors.noise_sigma, plan.sensors.noise_share * change)
-    change += drift(plan.sensors, len(change), change.shape[1], step_s, rng)
-    return Signal(motion.t_s, specimens.natural_resistance_ohm * np.maximum(1 + change, 0.0), noise)
+    sensors = plan.hysteresis.applied(plan.sensors) if plan.hysteresis else plan.sensors
+    strain = motion.tendon_length_m / structure.natural_length_m - 1
+    change = np.array(list(Sensors(sensors, specimens.gain, strain[0]).changes(strain, step_s)))
+    noise = np.hypot(sensors.noise_sigma, sensors.noise_share * change)
+    change += drift(sensors, len(change), change.shape[1], step_s, streams.drift)
+    resistance = 1 + change
+    if plan.drift is not None:
+        slow = plan.drift.drift(motion.t_s, change.shape[1], streams.slow_drift)
+        resistance = resistance * (1 + slow) if plan.drift.of == "resistance" else resistance + slow
+    return Signal(motion.t_s, specimens.natural_resistance_ohm * np.maximum(resistance, 0.0), noise)
 
 
-def _metadata(
-    plan: Plan,
-    structure: Structure,
-    specimens: Specimens,
-    rest_m: NDArray[np.float64],
-    provenance: str,
-    rng: np.random.Generator,
-) -> dict[str, Any]:
-    """Return trial.toml: what a lab would know, and under `truth` what only a twin does."""
-
-    def measured(position_m: NDArray[np.float64]) -> list[Any]:
-        return [[round(value, LENGTH_DIGITS) for value in row] for row in position_m.tolist()]
-
-    rest: dict[str, Any] = {"seconds": plan.rest.seconds}
-    if plan.rest.node_position_sigma_m is not None:
-        error_m = plan.rest.node_position_sigma_m * rng.normal(size=rest_m.shape)
-        rest["node_position_m"] = measured(rest_m + error_m)
-    truth: dict[str, Any] = {"file": "truth.csv", "loads": "loads.csv"}
-    faults = plan.fault.as_truth()
-    return {
-        "format": 1,
-        "name": f"{plan.name}_{plan.seed:02d}",
-        "kind": plan.kind,
-        "provenance": provenance,
-        "structure": {
-            "rods": structure.rods.tolist(),
-            "tendons": structure.tendons.tolist(),
-            "rod_length_m": plan.structure.rod_length_m,
-            "natural_length_m": [round(value, LENGTH_DIGITS) for value in structure.natural_length_m.tolist()],
-            "anchors": structure.anchors.tolist(),
-            "anchor_position_m": measured(rest_m[structure.anchors]),
-        },
-        "mechanics": {
-            "tendon_stiffness_n_per_m": plan.mechanics.tendon_stiffness_n_per_m,
-            "rod_mass_kg": plan.mechanics.rod_mass_kg,
-        },
-        "rest": rest,
-        "adc": {
-            "bits": plan.adc.bits,
-            **({"supply_volt": plan.adc.supply_volt} if plan.adc.supply_volt is not None else {}),
-            "known_resistor_ohm": plan.adc.known_resistor_ohm,
-            "sensor_side": plan.adc.sensor_side,
-        },
-        "sensors": {"natural_resistance_ohm": [round(value) for value in specimens.measured_resistance_ohm.tolist()]},
-        "board": [
-            {"file": f"board{board}.csv", "tendon_of_channel": channels}
-            for board, channels in enumerate(plan.boards.tendon_of_channel)
-        ],
-        "truth": truth | ({"fault": faults} if faults else {}),
-    }
+def _readings(plan: Plan, signal: Signal, streams: RandomStreams) -> list[BoardReading]:
+    """Return the rows of all boards, in order of arrival."""
+    divider = Divider(plan.adc.bits, plan.adc.known_resistor_ohm, plan.adc.sensor_side)
+    rows = (
+        board_rows(board, plan.boards, divider, signal, plan.fault, rng) for board, rng in enumerate(streams.boards)
+    )
+    return list(heapq.merge(*rows, key=lambda row: row.host_s))

@@ -1,10 +1,13 @@
-"""Plans: refused by line."""
+"""Plans: refused by line, and extended by others."""
+
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from plan_edits import PLANS, replaced
+from plan_edits import CAUSES, DRIFT, PLANS, replaced
 from tensegraph import InputError
-from tensegraph.io.plan_file import read_plan
+from tensegraph.io.plan_file import base_plan_path, read_plan
 
 
 @pytest.mark.parametrize("name", sorted(PLANS))
@@ -44,7 +47,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("old", "new", "message"), REFUSED)
-def test_what_can_not_be_is_refused_by_line(tmp_path, old, new, message) -> None:
+def test_what_cannot_be_is_refused_by_line(tmp_path, old, new, message) -> None:
     text = replaced(PLANS["press"].read_text(), (old, new))
     path = tmp_path / "plan.toml"
     path.write_text(text)
@@ -53,6 +56,53 @@ def test_what_can_not_be_is_refused_by_line(tmp_path, old, new, message) -> None
     line = 1 + text[: text.index(new)].count("\n")
     assert str(error.value).startswith(f"{path}: line {line}: ")
     assert "\n" not in str(error.value)
+
+
+def test_an_error_of_the_rest_shape_needs_a_rest_shape_that_is_measured(tmp_path) -> None:
+    text = replaced(PLANS["press"].read_text(), ("node_position_sigma_m = 0.0003", ""))
+    path = tmp_path / "plan.toml"
+    path.write_text(f"{text}[geometry_error]\nrest_position_sigma_m = 0.002\n")
+    line = text.count("\n") + 2
+    message = (
+        rf"line {line}: geometry_error.rest_position_sigma_m: expected rest.node_position_sigma_m too, .*got 0.002"
+    )
+    with pytest.raises(InputError, match=message):
+        read_plan(path)
+
+
+HUG = """[[load.hug]]
+from_s = 3.0
+until_s = 20.0
+pause_s = [0.5, 1.0]
+duration_s = [2.0, 3.0]
+ramp_share = 0.3
+nodes = [3, 4, 5]
+force_n = [0.5, 1.0]
+force_spread = 0.3
+axis = [0, 0, 0]
+direction_sigma = 0.0
+"""
+SHAKE = """[[load.shake]]
+from_s = 3.0
+until_s = 20.0
+pause_s = [0.5, 1.0]
+duration_s = [2.0, 3.0]
+ramp_share = 0.3
+nodes = [3, 4, 5]
+together = [1, 1]
+force_n = [0.5, 1.0]
+direction = [0, 0, 0]
+direction_sigma = [1, 1, 1]
+"""
+WIND = """[[load.wind]]
+at_s = 3.0
+ramp_s = 1.0
+nodes = [3, 4, 5]
+force_n = 0.5
+force_spread = 0.3
+direction = [1, 0, 0]
+gust_period_s = [2.0, 7.0]
+"""
 
 
 @pytest.mark.parametrize(
@@ -67,6 +117,29 @@ def test_what_can_not_be_is_refused_by_line(tmp_path, old, new, message) -> None
         ("[[load.hold]]\nat_s = 3.0\nramp_s = 0.0\nforce_n = 1.0\nnodes = [3]\ndirection = [0, 0, 1]", r"line {3}: .*got 0"),
         ("[[load.hold]]\nat_s = 3.0\nramp_s = 1.0\nforce_n = 1.0\nnodes = [3]\ndirection = [0, 0, 0]", r"line {6}: .*zero"),
         ("[ground]\nfriction = -1.0", r"line {2}: ground.friction: .*got -1.0"),
+        ("[drift]\nuntil_s = 3.0", r"line {1}: drift.from_s: is missing"),
+        (f"{DRIFT}until_s = 1.0", r"line {8}: drift.until_s: expected a time after from_s = 1.0, got 1.0"),
+        (f"{DRIFT}until_s = 60.0\ntime_constant_s = 5.0", r"line {9}: drift.time_constant_s: expected none .*got 5.0"),
+        (f"{DRIFT.replace('ramp', 'warm_up', 1)}until_s = 60.0", r"line {4}: drift.common_course: expected time_constant_s"),
+        (f"{DRIFT.replace('= 1.0', '= 30.0')}until_s = 60.0", r"line {2}: drift.from_s: expected less than .* got 30.0"),
+        (f"{DRIFT.replace('0.01', '-1.0')}until_s = 60.0", r"line {3}: drift.common_share: expected more than -1, got -1.0"),
+        (f"{DRIFT}until_s = 60.0\nshare = 1.0", r"line {9}: drift.share: is no key of a plan"),
+        ("[hysteresis]\nhysteresis = -3.0\ncreep = 1.0", r"line {2}: hysteresis.hysteresis: .*got -3.0"),
+        ("[hysteresis]\nhysteresis = 3.0", r"line {1}: hysteresis.creep: is missing"),
+        ("[geometry_error]\nrod_length_sigma_m = -0.001", r"line {2}: geometry_error.rod_length_sigma_m: .*got -0.001"),
+        ("[geometry_error]\nrod_length_offset_m = -1.0", r"line {2}: geometry_error.rod_length_offset_m: expected at most 0.03 m either way, got -1.0"),
+        ("[geometry_error]\nhub_radius_m = [0.01, 0.005]", r"line {2}: .*hub_radius_m: expected \[least, most\] up to 0.0425 m"),
+        ("[geometry_error]\nhub_radius_m = [0.01, 0.1]", r"line {2}: geometry_error.hub_radius_m: .*got \[0.01, 0.1\]"),
+        ("[[load.press]]\nat_s = 0.5\nramp_s = 0.5\nhold_s = 0.5\nnodes = [5]\nforce_n = 1.0\ndirection = [0, 0, 1]",
+         r"line {2}: load.press\[0\].at_s: expected a time from rest.seconds = 2.0 .*got 0.5"),
+        ("[[load.hug]]\nfrom_s = 3.0", r"line {1}: load.hug\[0\].until_s: is missing"),
+        (f"{HUG}together = [1, 3]", r"line {12}: load.hug\[0\].together: expected at least 2 nodes, got 1"),
+        (f"{HUG}together = [2, 4]", r"line {12}: load.hug\[0\].together: expected at most 3, the number of nodes, got 4"),
+        (f"{HUG.replace('3, 4, 5', '0, 4, 5')}together = [2, 3]", r"line {7}: load.hug\[0\].nodes: .*can move, .*got 0"),
+        (f"{SHAKE}frequency_hz = [8.0, 5.0]", r"line {12}: load.shake\[0\].frequency_hz: expected \[least, most\]"),
+        (f"{SHAKE}frequency_hz = [5.0, 80.0]", r"line {12}: load.shake\[0\].frequency_hz: expected at most 50, which is 20 steps"),
+        (f"{WIND}gust_share = 0.6", r"line {9}: load.wind\[0\].gust_share: .*less than or equal to 0.5, got 0.6"),
+        (f"{WIND.replace('1, 0, 0', '0, 0, 0')}gust_share = 0.4", r"line {7}: load.wind\[0\].direction: .*got zero"),
     ],
 )  # fmt: skip
 def test_what_is_added_is_refused_by_line(tmp_path, added, message) -> None:
@@ -74,7 +147,74 @@ def test_what_is_added_is_refused_by_line(tmp_path, added, message) -> None:
     first = text.count("\n")
     path = tmp_path / "plan.toml"
     path.write_text(text + added + "\n")
-    for n in range(1, 7):
+    for n in range(1, 13):
         message = message.replace(f"{{{n}}}", str(first + n))
+    with pytest.raises(InputError, match=message):
+        read_plan(path)
+
+
+def test_the_causes_are_plans_that_add_to_the_healthy_one() -> None:
+    assert len(CAUSES) == 15
+    for name, path in CAUSES.items():
+        plan = read_plan(path)
+        assert plan.name == name
+        base = base_plan_path(path)
+        assert base is not None
+        assert base.stem == ("press" if name == "healthy" else "healthy")
+    assert replace(read_plan(CAUSES["healthy"]), name="press") == read_plan(PLANS["press"])
+
+
+@pytest.fixture
+def below(tmp_path) -> Path:
+    """The press plan, to be extended by others beside it."""
+    path = tmp_path / "below.toml"
+    path.write_text(PLANS["press"].read_text())
+    return path
+
+
+def above(below: Path, text: str) -> Path:
+    path = below.parent / "above.toml"
+    path.write_text(f'extends = "below.toml"\n{text}')
+    return path
+
+
+def test_tables_are_added_to_and_lists_replaced(below) -> None:
+    text = "[mechanics]\nrod_mass_kg = 0.05\n[load]\nrandom = []\n[sensors]\ngauge_factor = [1, 2, 3]\n"
+    plan, base = read_plan(above(below, text)), read_plan(below)
+    assert plan.load == replace(base.load, random=[])
+    assert plan.mechanics == replace(base.mechanics, rod_mass_kg=0.05)
+    assert plan.sensors == replace(base.sensors, gauge_factor=[1, 2, 3])
+    assert plan.boards == base.boards
+
+
+@pytest.mark.parametrize(
+    ("added", "message"),
+    [
+        ("[mechanics]\nrod_mass_kg = -1", r"above.toml: line 3: mechanics.rod_mass_kg: .*got -1"),
+        ("[mechanics]\nrod_mas_kg = 1", r"above.toml: line 3: mechanics.rod_mas_kg: is no key of a plan"),
+        ("[rest]\nseconds = 4.0", r"below.toml: line 83: load.random\[0\].from_s: .*rest.seconds = 4.0 .*got 2.0"),
+        ("[load]\nrandom = [{ from_s = 3.0 }]", r"above.toml: line 3: load.random\[0\].until_s: is missing"),
+        ("[hysteresis]\ncreep = 3.0", r"above.toml: line 2: hysteresis.hysteresis: is missing"),
+    ],
+)
+def test_a_problem_is_told_of_the_file_it_stands_in(below, added, message) -> None:
+    with pytest.raises(InputError, match=message):
+        read_plan(above(below, added))
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        ("3", r"below.toml: line 1: extends: expected the path of a plan, got 3"),
+        ("'nothing.toml'", r"nothing.toml: no such file"),
+        (
+            "'above.toml'",
+            r"below.toml: line 1: extends: leads back to .*above.toml: expected a plan that does not",
+        ),
+    ],
+)
+def test_what_cannot_be_extended_is_said(below, edit, message) -> None:
+    path = above(below, "")
+    below.write_text(f"extends = {edit}\n{below.read_text()}")
     with pytest.raises(InputError, match=message):
         read_plan(path)

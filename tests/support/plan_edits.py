@@ -3,6 +3,7 @@
 from pathlib import Path
 
 PLANS = {path.stem: path for path in (Path(__file__).parents[2] / "examples" / "plans").glob("*.toml")}
+CAUSES = {path.stem: path for path in (PLANS["press"].parent / "causes").glob("*.toml")}
 
 
 def replaced(text: str, *edits: tuple[str, str]) -> str:
@@ -13,3 +14,13 @@ def replaced(text: str, *edits: tuple[str, str]) -> str:
 
 
 SHORT = (("duration_s = 30.0", "duration_s = 6.0"), ("until_s = 29.0", "until_s = 6.0"))
+
+DRIFT = """[drift]
+from_s = 1.0
+common_share = 0.01
+common_course = "ramp"
+of = "resistance"
+own_sigma = 0.0
+own_course = "ramp"
+"""
+"""A drift of all sensors alike; it lacks `until_s`, its last line."""

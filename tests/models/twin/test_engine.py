@@ -8,38 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from tensegraph import Structure, TensegraphError, six_strut, three_strut
-from tensegraph.models.structure.rigidity import find_rest_shape
+from tensegraph import TensegraphError
 from tensegraph.models.twin.engine import Twin
 from tensegraph.models.twin.loads import Hold, Loads, Press
 from tensegraph.models.twin.mjcf import Body
-
-SHAPES = {s.node_count: (s, find_rest_shape(s)) for s in (six_strut(0.3), three_strut(0.3, 0.15))}
-
-
-def body(structure: Structure, **constants) -> Body:
-    """A structure with ordinary constants, but for those given."""
-    ordinary = {
-        "rod_mass_kg": 0.03,
-        "rod_radius_m": 0.003,
-        "rod_drag_n_s_per_m": 0.2,
-        "stiffness_n_per_m": np.full(len(structure.tendons), 400.0),
-        "damping_n_s_per_m": 1.0,
-        "push_back": 0.1,
-        "gravity_m_per_s2": 9.81,
-        "ground_friction": None,
-    }
-    return Body(structure, **(ordinary | constants))
-
-
-@pytest.fixture(scope="module")
-def hanging() -> Structure:
-    """A rod (3 over 4) that hangs from three anchors by three tendons; another three, long and loose, hold its foot."""
-    angle = np.deg2rad([90.0, 210.0, 330.0])
-    anchors = np.stack([0.2 * np.cos(angle), 0.2 * np.sin(angle), 0 * angle], axis=1)
-    tendons = np.array([[0, 3], [1, 3], [2, 3], [0, 4], [1, 4], [2, 4]])
-    natural_m = np.repeat([0.21, 0.9], 3)
-    return Structure(np.array([[3, 4]]), tendons, np.array(0.3), natural_m, np.arange(3), anchors)
+from twin_bodies import SHAPES, body
 
 
 @pytest.mark.parametrize("pull_n", [0.0, 0.7])

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tensegraph.models.sensor.bending import BendingCurve
-from tensegraph.models.twin.specimens import SensorPhysics, Sensors, Specimens, drift
+from tensegraph.models.twin.specimens import HysteresisPlan, SensorPhysics, Sensors, Specimens, drift
 
 PLAIN = SensorPhysics(
     natural_resistance_ohm=5e6,
@@ -71,6 +71,19 @@ def test_the_hysteresis_loop_is_2_w_r_wide_at_any_rate(width, gain, speed) -> No
     y = response(physics, np.r_[up, up[::-1], up], 0.1 / speed)
     middle = 200
     assert y[401 + 200] - y[802 + middle] == pytest.approx(2 * gain * width, abs=1e-9)
+
+
+@pytest.mark.parametrize("factor", [0.0, 1.0, 3.0])
+def test_hysteresis_times_three_is_a_loop_three_times_as_wide(factor) -> None:
+    """A loop much longer than the stop is 2 w r high: 2 x 0.2 x 0.01; creep leaves a s exp(-t / tau) of a step s."""
+    physics = replace(PLAIN, hysteresis_gain=[0.2], hysteresis_strain=[0.01])
+    back_and_forth = np.concatenate([np.linspace(0.05, 0.1, 501), np.linspace(0.1, 0.05, 501)])
+    loop = response(HysteresisPlan(factor, 1.0).applied(physics), np.tile(back_and_forth, 2))
+    up, down = loop[1002 + 250], loop[1002 + 501 + 250]
+    assert down - up == pytest.approx(factor * 2 * 0.2 * 0.01, abs=1e-9)
+    physics = replace(PLAIN, overstress_gain=[0.5], overstress_time_s=[2.0])
+    step = response(HysteresisPlan(1.0, factor).applied(physics), np.r_[0.0, np.full(400, 0.1)])
+    assert step[201] - 0.1 == pytest.approx(factor * 0.5 * 0.1 * np.exp(-1), rel=0.01)
 
 
 def test_hysteresis_at_rest_is_the_first_stretch() -> None:

@@ -1,0 +1,106 @@
+"""What cannot be simulated of the loads of a plan, key by key."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..structure.structure import Structure
+from .loads import Hold, Press, RandomPresses, RandomTimes, Squeeze
+from .plan import Plan
+from .spread_loads import RandomHugs, RandomShakes, WindPlan
+
+STEPS_A_CYCLE = 20
+"""Fewest steps of the integration in one cycle of a shake."""
+Load = Press | Squeeze | Hold | RandomPresses | RandomHugs | RandomShakes | WindPlan
+
+
+def problems_of_loads(plan: Plan, structure: Structure) -> Iterator[tuple[str, str]]:
+    """Yield the dotted key of each problem, and what was expected and found."""
+    pushable = structure.free_nodes if plan.ground is None else np.arange(structure.node_count)
+    for kind in fields(plan.load):
+        for index, load in enumerate(getattr(plan.load, kind.name)):
+            key = f"load.{kind.name}[{index}]"
+            if isinstance(load, RandomTimes):
+                yield from _problems_of_random(key, load, plan.duration_s)
+            yield from _problems_of_course(key, load, plan)
+            yield from _problems_of_start(key, load, plan)
+            yield from _problems_of_nodes(key, load.nodes, pushable)
+            if isinstance(load, Press | Hold | WindPlan) and not np.any(load.direction):
+                yield f"{key}.direction", "expected a direction, got zero"
+
+
+def _problems_of_start(key: str, load: Load, plan: Plan) -> Iterator[tuple[str, str]]:
+    """Yield what is wrong with the time at which a load begins."""
+    if isinstance(load, RandomTimes):
+        name = "from_s"
+        start_s = load.from_s
+    else:
+        name = "at_s"
+        start_s = load.at_s
+    if isinstance(load, Press | Squeeze | Hold) and load.during_rest:
+        first = "0.0"
+        first_s = 0.0
+    else:
+        first = f"rest.seconds = {plan.rest.seconds}"
+        first_s = plan.rest.seconds
+    if not first_s <= start_s < plan.duration_s:
+        yield f"{key}.{name}", f"expected a time from {first} to duration_s = {plan.duration_s}, got {start_s}"
+
+
+def _problems_of_nodes(key: str, nodes: Sequence[int], pushable: NDArray[np.int64]) -> Iterator[tuple[str, str]]:
+    """Yield what is wrong with the nodes of a load."""
+    for node in nodes:
+        if node not in pushable:
+            yield f"{key}.nodes", f"expected nodes that can move, of {_listed(pushable)}, got {node}"
+    if not nodes or len(set(nodes)) < len(nodes):
+        yield f"{key}.nodes", f"expected different nodes, got {_listed(nodes)}"
+
+
+def _problems_of_random(key: str, load: RandomTimes, duration_s: float) -> Iterator[tuple[str, str]]:
+    """Yield what is wrong with the times of a load that is drawn."""
+    for name in ("pause_s", "duration_s"):
+        yield from _problems_of_range(key, name, getattr(load, name))
+    if load.ramp_share > 0.5:
+        yield f"{key}.ramp_share", f"expected at most 0.5, got {load.ramp_share}"
+    if load.from_s + load.pause_s[0] + load.duration_s[0] >= load.until_s or load.until_s > duration_s:
+        yield (
+            f"{key}.until_s",
+            f"expected time for one load, and at most duration_s = {duration_s}, got {load.until_s}",
+        )
+
+
+def _problems_of_course(key: str, load: Load, plan: Plan) -> Iterator[tuple[str, str]]:
+    """Yield what is wrong with a load's own numbers."""
+    if isinstance(load, RandomPresses | RandomHugs | RandomShakes):
+        yield from _problems_of_range(key, "together", load.together)
+        yield from _problems_of_range(key, "force_n", load.force_n)
+        if load.together[1] > len(load.nodes):
+            yield f"{key}.together", f"expected at most {len(load.nodes)}, the number of nodes, got {load.together[1]}"
+    if (
+        isinstance(load, RandomPresses | RandomShakes)
+        and not np.any(load.direction)
+        and not np.any(load.direction_sigma)
+    ):
+        yield f"{key}.direction", "expected a direction, or a direction_sigma, got zero for both"
+    if isinstance(load, RandomHugs) and load.together[0] < 2:
+        yield f"{key}.together", f"expected at least 2 nodes, got {load.together[0]}"
+    if isinstance(load, RandomShakes):
+        yield from _problems_of_range(key, "frequency_hz", load.frequency_hz)
+        highest_hz = 1 / (STEPS_A_CYCLE * plan.mechanics.step_s)
+        if load.frequency_hz[1] > highest_hz:
+            expected = f"expected at most {highest_hz:g}, which is {STEPS_A_CYCLE} steps of mechanics.step_s a cycle"
+            yield f"{key}.frequency_hz", f"{expected}, got {load.frequency_hz[1]}"
+    if isinstance(load, WindPlan):
+        yield from _problems_of_range(key, "gust_period_s", load.gust_period_s)
+
+
+def _problems_of_range(key: str, name: str, bounds: tuple[float, float]) -> Iterator[tuple[str, str]]:
+    low, high = bounds
+    if low > high:
+        yield f"{key}.{name}", f"expected [least, most], got [{low}, {high}]"
+
+
+def _listed(nodes: Sequence[int] | NDArray[np.int64]) -> str:
+    return ", ".join(map(str, nodes))

@@ -1,0 +1,166 @@
+"""What cannot be simulated of a plan, key by key."""
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from ..sensor.divider import Divider
+from ..structure.structure import Structure
+from ..values.errors import InputError
+from .emulated_boards import BoardPhysics, Unplugged
+from .load_problems import problems_of_loads
+from .plan import Plan
+from .specimens import SensorPhysics
+
+LARGEST_HUB = 0.25
+"""Largest radius of a hub, as a share of the shortest tendon."""
+LARGEST_ERROR = 0.1
+"""Largest standard deviation or offset of a length, as a share of the shortest one."""
+
+
+def problems(plan: Plan) -> Iterator[tuple[str, str]]:
+    """Yield what cannot be simulated: the dotted key, and what was expected and found."""
+    yield from (
+        (key, f"expected a finite number, got {value}")
+        for key, value in _numbers(asdict(plan))
+        if not np.isfinite(value)
+    )
+    try:
+        structure = plan.structure.structure()
+        Divider(plan.adc.bits, plan.adc.known_resistor_ohm, plan.adc.sensor_side)
+    except InputError as error:
+        key, _, text = str(error).partition(": ")
+        yield (key if key.startswith("adc") else f"structure.{key}"), text
+        return
+    yield from _problems_of_structure(plan, structure)
+    yield from _problems_of_time(plan)
+    yield from _problems_of_sensors(plan.sensors)
+    yield from _problems_of_drift(plan)
+    yield from _problems_of_geometry(plan, structure)
+    yield from problems_of_loads(plan, structure)
+    yield from _problems_of_boards(plan.boards, len(structure.tendons))
+    yield from _problems_of_faults(plan, len(structure.tendons))
+
+
+def _problems_of_structure(plan: Plan, structure: Structure) -> Iterator[tuple[str, str]]:
+    held = structure.anchors if plan.ground is None else np.empty(0, dtype=np.int64)
+    for node in np.setdiff1d(np.setdiff1d(np.arange(structure.node_count), structure.rods), held):
+        yield "structure.rods", f"node {node} is on no rod, and nothing holds it: expected a rod, for its mass"
+    position_m = dict(zip(held.tolist(), structure.anchor_position_m, strict=False))
+    for rod, ((a, b), length_m) in enumerate(zip(structure.rods.tolist(), structure.rod_length_m, strict=True)):
+        if a in position_m and b in position_m:
+            apart_m = float(np.linalg.norm(position_m[a] - position_m[b]))
+            if abs(apart_m - length_m) > 1e-4:
+                yield "structure.anchors", f"rod {rod} is {length_m:g} m long, its anchors {apart_m:g} m apart"
+
+
+def _problems_of_time(plan: Plan) -> Iterator[tuple[str, str]]:
+    step_s = plan.mechanics.step_s
+    if plan.rest.seconds >= plan.duration_s:
+        yield "rest.seconds", f"expected less than duration_s = {plan.duration_s}, got {plan.rest.seconds}"
+    for key, period_s in (("duration_s", plan.duration_s), ("truth.rate_hz", 1 / plan.truth.rate_hz)):
+        if abs(period_s / step_s - round(period_s / step_s)) > 1e-6 or period_s < step_s:
+            yield key, f"expected a whole number of steps of {step_s} s (mechanics.step_s), got {period_s / step_s:.6g}"
+            return
+
+
+def _problems_of_sensors(sensors: SensorPhysics) -> Iterator[tuple[str, str]]:
+    corners = sensors.gauge_corner_strain
+    for key, expected, got in (
+        ("gauge_corner_strain", len(sensors.gauge_factor) - 1, len(corners)),
+        ("overstress_time_s", len(sensors.overstress_gain), len(sensors.overstress_time_s)),
+        ("hysteresis_strain", len(sensors.hysteresis_gain), len(sensors.hysteresis_strain)),
+    ):
+        if got != expected:
+            yield f"sensors.{key}", f"expected {expected} numbers, got {got}"
+    if corners != sorted(corners):
+        yield "sensors.gauge_corner_strain", f"expected rising strains, got {corners}"
+    for key, share in (("softening", sensors.softening), ("hysteresis_at_rest", sensors.hysteresis_at_rest)):
+        if share > 1:
+            yield f"sensors.{key}", f"expected at most 1, got {share}"
+
+
+def _problems_of_drift(plan: Plan) -> Iterator[tuple[str, str]]:
+    drift = plan.drift
+    if drift is None:
+        return
+    if drift.from_s >= plan.duration_s:
+        yield "drift.from_s", f"expected less than duration_s = {plan.duration_s}, got {drift.from_s}"
+    if drift.until_s <= drift.from_s:
+        yield "drift.until_s", f"expected a time after from_s = {drift.from_s}, got {drift.until_s}"
+    if drift.common_share <= -1:
+        yield "drift.common_share", f"expected more than -1, got {drift.common_share}"
+    if drift.common_course == "warm_up" and drift.time_constant_s is None:
+        yield "drift.common_course", "expected time_constant_s with 'warm_up', got none"
+    if drift.common_course == "ramp" and drift.time_constant_s is not None:
+        yield "drift.time_constant_s", f"expected none with common_course = 'ramp', got {drift.time_constant_s}"
+
+
+def _problems_of_geometry(plan: Plan, structure: Structure) -> Iterator[tuple[str, str]]:
+    error = plan.geometry_error
+    for name, error_m, length_m in (
+        ("rod_length_sigma_m", error.rod_length_sigma_m, structure.rod_length_m),
+        ("rod_length_offset_m", error.rod_length_offset_m, structure.rod_length_m),
+        ("natural_length_sigma_m", error.natural_length_sigma_m, structure.natural_length_m),
+    ):
+        largest_m = LARGEST_ERROR * length_m.min()
+        if abs(error_m) > largest_m:
+            yield f"geometry_error.{name}", f"expected at most {largest_m:.3g} m either way, got {error_m}"
+    if error.rest_position_sigma_m and plan.rest.node_position_sigma_m is None:
+        expected = "expected rest.node_position_sigma_m too, without which the rest shape is not measured"
+        yield "geometry_error.rest_position_sigma_m", f"{expected}, got {error.rest_position_sigma_m}"
+    if error.hub_radius_m is not None:
+        low, high = error.hub_radius_m
+        largest_m = LARGEST_HUB * structure.natural_length_m.min()
+        if not low <= high <= largest_m:
+            yield "geometry_error.hub_radius_m", f"expected [least, most] up to {largest_m:.3g} m, got [{low}, {high}]"
+
+
+def _problems_of_boards(boards: BoardPhysics, tendons: int) -> Iterator[tuple[str, str]]:
+    wired: set[int] = set()
+    for board, channels in enumerate(boards.tendon_of_channel):
+        key = f"boards.tendon_of_channel[{board}]"
+        if not channels:
+            yield key, "expected at least one tendon, got none"
+        for tendon in channels:
+            if not 0 <= tendon < tendons:
+                yield key, f"expected tendons from 0 to {tendons - 1}, got {tendon}"
+            if tendon in wired:
+                yield key, f"tendon {tendon} is wired already"
+            wired.add(tendon)
+    if not boards.tendon_of_channel:
+        yield "boards.tendon_of_channel", "expected at least one board, got none"
+
+
+def _problems_of_faults(plan: Plan, tendons: int) -> Iterator[tuple[str, str]]:
+    for kind, index, fault in plan.fault.each():
+        key = f"fault.{kind}[{index}]"
+        if isinstance(fault, Unplugged):
+            name = "board"
+            number = fault.board
+            count = len(plan.boards.tendon_of_channel)
+        else:
+            name = "tendon"
+            number = fault.tendon
+            count = tendons
+        if not 0 <= number < count:
+            yield f"{key}.{name}", f"expected a {name} from 0 to {count - 1}, got {number}"
+        if not fault.from_s < fault.until_s <= plan.duration_s:
+            yield (
+                f"{key}.until_s",
+                f"expected a time after from_s, up to duration_s = {plan.duration_s}, got {fault.until_s}",
+            )
+
+
+def _numbers(value: Any, key: str = "") -> Iterator[tuple[str, float]]:
+    """Yield every float of a nested table with its dotted key."""
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _numbers(inner, f"{key}.{name}" if key else name)
+    elif isinstance(value, list | tuple):
+        for index, inner in enumerate(value):
+            yield from _numbers(inner, f"{key}[{index}]")
+    elif isinstance(value, float):
+        yield key, value

@@ -1,0 +1,110 @@
+"""The trial.toml of a virtual trial: what a laboratory would have measured, and what only a twin knows."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..structure.structure import Structure
+from .geometry_error import ToldErrors
+from .plan import Plan
+from .specimens import Specimens
+
+LENGTH_DIGITS = 5
+"""Lengths and positions in trial.toml are measured to 0.01 mm."""
+
+
+def told_geometry(
+    plan: Plan,
+    structure: Structure,
+    rest_m: NDArray[np.float64],
+    of_rest: np.random.Generator,
+    of_told: np.random.Generator,
+) -> dict[str, dict[str, Any]]:
+    """Return `structure` and `rest` of trial.toml: what was measured of the structure and of its shape at rest.
+
+    Args:
+        plan: of the trial.
+        structure: with its true lengths.
+        rest_m: (nodes, 3) true positions at rest.
+        of_rest: random numbers of the measurement of the rest shape.
+        of_told: random numbers of `geometry_error`.
+    """
+    error = ToldErrors.draw(plan.geometry_error, structure, of_told)
+    rods_m = structure.rod_length_m + error.rod_length_m
+    return {
+        "structure": {
+            "rods": structure.rods.tolist(),
+            "tendons": structure.tendons.tolist(),
+            "rod_length_m": _rounded(rods_m) if error.rod_length_m.any() else plan.structure.rod_length_m,
+            "natural_length_m": _rounded(structure.natural_length_m + error.natural_length_m),
+            "anchors": structure.anchors.tolist(),
+            "anchor_position_m": _rounded(rest_m[structure.anchors] + error.anchor_m),
+        },
+        "rest": _told_rest(plan, rest_m + error.rest_position_m, of_rest),
+    }
+
+
+def _told_rest(plan: Plan, position_m: NDArray[np.float64], rng: np.random.Generator) -> dict[str, Any]:
+    """Return `rest` of trial.toml, with a measurement of (nodes, 3) positions if the plan has one."""
+    if plan.rest.node_position_sigma_m is None:
+        return {"seconds": plan.rest.seconds}
+    measured_m = position_m + plan.rest.node_position_sigma_m * rng.normal(size=position_m.shape)
+    return {"seconds": plan.rest.seconds, "node_position_m": _rounded(measured_m)}
+
+
+def trial_metadata(
+    plan: Plan, told: Mapping[str, Mapping[str, Any]], specimens: Specimens, provenance: str
+) -> dict[str, Any]:
+    """Return trial.toml.
+
+    Args:
+        plan: of the trial.
+        told: see `told_geometry`.
+        specimens: the sensors.
+        provenance: what trial.toml says about where the trial comes from.
+    """
+    return {
+        "format": 1,
+        "name": f"{plan.name}_{plan.seed:02d}",
+        "kind": plan.kind,
+        "provenance": provenance,
+        "structure": told["structure"],
+        "mechanics": {
+            "tendon_stiffness_n_per_m": plan.mechanics.tendon_stiffness_n_per_m,
+            "rod_mass_kg": plan.mechanics.rod_mass_kg,
+        },
+        "rest": told["rest"],
+        "adc": _adc(plan),
+        "sensors": {"natural_resistance_ohm": [round(value) for value in specimens.measured_resistance_ohm.tolist()]},
+        "board": [
+            {"file": f"board{board}.csv", "tendon_of_channel": channels}
+            for board, channels in enumerate(plan.boards.tendon_of_channel)
+        ],
+        "truth": _truth(plan),
+    }
+
+
+def _adc(plan: Plan) -> dict[str, Any]:
+    supply = {} if plan.adc.supply_volt is None else {"supply_volt": plan.adc.supply_volt}
+    return {
+        "bits": plan.adc.bits,
+        **supply,
+        "known_resistor_ohm": plan.adc.known_resistor_ohm,
+        "sensor_side": plan.adc.sensor_side,
+    }
+
+
+def _truth(plan: Plan) -> dict[str, Any]:
+    """Return what only a twin knows."""
+    faults = plan.fault.as_truth()
+    return {"file": "truth.csv", "loads": "loads.csv", **({"fault": faults} if faults else {})}
+
+
+def _rounded(value_m: NDArray[np.float64]) -> list[Any]:
+    """Return lengths or positions as they are measured."""
+    return [
+        round(row, LENGTH_DIGITS) if isinstance(row, float) else [round(value, LENGTH_DIGITS) for value in row]
+        for row in value_m.tolist()
+    ]

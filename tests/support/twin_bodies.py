@@ -1,0 +1,25 @@
+"""Structures as the twin's engine takes them."""
+
+import numpy as np
+
+from tensegraph import Structure, six_strut, three_strut
+from tensegraph.models.structure.rigidity import find_rest_shape
+from tensegraph.models.twin.mjcf import Body
+
+SHAPES = {s.node_count: (s, find_rest_shape(s)) for s in (six_strut(0.3), three_strut(0.3, 0.15))}
+"""Two structures with their rest shapes, by their number of nodes."""
+
+
+def body(structure: Structure, **constants) -> Body:
+    """A structure with ordinary constants, but for those given."""
+    ordinary = {
+        "rod_mass_kg": 0.03,
+        "rod_radius_m": 0.003,
+        "rod_drag_n_s_per_m": 0.2,
+        "stiffness_n_per_m": np.full(len(structure.tendons), 400.0),
+        "damping_n_s_per_m": 1.0,
+        "push_back": 0.1,
+        "gravity_m_per_s2": 9.81,
+        "ground_friction": None,
+    }
+    return Body(structure, **(ordinary | constants))
