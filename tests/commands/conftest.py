@@ -17,7 +17,7 @@ def done(tmp_path_factory, example):
         lines = source.read_text().splitlines(keepends=True)
         (folder / "press" / source.name).write_text("".join(lines if source.suffix == ".toml" else lines[:301]))
     batch = run_process("reconstruct", "press", cwd=folder)
-    live = run_process("reconstruct", "press", "--live", "--out", "live", cwd=folder)
+    live = run("reconstruct", "press", "--live", "--out", "live", cwd=folder)
     return folder, batch, live
 
 

@@ -18,7 +18,7 @@ from tensegraph.models.evaluation.metrics import evaluate
 def evaluated(done):
     """Both runs evaluated: the batch one as a table, both as JSON."""
     folder, *_ = done
-    table = run_process("evaluate", "results/press", cwd=folder)
+    table = run("evaluate", "results/press", cwd=folder)
     numbers = run("evaluate", "results/press", "live", "--json", "--out", "scores", cwd=folder)
     return folder, table, numbers
 
