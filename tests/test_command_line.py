@@ -6,7 +6,7 @@ from importlib.metadata import version
 
 import pytest
 
-from command_line import run
+from command_line import run, run_process
 from tensegraph import cli
 from tensegraph.models.calibration.recipe import TrainingSettings
 from tensegraph.models.trial_description import LinkTable
@@ -88,7 +88,7 @@ def test_an_error_of_the_system_is_one_line_too(monkeypatch, capsys) -> None:
 
 @pytest.mark.parametrize("command", ["", *(command.callback.__name__ for command in cli.app.registered_commands)])
 def test_help_pages_are_legible(tmp_path, command) -> None:
-    long, short = (run(*command.split(), option, cwd=tmp_path) for option in ("--help", "-h"))
+    long, short = (run_process(*command.split(), option, cwd=tmp_path) for option in ("--help", "-h"))
     assert long.returncode == short.returncode == 0
     assert long.stdout == short.stdout
     assert "\\b" not in long.stdout
@@ -98,7 +98,7 @@ def test_help_pages_are_legible(tmp_path, command) -> None:
 
 
 def test_the_version_is_the_package_s(tmp_path) -> None:
-    assert run("--version", cwd=tmp_path).stdout == f"tensegraph {version('tensegraph')}\n"
+    assert run_process("--version", cwd=tmp_path).stdout == f"tensegraph {version('tensegraph')}\n"
 
 
 def test_defaults_are_those_of_the_settings() -> None:
@@ -114,9 +114,9 @@ def test_quiet_and_verbose(trial_copy) -> None:
     """Quiet: the result's path. Verbose: as ever, with times of the stages on stderr. Without figures: tables only."""
     path = trial_copy(rows=40)
     frame = ("reconstruct", path, "--method", "frame", "--no-figures")
-    quiet = run(*frame, "-q", "--out", "quiet", cwd=path.parent)
+    quiet = run_process(*frame, "-q", "--out", "quiet", cwd=path.parent)
     assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "written to quiet\n", "")
-    verbose = run(*frame, "-v", "--out", "verbose", cwd=path.parent)
+    verbose = run_process(*frame, "-v", "--out", "verbose", cwd=path.parent)
     assert "node RMSE" in verbose.stdout
     assert [line.split(":")[0] for line in verbose.stderr.splitlines()] == ["rest shape", "shapes", "tables"]
     names = {p.name for p in (path.parent / "quiet").iterdir()}
@@ -126,8 +126,14 @@ def test_quiet_and_verbose(trial_copy) -> None:
     assert modes == {path.joinpath("trial.toml").stat().st_mode & 0o777}
 
 
+def test_what_is_refused_ends_the_process_with_code_2(tmp_path) -> None:
+    result = run_process("reconstruct", "nothing", cwd=tmp_path)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr == "tensegraph: nothing/trial.toml: no such file\n"
+
+
 def test_help_names_the_commands(tmp_path) -> None:
-    result = run("--help", cwd=tmp_path)
+    result = run_process("--help", cwd=tmp_path)
     assert result.returncode == 0
     for command in ("reconstruct", "evaluate", "compare", "calibrate", "simulate"):
         assert command in result.stdout

@@ -29,12 +29,12 @@ def write(page: Path, *arguments: object) -> str:
 
 @pytest.fixture(scope="module")
 def short_trial(tmp_path_factory, example) -> Path:
-    """The first four seconds of the example trial."""
+    """The first three seconds of the example trial."""
     folder = tmp_path_factory.mktemp("trials") / "short"
     folder.mkdir()
     for source in example.iterdir():
         lines = source.read_text().splitlines(keepends=True)
-        (folder / source.name).write_text("".join(lines if source.suffix == ".toml" else lines[:201]))
+        (folder / source.name).write_text("".join(lines if source.suffix == ".toml" else lines[:151]))
     return folder
 
 

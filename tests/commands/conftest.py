@@ -1,9 +1,11 @@
 """Two runs of `reconstruct`, and two of `calibrate`, that several tests look at."""
 
+from unittest import mock
+
 import numpy as np
 import pytest
 
-from command_line import CALIBRATE, run
+from command_line import CALIBRATE, run, run_process
 
 
 @pytest.fixture(scope="session")
@@ -14,7 +16,7 @@ def done(tmp_path_factory, example):
     for source in example.iterdir():
         lines = source.read_text().splitlines(keepends=True)
         (folder / "press" / source.name).write_text("".join(lines if source.suffix == ".toml" else lines[:301]))
-    batch = run("reconstruct", "press", cwd=folder)
+    batch = run_process("reconstruct", "press", cwd=folder)
     live = run("reconstruct", "press", "--live", "--out", "live", cwd=folder)
     return folder, batch, live
 
@@ -38,5 +40,6 @@ def rig_folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def calibrated(rig_folder):
-    """A quick calibration with its sweep of learning rates."""
-    return run(*CALIBRATE, "m.safetensors", "--sweep", cwd=rig_folder)
+    """A quick calibration with its sweep, of three learning rates."""
+    with mock.patch("tensegraph.commands.calibrate.SWEEP", (1e-3, 1e-2, 1e-1)):
+        return run(*CALIBRATE, "m.safetensors", "--sweep", cwd=rig_folder)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from command_line import run
+from command_line import run, run_process
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
 from tensegraph.commands.compare import Measured, comparison_rows
 from tensegraph.io.reports.comparison_tables import as_markdown, write_comparison_csv
@@ -20,7 +20,7 @@ def test_compare_runs_every_method(trial_copy) -> None:
     blind = trial_copy(rows=60, name="blind", trial=lambda text: text[: text.index("[truth]")])
     lost = trial_copy(rows=60, name="lost")
     (lost / "truth.csv").unlink()
-    result = run("compare", seen, blind, lost, cwd=seen.parent)
+    result = run_process("compare", seen, blind, lost, cwd=seen.parent)
     assert result.returncode == 0, result.stderr
     for words in (
         "seen, rest shape held: node RMSE",
@@ -37,7 +37,7 @@ def test_compare_runs_every_method(trial_copy) -> None:
     assert len(rows) == 3 + 4 * 6
     assert rows["blind", "UKF"]["nodes_rmse_m"] == ""
     assert float(rows["blind", "UKF"]["ms_per_frame"]) > 0
-    assert "(ukf)" in run("reconstruct", seen, "--method", "ukf", cwd=seen.parent).stdout
+    assert "(ukf)" in run("reconstruct", seen, "--method", "ukf", "--no-figures", cwd=seen.parent).stdout
     (alone,) = json.loads(run("evaluate", "results/seen", "--json", cwd=seen.parent).stdout)
     assert float(rows["seen", "UKF"]["nodes_rmse_m"]) == pytest.approx(alone["absolute"]["nodes"]["rmse_m"], rel=1e-3)
     assert float(rows["seen", "UKF"]["coverage_95"]) == pytest.approx(alone["consistency"]["coverage_95"], abs=0.02)

@@ -7,7 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from command_line import run
+from command_line import run, run_process
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
 from tensegraph.commands.compare import NO_METHOD
 from tensegraph.io.reports.evaluation_tables import ScoredResult
@@ -65,7 +65,7 @@ def test_evaluate_agrees_with_what_reconstruct_said(done, evaluated) -> None:
 def test_evaluate_with_truth_from_elsewhere(done, tmp_path) -> None:
     """A result as its own truth is exact; turned and shifted it is again exact once aligned."""
     folder = done[0]
-    own = run("evaluate", "live", "--truth", "live/shape.csv", "--json", "--out", tmp_path / "own", cwd=folder)
+    own = run_process("evaluate", "live", "--truth", "live/shape.csv", "--json", "--out", tmp_path / "own", cwd=folder)
     assert json.loads(own.stdout)[0]["absolute"]["nodes"]["rmse_m"] == 0
     rows = np.genfromtxt(folder / "live/shape.csv", delimiter=",", skip_header=1)
     header = (folder / "live/shape.csv").read_text().splitlines()[0]

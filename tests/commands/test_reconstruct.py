@@ -103,7 +103,7 @@ def test_truth_changes_nothing(done, tmp_path) -> None:
 def test_a_truth_file_that_is_gone_is_said_and_stops_nothing(trial_copy) -> None:
     path = trial_copy(rows=40)
     (path / "truth.csv").unlink()
-    result = run("reconstruct", path, cwd=path.parent)
+    result = run("reconstruct", path, "--no-figures", cwd=path.parent)
     assert result.returncode == 0
     assert "not used: " in result.stdout
 
@@ -111,7 +111,7 @@ def test_a_truth_file_that_is_gone_is_said_and_stops_nothing(trial_copy) -> None
 def test_several_trials_and_a_second_run(trial_copy) -> None:
     one, two = trial_copy(rows=40, name="one"), trial_copy(rows=40, name="two")
     for _ in range(2):  # an earlier result is replaced
-        result = run("reconstruct", one, two, "--live", "--out", "both", cwd=one.parent)
+        result = run("reconstruct", one, two, "--live", "--no-figures", "--out", "both", cwd=one.parent)
         assert result.returncode == 0, result.stderr
     assert (one.parent / "both" / "one" / "shape.csv").is_file()
     assert (one.parent / "both" / "two" / "shape.csv").is_file()
@@ -120,7 +120,9 @@ def test_several_trials_and_a_second_run(trial_copy) -> None:
 def test_a_config_file_is_used(trial_copy) -> None:
     path = trial_copy(rows=40)
     (path.parent / "config.toml").write_text("probability = 0.5\n[frames]\nrate_hz = 25.0\n")
-    result = run("reconstruct", path, "--live", "--config", "config.toml", "--out", "out", cwd=path.parent)
+    result = run(
+        "reconstruct", path, "--live", "--no-figures", "--config", "config.toml", "--out", "out", cwd=path.parent
+    )
     assert result.returncode == 0, result.stderr
     written = tomllib.loads((path.parent / "out" / "run.toml").read_text())
     assert written["settings"]["probability"] == 0.5
@@ -129,8 +131,9 @@ def test_a_config_file_is_used(trial_copy) -> None:
 
 def test_reconstruct_uses_the_model_it_is_given(rig_folder, calibrated, trial_copy) -> None:
     path = trial_copy(rows=40)
-    other = run("reconstruct", path, "--live", "--model", rig_folder / "m.safetensors", "--out", "o", cwd=path.parent)
-    shipped = run("reconstruct", path, "--live", "--out", "s", cwd=path.parent)
+    arguments = ("reconstruct", path, "--live", "--no-figures", "--out")
+    other = run(*arguments, "o", "--model", rig_folder / "m.safetensors", cwd=path.parent)
+    shipped = run(*arguments, "s", cwd=path.parent)
     assert other.returncode == shipped.returncode == 0, other.stderr
     assert not filecmp.cmp(path.parent / "o" / "lengths.csv", path.parent / "s" / "lengths.csv", shallow=False)
 
@@ -142,7 +145,7 @@ def test_a_trial_of_lengths_ends_with_its_table(trial_copy, example_structure) -
     length_m = example_structure.natural_length_m * 1.08
     rows = [",".join(map(str, (0.02 * k, *length_m))) for k in range(5)]
     (path / "lengths.csv").write_text("\n".join([",".join(["t_s", *(f"l{e}_m" for e in range(24))]), *rows, ""]))
-    result = run("reconstruct", path, "--out", "out", cwd=path.parent)
+    result = run("reconstruct", path, "--no-figures", "--out", "out", cwd=path.parent)
     assert result.returncode == 0, result.stderr
     assert "5" in result.stdout
     assert "written to out" in result.stdout

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import run
+from command_line import run, run_process
 from plan_edits import PLANS, SHORT
 from tensegraph import InputError, reconstruct
 from tensegraph.commands.simulate import simulate
@@ -18,14 +18,14 @@ def test_a_simulated_trial_is_reconstructed(tmp_path) -> None:
     text = (Path(__file__).parents[2] / "examples" / "plans" / "prism.toml").read_text()
     text = text[: text.index("[[load.random]]")].replace("duration_s = 30.0", "duration_s = 5.0")
     (tmp_path / "prism.toml").write_text(text)
-    result = run("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path)
+    result = run_process("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert result.stdout.startswith("prism_01: ")
     assert "written to prism_01" in result.stdout
     result = run("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path)
     assert (result.returncode, result.stderr.count("\n")) == (2, 1)
     assert "prism_01: exists: expected a new name" in result.stderr
-    result = run("reconstruct", "prism_01", cwd=tmp_path)
+    result = run("reconstruct", "prism_01", "--no-figures", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "node RMSE" in result.stdout
 

@@ -1,18 +1,41 @@
-"""The command line in a process of its own."""
+"""The command line: in this process, which has imported everything already, or in one of its own."""
 
+import contextlib
+import io
 import os
 import subprocess
 import sys
 from pathlib import Path
+from unittest import mock
+
+from tensegraph.cli import main
+
+SCREEN = {"COLUMNS": "120", "TERM": "dumb"}
+CALIBRATE = ("calibrate", "strips", "--epochs", "10", "--out")
+"""Two checkpoints: it can be interrupted after the first."""
 
 
-def run(*arguments, cwd: Path, timeout_s: float = 120) -> subprocess.CompletedProcess:
-    """Run `python -m tensegraph` in a directory."""
-    environment = os.environ | {"COLUMNS": "120", "TERM": "dumb"}
+def run(*arguments, cwd: Path) -> subprocess.CompletedProcess:
+    """Run `tensegraph` in a directory, in this process."""
+    words = ["tensegraph", *map(str, arguments)]
+    out, error = io.StringIO(), io.StringIO()
+    with (
+        contextlib.chdir(cwd),
+        mock.patch.dict(os.environ, SCREEN),
+        mock.patch.object(sys, "argv", words),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(error),
+    ):
+        try:
+            main()
+            code = 0
+        except SystemExit as ended:
+            code = ended.code or 0
+    return subprocess.CompletedProcess(words, code, out.getvalue(), error.getvalue())
+
+
+def run_process(*arguments, cwd: Path, timeout_s: float = 120) -> subprocess.CompletedProcess:
+    """Run `python -m tensegraph` in a directory, as a user does."""
     command = [sys.executable, "-m", "tensegraph", *map(str, arguments)]
-    return subprocess.run(
-        command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=timeout_s, check=False
-    )
-
-
-CALIBRATE = ("calibrate", "strips", "--epochs", "20", "--out")
+    quiet = {"capture_output": True, "text": True, "check": False}
+    return subprocess.run(command, cwd=cwd, env=os.environ | SCREEN, timeout=timeout_s, **quiet)
