@@ -71,6 +71,14 @@ class AdcTable:
     sensor_side: Literal["ground", "supply"]
     supply_volt: float | None = None
 
+    def divider(self) -> Divider:
+        """Return the divider.
+
+        Raises:
+            InputError: for a resolution or resistor that is impossible.
+        """
+        return Divider(self.bits, self.known_resistor_ohm, self.sensor_side)
+
 
 @dataclass(frozen=True, slots=True)
 class SensorsTable:
@@ -254,7 +262,7 @@ def _natural_resistance(table: TrialTable, tendons: int) -> NDArray[np.float64]:
 def _divider(table: TrialTable) -> Divider:
     if table.adc is None:
         raise InputError("adc: is missing")
-    return Divider(table.adc.bits, table.adc.known_resistor_ohm, table.adc.sensor_side)
+    return table.adc.divider()
 
 
 def _wiring(boards: list[BoardTable], tendons: int) -> tuple[NDArray[np.int64], ...]:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from ..sensor.divider import Divider
 from ..structure.structure import Structure
 from ..values.errors import InputError
 from .emulated_boards import BoardPhysics, Unplugged
@@ -29,7 +28,7 @@ def problems(plan: Plan) -> Iterator[tuple[str, str]]:
     )
     try:
         structure = plan.structure.structure()
-        Divider(plan.adc.bits, plan.adc.known_resistor_ohm, plan.adc.sensor_side)
+        plan.adc.divider()
     except InputError as error:
         key, _, text = str(error).partition(": ")
         yield (key if key.startswith("adc") else f"structure.{key}"), text

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..sensor.divider import Divider
 from ..structure.rigidity import find_rest_shape
 from ..structure.structure import Structure
 from ..values.readings import BoardReading
@@ -179,7 +178,7 @@ def _signal(
 
 def _readings(plan: Plan, signal: Signal, streams: RandomStreams) -> list[BoardReading]:
     """Return the rows of all boards, in order of arrival."""
-    divider = Divider(plan.adc.bits, plan.adc.known_resistor_ohm, plan.adc.sensor_side)
+    divider = plan.adc.divider()
     rows = (
         board_rows(board, plan.boards, divider, signal, plan.fault, rng) for board, rng in enumerate(streams.boards)
     )
