@@ -1,1 +1,1 @@
-"""What each command does, one module a verb; their options are in `cli`."""
+"""The work of the commands, one module for each; their options are in `cli`."""

@@ -1,4 +1,4 @@
-"""`calibrate`: a folder of recordings into a sensor model, its card and its figures."""
+"""`calibrate`: makes a sensor model, its card and its figures from a folder of recordings."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -22,36 +22,36 @@ from ..models.sensor.bending import BendingCurve
 from ..models.values.errors import TensegraphError
 
 SWEEP = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0)
-"""Learning rates tried."""
+"""Learning rates that are tried."""
 SWEEP_EPOCHS = 40
-"""Of each of these short trainings."""
+"""Number of epochs of each of these short trainings."""
 
 
 @dataclass(frozen=True, slots=True)
 class HoldOut:
-    """Which recordings test the model, as typed: by name, by time, or as `Split.by_recordings` has it.
+    """The choice of recordings that test the model: by name, by time, or else as in `Split.by_recordings`.
 
     Raises:
-        TensegraphError: when both are given.
+        TensegraphError: when both names and a tail are given.
     """
 
     names: tuple[str, ...] = ()
-    """Patterns of whole recordings."""
+    """Patterns of the names of whole recordings."""
     tail: float | None = None
-    """The last share of each recording."""
+    """Share of each recording, at its end."""
 
     def __post_init__(self) -> None:
         if self.names and self.tail is not None:
             raise TensegraphError("--hold-out and --hold-out-tail: expected one of them, got both")
 
     def split(self, recordings: Sequence[Recording]) -> Split:
-        """Return what trains, what validates, and what tests."""
+        """Return the recordings for training, validation and test."""
         if self.names:
             return Split.by_name(recordings, self.names)
         return Split.by_recordings(recordings) if self.tail is None else Split.by_time(recordings, self.tail)
 
     def words(self) -> list[str]:
-        """Return the options that say the same."""
+        """Return the same choice as command-line options."""
         names = [f"--hold-out '{pattern}'" for pattern in self.names]
         return names + ([f"--hold-out-tail {self.tail:g}"] if self.tail is not None else [])
 
@@ -69,11 +69,11 @@ def calibrate_folder(
     """Train on a folder of recordings; write model, card and figures, and print the scores.
 
     Args:
-        folder: of recordings.
+        folder: folder of recordings.
         out: file of the model; card and figures go beside it.
-        rig: file that describes the recordings; see `read_rig`.
-        hold_out: which recordings test it.
-        settings: of the training.
+        rig: path of the file that describes the recordings; see `read_rig`.
+        hold_out: choice of recordings that test the model.
+        settings: settings of the training.
         sweep: whether to try learning rates first.
         terminal: for progress and scores.
 
@@ -110,16 +110,16 @@ def calibrate_folder(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _TrainingData:
-    """What a training starts from."""
+    """The data of a training."""
 
     folder: RecordingFolder
     split: Split
     bending: BendingFit | None
-    """None when no recording bends."""
+    """The fit of bending; None if no recording bends."""
 
     @property
     def curve(self) -> BendingCurve:
-        """The fitted curve of bending, or the paper's."""
+        """The fitted curve of bending, or that of the paper if there is no fit."""
         return self.bending.curve() if self.bending else BendingCurve()
 
 
@@ -172,7 +172,7 @@ def _write(
 
 
 def _command(rig: StripRig, settings: TrainingSettings, hold_out: HoldOut) -> str:
-    """Return the command that makes the same model again; where from and where to does not change the model."""
+    """Return the command that makes the same model again, with placeholders for paths."""
     words = ["tensegraph calibrate FOLDER --out MODEL"]
     words += ["--rig RIG.toml"] if rig != StripRig() else []
     words += hold_out.words()

@@ -1,4 +1,4 @@
-"""`compare`: all methods over all trials, on the very same lengths and sigmas: the paper's Table I, measured here."""
+"""`compare`: runs all methods on the same lengths and sigmas of all trials, in the form of the paper's Table I."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -33,7 +33,7 @@ from .paths import distinct_names
 
 COMPARISON_FILE = "comparison.csv"
 NO_METHOD = "rest shape held"
-"""Name for the table of what is estimated without any measurement."""
+"""Name in the table for the rest shape, which needs no measurement."""
 METHODS = {
     "least-squares": "least squares",
     "ukf": "UKF",
@@ -41,7 +41,7 @@ METHODS = {
     "live": "graph, live",
     "batch": "graph, batch",
 }
-"""Names for the table, in its order; a method without one goes last, by the name it has."""
+"""Names of the methods in the table, in its order; other methods follow under their own names."""
 
 
 def compare_trials(
@@ -53,11 +53,11 @@ def compare_trials(
         trials: their directories.
         out: directory of the comparison.
         config: file of settings; defaults if None.
-        model: of the sensors; the one that ships if None.
+        model: sensor model; the one in the package if None.
         terminal: for progress and the table.
 
     Raises:
-        TensegraphError: when a trial cannot be read, or the comparison not be written.
+        TensegraphError: when a trial cannot be read, or the comparison cannot be written.
     """
     distinct_names(trials)
     check_replaceable(out, COMPARISON_FILE)
@@ -80,7 +80,7 @@ def compare_trials(
 
 
 Track = Callable[[Iterable[TendonLengths], int, str], Iterable[TendonLengths]]
-"""Passes frames on while it shows how many of them have gone by, and whose."""
+"""Function that passes frames on and shows their progress; its arguments are the frames, their number and a title."""
 
 
 def _tracked(progress: Progress, frames: Iterable[TendonLengths], total: int, name: str) -> Iterator[TendonLengths]:
@@ -88,25 +88,25 @@ def _tracked(progress: Progress, frames: Iterable[TendonLengths], total: int, na
     for frame in frames:
         yield frame
         progress.advance(task)
-    progress.remove_task(task)  # the line that says what came out takes its place
+    progress.remove_task(task)  # it is replaced by the line with the result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """One method, run on one trial."""
+    """The result of one method on one trial."""
 
     trial: str
     method: str
     frames: int
     seconds: float
-    """nan when nothing was run."""
+    """Computing time; nan when nothing was run."""
     evaluation: Evaluation | None
-    """None when the trial has no truth, or the method gave up."""
+    """Evaluation; None when the trial has no truth, or the method failed."""
     note: str = ""
-    """Why there is no evaluation."""
+    """Reason why there is no evaluation."""
 
     def line(self) -> str:
-        """Return what to say when it is done."""
+        """Return a summary in one line."""
         parts = [f"{self.trial}, {self.method}:"]
         if self.evaluation:
             parts.append(f"node RMSE {1e3 * self.evaluation.absolute.nodes.rmse_m:.2f} mm")
@@ -116,7 +116,7 @@ class Measured:
 
 
 def measure(trial: Trial, settings: Settings, model: SensorModel, track: Track) -> Iterator[Measured]:
-    """Run every method on a trial's lengths, which are made once, and yield each when it is done."""
+    """Run every method on the same lengths of a trial, and yield each result."""
     comparison = TrialComparison(trial, settings, model)
     yield comparison.without_method()
     for method in sorted(ESTIMATORS, key=lambda m: list(METHODS).index(m) if m in METHODS else len(METHODS)):
@@ -124,7 +124,7 @@ def measure(trial: Trial, settings: Settings, model: SensorModel, track: Track) 
 
 
 class TrialComparison:
-    """A trial's lengths, and what is known to be true of it."""
+    """The lengths of a trial, and its truth."""
 
     def __init__(self, trial: Trial, settings: Settings, model: SensorModel) -> None:
         self._settings = settings
@@ -147,11 +147,11 @@ class TrialComparison:
             self._note = f"(truth not used: {error})"
 
     def without_method(self) -> Measured:
-        """Return what the rest shape alone is worth."""
+        """Return the result of the rest shape alone."""
         return self._measured(NO_METHOD, np.nan, rest_shape_estimate(self._pipeline, self._frames))
 
     def with_method(self, method: str, track: Track) -> Measured:
-        """Run a method, in time order, and return what came out."""
+        """Run a method over all frames, and return its result."""
         label = METHODS.get(method, method)
         estimator = ESTIMATORS[method](self._structure, self._pipeline.rest, self._settings)
         frames = track(self._frames, len(self._frames), f"{self._name}, {label}")
@@ -190,7 +190,7 @@ class TrialComparison:
 
 
 def rest_shape_estimate(pipeline: Pipeline, frames: Sequence[TendonLengths]) -> Estimate:
-    """Return what to say of a trial without estimating anything: the rest shape, without a covariance."""
+    """Return the rest shape in every frame, without a covariance, as an estimate."""
     count = len(frames)
     rest_m = pipeline.rest.node_position_m
     sigma_m = np.array([frame.sigma_m for frame in frames])
@@ -207,14 +207,14 @@ def rest_shape_estimate(pipeline: Pipeline, frames: Sequence[TendonLengths]) -> 
 
 
 def comparison_rows(measured: Sequence[Measured]) -> list[ComparisonRow]:
-    """Return a row for each method on all trials, then one for each trial and method."""
+    """Return one row for each method on all trials, then one row for each trial and method."""
     methods = dict.fromkeys(m.method for m in measured)
     together = [_row(ALL, method, [m for m in measured if m.method == method]) for method in methods]
     return together + [_row(m.trial, m.method, [m]) for m in measured]
 
 
 def _row(trial: str, method: str, measured: Sequence[Measured]) -> ComparisonRow:
-    """Return a method's row: errors and ellipsoids of all its frames and nodes count alike."""
+    """Return the row of a method; all frames and nodes have the same weight."""
     evaluations = [m.evaluation for m in measured if m.evaluation]
     compared = [e.compared for e in evaluations]
     none = np.empty((0, 3))
@@ -240,7 +240,7 @@ def _row(trial: str, method: str, measured: Sequence[Measured]) -> ComparisonRow
 
 
 def write_comparison(rows: Sequence[ComparisonRow], command: str, path: Path) -> None:
-    """Write comparison.csv, comparison.md and comparison.png, all or none."""
+    """Write comparison.csv, comparison.md and comparison.png, all of them or none."""
     with result_directory(path, COMPARISON_FILE) as directory:
         write_comparison_csv(rows, directory / COMPARISON_FILE)
         (directory / "comparison.md").write_text(as_markdown(rows, command), encoding="utf-8")

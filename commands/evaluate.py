@@ -1,4 +1,4 @@
-"""`evaluate`: results against the truth, as tables, figures and JSON."""
+"""`evaluate`: compares results with the truth, in tables, figures and JSON."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,16 +34,16 @@ def evaluate_results(
     """Evaluate result directories, write an evaluation of each, and print them as tables or JSON.
 
     Args:
-        results: their directories.
+        results: result directories.
         truth: see `score_result`.
         trial: see `score_result`.
         align: see `score_result`.
-        json_only: whether to print JSON in place of tables.
+        json_only: whether to print JSON instead of tables.
         out: see `result_paths`.
         terminal: for the tables.
 
     Raises:
-        TensegraphError: when a result cannot be evaluated, or an evaluation not be written.
+        TensegraphError: when a result cannot be evaluated, or an evaluation cannot be written.
     """
     written = result_paths(results, out, Path("results/evaluation"), EVALUATION_FILE)
     scores = []
@@ -61,7 +61,7 @@ def evaluate_results(
 
 
 def write_score(score: ScoredResult, path: Path) -> None:
-    """Write an evaluation directory, its numbers and figures, whole or not at all."""
+    """Write an evaluation directory, its numbers and figures, completely or not at all."""
     with result_directory(path, EVALUATION_FILE) as directory:
         (directory / EVALUATION_FILE).write_text(as_text(score.as_json()), encoding="utf-8")
         write_heights_figure(score.evaluation, score.title(), directory / "heights.png")
@@ -74,13 +74,13 @@ def score_result(path: Path, truth: Path | None, trial: Path | None, *, align: b
     """Evaluate a result directory.
 
     Args:
-        path: of the result.
+        path: result directory.
         truth: a file of stamped node positions; that of the trial if None.
-        trial: the trial's directory; where run.toml says if None.
+        trial: trial directory; the one named in run.toml if None.
         align: see `evaluate`.
 
     Raises:
-        InputError: when the result, its trial or the truth cannot be read, or do not belong together.
+        InputError: when the result, its trial or the truth cannot be read, or do not match.
     """
     run = read_run(path)
     opened = _trial_of(run, path, trial)
@@ -98,7 +98,7 @@ def score_result(path: Path, truth: Path | None, trial: Path | None, *, align: b
 
 
 def _truth_of(trial: Trial, path: Path | None) -> Truth:
-    """Return what is known to have been, with positions from another file than the trial's if one is given."""
+    """Return the truth of a trial, with positions from another file if one is given."""
     positions = trial.truth() if path is None else read_positions(path, trial.description.structure.node_count)
     if positions is None:
         raise InputError(f"{trial.path}: has no truth: expected [truth] in trial.toml, or --truth FILE")

@@ -1,4 +1,4 @@
-"""`live`: the shape while it moves, from the boards, a recorded trial or the twin, on the screen and into a result."""
+"""`live`: shows and writes the shape while it moves, from boards, a recorded trial or the twin."""
 
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
@@ -24,19 +24,19 @@ from .record import report_recording
 
 @dataclass(frozen=True, slots=True)
 class LiveSource:
-    """Where the readings are to come from, as typed: a rig's boards, a trial, or a plan's twin; one of them is given.
+    """The choice of the source of readings: one of the boards of a rig, a recorded trial, or the twin of a plan.
 
     Raises:
-        TensegraphError: when none or more than one is given, or an option does not go with it.
+        TensegraphError: when none or more than one is given, or an option does not apply to it.
     """
 
     rig: Path | None
     replay: Path | None
     twin: Path | None
     speed: float
-    """Of a replay or a twin: how many times faster than it was."""
+    """Speed of a replay or a twin, relative to real time."""
     ports: tuple[str, ...]
-    """Of a rig: see `Rig.plan`."""
+    """Names of serial ports of a rig; see `Rig.plan`."""
     record: Path | None
     """Trial directory to record into, which must not exist yet."""
 
@@ -48,7 +48,7 @@ class LiveSource:
 
     @property
     def name(self) -> str:
-        """What a result is called after."""
+        """Name for the result."""
         named = self.record or self.replay or (self.twin and self.twin.with_suffix(""))
         return named.resolve().name if named else "live"
 
@@ -64,7 +64,7 @@ class LiveSource:
 
 
 class ShapeView(Protocol):
-    """What shows shapes as they come."""
+    """A display of shapes."""
 
     def show(self, shape: Shape) -> None:
         """Show a shape."""
@@ -72,7 +72,7 @@ class ShapeView(Protocol):
 
 
 class NoView:
-    """Shows nothing: stands in for a window that was not asked for."""
+    """Shows nothing; used when no window is wanted."""
 
     def show(self, shape: Shape) -> None:
         """Show nothing."""
@@ -91,16 +91,16 @@ def show_live(
     """Estimate until the source ends, `seconds` are over or Ctrl-C, and write the result.
 
     Args:
-        source: of the readings.
+        source: source of the readings.
         out: result directory; named after the source if None.
         config: file of settings; defaults if None.
-        model: of the sensors; the one that ships if None.
+        model: sensor model; the one in the package if None.
         view: whether to show the shape in a window.
-        seconds: how long; may be infinite.
+        seconds: duration; may be infinite.
         terminal: for the panel.
 
     Raises:
-        TensegraphError: when the source, the result or the recording cannot be what it is asked to be.
+        TensegraphError: when the source cannot be read, or the result or the recording cannot be written.
     """
     settings = read_settings(config)
     sensor_model = read_sensor_model(model)

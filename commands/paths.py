@@ -1,4 +1,4 @@
-"""Where what a command writes goes."""
+"""The output directories of commands."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,12 +8,12 @@ from ..models.values.errors import TensegraphError
 
 
 def result_paths(sources: Sequence[Path], out: Path | None, default: Path, marker: str) -> list[Path]:
-    """Return the directory for what comes of each source; refuse, before any work, what could not be written there.
+    """Return the output directory of each source, after a check, before any work, that it can be written.
 
     Args:
-        sources: directories, named differently.
-        out: of one source, its result; of several, the directory that holds theirs.
-        default: the directory that holds them if `out` is None.
+        sources: directories with different names.
+        out: for one source, its output directory; for several, the directory in which each gets its own.
+        default: the directory in which each gets its own if `out` is None.
         marker: see `check_replaceable`.
 
     Raises:
@@ -27,10 +27,10 @@ def result_paths(sources: Sequence[Path], out: Path | None, default: Path, marke
 
 
 def distinct_names(sources: Sequence[Path]) -> list[str]:
-    """Return the directories' names.
+    """Return the names of directories.
 
     Raises:
-        TensegraphError: when two are alike, since what comes of them is told apart by them.
+        TensegraphError: when two are the same, because outputs are named after them.
     """
     names = [source.resolve().name for source in sources]
     for name in {name for name in names if names.count(name) > 1}:

@@ -1,4 +1,4 @@
-"""`ports`: which serial ports there are, and the boards that answer on them."""
+"""`ports`: lists serial ports, and the boards that answer on them."""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -26,7 +26,7 @@ def list_ports(ports: Sequence[str], baud: int, seconds: float, terminal: Termin
 
 
 def ports_table(answers: Sequence[PortAnswer]) -> Table:
-    """Return what answers on each port."""
+    """Return a table of the answer of each port."""
     table = Table("port", "device", "board", "firmware", "boot", "rate", "channels")
     for a in answers:
         hello = a.hello

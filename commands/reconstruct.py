@@ -1,4 +1,4 @@
-"""`reconstruct`: recorded trials into results, and what a run says of itself on the screen and in run.toml."""
+"""`reconstruct`: makes results from recorded trials, with a summary on the screen and in run.toml."""
 
 import time
 from collections import Counter
@@ -27,7 +27,7 @@ from ..pipeline import Pipeline, write_result
 from .paths import result_paths
 
 LONG_S = 1.0
-"""A node that carries a load for longer, in all, is named."""
+"""Total time under load above which a node is named in the summary."""
 
 
 def reconstruct_trials(
@@ -40,19 +40,19 @@ def reconstruct_trials(
     figures: bool,
     terminal: Terminal,
 ) -> None:
-    """Reconstruct trials, write a result directory for each, and print what came out.
+    """Reconstruct trials, write a result directory for each, and print a summary.
 
     Args:
-        trials: their directories.
+        trials: trial directories.
         method: a name in `ESTIMATORS`.
         out: see `result_paths`.
         config: file of settings; defaults if None.
-        model: of the sensors; the one that ships if None.
+        model: sensor model; the one in the package if None.
         figures: whether to draw them.
         terminal: for progress and tables.
 
     Raises:
-        TensegraphError: when a trial cannot be read, or a result not be written.
+        TensegraphError: when a trial cannot be read, or a result cannot be written.
     """
     settings = read_settings(config)
     sensor_model = read_sensor_model(model)
@@ -87,7 +87,7 @@ def run_trial(trial: Trial, method: str, settings: Settings, model: SensorModel,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """One trial, reconstructed."""
+    """The reconstruction of one trial."""
 
     trial: Trial
     method: str
@@ -95,10 +95,10 @@ class Run:
     pipeline: Pipeline
     reconstruction: Reconstruction
     seconds: float
-    """How long it took, from the first reading to the last shape."""
+    """Computing time from the first reading to the last shape."""
 
     def summary(self) -> Table:
-        """Return the short table that ends a run."""
+        """Return the summary that is printed at the end of a run."""
         r = self.reconstruction
         free = r.structure.free_nodes
         table = Table(title=f"{self.trial.name} ({self.method})", show_header=False, title_justify="left")
@@ -126,10 +126,10 @@ class Run:
         return table
 
     def as_table(self, path: Path) -> dict[str, Any]:
-        """Return run.toml: every setting, versions, input hashes, what was not plain, timing.
+        """Return run.toml: every setting, versions, input hashes, irregular rows, timing.
 
         Args:
-            path: of the result directory, from which the trial is found again.
+            path: result directory, to which the path of the trial is relative.
         """
         return {
             "trial": self.trial.name,
@@ -145,7 +145,7 @@ class Run:
         }
 
     def _against_truth(self) -> dict[str, str]:
-        """Return the error of this run and of no estimate at all, where the trial has truth."""
+        """Return the error of this run and that of the rest shape, if the trial has truth."""
         try:
             truth = self.trial.truth()
         except InputError as error:
@@ -162,7 +162,7 @@ class Run:
         }
 
     def _rows_not_plain(self) -> dict[str, int]:
-        """Return how many rows were lost, dropped or cut short, by kind; kinds of which there are none are left out."""
+        """Return the numbers of lost, dropped and incomplete rows, without those that are zero."""
         counts: dict[str, int] = {}
         for board, clock in enumerate(self.pipeline.boards.counts if self.pipeline.boards else ()):
             for name, n in asdict(clock).items():
@@ -172,7 +172,7 @@ class Run:
 
 
 def rest_balance(rest: RestShape) -> list[tuple[str, str]]:
-    """Return how well forces balance at rest, where stiffness is known."""
+    """Return the imbalance of forces at rest, if the stiffness is known."""
     if rest.mechanics is None:
         return []
     nominal_n, tared_n = rest.unbalanced_n
@@ -180,7 +180,7 @@ def rest_balance(rest: RestShape) -> list[tuple[str, str]]:
 
 
 def load_rows(r: Reconstruction, threshold_n: float) -> list[tuple[str, str]]:
-    """Return the largest load, and the nodes that were loaded for long."""
+    """Return the largest load, and the nodes that were loaded longer than `LONG_S`."""
     if r.loads is None:
         return []
     load_n = np.nan_to_num(np.linalg.norm(r.loads.force_n, axis=-1))
@@ -195,7 +195,7 @@ def load_rows(r: Reconstruction, threshold_n: float) -> list[tuple[str, str]]:
 
 
 def flagged_sensors(r: Reconstruction) -> list[str]:
-    """Return a line for each way in which sensors misbehaved: whose, how, since when, how often left out."""
+    """Return one line for each group of sensors with the same flags: tendons, flags, first times, frames left out."""
     tendons: dict[str, list[str]] = {}
     for e in np.flatnonzero((r.flags & SENSOR_FLAGS).any(axis=0)):
         seen = {flag: np.flatnonzero(r.flags[:, e] & flag) for flag in SENSOR_FLAGS}

@@ -1,4 +1,4 @@
-"""`record`: the boards' rows into a trial directory."""
+"""`record`: writes the rows of the boards to a trial directory."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,14 +20,14 @@ from ..models.values.readings import BoardReading
 def record_boards(
     rig: Path, out: Path, *, model: Path | None, ports: Sequence[str], seconds: float, terminal: Terminal
 ) -> None:
-    """Record until `seconds` are over or Ctrl-C.
+    """Record until `seconds` have passed or Ctrl-C is pressed.
 
     Args:
-        rig: its description's file.
-        out: the trial's directory, which must not exist yet.
-        model: of the sensors, with which it is seen that the structure stands still; the one that ships if None.
+        rig: path of the description of the rig.
+        out: trial directory, which must not exist yet.
+        model: sensor model, from which motion during taring is computed; the one in the package if None.
         ports: see `Rig.plan`.
-        seconds: how long; may be infinite.
+        seconds: duration; may be infinite.
         terminal: for the panel.
 
     Raises:
@@ -45,14 +45,14 @@ def record_boards(
             for row in feed.rows:
                 assert isinstance(row, BoardReading)
                 activity.count(row, feed.source.late_s())
-                boards.reading(row)  # for the clocks' counts
+                boards.reading(row)  # updates the counts of the clocks
                 if row.host_s > seconds or feed.state().recording_error:
                     feed.source.stop()
     report_recording(out, feed.state(), terminal)
 
 
 def report_recording(path: Path, state: LinkState, terminal: Terminal) -> None:
-    """Say what was recorded.
+    """Print how many rows were recorded.
 
     Raises:
         RecordingError: when the recording ended early.

@@ -1,4 +1,4 @@
-"""`simulate`: a plan in, a trial directory out."""
+"""`simulate`: makes a trial directory from a plan."""
 
 import time
 from dataclasses import replace
@@ -13,7 +13,7 @@ from ..io.whole import check_vacant, written_whole
 from ..models.twin.virtual_trial import simulate as simulate_plan
 from ..models.values.stamped_positions import StampedPositions
 
-if TYPE_CHECKING:  # rich, which Python's `simulate` does without
+if TYPE_CHECKING:  # rich is not needed by `simulate` from Python
     from ..io.reports.terminal import Terminal
 
 
@@ -21,12 +21,12 @@ def simulate(plan: str | Path, out: str | Path, seed: int | None = None) -> Tria
     """Simulate a plan, write its trial, and return it opened.
 
     Args:
-        plan: the plan's file.
-        out: the trial's directory, which must not exist yet; it is there whole or not at all.
-        seed: instead of the plan's own.
+        plan: path of the plan.
+        out: trial directory, which must not exist yet; it is written completely or not at all.
+        seed: used instead of the seed of the plan.
 
     Raises:
-        InputError: for a plan that cannot be simulated, or when something stands at `out` or it cannot be written.
+        InputError: for a plan that cannot be simulated, or when `out` exists or cannot be written.
         IndeterminateError: when the structure has no rest shape.
         TensegraphError: when it does not come to rest, its motion runs away, or MuJoCo is not installed.
     """
@@ -44,7 +44,7 @@ def simulate(plan: str | Path, out: str | Path, seed: int | None = None) -> Tria
 
 
 def simulate_trial(plan: Path, out: Path, seed: int | None, terminal: "Terminal") -> None:
-    """Simulate a plan, and say how long its trial is; see `simulate`."""
+    """Simulate a plan, and print the number of rows of its trial; see `simulate`."""
     start_s = time.perf_counter()
     trial = simulate(plan, out, seed)
     seconds = time.perf_counter() - start_s

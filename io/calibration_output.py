@@ -1,4 +1,4 @@
-"""What a calibration writes: the model file, its card, its figures; and the checkpoint while it runs."""
+"""The files of a calibration: the model, its card and its figures, and the checkpoint of a training that is running."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,7 +14,7 @@ class CalibrationPaths:
     """The three outputs of a calibration, side by side."""
 
     model: Path
-    """*.safetensors"""
+    """Path of the model file, *.safetensors."""
 
     @property
     def card(self) -> Path:
@@ -32,10 +32,10 @@ class CalibrationPaths:
         return self.model.with_suffix(".checkpoint")
 
     def check(self) -> None:
-        """Refuse, before any work, what could not be written.
+        """Check, before any work, that all outputs can be written.
 
         Raises:
-            InputError: when something else stands in the place of an output, or the directory cannot be written to.
+            InputError: when something else exists at the path of an output, or the directory cannot be written to.
         """
         if self.model.suffix != ".safetensors":
             raise InputError(f"{self.model}: expected a name that ends in .safetensors")
@@ -50,7 +50,7 @@ class CalibrationPaths:
 
     @contextmanager
     def written_whole(self) -> Iterator["CalibrationPaths"]:
-        """Give paths to write to; they take their places when the block ends without an error, the model last."""
+        """Give temporary paths to write to; all are moved into place if the block succeeds, the model last."""
         with written_whole(self.figures, self.card, self.model) as (*_, model):
             inside = CalibrationPaths(model)
             inside.figures.mkdir()
@@ -64,16 +64,16 @@ def _is_figure(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class CheckpointFile:
-    """A training's state on disk."""
+    """The state of a training on disk."""
 
     path: Path
-    """Where."""
+    """Path of the checkpoint file."""
 
     def load(self) -> bytes | None:
-        """Return what was saved last."""
+        """Return the state that was saved last; None if there is none."""
         return self.path.read_bytes() if self.path.is_file() else None
 
     def save(self, state: bytes) -> None:
-        """Keep a state in place of the last, whole or not at all."""
+        """Store a state in place of the last one, completely or not at all."""
         with written_whole(self.path) as (inside,):
             inside.write_bytes(state)

@@ -32,14 +32,14 @@ FORMAT: Literal[2] = 2
 METADATA_KEY = "tensegraph"
 UNITS = {"change": "dR/R, fraction", "strain": "fraction of L0", "rate": "1/s", "step": "s"}
 GATES = "i f g o"
-"""Order of the LSTM's gates in its weights, as torch has it."""
+"""Order of the gates in the weights of the LSTM, the same as in torch."""
 
 Tensors = Mapping[str, NDArray[np.float64]]
 
 
 @dataclass(frozen=True, slots=True)
 class _Spread:
-    """How much strips differ."""
+    """Standard deviations over strips."""
 
     gain_sigma: float
     offset_sigma: float
@@ -47,7 +47,7 @@ class _Spread:
 
 @dataclass(frozen=True, slots=True)
 class _Metadata:
-    """The JSON string of a model file, but for its `Provenance`."""
+    """The metadata of a model file, except its `Provenance`."""
 
     memory_s: list[float]
     spread: _Spread

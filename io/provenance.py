@@ -1,4 +1,4 @@
-"""Where a result comes from: the versions that made it, and the way back to its trial."""
+"""The origin of a result: versions of software, and the path to its trial."""
 
 import os
 import platform
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def versions(solver: str = "gtsam") -> dict[str, str]:
-    """Return the versions of what made a result, or with torch for solver, a model."""
+    """Return the versions of the software that made a result; for a model, `solver` is torch."""
     packages = ("tensegraph", solver, "numpy", "scipy")
     return {"python": platform.python_version(), **{name: version(name) for name in packages}}
 
@@ -18,5 +18,5 @@ def relative_path(start: Path, end: Path) -> str:
 
 
 def simulation_provenance(plan: Path, seed: int) -> str:
-    """Return what trial.toml says of where a simulated trial comes from."""
+    """Return the text in trial.toml that describes the origin of a simulated trial."""
     return f"simulated: tensegraph {version('tensegraph')}, plan {plan.name}, seed {seed}"

@@ -1,4 +1,4 @@
-"""A recorded trial at the pace at which it came, or some times faster."""
+"""A recorded trial in real time, or faster."""
 
 import threading
 import time
@@ -9,7 +9,7 @@ from .trial_directory import Reading
 
 
 class Replay:
-    """Yields readings when they are due; stands in for the boards."""
+    """Yields readings at the times at which they arrived, divided by the speed; used in place of boards."""
 
     def __init__(self, readings: Iterable[Reading], speed: float) -> None:
         self._readings = readings
@@ -22,7 +22,7 @@ class Replay:
         start_s = time.perf_counter()
         first_s = None
         held: Reading | None = None
-        for reading in self._readings:  # one is held back, to know when the next is due
+        for reading in self._readings:  # yield one reading late, to know when the next is due
             first_s = arrival_s(reading) if first_s is None else first_s
             self._next_due_s = start_s + (arrival_s(reading) - first_s) / self._speed
             if held is not None:
@@ -44,7 +44,7 @@ class Replay:
         return time.perf_counter() - self._due_s
 
     def stop(self) -> None:
-        """Yield no more."""
+        """Stop yielding."""
         self._stopped.set()
 
 

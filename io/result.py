@@ -1,4 +1,4 @@
-"""Results on disk: a directory of CSV files that is there whole or not at all."""
+"""Results on disk: a directory of CSV files that is written completely or not at all."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,19 +24,19 @@ from .whole import check_replaceable, written_whole
 RUN_FILE = "run.toml"
 LOADS_FILE = "estimated_loads.csv"
 COVARIANCE_COLUMNS = ("cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2")
-"""The upper triangle, row by row; ten digits, since the inverse of a long, thin ellipsoid takes seven away."""
+"""The upper triangle, row by row; ten digits, because the inverse for a long, thin ellipsoid loses seven."""
 
 
 @contextmanager
 def result_directory(path: Path, marker: str = RUN_FILE) -> Iterator[Path]:
-    """Give a directory to write into; it takes the name `path` when the block ends without an error.
+    """Give a temporary directory to write into; it is moved to `path` if the block succeeds.
 
     Args:
         path: of the directory.
-        marker: the file by which an earlier one of the same kind is known, and may be replaced.
+        marker: name of a file that every earlier result of the same kind contains; such a result is replaced.
 
     Raises:
-        InputError: when something else than an earlier result stands at `path`, or it cannot be written.
+        InputError: when anything but an earlier result exists at `path`, or it cannot be written.
     """
     check_replaceable(path, marker)
     with written_whole(path) as (inside,):
@@ -45,9 +45,9 @@ def result_directory(path: Path, marker: str = RUN_FILE) -> Iterator[Path]:
 
 
 def write_tables(reconstruction: Reconstruction, probability: float, directory: Path) -> None:
-    """Write shape, ellipsoids, lengths, status; estimated_loads.csv and other_shape.csv where there are such.
+    """Write shape, ellipsoids, lengths and status, and loads and other shapes if there are any.
 
-    Tables that are there already are gone on with: a live run comes in parts.
+    Rows are appended to tables that exist already, because a live run is written in parts.
     """
     _append(directory / "shape.csv", _shape_rows(reconstruction))
     _append(directory / "ellipsoids.csv", _ellipsoid_rows(reconstruction, probability))
@@ -79,7 +79,7 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
     """Return the shapes, covariances, lengths and, where there are any, loads of a result directory.
 
     Raises:
-        InputError: when a table cannot be read, or does not go with shape.csv or the structure.
+        InputError: when a table cannot be read, or does not match shape.csv or the structure.
     """
     positions = read_positions(directory / "shape.csv", structure.node_count)
     t_s = positions.t_s
@@ -157,7 +157,7 @@ def _mode(cell: str) -> float:
 
 
 def _append(path: Path, rows: Iterator[str]) -> None:
-    """Add rows to a table; the first, its header, only where there is none yet."""
+    """Append rows to a table; the first row is the header, written only if the table is new."""
     header = next(rows)
     with path.open("a", encoding="utf-8", newline="\n") as file:
         if file.tell() == 0:

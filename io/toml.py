@@ -1,4 +1,4 @@
-"""TOML files into mappings, and where in the file a key stands."""
+"""Reading TOML files, and finding the line of a key."""
 
 import tomllib
 from collections import Counter
@@ -28,7 +28,7 @@ def read_settings(path: Path | None) -> Settings:
     """Return the settings of a configuration file, or the defaults.
 
     Raises:
-        InputError: for a file that cannot be read, a key that is no setting, or a value that cannot be.
+        InputError: for a file that cannot be read, an unknown setting, or a value that is not allowed.
     """
     if path is None:
         return Settings()
@@ -39,7 +39,7 @@ def read_settings(path: Path | None) -> Settings:
 
 
 def line_of(text: str, key: str) -> int:
-    """Return the line, from 1, on which a dotted key stands in a TOML file, or the innermost table around it.
+    """Return the line, counted from 1, of a dotted key in a TOML file, or of the innermost table around it.
 
     Args:
         text: of a file that is TOML.
@@ -52,7 +52,7 @@ def line_of(text: str, key: str) -> int:
 
 
 def _lines_of_keys(text: str) -> dict[str, int]:
-    """Return the line of every key: statements are the shortest runs of lines that are TOML by themselves."""
+    """Return the line of every key; a statement is the shortest group of lines that is valid TOML."""
     lines: dict[str, int] = {}
     table = ""
     statement = ""
@@ -65,7 +65,7 @@ def _lines_of_keys(text: str) -> dict[str, int]:
         try:
             parsed: Any = tomllib.loads(statement)
         except tomllib.TOMLDecodeError:
-            continue  # a list or a string goes on
+            continue  # a list or a string continues on the next line
         header = statement.lstrip().startswith("[")
         statement = ""
         key = "" if header else table

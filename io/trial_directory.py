@@ -20,7 +20,7 @@ from .positions import read_forces, read_positions
 from .toml import read_toml
 
 Reading = BoardReading | ResistanceReading | TendonLengths
-"""What a trial gives: rows of counts, readings of resistance, or lengths."""
+"""One measurement of a trial: a row of counts, a reading of resistance, or lengths."""
 
 
 @dataclass(slots=True, eq=False)
@@ -28,22 +28,22 @@ class Trial:
     """An opened trial."""
 
     path: Path
-    """Of its directory."""
+    """Directory of the trial."""
     name: str
-    """As trial.toml has it, or the directory's."""
+    """Name from trial.toml, or else of the directory."""
     description: TrialDescription
-    """What is known before the first measurement."""
+    """Everything that is known before the first measurement."""
     table: TrialTable
-    """trial.toml, checked."""
+    """Contents of trial.toml, validated."""
     toml: dict[str, Any]
-    """trial.toml as parsed."""
+    """Contents of trial.toml as parsed."""
     half_lines: int = field(default=0, init=False)
-    """Last lines without an end that were left out."""
+    """Number of last lines that were left out because they had no line end."""
     dropped_rows: int = field(default=0, init=False)
-    """Rows of resistance or lengths whose stamp does not go on from the one before."""
+    """Number of rows of resistance or lengths that were left out because their stamp was not later than the last."""
 
     def readings(self) -> Iterator[Reading]:
-        """Yield the measurements in order of arrival; to be iterated once.
+        """Yield the measurements in order of arrival; can be iterated only once.
 
         Raises:
             InputError: at the first row that cannot be read, or when there is none.
@@ -63,11 +63,11 @@ class Trial:
         return [stand_in.file] if stand_in else [board.file for board in self.table.board]
 
     def row_count(self) -> int:
-        """Return about how many readings there are, for a progress bar."""
+        """Return the approximate number of readings, for a progress bar."""
         return sum(max((self.path / name).read_bytes().count(b"\n") - 1, 0) for name in self.files())
 
     def hashes(self) -> dict[str, str]:
-        """Return the SHA-256 of every input: files of measurements, and trial.toml without what is evaluation only."""
+        """Return the SHA-256 of every input: files of measurements, and trial.toml without [truth]."""
         inputs = json.dumps({key: value for key, value in self.toml.items() if key != "truth"}, sort_keys=True)
         result = {"trial.toml": hashlib.sha256(inputs.encode()).hexdigest()}
         for name in self.files():
@@ -81,13 +81,13 @@ class Trial:
         return read_positions(self.path / self.table.truth.file, self.description.structure.node_count)
 
     def true_loads(self) -> TrueLoads | None:
-        """Return the external forces that the trial is known to have, if it names them. Evaluation only."""
+        """Return the true external forces, if the trial has them. Evaluation only."""
         if self.table.truth is None or self.table.truth.loads is None:
             return None
         return read_forces(self.path / self.table.truth.loads, self.description.structure.node_count)
 
     def faults(self) -> tuple[Fault, ...]:
-        """Return the faults that the trial is known to have. Evaluation only."""
+        """Return the true faults, if the trial has them. Evaluation only."""
         if self.table.truth is None:
             return ()
         return known_faults(self.table.truth, self.description, str(self.path / "trial.toml"))
@@ -155,7 +155,7 @@ class Trial:
             )
 
     def _forward(self, file: CsvFile) -> Iterator[list[float]]:
-        """Yield the rows whose stamp is later than all before; count the others."""
+        """Yield the rows whose stamp is later than all stamps before; count the others."""
         latest_s = -np.inf
         for row in file:
             if row[0] > latest_s:

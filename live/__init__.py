@@ -1,1 +1,1 @@
-"""A live session: a rig's boards, a replay or the twin in, shapes as they come out."""
+"""A live session: estimates shapes while readings arrive from boards, a replay or the twin."""

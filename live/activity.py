@@ -1,4 +1,4 @@
-"""What has happened in a live session so far, and which frames are too late to be estimated."""
+"""The counts of a live session, and the choice of frames that are too late to be estimated."""
 
 import time
 from collections import deque
@@ -13,39 +13,40 @@ from ..models.values.readings import BoardReading, TendonLengths
 from .feeds import Source
 
 LATE_S = 0.1
-"""Frames later than this are skipped, until the newest: five of them at 50 Hz, or the smoother's lag."""
+"""Delay above which frames are skipped up to the newest: five frames at 50 Hz, the same as the lag of the smoother."""
 VERY_LATE_S = 10.0
-"""A smoother that cannot make up for the taring in this time never will."""
+"""The same delay at the start, when frames from the time of the taring still wait. If the delay is longer, the smoother
+is too slow to catch up."""
 LATENCIES = 30_000
-"""Frames that the latency is the median of: ten minutes at 50 Hz."""
+"""Number of latest frames in the statistics of the latency: ten minutes at 50 Hz."""
 ARRIVALS = 101
-"""Rows of a board over which its rate is measured: two seconds at 50 Hz."""
+"""Number of latest rows of a board from which its rate is computed: two seconds at 50 Hz."""
 
 
 @dataclass(slots=True)
 class Activity:
-    """What has happened so far: for the panel, and for run.toml."""
+    """The counts of a session so far, for the panel and for run.toml."""
 
     boards: int
-    """How many there are."""
+    """Number of boards."""
     started_s: float = field(default_factory=time.perf_counter)
-    """By `time.perf_counter`, as all times here."""
+    """Time at which the session started, on the clock of `time.perf_counter` like all times here."""
     rows: int = 0
-    """Of all boards."""
+    """Number of readings, of all boards together."""
     arrivals_s: list[deque[float]] = field(default_factory=list)
-    """Of each board, its latest arrivals."""
+    """Arrival times of the latest rows of each board."""
     frames: int = 0
     skipped_frames: int = 0
     latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES))
-    """From the last byte that a frame needed to its shape."""
+    """Latency of the latest frames: time from the last byte that a frame needs to its shape."""
     shape: Shape | None = None
-    """The newest."""
+    """The newest shape; None before the first."""
 
     def __post_init__(self) -> None:
         self.arrivals_s = [deque(maxlen=ARRIVALS) for _ in range(self.boards)]
 
     def count(self, reading: Reading, late_s: float) -> None:
-        """Count a reading that came `late_s` ago."""
+        """Count a reading that arrived `late_s` ago."""
         self.rows += 1
         if isinstance(reading, BoardReading):
             self.arrivals_s[reading.board].append(time.perf_counter() - late_s)
@@ -58,7 +59,7 @@ class Activity:
         return (len(latest) - 1) / max(latest[-1] - latest[0], 1e-6)
 
     def age_s(self, board: int) -> float:
-        """Return how long ago a board's newest row came."""
+        """Return how long ago the newest row of a board arrived."""
         latest = self.arrivals_s[board]
         return time.perf_counter() - latest[-1] if latest else np.inf
 
@@ -71,9 +72,10 @@ class Activity:
 
 
 class NewestFrames:
-    """Passes frames on; once they are late, skips to the newest, and counts what it skipped.
+    """Passes frames on; when they are late, skips to the newest frame and counts the skipped ones.
 
-    At first there is the time of the taring to make up for: until then only frames that are very late are skipped.
+    At the start, frames from the time of the taring still wait. Until these are estimated, only frames later than
+    `VERY_LATE_S` are skipped.
     """
 
     def __init__(self, source: Source, activity: Activity) -> None:

@@ -1,4 +1,4 @@
-"""Where a live session's readings come from: a rig's boards once the structure stood still, a replay, or the twin."""
+"""The sources of readings of a live session: the boards of a rig after taring, a replay, or the twin."""
 
 import time
 from collections import deque
@@ -25,55 +25,55 @@ from .rig import Rig, TaringRows, tare, wait_for_boards, without_truth
 
 
 class Source(Protocol):
-    """Where readings come from: boards, a replay, the twin."""
+    """A source of readings: boards, a replay or the twin."""
 
     def rows(self) -> Iterator[Reading]:
-        """Yield readings as they come, until `stop`."""
+        """Yield readings as they arrive, until `stop`."""
         ...
 
     def waiting(self) -> int:
-        """Return how many readings have come and were not yet yielded."""
+        """Return how many readings have arrived and were not yet yielded."""
         ...
 
     def late_s(self) -> float:
-        """Return how long ago the reading that was yielded last had come."""
+        """Return how long ago the reading that was yielded last had arrived."""
         ...
 
     def stop(self) -> None:
-        """Read no more; what has come is still yielded."""
+        """Stop reading; readings that have arrived are still yielded."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Feed:
-    """A source that has begun: a trial, as it comes."""
+    """A trial that has begun, with the source of its readings."""
 
     source: Source
     rows: Iterator[Reading]
-    """The trial's readings, as they come."""
+    """Readings of the trial, as they arrive."""
     description: TrialDescription
-    """What is known of the trial before its first reading."""
+    """Everything that is known of the trial before its first reading."""
     name: str
-    """Of the trial."""
+    """Name of the trial."""
     origin: str
-    """Where the readings come from, in words for the screen."""
+    """Description of the source, for the screen."""
     state: Callable[[], LinkState]
-    """Returns the state of ports and recording at the moment."""
+    """Function that returns the present state of ports and recording."""
     trial: Path | None
-    """Where the same readings are to be found afterwards, if anywhere."""
+    """Directory in which the same readings can be found afterwards; None if they are not recorded."""
     taring: str = ""
-    """What motion there was while the sensors were tared."""
+    """Description of the motion while the sensors were tared; empty without taring."""
 
 
 class Operator(Protocol):
     """The person at the rig."""
 
     def say(self, text: str) -> None:
-        """Tell the operator how things stand."""
+        """Show a message to the operator."""
         ...
 
     def ask_for_rest(self, seconds: float) -> None:
-        """Ask that the structure be left alone for some seconds; return when the operator agrees."""
+        """Ask the operator not to touch the structure for some seconds; return when the operator agrees."""
         ...
 
 
@@ -81,7 +81,7 @@ class Operator(Protocol):
 def boards_feed(
     rig: Rig, ports: Sequence[str], record: Path | None, settings: Settings, model: SensorModel, operator: Operator
 ) -> Iterator[Feed]:
-    """Give the rows of a rig's boards, recorded if a path is given, once the structure has stood still.
+    """Give the rows of the boards of a rig after taring, recorded if a path is given.
 
     Raises:
         TensegraphError: when no board answers, or the structure does not stand still.
@@ -112,10 +112,10 @@ def boards_feed(
 
 @contextmanager
 def replay_feed(path: Path, speed: float, record: Path | None) -> Iterator[Feed]:
-    """Give the readings of a recorded trial at its own pace, or so many times faster; recorded again if asked to.
+    """Give the readings of a recorded trial, `speed` times faster than real time, recorded again if a path is given.
 
     Raises:
-        InputError: when the trial cannot be read, or the recording not be written.
+        InputError: when the trial cannot be read, or the recording cannot be written.
     """
     trial = open_trial(path)
     source = Replay(trial.readings(), speed)
@@ -134,10 +134,10 @@ def replay_feed(path: Path, speed: float, record: Path | None) -> Iterator[Feed]
 
 @contextmanager
 def twin_feed(plan: Path, speed: float, record: Path | None) -> Iterator[Feed]:
-    """Give the readings that a plan's twin would, at their pace, and without the truth.
+    """Give the readings of the simulation of a plan, `speed` times faster than real time, without the truth.
 
     Raises:
-        TensegraphError: when the plan cannot be simulated, or the recording not be written.
+        TensegraphError: when the plan cannot be simulated, or the recording cannot be written.
     """
     parsed = read_plan(plan)
     trial = simulate_plan(parsed, simulation_provenance(plan, parsed.seed))
@@ -158,7 +158,7 @@ def twin_feed(plan: Path, speed: float, record: Path | None) -> Iterator[Feed]:
 
 @contextmanager
 def _recorded(feed: Feed, metadata: Mapping[str, Any], record: Path | None) -> Iterator[Feed]:
-    """Give the same feed; if there is a path, its rows are recorded as they pass."""
+    """Give the same feed, whose rows are recorded if a path is given."""
     if record is None:
         yield feed
         return
@@ -181,7 +181,7 @@ def _recorded_rows(readings: Iterator[Reading], recorder: RecorderThread) -> Ite
 
 
 class TrialOfBoards:
-    """The rows of a trial that begins with those it was tared on, counted from its origin."""
+    """The rows of a trial, starting with those of the taring, with times from the origin of the trial."""
 
     def __init__(self, link: SerialLink, taring: TaringRows) -> None:
         self._link = link
@@ -203,10 +203,10 @@ class TrialOfBoards:
                 yield row
 
     def waiting(self) -> int:
-        """Return how many rows have come and were not yet yielded."""
+        """Return how many rows have arrived and were not yet yielded."""
         self._link.receive()
         return len(self._tared) + self._link.waiting()
 
     def late_s(self) -> float:
-        """Return how long ago the row that was yielded last had come."""
+        """Return how long ago the row that was yielded last had arrived."""
         return time.perf_counter() - self._origin_s - self._latest_s

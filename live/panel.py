@@ -1,4 +1,4 @@
-"""What the operator sees at the rig: the status panel, and what is asked."""
+"""The status panel, and the questions to the operator at the rig."""
 
 import sys
 import time
@@ -20,7 +20,7 @@ from .activity import Activity
 
 
 class Panel:
-    """The state of a session at the moment at which rich draws it."""
+    """The state of a session, evaluated whenever rich draws the panel."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class Panel:
 
 @contextmanager
 def shown(panel: Panel, console: Console) -> Iterator[None]:
-    """Draw a panel twice a second; where there is no terminal, once at the end."""
+    """Draw a panel twice a second; without a terminal, once at the end."""
     with Live(panel, console=console, refresh_per_second=2):
         yield
     if not console.is_terminal:
@@ -56,7 +56,7 @@ def shown(panel: Panel, console: Console) -> Iterator[None]:
 
 
 class OperatorAtTerminal:
-    """An operator who reads the screen and presses Enter; nobody is asked where there is no keyboard."""
+    """An operator who reads the screen and presses Enter; without a keyboard, nothing is asked."""
 
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
@@ -66,7 +66,7 @@ class OperatorAtTerminal:
         self._terminal.line(text)
 
     def ask_for_rest(self, seconds: float) -> None:
-        """Wait for Enter, where there is somebody to press it."""
+        """Wait until Enter is pressed, if standard input is a terminal."""
         if sys.stdin.isatty():
             self._terminal.results.input("Leave the structure alone, standing at its rest shape, and press Enter: ")
         self.say(f"taring for {seconds:g} s: it has to stand still ...")
@@ -112,7 +112,7 @@ def _summary(activity: Activity, state: LinkState) -> Table:
 
 
 def _flagged(flags: NDArray[np.int64]) -> str:
-    """Return which sensors misbehave now, and how, sensors of one kind together."""
+    """Return the sensors that are flagged now, grouped by flag."""
     kinds: dict[str, list[str]] = {}
     for tendon in np.flatnonzero(flags & SENSOR_FLAGS):
         kinds.setdefault(Flag(int(flags[tendon]) & SENSOR_FLAGS).names(), []).append(str(tendon))

@@ -1,4 +1,4 @@
-"""A rig: its description, whether its boards answer, and the time in which it stands still."""
+"""A rig: reading its description, waiting for its boards, and taring its sensors while the structure stands still."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -19,23 +19,23 @@ from ..models.values.link import LinkState, PortState, rebased
 from ..models.values.readings import BoardReading
 
 PATIENCE_S = 6.0
-"""How long boards are waited for: a Mega that is opened restarts, and says hello after two seconds."""
+"""Longest time to wait for boards. An Arduino Mega restarts when its port is opened, and sends hello after 2 s."""
 TARINGS = 10
-"""How many times the structure may move while it should stand still."""
+"""Largest number of attempts at taring, each of which fails if the structure moves."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """What stands in the lab: a trial.toml without a trial."""
+    """The description of structure, sensors and boards in a lab, in the form of trial.toml."""
 
     path: Path
-    """Of the file that describes it."""
+    """Path of the file with the description."""
     toml: dict[str, Any]
-    """That file as parsed."""
+    """Contents of the file as parsed, without the truth."""
     table: TrialTable
-    """The same, checked."""
+    """Contents of the file, validated."""
     description: TrialDescription
-    """What it means."""
+    """Structure, sensors and boards that the file describes."""
 
     @classmethod
     def read(cls, path: Path) -> Self:
@@ -56,10 +56,10 @@ class Rig:
         return cls(path=path, toml=toml, table=table, description=description)
 
     def plan(self, ports: Sequence[str]) -> LinkPlan:
-        """Return which boards to read on which ports; without ports, on the rig's own, or on all.
+        """Return the boards to read and their ports; if `ports` is empty, those of the rig, or all USB serial ports.
 
         Raises:
-            InputError: when two boards have one id, or an id is no number that fits in a byte.
+            InputError: when two boards have the same id, or an id is not a number from 0 to 255.
         """
         ids: list[int] = []
         for b, board in enumerate(self.table.board):
@@ -78,7 +78,7 @@ class Rig:
         )
 
     def metadata(self, name: str, state: LinkState) -> dict[str, Any]:
-        """Return the trial.toml of a trial that begins now."""
+        """Return the contents of trial.toml for a trial that begins now."""
         firmware = {port.board: port.hello.firmware for port in state.ports if port.hello is not None}
         boards = [
             table | ({"firmware": firmware[b]} if b in firmware else {}) for b, table in enumerate(self.toml["board"])
@@ -88,10 +88,10 @@ class Rig:
 
 
 def wait_for_boards(link: SerialLink, count: int, ports: str) -> int:
-    """Wait until all boards are heard, or some for long enough; return how many.
+    """Wait until all boards have answered, at most for `PATIENCE_S`; return how many did.
 
     Raises:
-        TensegraphError: when none is heard.
+        TensegraphError: when no board answers.
     """
     link.wait_until_it_reads()
     until_s = time.perf_counter() + PATIENCE_S
@@ -107,7 +107,7 @@ def wait_for_boards(link: SerialLink, count: int, ports: str) -> int:
 
 
 def _reason_of_silence(port: PortState) -> str:
-    """Return why no board was heard on a port."""
+    """Return the reason why no board answered on a port."""
     if port.complaint or not port.counts.garbage + port.counts.bad_crc:
         return port.complaint or "silent"
     return "sends nothing that can be read: is its rate [link] baud?"
@@ -115,28 +115,28 @@ def _reason_of_silence(port: PortState) -> str:
 
 @dataclass(frozen=True, slots=True)
 class TaringRows:
-    """The rows from which the sensors are tared: those of the time in which the structure stood still."""
+    """The rows of the time in which the structure stood still, from which the sensors are tared."""
 
     origin_s: float
-    """When that time began, by `time.perf_counter`."""
+    """Start of that time, on the clock of `time.perf_counter`."""
     rows: list[BoardReading]
-    """Counted from there."""
+    """The rows, with times from `origin_s`."""
     motion: RestMotion | None
-    """How much tendons moved all the same; None when the rig has no rest."""
+    """Remaining motion of the tendons; None when the rig has no rest."""
 
 
 def tare(link: SerialLink, rig: Rig, settings: Settings, model: SensorModel, say: Callable[[str], None]) -> TaringRows:
-    """Wait for a time in which the structure stands still, as long as the rig's rest.
+    """Wait until the structure has stood still for the rest time of the rig.
 
     Args:
-        link: to the boards.
-        rig: their description.
-        settings: of their clocks.
-        model: of the sensors, by which motion is seen.
-        say: tells the operator what is seen.
+        link: connection to the boards.
+        rig: description of the boards.
+        settings: those of the clocks are used.
+        model: sensor model, from which motion is computed.
+        say: shows a message to the operator.
 
     Raises:
-        TensegraphError: when it does not stand still.
+        TensegraphError: when it does not stand still, or too few readings arrive to judge.
     """
     rest_s = rig.description.rest_seconds
     if rest_s == 0:
@@ -154,7 +154,7 @@ def tare(link: SerialLink, rig: Rig, settings: Settings, model: SensorModel, say
 def _rows_and_motion(
     link: SerialLink, origin_s: float, trial: TrialDescription, settings: Settings, model: SensorModel
 ) -> tuple[list[BoardReading], RestMotion]:
-    """Return the rows of the rest that begins at `origin_s`, counted from there, and what motion they show."""
+    """Return the rows of the rest, with times from its start `origin_s`, and the motion that they show."""
     rows: list[BoardReading] = []
     boards = trial.boards(settings.clock)
     watch = StillnessWatch(model.gauge, trial.natural_resistance_ohm, trial.structure.natural_length_m)
@@ -171,5 +171,5 @@ def _rows_and_motion(
 
 
 def without_truth(metadata: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a trial.toml without what is evaluation only."""
+    """Return the contents of trial.toml without [truth], which is for evaluation only."""
     return {key: value for key, value in metadata.items() if key != "truth"}

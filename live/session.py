@@ -1,6 +1,6 @@
-"""A live session: readings in, shapes out as they come, into a result that grows with them.
+"""A live session: shapes are estimated as readings arrive, and appended to a result.
 
-rows -> lengths -> newest frames -> shapes -> result, view; the panel watches.
+rows -> lengths -> newest frames -> shapes -> result and view; the panel shows the state.
 """
 
 import gc
@@ -25,13 +25,13 @@ from .activity import Activity, NewestFrames
 from .feeds import Feed, Source
 
 CHUNK = 5
-"""Frames that are written to the result at once, which takes 3 ms; 25 of them would hold the next frame up by 12 ms."""
+"""Number of frames that are written to the result together, in 3 ms; 25 would delay the next frame by 12 ms."""
 FIGURE_FRAMES = 2000
-"""Frames that the figures show at most; of a longer session they show every second, fourth, ... one."""
+"""Largest number of frames in the figures; of a longer session they show every second, fourth, ... frame."""
 
 
 class LiveResult:
-    """A result directory that grows with the session, in bounded memory; whole when the block ends."""
+    """A result directory to which shapes are appended, in bounded memory; complete when the block ends."""
 
     def __init__(self, path: Path, structure: Structure, settings: Settings) -> None:
         self._structure = structure
@@ -52,7 +52,7 @@ class LiveResult:
         self._opening.__exit__(kind, error, traceback)
 
     def add(self, shape: Shape) -> None:
-        """Add one shape: to the tables with the next few, and to the figures if there are not too many yet."""
+        """Add one shape to the tables, and to the figures if it is among those that they show."""
         self._chunk.append(shape)
         if len(self._chunk) == CHUNK:
             self._write_chunk()
@@ -64,7 +64,7 @@ class LiveResult:
             self._draw_every *= 2
 
     def finish(self, title: str, run: Mapping[str, Any]) -> None:
-        """Write what is left, the figures, and run.toml.
+        """Write the remaining shapes, the figures, and run.toml.
 
         Raises:
             InputError: when there was no frame.
@@ -83,7 +83,7 @@ class LiveResult:
 
 
 class Session:
-    """Shapes from a source, as they come."""
+    """Estimates shapes as readings arrive from a source."""
 
     def __init__(self, feed: Feed, pipeline: Pipeline, seconds: float) -> None:
         self.pipeline = pipeline
@@ -94,11 +94,13 @@ class Session:
 
     def shapes(self) -> Iterator[Shape]:
         """Yield shapes until the source ends or is stopped."""
-        gc.freeze()  # to look through all that is there by now would hold up some frame by 75 ms
+        gc.freeze()  # exclude existing objects from garbage collection, which would delay a frame by 75 ms
         activity = self.activity
         newest = NewestFrames(self._feed.source, activity)
         for shape in self.pipeline.shapes(newest.select(self.pipeline.lengths(self._counted_rows())), "live"):
-            if newest.caught_up and not self._ended:  # frames that waited for the taring, or the end, tell nothing
+            if (
+                newest.caught_up and not self._ended
+            ):  # the latency of frames that waited for the taring or the end has no meaning
                 activity.latency_s.append(self._feed.source.late_s())
             activity.frames += 1
             activity.shape = shape
@@ -116,7 +118,7 @@ class Session:
         """Return run.toml.
 
         Args:
-            path: of the result directory, from which the trial is found again.
+            path: result directory, to which the path of the trial is relative.
         """
         p = self.activity
         state = self._feed.state()
@@ -143,7 +145,7 @@ class Session:
 
 @contextmanager
 def stopped_by_signals(source: Source) -> Iterator[None]:
-    """Let Ctrl-C or a termination stop the source, so that the session ends whole; the second one ends it at once."""
+    """Let Ctrl-C or a termination stop the source, so that the session ends in order; a second one ends it at once."""
     numbers = signal.SIGINT, signal.SIGTERM
     earlier = {number: signal.getsignal(number) for number in numbers}
 

@@ -1,4 +1,4 @@
-"""Where the rows of all boards meet: stamped, in one order of arrival, and handed on to recorder and estimator."""
+"""The hub collects the rows of all boards, in order of arrival, for the recorder and the estimator."""
 
 import threading
 import time
@@ -20,43 +20,43 @@ from .protocol import Message, Row
 from .recorder import Recorder, RecorderThread
 
 WAITING_ROWS = 2000
-"""Rows that may wait for the estimator: 20 s of two boards at 50 Hz. Older ones are skipped, and counted."""
+"""Largest number of rows that wait for the estimator: 20 s of two boards at 50 Hz. Older ones are skipped."""
 ROWS_BEFORE_TRIAL = 20_000
-"""Rows that may wait for the recording to begin: while the sensors are tared."""
+"""Largest number of rows that wait, while the sensors are tared, for the recording to begin."""
 STATE_S = 0.2
-"""Between two reports of the ports' state."""
+"""Time between two reports of the state of the ports."""
 OWNER_S = 1.0
-"""A board that was heard within this time on one port is not taken from another."""
+"""Time after the last row of a board on one port during which no rows of the same board are accepted on another."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinkPlan:
-    """Which boards to read, and where to look for them."""
+    """The boards to read, and the ports to look for them."""
 
     board_ids: tuple[int, ...]
-    """Of each board of the rig."""
+    """Identifier of each board of the rig."""
     channels: tuple[int, ...]
-    """Of each board."""
+    """Number of channels of each board."""
     ports: tuple[str, ...]
-    """None: all USB serial ports, also those that are plugged in later."""
+    """Names of serial ports; if empty, all USB serial ports, including those that are connected later."""
     baud: int
-    """Of all ports."""
+    """Baud rate of all ports."""
 
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """Rows from `origin_s` on are the trial's, counted from there; with a path, they are recorded."""
+    """The command that begins a trial: rows from `origin_s` on belong to it, and are recorded if a path is given."""
 
     origin_s: float
-    """By `time.perf_counter`."""
+    """Origin of the time of the trial, on the clock of `time.perf_counter`."""
     path: Path | None
-    """Of the trial's directory."""
+    """Directory of the trial to record; None if nothing is recorded."""
     metadata: Mapping[str, Any]
-    """Its trial.toml."""
+    """Contents of trial.toml."""
 
 
 class Hub:
-    """Where the rows of all readers meet: stamped, in order, and handed on to the recorder and the estimator."""
+    """Collects the rows of all readers, stamps them in order of arrival, and passes them on."""
 
     def __init__(self, plan: LinkPlan) -> None:
         self._plan = plan
@@ -74,7 +74,7 @@ class Hub:
         self._finished = False
 
     def look_for_ports(self) -> None:
-        """Start a reader for each port that is new; those of ports that went away wait for them to come back."""
+        """Start a reader for each new port; the reader of a port that was disconnected waits until it is back."""
         for port in self._plan.ports or usb_ports():
             if port not in self._readers:
                 self._readers[port] = PortReader(port, self._plan.baud, self.take, self._stop)
@@ -98,13 +98,13 @@ class Hub:
             self._before_trial.clear()
 
     def take(self, reader: PortReader, messages: Sequence[Message], now_s: float) -> None:
-        """Take in what one reader got, at the time it got it."""
+        """Accept the messages that one reader received at one time."""
         with self._changed:
             for message in messages:
                 if isinstance(message, Hello):
                     reader.hello = message
                 elif (board := self._board(reader, message, now_s)) is not None:
-                    # one order of arrival for all, to the microsecond, so that a trial read back is the same stream
+                    # strictly increasing in microseconds, so that a trial is read back in the same order
                     self._last_s = max(round(now_s, 6), round(self._last_s + 1e-6, 6))
                     counts = np.array(message.codes, dtype=np.int64)
                     row = BoardReading(
@@ -119,7 +119,7 @@ class Hub:
             self._changed.notify()
 
     def send_all(self, pipe: Connection) -> None:
-        """Send rows as they come, and the state now and then, until all is sent."""
+        """Send rows as they arrive, and the state every `STATE_S`, until `finish` is called and all rows are sent."""
         state_s = -np.inf
         while True:
             with self._changed:
@@ -138,7 +138,7 @@ class Hub:
                 if finished:
                     pipe.send(None)
                     return
-            except OSError:  # the other side is gone
+            except OSError:  # the other process has ended
                 return
 
     def stop_reading(self) -> None:
@@ -148,13 +148,13 @@ class Hub:
             reader.join()
 
     def finish(self) -> None:
-        """Let the sender end when all is sent."""
+        """Let `send_all` end when it has sent all rows."""
         with self._changed:
             self._finished = True
             self._changed.notify()
 
     def _board(self, reader: PortReader, row: Row, now_s: float) -> int | None:
-        """Return which board of the rig sent a row, or None, with the complaint set, if it is not to be taken."""
+        """Return which board of the rig sent a row, or None, with a complaint, if the row is rejected."""
         ids = self._plan.board_ids
         if row.board_id not in ids:
             reader.complaint = f"board {row.board_id} is not in the rig: expected {', '.join(map(str, ids))}"

@@ -1,4 +1,4 @@
-"""Serial ports: which there are, what answers on them, and a reader that comes back after the cable was out."""
+"""Serial ports: listing them, asking which board is connected, reading them in spite of unplugged cables."""
 
 import threading
 import time
@@ -12,24 +12,24 @@ from ...models.values.link import Hello, LinkCounts
 from .protocol import Decoder, Message, Row
 
 RETRY_S = 0.25
-"""Between two attempts to open a port that is not there."""
+"""Time between two attempts to open a port."""
 POLL_S = 0.1
-"""How long a read waits for a byte, at most, before it looks whether it is to stop."""
+"""Longest time that a read waits for a byte before it checks whether it should stop."""
 
 
 @dataclass(frozen=True, slots=True)
 class PortAnswer:
-    """What one port had to say."""
+    """The answer of one port."""
 
     port: str
     description: str
-    """Of the USB device, as the system names it."""
+    """Description of the USB device by the operating system."""
     board_id: int | None = None
     hello: Hello | None = None
-    """Absent when the board sends rows only, as with the line protocol."""
+    """The hello message; None if the board sends only rows, as in the line protocol."""
     channels: int | None = None
     error: str = ""
-    """Why it could not be opened, if so."""
+    """Reason why the port could not be opened; empty if it could."""
 
 
 def usb_ports() -> dict[str, str]:
@@ -38,9 +38,9 @@ def usb_ports() -> dict[str, str]:
 
 
 def ask(port: str, description: str, baud: int, seconds: float) -> PortAnswer:
-    """Listen to a port until its board has said hello, or for so long.
+    """Listen to a port until its board has sent a hello message, at most for the given time.
 
-    Opening it restarts most boards: a Mega answers after about two seconds.
+    Opening a port restarts most boards: a Mega answers after about two seconds.
     """
     row: Row | None = None
     try:
@@ -68,7 +68,7 @@ def ask(port: str, description: str, baud: int, seconds: float) -> PortAnswer:
 
 
 class PortReader(threading.Thread):
-    """Reads one port, and opens it again whenever it went away."""
+    """Thread that reads one port, and opens it again after every disconnection."""
 
     def __init__(
         self, port: str, baud: int, deliver: Callable[["PortReader", list[Message], float], None], stop: threading.Event
@@ -86,7 +86,7 @@ class PortReader(threading.Thread):
 
     @property
     def counts(self) -> LinkCounts:
-        """What became of all its bytes so far."""
+        """How many messages of the port were intact or damaged so far."""
         return self._counts + self._decoder.counts
 
     def run(self) -> None:
@@ -113,7 +113,7 @@ def _opened(port: str, baud: int) -> serial.Serial:
 
 
 def _port_errors() -> tuple[type[Exception], ...]:
-    """Return what pyserial lets through when a device goes away in the middle of a call."""
+    """Return the types of errors that pyserial raises when a device is disconnected during a call."""
     try:
         import termios
     except ImportError:  # Windows
@@ -125,7 +125,7 @@ _PORT_ERRORS = _port_errors()
 
 
 def _reason(error: Exception) -> str:
-    """Return the system's reason, without pyserial's wrapping."""
+    """Return the reason that the system gives, without the text that pyserial adds."""
     number = getattr(error, "errno", None)
     if number is None:
         return "the device is gone"

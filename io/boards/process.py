@@ -1,4 +1,4 @@
-"""The boards, read and recorded in a process of its own: whatever the estimator does, no byte waits for it.
+"""The boards are read and recorded in a separate process, so that the estimator can never delay them.
 
 port -> reader thread --+                    +-> recorder thread -> disk     (every row)
                         +-> stamp, in order -+
@@ -24,21 +24,23 @@ from ...models.values.readings import BoardReading
 from .hub import STATE_S, WAITING_ROWS, Begin, Hub, LinkPlan
 
 SWITCH_S = 0.0002
-"""How long another thread may hold up a reader. With Python's 5 ms, a recording that began cost it 100 ms."""
+"""Switch interval of Python's threads. With the default, 5 ms, the start of a recording delayed a reader by 100 ms."""
 
 
 class SerialLink:
-    """The rows of all boards, in order of arrival, from another process; a context manager."""
+    """The rows of all boards in order of arrival, from the process that reads them; a context manager."""
 
     def __init__(self, plan: LinkPlan) -> None:
         self.state = LinkState()
-        """As last reported."""
+        """State of ports and recording, as last reported by the process."""
         self._rows: deque[BoardReading] = deque()
         self._reads = self._ended = self._stopping = False
         context = multiprocessing.get_context("spawn")  # gtsam's threads do not survive a fork
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(plan, theirs), daemon=True)
-        on_interrupt = signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group: we decide
+        on_interrupt = signal.signal(
+            signal.SIGINT, signal.SIG_IGN
+        )  # Ctrl-C is sent to both processes; only this one handles it
         self._process.start()
         signal.signal(signal.SIGINT, on_interrupt)
         theirs.close()
@@ -63,12 +65,12 @@ class SerialLink:
     def begin(self, origin_s: float, path: Path | None = None, metadata: Mapping[str, Any] | None = None) -> None:
         """Begin a trial with the first row from `origin_s` on; record it if a path is given.
 
-        A recording that cannot be, or ends early, says so in `state`.
+        If the recording cannot be written or ends early, `state` contains the error.
         """
         self._pipe.send(Begin(origin_s, path, metadata or {}))
 
     def rows(self) -> Iterator[BoardReading]:
-        """Yield rows, their arrival by `time.perf_counter`, until `stop` and all that came before it.
+        """Yield rows, with arrival times of `time.perf_counter`, until all rows that came before `stop` are yielded.
 
         Raises:
             TensegraphError: when the other process ended by itself.
@@ -86,7 +88,7 @@ class SerialLink:
         return len(self._rows)
 
     def stop(self) -> None:
-        """Read no more; what has come is still yielded."""
+        """Stop reading; rows that have arrived are still yielded."""
         if not self._stopping:
             self._stopping = True
             self._pipe.send(None)
@@ -119,9 +121,9 @@ class SerialLink:
 
 
 def _serve(plan: LinkPlan, pipe: Connection) -> None:
-    """Read boards until the other side says so, or is gone."""
+    """Read boards until the other process asks to stop or has ended."""
     sys.setswitchinterval(SWITCH_S)
-    gc.freeze()  # to look through all that was imported would hold up every reader by 75 ms
+    gc.freeze()  # exclude existing objects from garbage collection, which would delay every reader by 75 ms
     with ExitStack() as recording:
         hub = Hub(plan)
         sender = threading.Thread(target=hub.send_all, args=(pipe,), daemon=True)
@@ -134,7 +136,7 @@ def _serve(plan: LinkPlan, pipe: Connection) -> None:
                     if command is None:
                         break
                     hub.begin(command, recording)
-        except (EOFError, OSError):  # the other side is gone
+        except (EOFError, OSError):  # the other process has ended
             pass
         hub.stop_reading()
         recording.close()

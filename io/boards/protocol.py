@@ -1,7 +1,7 @@
-r"""The boards' protocols: bytes into messages, whatever happens to the bytes on the way.
+r"""The protocols of the boards: messages from a stream of bytes, parts of which may be damaged.
 
 Frames (version 1), little-endian, COBS-encoded, a zero byte before and after each, so that a damaged frame does not
-take its neighbour along:
+damage the next one:
 
     version u8 = 1, kind u8, board u8, boot u16,                    head of both kinds
     seq u16, device_us u32, n u8, n codes u16,                      kind 1, a row
@@ -36,7 +36,7 @@ LINE = re.compile(rb"(\d{1,3}),(\d{1,5}),(\d{1,10})((?:,\d{1,5})+)(?:\*([0-9A-Fa
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One instant of one board, as it left the board."""
+    """The readings of one board at one time, as the board sends them."""
 
     board_id: int
     boot: int
@@ -49,7 +49,7 @@ Message = Row | Hello
 
 
 class DamagedError(ValueError):
-    """Bytes that are no message; `bad_crc` tells whether only their checksum says so."""
+    """Bytes that are not a message; `bad_crc` is true if only the checksum is wrong."""
 
     def __init__(self, bad_crc: bool) -> None:
         super().__init__("bad CRC" if bad_crc else "garbage")
@@ -126,7 +126,7 @@ def parse_line(text: bytes, needs_checksum: bool) -> Row:
 
 
 class _Pieces:
-    """Messages out of a stream that delimiters divide; what stands before the first delimiter is half a message."""
+    """Decodes messages separated by delimiters; bytes before the first delimiter may be part of a message."""
 
     def __init__(self, delimiter: bytes, parse: Callable[[bytes], Message | None]) -> None:
         self._delimiter = delimiter
@@ -150,20 +150,20 @@ class _Pieces:
                     messages.append(message)
             self._begun = True
         if len(self._rest) > LONGEST:
-            self._rest = self._rest[-LONGEST:]  # no delimiter for longer than any message: remember that it is none
+            self._rest = self._rest[-LONGEST:]  # longer than any message, so it cannot become one
         self.counts += LinkCounts(messages=len(messages))
         return messages
 
 
 class FrameDecoder(_Pieces):
-    """Frames out of bytes; resynchronises at the next delimiter."""
+    """Decodes frames; after damaged bytes it continues at the next delimiter."""
 
     def __init__(self) -> None:
         super().__init__(b"\0", parse_frame)
 
 
 class LineDecoder(_Pieces):
-    """Lines out of bytes; a line that begins with `#` is a comment."""
+    """Decodes lines; a line that begins with `#` is a comment."""
 
     def __init__(self) -> None:
         super().__init__(b"\n", self._line)
@@ -178,18 +178,18 @@ class LineDecoder(_Pieces):
 
 
 class Decoder:
-    """Frames or lines, whichever comes first."""
+    """Decodes frames or lines, whichever is received first."""
 
     def __init__(self) -> None:
         self._candidates: list[FrameDecoder | LineDecoder] = [FrameDecoder(), LineDecoder()]
 
     @property
     def counts(self) -> LinkCounts:
-        """What became of the bytes so far."""
+        """How many messages were intact or damaged so far."""
         return self._candidates[0].counts
 
     def feed(self, data: bytes) -> list[Message]:
-        """Return the messages that the next bytes complete; any bytes will do, no error comes of them."""
+        """Return the messages that the next bytes complete; no bytes cause an error."""
         for decoder in self._candidates:
             if messages := decoder.feed(data):
                 self._candidates = [decoder]

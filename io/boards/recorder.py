@@ -1,7 +1,7 @@
-"""The writer of trial directories: trial.toml first, then a row per reading, CSV lines ending as RFC 4180 has it.
+"""Writes trial directories: trial.toml first, then one row per reading, in CSV with the line ends of RFC 4180.
 
-Whatever ends the process, what was there a second before is on the disk: the directory takes its name with trial.toml
-and the headers in it, each row is handed to the system when it comes, and `sync` has the system write it down.
+However the process ends, all rows older than one second are on the disk: the directory appears under its name with
+trial.toml and the headers in it, each row is passed to the system when it arrives, and `sync` flushes it to the disk.
 """
 
 import os
@@ -33,17 +33,17 @@ COMMENTS = {
     "sensors.natural_resistance_ohm": "R0 at L0, measured before mounting",
     "truth.file": "host clock; evaluation only, never an input to the estimator",
 }
-"""What trial.toml says beside its keys."""
+"""Comments in trial.toml, by key."""
 
 SYNC_S = 0.5
-"""Between two syncs: a row is then on the disk within a second, even if the sync takes as long as the pause."""
+"""Time between two syncs: a row is on the disk within 1 s, even if a sync takes as long as this time."""
 
 
 class Recorder:
-    """Writes one trial directory; a context manager, whose end closes the files.
+    """Writes one trial directory; a context manager that closes the files at its end.
 
     Args:
-        path: of the directory, which must not exist yet: a recording is never written over.
+        path: of the directory, which must not exist yet: a recording is never overwritten.
         metadata: trial.toml as a mapping, with a `board` table for each file of rows.
         with_boot: whether the boards count how often they started; a column `boot` then says so.
 
@@ -88,16 +88,16 @@ class Recorder:
         boot = f",{reading.boot}" if self._with_boot else ""
         row = f"{reading.host_s:.6f},{reading.seq},{reading.device_us},{counts}{boot}\r\n".encode()
         try:
-            while row:  # a disk that is nearly full takes a part
+            while row:  # a disk that is nearly full may write only a part
                 row = row[self._boards[reading.board].write(row) or 0 :]
         except OSError as error:
             raise RecordingError(f"{self._path}: the recording ended: {error.strerror}") from error
 
     def sync(self) -> None:
-        """Have the rows so far written to the disk itself.
+        """Flush the rows so far to the disk.
 
         Raises:
-            RecordingError: when that cannot be, or someone removed the files.
+            RecordingError: when they cannot be flushed, or the files were removed.
         """
         try:
             for file in self._boards:
@@ -111,8 +111,8 @@ class Recorder:
         """Write the files that `[truth]` names.
 
         Args:
-            truth: where the nodes are, all of them at all times.
-            load_n: (times, nodes, 3) external force at each.
+            truth: positions of all nodes at all times.
+            load_n: (times, nodes, 3) external forces on the nodes.
         """
         count = truth.node_position_m.shape[1]
         tables = {
@@ -132,9 +132,9 @@ class Recorder:
 
 
 class RecorderThread:
-    """Records in a thread of its own, so that no disk holds up the reading of a port; a context manager.
+    """Records in a separate thread, so that a slow disk does not delay the reading of a port; a context manager.
 
-    Rows wait in a queue without a bound: none may be lost, and a disk that stalls for a minute costs some megabytes.
+    Rows wait in an unbounded queue so that none is lost; a disk that stalls for a minute costs some megabytes.
     """
 
     def __init__(self, recorder: Recorder) -> None:
@@ -142,9 +142,9 @@ class RecorderThread:
         self._queue = queue.SimpleQueue[BoardReading | None]()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self.rows = 0
-        """Written so far."""
+        """Number of rows written so far."""
         self.error = ""
-        """Why the recording ended early, if it did."""
+        """Reason why the recording ended early; empty if it did not."""
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -157,7 +157,7 @@ class RecorderThread:
         self._thread.join()
 
     def add(self, reading: BoardReading) -> None:
-        """Have a row written; returns at once."""
+        """Add a row to the queue; returns immediately."""
         if not self.error:
             self._queue.put(reading)
 

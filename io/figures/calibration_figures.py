@@ -1,4 +1,4 @@
-"""Figures of a calibration, as in the paper's Figs. 3 to 5, and what these lack: how far sigma is to be believed."""
+"""Figures of a calibration: those of Figs. 3 to 5 of the paper, and the coverage of the predicted sigma."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -34,13 +34,13 @@ from .style import (
 COLORS = {LSTM: BLUE, STATIC: ORANGE, POLYNOMIAL: GREEN}
 SPEED_COLORS = (BLUE, SKY_BLUE, GREEN, ORANGE, RED, PURPLE, BLACK)
 GAP_S = 1.0
-"""Longer without a sample is a gap in the curves drawn."""
+"""Time without a sample after which a curve is interrupted."""
 LEAST_SAMPLES = 50
-"""In a bin of rates, for its mean to mean something."""
+"""Least number of samples in a bin of rates for its mean to be drawn."""
 MOST_POINTS = 2000
-"""Of a recording drawn: more cannot be told apart."""
+"""Largest number of points drawn of one recording; more could not be distinguished."""
 FINE_PANELS_DPI = 100
-"""Of figures with many panels."""
+"""Resolution of figures with many panels."""
 
 
 def write_calibration_figures(calibration: Calibration, directory: Path) -> None:
@@ -154,7 +154,7 @@ def write_predictions_figure(runs: Mapping[str, Sequence[StripRun]], path: Path,
     for part, run in zip(parts, shown, strict=False):
         strain, error = part.subplots(2, 1, sharex=True, height_ratios=[2, 1])
         t_s = run.t_s - run.t_s[0]
-        t_s = np.where(np.diff(t_s, append=t_s[-1]) > GAP_S, np.nan, t_s)  # do not draw across what is not scored
+        t_s = np.where(np.diff(t_s, append=t_s[-1]) > GAP_S, np.nan, t_s)  # interrupt the curve where nothing is scored
         _draw_strain(strain, t_s, run)
         _draw_error(error, t_s, run, static[run.name])
         for axis in (strain, error):

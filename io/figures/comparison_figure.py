@@ -14,7 +14,7 @@ from ...models.evaluation.comparison import ComparisonRow
 from .style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY_BLUE, add_grid, add_legend_below, save_figure
 
 METHOD_COLORS = (GREY, ORANGE, GREEN, SKY_BLUE, BLUE, PURPLE, RED, BLACK)
-"""One a method, in the table's order; again from the first when they run out."""
+"""Colours of the methods in the order of the table, repeated if there are more methods."""
 
 
 def write_comparison_figure(rows: Sequence[ComparisonRow], published_mm: Mapping[str, float], path: Path) -> None:
@@ -71,9 +71,9 @@ class _Group:
 
     method: str
     rows: list[ComparisonRow]
-    """Of each trial, in their order."""
+    """Row of each trial, in the order of the trials."""
     place: NDArray[np.float64]
-    """(trials,) along the axis."""
+    """(trials,) positions along the axis."""
     width: float
     color: str
 

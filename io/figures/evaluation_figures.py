@@ -14,9 +14,9 @@ from ...models.evaluation.evaluation import Evaluation
 from .style import BAND, BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, add_grid, add_legend_below, save_figure
 
 NODE_COLORS = (BLUE, ORANGE, GREEN, PURPLE, BLACK)
-"""One a loaded node, again from the first when they run out."""
+"""Colours of the loaded nodes, repeated if there are more nodes."""
 NODE_MARKERS = "os^vD"
-"""Likewise."""
+"""Markers of the loaded nodes, repeated if there are more nodes."""
 
 
 def write_heights_figure(e: Evaluation, title: str, path: Path) -> None:
@@ -50,7 +50,7 @@ def write_heights_figure(e: Evaluation, title: str, path: Path) -> None:
 
 
 def write_errors_figure(e: Evaluation, title: str, path: Path) -> None:
-    """Draw the error over time beside what was expected of it, the coverage curve, and the error of each node."""
+    """Draw the error over time with its expected value, the coverage curve, and the error of each node."""
     figure = Figure(figsize=(12, 8.2), layout="constrained")
     axes = figure.subplot_mosaic([["time", "time"], ["coverage", "nodes"]])
     _draw_error_over_time(axes["time"], e)
@@ -162,7 +162,7 @@ def _draw_error_over_time(axis: Axes, e: Evaluation) -> None:
         axis.fill_between(c.t_s, 0, top, where=c.wrong_branch, color=ORANGE, alpha=0.3, lw=0, label=label)
     for k, fault in enumerate(e.faults):
         axis.axvline(fault.from_s, color=RED, ls=":", lw=1, label="a fault begins" if k == 0 else None)
-        height = (0.98 - 0.06 * (k % 4)) * top  # faults that begin close together stay legible
+        height = (0.98 - 0.06 * (k % 4)) * top  # labels of faults that begin at similar times do not overlap
         axis.text(fault.from_s, height, f" {fault.kind}, {fault.where}", fontsize=7, color=RED, va="top")
     axis.set(xlim=(c.t_s[0], c.t_s[-1]), ylim=(0, top), xlabel="time [s]", ylabel="RMS over the free nodes [mm]")
     axis.set_title("error over time; the band is 1.96 times the expected RMS, cut at the axis", fontsize=10)

@@ -1,4 +1,4 @@
-"""The shape as it moves, in a window of its own process: drawing takes longer than a frame may."""
+"""The moving shape in a window of a separate process, because drawing takes longer than one frame."""
 
 import multiprocessing
 import os
@@ -20,18 +20,18 @@ from ...models.values.readings import Mode
 from .style import BLACK, BLUE, GREEN, GREY, ORANGE, RED, add_legend_below, anchor_handle, structure_handles
 
 PAUSE_S = 0.05
-"""For the window's own events, between two drawings."""
+"""Time between two drawings, in which the window handles its events."""
 
 
 class LiveView:
-    """Shows the newest shape in a window; a context manager, whose end closes it.
+    """Shows the newest shape in a window; a context manager that closes the window at its end.
 
     Raises:
         TensegraphError: when there is no display to open a window on.
     """
 
     def __init__(self, structure: Structure, rest_position_m: NDArray[np.float64], probability: float) -> None:
-        if plt.get_backend().lower() == "agg":  # what matplotlib falls back to
+        if plt.get_backend().lower() == "agg":  # the backend of matplotlib when no other works
             raise TensegraphError(
                 "no window can be opened: matplotlib finds no display, or no toolkit (Tk, Qt) for one"
             )
@@ -51,7 +51,7 @@ class LiveView:
         self._process.join()
 
     def show(self, shape: Shape) -> None:
-        """Show a shape, unless the window is still busy with an earlier one, or was closed."""
+        """Show a shape, unless the window is still drawing an earlier one, or was closed."""
         if self._process.is_alive() and not self._queue.full():
             self._queue.put(shape)
 
@@ -113,7 +113,7 @@ def _show(
     """Draw the newest shape until the window is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
-        os.nice(10)  # to see the shape is less urgent than to know it
+        os.nice(10)  # drawing must not delay the estimator
     figure = plt.figure("tensegraph", figsize=(8, 8), layout="constrained")
     drawing = StructureDrawing(figure, structure, rest_position_m, probability)
     figure.show()

@@ -31,9 +31,9 @@ from .style import (
 )
 
 LOAD_MM_PER_N = 30.0
-"""Length of a load's arrow."""
+"""Length of the arrow of a load."""
 SURE = 2.0
-"""Sigmas above which a load is drawn."""
+"""Ratio of a load to its sigma above which it is drawn."""
 
 
 def write_figures(r: Reconstruction, settings: Settings, title: str, directory: Path) -> None:
@@ -133,16 +133,16 @@ def interesting_frames(r: Reconstruction, count: int = 4) -> list[int]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadArrows:
-    """Loads of one frame as arrows: each ends at the node that it pushes."""
+    """The loads of one frame as arrows, each of which ends at the loaded node."""
 
     tail_mm: NDArray[np.float64]
-    """(loads, 3) where they begin."""
+    """(loads, 3) positions at which the arrows begin."""
     push_mm: NDArray[np.float64]
-    """(loads, 3) from there to the node, `LOAD_MM_PER_N` long for each newton."""
+    """(loads, 3) vectors from there to the node, `LOAD_MM_PER_N` long for each newton."""
 
 
 def load_arrows(r: Reconstruction, k: int, load_threshold_n: float) -> LoadArrows:
-    """Return the loads of frame `k` that are above the threshold, and surely not zero."""
+    """Return the loads of frame `k` that are above the threshold, and above `SURE` times their sigma."""
     if r.loads is None:
         return LoadArrows(np.empty((0, 3)), np.empty((0, 3)))
     force_n = np.nan_to_num(r.loads.force_n[k])
@@ -152,7 +152,7 @@ def load_arrows(r: Reconstruction, k: int, load_threshold_n: float) -> LoadArrow
 
 
 def _limits_mm(r: Reconstruction, more_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (3, 2) limits of a cube that holds every node of every frame, and some points more."""
+    """Return (3, 2) limits of a cube that holds every node of every frame, and some further points."""
     points_mm = np.concatenate([1e3 * r.node_position_m.reshape(-1, 3), more_mm])
     low = points_mm.min(axis=0)
     high = points_mm.max(axis=0)

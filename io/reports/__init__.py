@@ -1,1 +1,1 @@
-"""What people read: tables on the terminal and in files, the model card."""
+"""Reports: tables on the terminal and in files, and the model card."""

@@ -15,19 +15,19 @@ from ...models.evaluation.load_score import CLEAR_LOAD_N
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoredResult:
-    """One result, evaluated."""
+    """One result with its evaluation."""
 
     result: Path
-    """Its directory."""
+    """Directory of the result."""
     trial: str
-    """Name of the trial that it is of."""
+    """Name of the trial."""
     method: str
-    """That made it."""
+    """Method that made the result."""
     evaluation: Evaluation
-    """What came out."""
+    """Evaluation of the result."""
 
     def title(self) -> str:
-        """Return what was evaluated, in few words."""
+        """Return trial and method, as a title."""
         return f"{self.trial}, {self.method}"
 
     def as_table(self) -> Group:

@@ -1,4 +1,4 @@
-"""What a calibration says of itself: the table on the screen, the model card, the model's metadata."""
+"""The report of a calibration: table for the screen, model card, metadata of the model."""
 
 from dataclasses import asdict, dataclass, replace
 
@@ -16,16 +16,16 @@ from ..recording_files import RecordingFolder, rig_text
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationReport:
-    """A calibration, and what it was made of."""
+    """A calibration, its recordings and its command."""
 
     calibration: Calibration
     folder: RecordingFolder
     rig: StripRig
-    """That recorded it."""
+    """The test rig of the recordings."""
     command: str
-    """That makes the same model again."""
+    """Command that makes the same model again."""
     seconds: float
-    """Of the whole run."""
+    """Duration of the calibration."""
 
     def model(self) -> SensorModel:
         """Return the model with scores, data and versions in its provenance."""
@@ -53,7 +53,7 @@ class CalibrationReport:
         return groups
 
     def verdict(self) -> str:
-        """Return in one sentence whether the network is worth having."""
+        """Return one sentence that says whether the network is better than both baselines."""
         if not self.calibration.runs[LSTM]:
             return "Nothing of stretching was held out: the network is not scored."
         everything = self.scores_by_speed()["all held out"]
@@ -69,7 +69,7 @@ class CalibrationReport:
         return f"The LSTM does not win: over all held-out recordings the {best} is better; the LSTM is {counted}."
 
     def table(self) -> Table:
-        """Return what is shown on the screen."""
+        """Return the table of scores for the screen."""
         table = Table("held out", "", "RMSE, strain", "R²", "68 % band", "95 % band", "median sigma")
         for group, estimators in self.scores_by_speed().items():
             for k, (name, score) in enumerate(estimators.items()):

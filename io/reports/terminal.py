@@ -1,4 +1,4 @@
-"""What a command says while it works: the one place that knows of --quiet and --verbose."""
+"""The output of commands on the screen, according to --quiet and --verbose."""
 
 import time
 from collections.abc import Iterator
@@ -11,38 +11,38 @@ from ...models.values.errors import TensegraphError
 
 
 class Terminal:
-    """The screen, in three shares of talk; errors are printed by `cli.main` alone.
+    """The screen, with output at three levels; errors are printed by `cli.main`.
 
     Raises:
-        TensegraphError: when asked to be quiet and verbose.
+        TensegraphError: when both quiet and verbose are true.
     """
 
     def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
         if quiet and verbose:
             raise TensegraphError("--quiet and --verbose: expected one of them, got both")
         self.results = Console()
-        """For what was asked for, and where it was written: always shown."""
+        """Console for requested output and for paths of written files; always shown."""
         self.news = Console(quiet=quiet)
-        """For tables, progress and the state of things: not shown with --quiet."""
+        """Console for tables, progress and messages; not shown with --quiet."""
         self._timing = Console(stderr=True, quiet=not verbose)
 
     def written(self, text: str) -> None:
-        """Say where results are."""
+        """Print where results were written."""
         self.results.print(text, highlight=False, markup=False, soft_wrap=True)
 
     def line(self, text: str) -> None:
-        """Say how things stand."""
+        """Print a message."""
         self.news.print(text, highlight=False, markup=False, soft_wrap=True)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time a block; how long it took is shown with --verbose, on stderr."""
+        """Measure the duration of a block, and print it to stderr with --verbose."""
         start_s = time.perf_counter()
         yield
         seconds = time.perf_counter() - start_s
         self._timing.print(f"{name}: {seconds:.2f} s", highlight=False, markup=False, soft_wrap=True)
 
     def progress(self, *more: ProgressColumn, transient: bool = True) -> Progress:
-        """Return a progress bar, a context manager; transient ones are gone when they are full."""
+        """Return a progress bar, a context manager; a transient one is removed when it is full."""
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         return Progress(*columns, *more, console=self.news, transient=transient)
