@@ -9,7 +9,6 @@ over all seeds:
     of held         RMSE over that of the rest shape, held; above 1, holding the rest shape would be better
     in 50, 68, 95 % share of (frame, free node) for which the ellipsoid of that probability contains the truth
     sigma           root of the trace of the covariance: its median over the free nodes, then over the seeds
-    doubt           share of frames with status `doubt`
     left out        share of the sensors without a fault that were left out for more than a second without a break
 
 Frames before the end of the rest count like all others.
@@ -63,8 +62,6 @@ class Score:
     coverage_68: float
     coverage_95: float
     median_sigma_m: float
-    doubt_share: float
-    """Share of the frames."""
     left_out_share: float
     """Share of the sensors that never failed."""
 
@@ -101,7 +98,6 @@ def score_of(
         coverage_68=consistency.coverage_68,
         coverage_95=consistency.coverage_95,
         median_sigma_m=consistency.median_sigma_m,
-        doubt_share=float(np.mean([status == "doubt" for status in shapes.status])),
         left_out_share=left_out_share(estimate, truth.faults),
     )
 
@@ -146,22 +142,22 @@ def _longest_s(t_s: NDArray[np.float64], holds: NDArray[np.bool_]) -> float:
     return max((float(t_s[end - 1] - t_s[begin]) for begin, end in edges.reshape(-1, 2)), default=0.0)
 
 
-def row(of: Sequence[Score], pair: Sequence[Score]) -> str:
+def row(scores: Sequence[Score], pair: Sequence[Score]) -> str:
     """Return one row of the table.
 
     Args:
-        of: the scores of one plan and method, with all seeds.
+        scores: those of one plan and method, with all seeds.
         pair: the scores of the plan without the cause; empty if there are none.
     """
-    rmse_m = root_mean_square(np.array([score.rmse_m for score in of]))
-    held_m = root_mean_square(np.array([score.held_m for score in of]))
+    rmse_m = root_mean_square(np.array([score.rmse_m for score in scores]))
+    held_m = root_mean_square(np.array([score.held_m for score in scores]))
     pair_mm = f"{1e3 * root_mean_square(np.array([score.rmse_m for score in pair])):.2f}" if pair else "-"
-    sigma_mm = 1e3 * float(np.median([score.median_sigma_m for score in of]))
+    sigma_mm = 1e3 * float(np.median([score.median_sigma_m for score in scores]))
     shares = [
-        f"{np.mean([getattr(score, name) for score in of]):.1%}"
-        for name in ("coverage_50", "coverage_68", "coverage_95", "doubt_share", "left_out_share")
+        f"{np.mean([getattr(score, name) for score in scores]):.1%}"
+        for name in ("coverage_50", "coverage_68", "coverage_95", "left_out_share")
     ]
-    cells = [of[0].plan, of[0].method, f"{1e3 * rmse_m:.2f}", pair_mm, f"{rmse_m / held_m:.2f}"]
+    cells = [scores[0].plan, scores[0].method, f"{1e3 * rmse_m:.2f}", pair_mm, f"{rmse_m / held_m:.2f}"]
     return "| " + " | ".join([*cells, *shares[:3], f"{sigma_mm:.2f}", *shares[3:]]) + " |"
 
 
@@ -176,14 +172,14 @@ def table(done: Sequence[Score], bases: dict[str, str], command: str) -> str:
     lines = [
         f"`{command}`",
         "",
-        "| cause | method | RMSE mm | pair mm | of held | in 50 % | in 68 % | in 95 % | sigma mm | doubt | left out |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
+        "| cause | method | RMSE mm | pair mm | of held | in 50 % | in 68 % | in 95 % | sigma mm | left out |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for plan in bases:
         for method in METHODS:
-            of = [score for score in done if (score.plan, score.method) == (plan, method)]
+            scores = [score for score in done if (score.plan, score.method) == (plan, method)]
             pair = [score for score in done if (score.plan, score.method) == (bases[plan], method)]
-            lines += [row(of, pair)] if of else []
+            lines += [row(scores, pair)] if scores else []
     return "\n".join(lines) + "\n"
 
 
