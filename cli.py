@@ -24,15 +24,13 @@ Config = Annotated[
     Path | None, typer.Option(help="TOML file of the settings that differ from the defaults.", show_default=False)
 ]
 Model = Annotated[
-    Path | None, typer.Option(help="Sensor model, a file written by `calibrate`.", show_default="the one that ships")
+    Path | None, typer.Option(help="Sensor model, a file written by `calibrate`.", show_default="in the package")
 ]
 Ports = Annotated[
     list[str] | None,
     typer.Option("--port", help="Serial port; may be repeated.", show_default="the rig's, or all"),
 ]
-Seconds = Annotated[
-    float, typer.Option(min=0, help="Time after which the command ends by itself.", show_default="at Ctrl-C")
-]
+Seconds = Annotated[float, typer.Option(min=0, help="End after this many seconds.", show_default="at Ctrl-C")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show only errors and the paths of the results.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show how long each stage takes, on stderr.")]
 
@@ -131,19 +129,13 @@ def reconstruct(
     )
 )
 def evaluate(
-    results: Annotated[list[Path], typer.Argument(help="Result directories, as reconstruct writes them.")],
+    results: Annotated[list[Path], typer.Argument(help="Result directories written by reconstruct.")],
     truth: Annotated[
         Path | None,
-        typer.Option(
-            help="CSV file of the true node positions over time (t_s, n0_x_m ...).", show_default="the trial's own"
-        ),
+        typer.Option(help="CSV file of true node positions (t_s, n0_x_m ...).", show_default="that of the trial"),
     ] = None,
-    trial: Annotated[
-        Path | None, typer.Option(help="Trial directory.", show_default="the one named in the result")
-    ] = None,
-    align: Annotated[
-        bool, typer.Option("--align", help="Rotate and translate the truth so that it fits the result best.")
-    ] = False,
+    trial: Annotated[Path | None, typer.Option(help="Trial directory.", show_default="that in run.toml")] = None,
+    align: Annotated[bool, typer.Option("--align", help="Rotate and translate the truth to fit best.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
     out: Annotated[
         Path | None,
@@ -192,9 +184,7 @@ def compare(
 )
 def calibrate(
     folder: Annotated[Path, typer.Argument(help="Folder of calibration recordings (*.csv).")],
-    out: Annotated[
-        Path, typer.Option(help="Model file to write (*.safetensors); model card and figures go to its directory.")
-    ],
+    out: Annotated[Path, typer.Option(help="Model file to write (*.safetensors), beside its card and figures.")],
     rig: Annotated[
         Path | None,
         typer.Option(help="TOML file that describes the columns and units of the recordings.", show_default=False),
@@ -207,10 +197,10 @@ def calibrate(
         typer.Option(help="Test with the end of each recording: 0.2 is the last fifth.", min=0.05, max=0.9),
     ] = None,
     unified: Annotated[
-        bool, typer.Option("--unified", help="Train one network for both bending and stretching, with signed strain.")
+        bool, typer.Option("--unified", help="Train one network on signed strain, for bending and stretching.")
     ] = False,
     sweep: Annotated[
-        bool, typer.Option("--sweep", help="Try several learning rates first, and draw the loss of each.")
+        bool, typer.Option("--sweep", help="Try several learning rates first, and draw their losses.")
     ] = False,
     epochs: Annotated[int, typer.Option(help="Largest number of training epochs.", min=1)] = 200,
     learning_rate: Annotated[float, typer.Option(help="Largest learning rate of the training.")] = 0.01,
@@ -241,9 +231,7 @@ def ports(
         list[str] | None, typer.Argument(help="Ports to ask.", show_default="all USB serial ports")
     ] = None,
     baud: Annotated[int, typer.Option(min=1, help="Baud rate of the firmware on the boards.")] = 500_000,
-    seconds: Annotated[
-        float, typer.Option(min=0, help="Longest wait for an answer; an Arduino Mega takes 2 s to start.")
-    ] = 4.0,
+    seconds: Annotated[float, typer.Option(min=0, help="Longest wait; an Arduino Mega takes 2 s to start.")] = 4.0,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -281,7 +269,7 @@ def record(
 )
 def live(
     rig: Annotated[
-        Path | None, typer.Option(help="Show the shape from the boards of a rig; the file is that of `record`.")
+        Path | None, typer.Option(help="Show the shape from the boards of the rig that this TOML file describes.")
     ] = None,
     replay: Annotated[Path | None, typer.Option(help="Show the shape from a recorded trial.")] = None,
     twin: Annotated[Path | None, typer.Option(help="Show the shape from the simulation of a plan.")] = None,
