@@ -16,6 +16,7 @@ from .io.figures.shape_figures import write_figures
 from .io.model_file import read_sensor_model
 from .io.result import result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
+from .models.sensor.drift import ReferenceTendons
 from .models.sensor.frames import FrameAssembler
 from .models.sensor.front_end import FrontEnd
 from .models.sensor.sensor_model import SensorModel
@@ -66,6 +67,7 @@ class Pipeline:
             self.rest.lengths(trial.structure, trial.rest_seconds) if trial.rest_seconds > 0 else None,
             settings.front_end,
             1 / settings.frames.rate_hz,
+            ReferenceTendons(np.flatnonzero(~trial.structure.is_free_tendon), settings.drift),
         )
 
     def estimate(self, readings: Iterable[Reading], method: Method = "batch") -> Iterator[Shape]:

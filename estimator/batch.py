@@ -15,6 +15,7 @@ from ..models.structure.structure import Structure
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import TendonLengths
 from .branches import OtherBranch
+from .drift import DriftState, smoothed
 from .graph import GraphBuilder, status_of
 from .smoother import LiveSmoother
 from .uncertainty import FrameEvidence
@@ -66,16 +67,30 @@ class BatchOptimizer:
         self, frames: list[TendonLengths]
     ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, list[TendonLengths]]:
         """Return the graph of all frames, the live estimate of each as the start, and the lengths that it admitted."""
-        graph, values, admitted = gtsam.NonlinearFactorGraph(), gtsam.Values(), []
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         times_s = [lengths.t_s for lengths in frames]
         live = LiveSmoother(self._builder.structure, self._builder.rest, self._settings)
-        for frame, shape in enumerate(live.estimate(frames)):
-            admitted.append(shape.lengths)
-            self._builder.add_frame(graph, frame, shape.lengths)
+        shapes = list(live.estimate(frames))
+        admitted = _without_drift(frames, shapes, smoothed(live.drift.updates))
+        for frame, (shape, lengths) in enumerate(zip(shapes, admitted, strict=True)):
+            self._builder.add_frame(graph, frame, lengths)
             self._builder.add_motion(graph, frame, times_s[max(frame - 2, 0) : frame + 1])
             for key, position in zip(self._builder.keys(frame), shape.node_position_m, strict=True):
                 values.insertPoint3(key, position)
         return graph, values, admitted
+
+
+def _without_drift(frames: list[TendonLengths], shapes: list[Shape], drift: list[DriftState]) -> list[TendonLengths]:
+    """Return the lengths that the live estimates admitted, now without the drift that all updates tell of."""
+    if not drift:
+        return [shape.lengths for shape in shapes]
+    latest = np.searchsorted([state.t_s for state in drift], [lengths.t_s for lengths in frames], side="right") - 1
+    admitted = []
+    for lengths, shape, k in zip(frames, shapes, latest, strict=True):
+        known = drift[k].off(lengths) if k >= 0 else lengths
+        sigma_m = np.where(np.isinf(shape.lengths.sigma_m), np.inf, known.sigma_m)
+        admitted.append(replace(known, sigma_m=sigma_m, flags=shape.lengths.flags))
+    return admitted
 
 
 def _over_pushes(loads: list[ExternalLoads | None], frames: list[TendonLengths]) -> list[ExternalLoads | None]:

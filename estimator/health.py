@@ -7,7 +7,8 @@ A length l is judged by what the shape would be without it. To first order that 
 
 which is about a standard normal for a healthy sensor. Where the mean of z over half a second stands out, the frame is
 estimated with and without the sensor, and it is left out when doing without explains several frames much better: a
-wrong length of 5 mm needs a residual and a phantom load at either end, one pressed node needs no wrong length.
+wrong length of 5 mm needs a residual and a phantom load at either end, one pressed node needs no wrong length. Sensors
+that stand out in numbers do not fail one by one: something common moves them, and to leave any out loosens the shape.
 """
 
 from dataclasses import replace
@@ -85,7 +86,9 @@ class SensorHealth:
         settings = self._settings
         stands_out = (np.abs(self._mean_z) > settings.suspect_sigma) & ~self._out & np.isfinite(lengths.sigma_m)
         self._against *= stands_out
-        if not stands_out.any():
+        usable = np.isfinite(lengths.sigma_m) & self._builder.structure.is_free_tendon
+        alike = (stands_out | self._out)[usable].sum() > settings.alike_share * usable.sum()
+        if not stands_out.any() or alike:
             return
         suspect = int(np.argmin(np.where(stands_out, self._checked_s, np.inf)))
         self._checked_s[suspect] = lengths.t_s

@@ -15,6 +15,7 @@ from ..models.structure.structure import Structure
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import TendonLengths
 from .branches import OtherBranch
+from .drift import OwnDrift
 from .graph import GraphBuilder, status_of
 from .health import SensorHealth
 from .uncertainty import FrameEvidence
@@ -27,6 +28,7 @@ class LiveSmoother:
         self._builder = GraphBuilder(structure, rest, settings.noise)
         self._evidence = FrameEvidence(self._builder)
         self._health = SensorHealth(self._builder, settings.health) if rest.mechanics else None
+        self.drift = OwnDrift(self._builder, settings.drift)
         self._branches = OtherBranch(self._builder, settings.branch)
         self._lag = settings.smoother.lag
         self._isam = gtsam.ISAM2(_isam2_parameters(settings.smoother.relinearize_m))
@@ -44,7 +46,8 @@ class LiveSmoother:
         Raises:
             IndeterminateError: when nothing holds some node.
         """
-        read, lengths = lengths, self._health.admit(lengths) if self._health else lengths
+        read = self.drift.admit(lengths)
+        lengths = self._health.admit(read) if self._health else read
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._times_s.append(lengths.t_s)
         self._builder.add_frame(graph, self._frame, lengths)
@@ -68,6 +71,7 @@ class LiveSmoother:
         shape = Shape(lengths.t_s, position, covariance, status, lengths, loads)
         if self._health:
             self._health.observe(shape, read)
+        self.drift.observe(shape)
         return self._branches.told(shape)
 
     def _predict(self) -> NDArray[np.float64]:

@@ -48,9 +48,9 @@ class FrameEvidence:
         """
         structure, noise, statics = self._builder.structure, self._builder.noise, self._builder.statics
         free = structure.free_coordinates
-        sigma_m = tendon_sigma_m(lengths, noise)[structure.free_tendons]
-        weight = np.concatenate([np.full(len(structure.rods), 1 / noise.rod_m), 1 / sigma_m])
-        weighted = free_length_jacobian(structure, node_position_m) * weight[:, None]
+        jacobian = free_length_jacobian(structure, node_position_m)
+        by_rod, by_tendon = np.split(jacobian, [len(structure.rods)])
+        weighted = np.vstack([by_rod / noise.rod_m, self._whitened(by_tendon, lengths)])
         information = weighted.T @ weighted + np.eye(len(free)) / noise.shape_prior_m**2
         if statics:
             r, by_position = statics.residual_and_jacobian(node_position_m)
@@ -68,3 +68,14 @@ class FrameEvidence:
             return covariance, None
         variance = np.sum((by_position @ own) * by_position, axis=-1)
         return covariance, external_loads(statics, node_position_m, r, variance)
+
+    def _whitened(self, by_tendon: NDArray[np.float64], lengths: TendonLengths) -> NDArray[np.float64]:
+        """Return the rows of the free tendons over their errors, which drift makes errors of several at once."""
+        tendons = self._builder.structure.free_tendons
+        sigma_m = tendon_sigma_m(lengths, self._builder.noise)[tendons]
+        if lengths.drift is None or lengths.drift.covariance_m2 is None:
+            return by_tendon / sigma_m[:, None]
+        usable = np.isfinite(sigma_m)
+        covariance = lengths.drift.covariance_m2[np.ix_(tendons[usable], tendons[usable])].copy()
+        np.fill_diagonal(covariance, sigma_m[usable] ** 2)
+        return np.asarray(np.linalg.solve(np.linalg.cholesky(covariance), by_tendon[usable]))

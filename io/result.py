@@ -67,7 +67,7 @@ def check_result_path(path: Path, marker: str = RUN_FILE) -> None:
 
 
 def write_tables(reconstruction: Reconstruction, probability: float, directory: Path) -> None:
-    """Write shape, ellipsoids, lengths, status; estimated_loads.csv and other_shape.csv where there are such.
+    """Write shape, ellipsoids, lengths, status; estimated_loads, other_shape and sensor_drift where there are such.
 
     Tables that are there already are gone on with: a live run comes in parts.
     """
@@ -77,6 +77,9 @@ def write_tables(reconstruction: Reconstruction, probability: float, directory: 
     _append(directory / "status.csv", _status_rows(reconstruction))
     if any(reconstruction.others):
         _append(directory / "other_shape.csv", _other_rows(reconstruction))
+    if reconstruction.drift is not None and reconstruction.drift_sigma is not None:
+        rows = _drift_rows(reconstruction.t_s, reconstruction.drift, reconstruction.drift_sigma)
+        _append(directory / "sensor_drift.csv", rows)
     if reconstruction.loads:
         _append(directory / LOADS_FILE, _load_rows(reconstruction, reconstruction.loads))
 
@@ -227,6 +230,13 @@ def _load_rows(r: Reconstruction, loads: ExternalLoads) -> Iterator[str]:
         for node in r.structure.free_nodes:
             values = ",".join(f"{value:.4f}" for value in (*force[node], sigma[node]))
             yield f"{t_s:.4f},{node},{values},{observable[node]}"
+
+
+def _drift_rows(t_s: NDArray[np.float64], drift: NDArray[np.float64], sigma: NDArray[np.float64]) -> Iterator[str]:
+    yield "t_s,tendon,drift,sigma"
+    for at_s, changes, sigmas in zip(t_s, drift, sigma, strict=True):
+        for e, (change, spread) in enumerate(zip(changes, sigmas, strict=True)):
+            yield f"{at_s:.4f},{e},{change:.6f},{spread:.6f}"
 
 
 def _status_rows(r: Reconstruction) -> Iterator[str]:

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge
 
-from .values.tables import Positive
+from .values.tables import Positive, Probability
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +63,8 @@ class HealthSettings:
     """Mean disagreement below which a sensor that was left out agrees again, ..."""
     take_back_s: Positive = 1.0
     """... and for how long it must before it is taken back."""
+    alike_share: Probability = 0.33
+    """When more sensors than this share stand out or are left out, they drift: no further one is accused."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from .estimation import BranchSettings, HealthSettings, NoiseSettings, SmootherSettings
 from .sensor.clock import ClockSettings
+from .sensor.drift import DriftSettings
 from .sensor.frames import FrameSettings
 from .sensor.front_end import FrontEndSettings
 from .sensor.gate import GateSettings
@@ -23,6 +24,7 @@ class Settings:
     clock: ClockSettings = field(default_factory=ClockSettings)
     gate: GateSettings = field(default_factory=GateSettings)
     frames: FrameSettings = field(default_factory=FrameSettings)
+    drift: DriftSettings = field(default_factory=DriftSettings)
     front_end: FrontEndSettings = field(default_factory=FrontEndSettings)
     rest: RestSettings = field(default_factory=RestSettings)
     noise: NoiseSettings = field(default_factory=NoiseSettings)

@@ -17,6 +17,7 @@ from tensegraph.io.model_file import read_sensor_model, write_sensor_model
 from tensegraph.models.calibration.recipe import TrainingSettings
 from tensegraph.models.sensor.bending import BendingCurve, FoldedPolynomial
 from tensegraph.models.sensor.divider import Divider
+from tensegraph.models.sensor.drift import DriftSettings, ReferenceTendons
 from tensegraph.models.sensor.front_end import FrontEnd, FrontEndSettings
 from tensegraph.models.sensor.gauge import StaticGauge
 from tensegraph.models.sensor.lstm import Lstm, LstmState, LstmWeights
@@ -287,7 +288,9 @@ def front_end(model: SensorModel, count: int = 4, rest_strain: float | None = 0.
         if rest_strain is None
         else RestLengths(1.0, np.full(count, 0.17 * (1 + rest_strain)), np.full(count, 3e-4))
     )
-    return FrontEnd(model, np.full(count, 6e6), np.full(count, 0.17), rest, FrontEndSettings(**kwargs), 0.02)
+    references = ReferenceTendons(np.empty(0, dtype=np.int64), DriftSettings())
+    lengths_m = np.full(count, 0.17)
+    return FrontEnd(model, np.full(count, 6e6), lengths_m, rest, FrontEndSettings(**kwargs), 0.02, references)
 
 
 def frame(k: int, change, flags=0) -> ResistanceFrame:

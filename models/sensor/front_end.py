@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from ..values.readings import Flag, Mode, ResistanceFrame, RestLengths, TendonLengths
+from ..values.readings import Flag, Mode, ResistanceFrame, RestLengths, SensorDrift, TendonLengths
 from ..values.tables import Positive, Probability
 from .bending import LagFree
+from .drift import ReferenceDrift, ReferenceTendons, without_drift
 from .sensor_model import SensorModel
 from .stretching import Extrapolation, StrainSpread, StretchingSensors
 from .taring import RestTare, Taring
@@ -50,10 +51,12 @@ class FrontEnd:
         rest: RestLengths | None,
         settings: FrontEndSettings,
         frame_step_s: float,
+        references: ReferenceTendons,
     ) -> None:
         count = len(natural_length_m)
         self._model, self._settings, self._gauge = model, settings, model.gauge
         self._frame_step_s = frame_step_s
+        self._references = references
         self._R0, self._L0 = natural_resistance_ohm, natural_length_m
         self._bending = model.bending_curve(settings.bending_abscissa)
         self._taring = Taring(self._gauge, self._bending, rest, natural_length_m)
@@ -71,6 +74,8 @@ class FrontEnd:
         """Return the lengths at one more frame."""
         step_s = frame.t_s - self._last_s if np.isfinite(self._last_s) else self._frame_step_s
         self._last_s = frame.t_s
+        drift = self._references.step(frame)
+        frame = without_drift(frame, drift.common)
         change = self._taring.common_change(frame.t_s, frame.resistance_ohm / self._R0 - 1)  # eq. (8)
         change, rate, flags = self._hold_missing(frame, change)
         lag_free, lag = self._lag_free.step(change, step_s)
@@ -91,7 +96,21 @@ class FrontEnd:
         sigma = np.where(missing, np.inf, np.sqrt(variance) * self._L0)
         rest_sigma = np.where(missing, 0.0, np.sqrt(1 - probability) * self._taring.rest_sigma * self._L0)
         flags = np.where(missing, frame.flags | (flags & Flag.MISFIT), flags)
-        return TendonLengths(frame.t_s, length, sigma, self._mode, flags, rest_sigma, self._model.lag_s)
+        taken_off = self._taken_off(drift, change, strain)
+        return TendonLengths(frame.t_s, length, sigma, self._mode, flags, rest_sigma, self._model.lag_s, taken_off)
+
+    def _taken_off(
+        self, drift: ReferenceDrift, change: NDArray[np.float64], strain: NDArray[np.float64]
+    ) -> SensorDrift:
+        """Return the drift in the form that goes with lengths."""
+        per_change_m = self._L0 * (1 + change) / self._gauge.slope(np.maximum(strain, 0))
+        return SensorDrift(
+            change=np.full(len(change), drift.common),
+            sigma=np.full(len(change), drift.common_sigma),
+            per_change_m=np.where(self._mode == Mode.STRETCHING, per_change_m, 0.0),
+            own_rate_per_s=drift.own_rate_per_s,
+            references=drift.references,
+        )
 
     @property
     def exchanged(self) -> list[tuple[int, int]]:

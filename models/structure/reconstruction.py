@@ -41,6 +41,10 @@ class Reconstruction:
     """Of all frames; None where the stiffness of the tendons is not known."""
     others: tuple[OtherShape | None, ...] = ()
     """(frames,) the second shape of frames with status `two_shapes`."""
+    drift: NDArray[np.float64] | None = None
+    """(frames, tendons) what was taken off each resistance, relative to it; None where nothing tells of drift."""
+    drift_sigma: NDArray[np.float64] | None = None
+    """(frames, tendons) of these."""
 
     @classmethod
     def of(cls, structure: Structure, shapes: Iterable[Shape]) -> "Reconstruction":
@@ -54,6 +58,9 @@ class Reconstruction:
             raise InputError("no frame could be made of the readings")
         each = [shape.loads for shape in collected if shape.loads is not None]
         loads = ExternalLoads(np.array([of.force_n for of in each]), np.array([of.sigma_n for of in each]))
+        drifts = [shape.lengths.drift for shape in collected]
+        observed = [drift for drift in drifts if drift is not None and drift.references]
+        whole = len(observed) == len(collected)
         return cls(
             structure,
             np.array([shape.t_s for shape in collected]),
@@ -66,6 +73,8 @@ class Reconstruction:
             np.array([shape.lengths.flags for shape in collected]),
             loads if len(each) == len(collected) else None,
             tuple(shape.other for shape in collected),
+            np.array([drift.change for drift in observed]) if whole else None,
+            np.array([drift.sigma for drift in observed]) if whole else None,
         )
 
     def __len__(self) -> int:

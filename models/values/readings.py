@@ -115,6 +115,25 @@ class ResistanceFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SensorDrift:
+    """What resistance does that no strain explains, relative to it: what was taken off the readings of one instant."""
+
+    change: NDArray[np.float64]
+    """(tendons,)"""
+    sigma: NDArray[np.float64]
+    """(tendons,) of `change`."""
+    per_change_m: NDArray[np.float64]
+    """(tendons,) how much length a relative change of resistance makes."""
+    own_rate_per_s: float = 0.0
+    """Sigma of the rate at which each sensor drifts in a way of its own; 0 where that is no more than in calibration,
+    whose drift is in the lengths' sigma already."""
+    references: int = 0
+    """How many tendons of known length the drift common to all sensors is from."""
+    covariance_m2: NDArray[np.float64] | None = None
+    """(tendons, tendons) what is left of own drift in the lengths, where it was estimated; sigma_m holds it, too."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class TendonLengths:
     """One instant of all tendons, eq. (4): the measurement that the factor graph takes."""
 
@@ -131,6 +150,8 @@ class TendonLengths:
     """(tendons,) the part of sigma_m that comes from the rest shape, to which the sensors were tared."""
     lag_s: float = 0.0
     """By how much the lengths lag behind t_s, for those who can wait for later ones."""
+    drift: SensorDrift | None = None
+    """What was taken off as drift; None where lengths come without resistance."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:
