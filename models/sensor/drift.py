@@ -2,9 +2,9 @@
 
 A sensor reads R = R(strain) exp(d), d = c + o: c is common to all sensors (temperature, supply), o its own. A tendon
 between two anchors keeps its length, so what its reading changes by is d. Both parts start at zero and go with rates
-that are forgotten within `memory_s`, on top of the random walk that calibration knows and sigma counts already:
+that are forgotten within `memory_s`; each sensor walks at random besides, as in calibration, where sigma counts it:
 
-    dc = c' dt + walk,   c' stationary with sigma s_c;     do_e = o_e' dt + walk,   o_e' stationary with sigma s_o
+    dc = c' dt,   c' stationary with sigma s_c;     do_e = o_e' dt + walk,   o_e' stationary with sigma s_o
 
 How fast sensors drift is not known beforehand: a Kalman filter runs for each pair (s_c, s_o), zero among them, and each
 weighs by how well it foretold the readings (a static multiple model). References that move alike speak for a common
@@ -33,10 +33,10 @@ class DriftSettings:
     """What drift is expected; dR/R throughout."""
 
     walk_per_sqrt_s: NotNegative = 3e-4
-    """Random walk of each part that sigma holds already: offsets differ by 0.003 in calibration, over 100 s."""
+    """Random walk of each sensor that sigma holds already: offsets differ by 0.003 in calibration, over 100 s."""
     memory_s: Positive = 30.0
     """After this a rate of drift is forgotten: bodies of this size warm up in a minute."""
-    common_probability: Probability = 0.5
+    common_probability: Probability = 0.1
     """That sensors drift together in a trial, before any reading."""
     own_probability: Probability = 0.1
     """That each drifts in a way of its own."""
@@ -110,7 +110,7 @@ class ReferenceTendons:
         self._mean = self._mean @ transition.T
         self._covariance = transition @ self._covariance @ transition.T
         level, rate = np.arange(parts), np.arange(parts, 2 * parts)
-        self._covariance[:, level, level] += self._settings.walk_per_sqrt_s**2 * step_s
+        self._covariance[:, level[1:], level[1:]] += self._settings.walk_per_sqrt_s**2 * step_s
         self._covariance[:, rate, rate] += (1 - keep**2) * self._rate_variance
 
     def _update(self, drift: NDArray[np.float64], step_s: float) -> None:
