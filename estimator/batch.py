@@ -70,8 +70,9 @@ class BatchOptimizer:
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         times_s = [lengths.t_s for lengths in frames]
         live = LiveSmoother(self._builder.structure, self._builder.rest, self._settings)
+        live.drift.kept = []
         shapes = list(live.estimate(frames))
-        admitted = _without_drift(frames, shapes, smoothed(live.drift.updates))
+        admitted = _without_drift(frames, shapes, smoothed(live.drift.kept))
         for frame, (shape, lengths) in enumerate(zip(shapes, admitted, strict=True)):
             self._builder.add_frame(graph, frame, lengths)
             self._builder.add_motion(graph, frame, times_s[max(frame - 2, 0) : frame + 1])

@@ -77,8 +77,9 @@ class OwnDrift:
         self._rate_variance, self._first_s = 0.0, np.nan
         self._state: DriftState | None = None
         self._foretold: tuple[DriftState, NDArray[np.float64]] | None = None
-        self.updates: list[DriftUpdate] = []
-        """Of a filter that keeps them."""
+        self._updated_s = np.nan
+        self.kept: list[DriftUpdate] | None = None
+        """Every update, for a smoother that puts a list here; live, memory is bounded."""
 
     def admit(self, lengths: TendonLengths) -> TendonLengths:
         """Return the lengths without the drift that is known by now; the same ones while sensors do not differ."""
@@ -92,7 +93,7 @@ class OwnDrift:
         self._awaken(lengths.t_s, drift.own_rate_per_s**2, drift.references)
         assert self._state is not None
         step_s = lengths.t_s - self._state.t_s
-        if not self.updates or step_s >= self._settings.update_every_s:
+        if np.isnan(self._updated_s) or step_s >= self._settings.update_every_s:
             self._foretold = self._predicted(lengths.t_s, drift.own_rate_per_s**2, drift.references)
             self._state = self._foretold[0]
         return self._state.off(lengths)
@@ -103,8 +104,8 @@ class OwnDrift:
             return
         foretold, transition = self._foretold
         information, gradient = self._evidence(shape)
-        before_s = self.updates[-1].state.t_s if self.updates else shape.t_s - self._settings.update_every_s
-        share = min((shape.t_s - before_s) / self._settings.evidence_s, 1.0)
+        since_s = self._settings.update_every_s if np.isnan(self._updated_s) else shape.t_s - self._updated_s
+        share = min(since_s / self._settings.evidence_s, 1.0)
         n = self._count
         crossed = foretold.covariance[:, :n]
         inner = np.eye(n) + share * information @ foretold.covariance[:n, :n]
@@ -112,7 +113,9 @@ class OwnDrift:
         covariance = foretold.covariance - crossed @ solved[:, :-1]
         mean = foretold.mean + crossed @ solved[:, -1]
         self._state = DriftState(shape.t_s, mean, 0.5 * (covariance + covariance.T))
-        self.updates.append(DriftUpdate(foretold, transition, self._state))
+        self._updated_s = shape.t_s
+        if self.kept is not None:
+            self.kept.append(DriftUpdate(foretold, transition, self._state))
 
     def _awaken(self, t_s: float, rate_variance: float, references: int) -> None:
         """Give what was thought to drift less the spread that it would have had from the start."""

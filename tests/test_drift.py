@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tensegraph import Settings
+from tensegraph import Settings, reconstruct, save
 from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.drift import DriftState, DriftUpdate, length_evidence, smoothed
 from tensegraph.estimator.graph import GraphBuilder
@@ -189,3 +189,14 @@ def test_nothing_changes_while_sensors_do_not_differ(example_structure, still, l
     lengths = with_drift(lengths_of(example_structure, still.node_position_m), 0.0)
     smoother = LiveSmoother(example_structure, still, Settings())
     assert smoother.drift.admit(lengths) is lengths
+
+
+def test_what_was_taken_off_is_written(trial_copy, tmp_path) -> None:
+    reconstruction = reconstruct(trial_copy(rows=160), "live")
+    save(reconstruction, tmp_path / "result")
+    rows = (tmp_path / "result" / "sensor_drift.csv").read_text().splitlines()
+    assert rows[0] == "t_s,tendon,drift,sigma"
+    assert len(rows) == 1 + 24 * len(reconstruction)
+    values = np.array([row.split(",") for row in rows[1:]], dtype=float)
+    assert np.abs(values[:, 2]).max() < 1e-3
+    assert (tmp_path / "result" / "sensor_drift.png").is_file()
