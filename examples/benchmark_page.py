@@ -118,7 +118,8 @@ PARTS = [
             "are taut, the balance of forces stands in for them, and sigma grows as the error does. On a slack "
             "one there is nothing to stand in, and sigma does not tell.\n\n"
             f"![Node RMSE and median sigma against the number of dead sensors](../{FIGURE})\n\n"
-            "Wrong mechanics, in all but the first and the last row: node RMSE in millimetres. The twin's trials "
+            "Wrong mechanics, in all but the first and the last row: node RMSE in millimetres. `squeeze_01` and "
+            "`slack_01` are simulated here from `examples/plans`, and are not the trials of these names above; they "
             "do not state their push-back, which is five times the default."
         ),
         command=f"python benchmarks/robustness.py --batch --figure {FIGURE}",
