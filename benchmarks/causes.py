@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 from tensegraph import Reconstruction, Settings, simulate
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.plan_file import base_plan_path
-from tensegraph.io.trial_directory import Trial
 from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.evaluation import Evaluation
 from tensegraph.models.evaluation.metrics import errors_of, evaluate
@@ -72,7 +71,9 @@ def scores(plan: Path, seed: int, methods: Sequence[Method]) -> list[Score]:
         trial = simulate(plan, Path(folder) / plan.stem, seed)
         pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
         frames = list(pipeline.lengths(trial.readings()))
-        truth = _truth(trial)
+        known = trial.truth()
+        assert known is not None, "the twin writes its truth"
+        truth = trial.truth_of(known, trial.true_loads())
     rest_m = pipeline.rest.node_position_m
     made = []
     for method in methods:
@@ -99,18 +100,6 @@ def score_of(
         coverage_95=consistency.coverage_95,
         median_sigma_m=consistency.median_sigma_m,
         left_out_share=left_out_share(estimate, truth.faults),
-    )
-
-
-def _truth(trial: Trial) -> Truth:
-    known = trial.truth()
-    assert known is not None, "the twin writes its truth"
-    return Truth(
-        t_s=known.t_s,
-        node_position_m=known.node_position_m,
-        rest_seconds=trial.description.rest_seconds,
-        faults=trial.faults(),
-        loads=trial.true_loads(),
     )
 
 

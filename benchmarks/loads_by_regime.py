@@ -11,7 +11,6 @@ from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.evaluation import Evaluation
 from tensegraph.models.evaluation.metrics import evaluate
-from tensegraph.models.evaluation.truth import Truth
 from tensegraph.pipeline import Pipeline
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -24,14 +23,7 @@ def evaluated(path: Path) -> Evaluation:
     description = trial.description
     pipeline = Pipeline(description, Settings(), read_sensor_model())
     shapes = pipeline.estimate(trial.readings(), "batch")
-    positions = trial.truth()
-    truth = Truth(
-        t_s=positions.t_s,
-        node_position_m=positions.node_position_m,
-        rest_seconds=description.rest_seconds,
-        faults=trial.faults(),
-        loads=trial.true_loads(),
-    )
+    truth = trial.truth_of(trial.truth(), trial.true_loads())
     estimate = Estimate.of(Reconstruction.of(description.structure, shapes))
     return evaluate(description.structure, pipeline.rest.node_position_m, estimate, truth)
 

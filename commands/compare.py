@@ -137,12 +137,7 @@ class TrialComparison:
         try:
             positions = trial.truth()
             if positions is not None:
-                self._truth = Truth(
-                    t_s=positions.t_s,
-                    node_position_m=positions.node_position_m,
-                    rest_seconds=trial.description.rest_seconds,
-                    faults=trial.faults(),
-                )
+                self._truth = trial.truth_of(positions)
         except InputError as error:
             self._note = f"(truth not used: {error})"
 

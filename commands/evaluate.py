@@ -102,13 +102,7 @@ def _truth_of(trial: Trial, path: Path | None) -> Truth:
     positions = trial.truth() if path is None else read_positions(path, trial.description.structure.node_count)
     if positions is None:
         raise InputError(f"{trial.path}: has no truth: expected [truth] in trial.toml, or --truth FILE")
-    return Truth(
-        t_s=positions.t_s,
-        node_position_m=positions.node_position_m,
-        rest_seconds=trial.description.rest_seconds,
-        faults=trial.faults(),
-        loads=trial.true_loads(),
-    )
+    return trial.truth_of(positions, trial.true_loads())
 
 
 def _trial_of(run: dict[str, Any], path: Path, trial: Path | None) -> Trial:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..models.evaluation.truth import Fault, TrueLoads, known_faults
+from ..models.evaluation.truth import Fault, TrueLoads, Truth, known_faults
 from ..models.trial_description import TrialDescription, TrialTable, describe_trial
 from ..models.values.errors import InputError
 from ..models.values.readings import BoardReading, Flag, Mode, ResistanceReading, TendonLengths
@@ -91,6 +91,16 @@ class Trial:
         if self.table.truth is None:
             return ()
         return known_faults(self.table.truth, self.description, str(self.path / "trial.toml"))
+
+    def truth_of(self, positions: StampedPositions, loads: TrueLoads | None = None) -> Truth:
+        """Return true positions and loads, with the rest and the faults of the trial. Evaluation only."""
+        return Truth(
+            t_s=positions.t_s,
+            node_position_m=positions.node_position_m,
+            rest_seconds=self.description.rest_seconds,
+            faults=self.faults(),
+            loads=loads,
+        )
 
     def _rows(self) -> Iterator[BoardReading]:
         return heapq.merge(*(self._board(b) for b in range(len(self.table.board))), key=lambda row: row.host_s)

@@ -17,7 +17,6 @@ from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.estimator.unscented_kalman import UnscentedKalman
 from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
-from tensegraph.models.evaluation.truth import Truth
 from tensegraph.models.sensor.stretching import StretchingSensors
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.values.readings import TendonLengths
@@ -103,8 +102,7 @@ def test_evaluation_of_a_trial(benchmark, measured, example) -> None:
     structure, rest = pipeline.trial.structure, pipeline.rest
     shapes = LiveSmoother(structure, rest, Settings()).estimate(frames)
     estimate, trial = Estimate.of(Reconstruction.of(structure, shapes)), open_trial(example)
-    positions = trial.truth()
-    truth = Truth(positions.t_s, positions.node_position_m, trial.description.rest_seconds, trial.faults())
+    truth = trial.truth_of(trial.truth())
     result = benchmark(evaluate, structure, rest.node_position_m, estimate, truth)
     assert result.frames > 1400
 
