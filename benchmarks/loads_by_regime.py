@@ -4,10 +4,9 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from tensegraph import Reconstruction, Settings, open_trial
 from tensegraph.io.model_file import read_sensor_model
+from tensegraph.io.reports.cells import or_dash
 from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.evaluation import Evaluation
 from tensegraph.models.evaluation.metrics import evaluate
@@ -28,11 +27,6 @@ def evaluated(path: Path) -> Evaluation:
     return evaluate(description.structure, pipeline.rest.node_position_m, estimate, truth)
 
 
-def cell(value: float, form: str) -> str:
-    """Return a number, or a dash for none."""
-    return format(value, form) if np.isfinite(value) else "-"
-
-
 def table(trials: Sequence[Path]) -> Iterator[str]:
     """Yield the rows of a Markdown table, one trial with true loads a row."""
     yield "| trial | loaded | others | seen | true | false alarms | right node | quiet | loaded | slack |"
@@ -42,11 +36,12 @@ def table(trials: Sequence[Path]) -> Iterator[str]:
         score = evaluation.loads
         if score is None:
             continue
-        cells = [cell(score.loaded_rmse_n, ".2f"), cell(score.unloaded_rmse_n, ".2f")]
-        cells += [cell(share, ".0%") for share in (score.recall, score.precision)]
-        cells += [cell(score.quiet_false_alarm_share, ".1%"), cell(score.most_loaded_share, ".0%")]
+        cells = [or_dash(score.loaded_rmse_n, "{:.2f}"), or_dash(score.unloaded_rmse_n, "{:.2f}")]
+        cells += [or_dash(share, "{:.0%}") for share in (score.recall, score.precision)]
+        cells += [or_dash(score.quiet_false_alarm_share, "{:.1%}"), or_dash(score.most_loaded_share, "{:.0%}")]
         regimes = {regime.name: regime for regime in evaluation.regimes}
-        cells += [f"{cell(r.coverage_68, '.0%')}, {cell(r.coverage_95, '.0%')}" for r in map(regimes.get, REGIMES) if r]
+        known = [regimes[name] for name in REGIMES if name in regimes]
+        cells += [f"{or_dash(r.coverage_68, '{:.0%}')}, {or_dash(r.coverage_95, '{:.0%}')}" for r in known]
         yield f"| {path.resolve().name} | {' | '.join(cells)} |"
 
 

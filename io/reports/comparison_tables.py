@@ -8,6 +8,7 @@ import numpy as np
 
 from ...models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow, Published
 from ...models.evaluation.evaluation import Errors, ShapeErrors
+from .cells import or_dash
 
 
 def as_markdown(rows: Sequence[ComparisonRow], command: str) -> str:
@@ -33,7 +34,7 @@ def as_markdown(rows: Sequence[ComparisonRow], command: str) -> str:
 
 
 def _published_cells(p: Published) -> tuple[str, ...]:
-    errors = (_number(value, ".1f") for value in (p.node_mm, p.faces_mm, p.system_mm))
+    errors = (or_dash(value, "{:.1f}") for value in (p.node_mm, p.faces_mm, p.system_mm))
     return (f"*{p.source}*", *errors, *["-"] * 5)
 
 
@@ -41,17 +42,17 @@ def _method_cells(row: ComparisonRow) -> tuple[str, ...]:
     parts = (row.errors.nodes, row.errors.faces, row.errors.system)
     return (
         row.method,
-        *(_number(1e3 * part.rmse_m, ".1f") for part in parts),
-        " / ".join(_number(1e3 * part.height_rmse_m, ".1f") for part in parts),
-        _number(row.coverage_95, ".0%"),
-        _number(1e3 * row.median_sigma_m, ".1f"),
-        _number(row.wrong_branch_share, ".0%"),
-        _number(row.ms_per_frame, ".2f"),
+        *(or_dash(1e3 * part.rmse_m, "{:.1f}") for part in parts),
+        " / ".join(or_dash(1e3 * part.height_rmse_m, "{:.1f}") for part in parts),
+        or_dash(row.coverage_95, "{:.0%}"),
+        or_dash(1e3 * row.median_sigma_m, "{:.1f}"),
+        or_dash(row.wrong_branch_share, "{:.0%}"),
+        or_dash(row.ms_per_frame, "{:.2f}"),
     )
 
 
 def _trial_cell(row: ComparisonRow) -> str:
-    rmse = _number(1e3 * row.errors.nodes.rmse_m, ".1f")
+    rmse = or_dash(1e3 * row.errors.nodes.rmse_m, "{:.1f}")
     if np.isnan(row.coverage_95):
         return rmse
     return f"{rmse} ({row.coverage_95:.0%} at {1e3 * row.median_sigma_m:.1f})"
@@ -59,10 +60,6 @@ def _trial_cell(row: ComparisonRow) -> str:
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     return [f"| {' | '.join(cells)} |" for cells in (header, ["---"] * len(header), *rows)]
-
-
-def _number(value: float, form: str) -> str:
-    return f"{value:{form}}" if np.isfinite(value) else "-"
 
 
 def write_comparison_csv(rows: Sequence[ComparisonRow], path: Path) -> None:

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from ...models.evaluation.evaluation import Consistency, Errors, Evaluation, FaultScore, Regime
 from ...models.evaluation.load_score import CLEAR_LOAD_N
+from .cells import or_dash
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,16 +105,16 @@ def _load_facts(e: Evaluation) -> list[tuple[str, str]]:
     if score is None:
         return []
     facts = {
-        f"RMSE of loads above {score.threshold_n:g} N": _cell(score.loaded_rmse_n, "{:.3f} N"),
-        "  of the others": _cell(score.unloaded_rmse_n, "{:.3f} N"),
-        f"loads above {score.threshold_n:g} N that are seen": _cell(score.recall, "{:.1%}"),
-        "  seen, and true": _cell(score.precision, "{:.1%}"),
+        f"RMSE of loads above {score.threshold_n:g} N": or_dash(score.loaded_rmse_n, "{:.3f} N"),
+        "  of the others": or_dash(score.unloaded_rmse_n, "{:.3f} N"),
+        f"loads above {score.threshold_n:g} N that are seen": or_dash(score.recall, "{:.1%}"),
+        "  seen, and true": or_dash(score.precision, "{:.1%}"),
         "  unloaded, called loaded": (
-            f"{_cell(score.false_alarm_share, '{:.1%}')}; "
-            f"{_cell(score.quiet_false_alarm_share, '{:.1%}')} while no node is loaded"
+            f"{or_dash(score.false_alarm_share, '{:.1%}')}; "
+            f"{or_dash(score.quiet_false_alarm_share, '{:.1%}')} while no node is loaded"
         ),
         f"most loaded node (above {CLEAR_LOAD_N:g} N)": (
-            _cell(score.most_loaded_share, f"the right one in {{:.1%}} of {score.clear_frames} frames")
+            or_dash(score.most_loaded_share, f"the right one in {{:.1%}} of {score.clear_frames} frames")
         ),
     }
     return list(facts.items())
@@ -121,16 +122,12 @@ def _load_facts(e: Evaluation) -> list[tuple[str, str]]:
 
 def _regime_cells(regime: Regime) -> list[str]:
     return [
-        _cell(1e3 * regime.node_rmse_m, "{:.2f}"),
-        _cell(regime.nees, "{:.2f}"),
-        _cell(regime.coverage_68, "{:.1%}"),
-        _cell(regime.coverage_95, "{:.1%}"),
-        _cell(1e3 * regime.median_sigma_m, "{:.2f}"),
+        or_dash(1e3 * regime.node_rmse_m, "{:.2f}"),
+        or_dash(regime.nees, "{:.2f}"),
+        or_dash(regime.coverage_68, "{:.1%}"),
+        or_dash(regime.coverage_95, "{:.1%}"),
+        or_dash(1e3 * regime.median_sigma_m, "{:.2f}"),
     ]
-
-
-def _cell(value: float, form: str) -> str:
-    return form.format(value) if np.isfinite(value) else "-"
 
 
 def _seen(fault: FaultScore) -> str:
@@ -142,7 +139,7 @@ def _seen(fault: FaultScore) -> str:
 
 def _millimetres(errors: Errors) -> list[str]:
     values = (errors.rmse_m, errors.height_rmse_m, errors.median_m, errors.percentile_95_m)
-    return [_cell(1e3 * value, "{:.2f}") for value in values]
+    return [or_dash(1e3 * value, "{:.2f}") for value in values]
 
 
 def _plain(value: object) -> object:
