@@ -22,7 +22,6 @@ class _Layer:
 
     path: Path
     table: dict[str, Any]
-    text: str
 
 
 def read_plan(path: Path) -> Plan:
@@ -40,8 +39,7 @@ def read_plan(path: Path) -> Plan:
         table = _merged(table, layer.table)
 
     def place(key: str) -> str:
-        layer = _owner(layers, key)
-        return f"{layer.path}: line {line_of(layer.text, key)}"
+        return _place(_owner(layers, key).path, key)
 
     for key in unknown_keys(Plan, table):
         raise InputError(f"{place(key)}: {key}: is no key of a plan")
@@ -57,14 +55,21 @@ def base_plan_path(path: Path) -> Path | None:
     Raises:
         InputError: when the plan cannot be read, or `extends` is not a path.
     """
-    table = read_toml(path)
+    return _base_path(path, read_toml(path))
+
+
+def _base_path(path: Path, table: Mapping[str, Any]) -> Path | None:
     if EXTENDS not in table:
         return None
     base = table[EXTENDS]
     if not isinstance(base, str):
-        line = line_of(path.read_text(encoding="utf-8"), EXTENDS)
-        raise InputError(f"{path}: line {line}: {EXTENDS}: expected the path of a plan, got {base!r}")
+        raise InputError(f"{_place(path, EXTENDS)}: {EXTENDS}: expected the path of a plan, got {base!r}")
     return path.parent / base
+
+
+def _place(path: Path, key: str) -> str:
+    """Return the file and the line of a key, for the text of an error."""
+    return f"{path}: line {line_of(path.read_text(encoding='utf-8'), key)}"
 
 
 def _layers(path: Path) -> list[_Layer]:
@@ -77,14 +82,12 @@ def _layers(path: Path) -> list[_Layer]:
     following: Path | None = path
     while following is not None:
         if following.resolve() in [layer.path.resolve() for layer in layers]:
-            line = line_of(layers[-1].text, EXTENDS)
-            raise InputError(
-                f"{layers[-1].path}: line {line}: {EXTENDS}: leads back to {following}: expected a plan that does not"
-            )
-        base = base_plan_path(following)
+            place = _place(layers[-1].path, EXTENDS)
+            raise InputError(f"{place}: {EXTENDS}: leads back to {following}: expected a plan that does not")
         table = read_toml(following)
+        base = _base_path(following, table)
         table.pop(EXTENDS, None)
-        layers.append(_Layer(following, table, following.read_text(encoding="utf-8")))
+        layers.append(_Layer(following, table))
         following = base
     return layers
 
