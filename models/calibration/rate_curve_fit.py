@@ -25,9 +25,7 @@ def fit_rate_curve(
         memory_s: (memories,) time constants of the running means.
         signed: whether bent samples are fitted, too.
     """
-    parts = [(rate_inputs(r.change, r.running_means(memory_s)), r.strain, r.counted(signed)) for r in recordings]
-    inputs = np.concatenate([x[counted] for x, _, counted in parts])
-    strain = np.concatenate([strain[counted] for _, strain, counted in parts])
+    inputs, strain = rate_samples(recordings, memory_s, signed)
     scale: NDArray[np.float64] = np.maximum(inputs.std(axis=0), 1e-9)
     input_range = np.stack([inputs.min(axis=0), inputs.max(axis=0)])
     terms = curve_terms(inputs, scale, gauge)
@@ -37,6 +35,15 @@ def fit_rate_curve(
     return RateCurve(
         gauge=gauge, memory_s=memory_s, scale=scale, range=input_range, coefficients=coefficients, factor=factor
     )
+
+
+def rate_samples(
+    recordings: Sequence[Recording], memory_s: NDArray[np.float64], signed: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the (samples, 1 + memories) inputs and the (samples,) strain of all samples that count."""
+    parts = [(rate_inputs(r.change, r.running_means(memory_s)), r.strain, r.counted(signed)) for r in recordings]
+    inputs = np.concatenate([x[counted] for x, _, counted in parts])
+    return inputs, np.concatenate([strain[counted] for _, strain, counted in parts])
 
 
 def ridge(terms: NDArray[np.float64], strain: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -10,7 +10,7 @@ from scipy.optimize import isotonic_regression
 from ..sensor.gauge import common_change
 from ..sensor.lstm import running_means
 from ..sensor.rate_curve import products, rate_inputs
-from .rate_curve_fit import ridge
+from .rate_curve_fit import rate_samples, ridge
 from .recordings import Recording
 from .strain_estimators import EstimatedStrain
 
@@ -60,9 +60,7 @@ class PolynomialEstimator:
     @classmethod
     def fit(cls, recordings: Sequence[Recording], signed: bool) -> "PolynomialEstimator":
         """Return the estimator fitted to recordings on the common curve; signed includes bent samples."""
-        parts = [(r.counted(signed), rate_inputs(r.change, r.running_means(FILTERS_S)), r.strain) for r in recordings]
-        inputs = np.concatenate([x[counted] for counted, x, _ in parts])
-        strain = np.concatenate([strain[counted] for counted, _, strain in parts])
+        inputs, strain = rate_samples(recordings, FILTERS_S, signed)
         scale: NDArray[np.float64] = np.maximum(inputs.std(axis=0), 1e-9)
         terms = products(inputs / scale)
         coefficients, _ = ridge(terms, strain)
