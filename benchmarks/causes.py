@@ -118,8 +118,7 @@ def left_out_share(estimate: Estimate, faults: Iterable[Fault]) -> float:
     healthy = np.ones(left_out.shape[1], dtype=np.bool_)
     for fault in faults:
         if fault.where.startswith("board"):
-            during = (estimate.t_s >= fault.from_s) & (estimate.t_s <= fault.until_s)
-            left_out[np.ix_(during, fault.tendons)] = False
+            left_out[np.ix_(fault.during(estimate.t_s), fault.tendons)] = False
         else:
             healthy[fault.tendons] = False
     return float(np.mean([_longest_s(estimate.t_s, column) > LONG_S for column in left_out.T[healthy]]))

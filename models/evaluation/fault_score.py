@@ -18,7 +18,7 @@ def named_as_fault(estimate: Estimate) -> NDArray[np.bool_]:
 
 def score_fault(fault: Fault, estimate: Estimate) -> FaultScore:
     """Return whether and when a fault was detected."""
-    during = (estimate.t_s >= fault.from_s) & (estimate.t_s <= fault.until_s)
+    during = fault.during(estimate.t_s)
     named = named_as_fault(estimate)[during][:, fault.tendons]
     detected = np.asarray(named.any(axis=0))
     delay_s = None
@@ -38,6 +38,5 @@ def false_alarm_share(faults: Iterable[Fault], estimate: Estimate) -> float:
     """Return the share of the readings without a fault that are flagged as faulty or left out."""
     healthy = np.ones(estimate.flags.shape, dtype=np.bool_)
     for fault in faults:
-        during = (estimate.t_s >= fault.from_s) & (estimate.t_s <= fault.until_s)
-        healthy[np.ix_(during, fault.tendons)] = False
+        healthy[np.ix_(fault.during(estimate.t_s), fault.tendons)] = False
     return float(np.mean(named_as_fault(estimate)[healthy])) if healthy.any() else np.nan

@@ -21,6 +21,10 @@ class Fault:
     from_s: float
     until_s: float
 
+    def during(self, t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return (times,) which times are within the fault."""
+        return np.asarray((t_s >= self.from_s) & (t_s <= self.until_s))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueLoads:
