@@ -40,7 +40,7 @@ is_pressed = False
 for shape in tg.stream(arriving(trial), trial.description):
     if shape.t_s >= next_line_s:
         next_line_s += 1.0
-        sigma_mm = 1e3 * np.sqrt(np.trace(shape.node_covariance_m2, axis1=1, axis2=2))[structure.free_nodes]
+        sigma_mm = 1e3 * shape.node_sigma_m[structure.free_nodes]
         print(f"{shape.t_s:5.2f} s: {shape.status.name}, largest sigma of a node {sigma_mm.max():.1f} mm")
     if shape.loads is not None:
         load_n = np.nan_to_num(np.linalg.norm(shape.loads.force_n, axis=1))

@@ -103,7 +103,7 @@ def _summary(activity: Activity, state: LinkState) -> Table:
         median_ms, p99_ms = activity.latency_ms()
         table.add_row("frames", f"{activity.frames}")
         table.add_row("latency", f"median {median_ms:.1f} ms, 99 % within {p99_ms:.1f} ms, from last byte to shape")
-        sigma_m = np.sqrt(np.trace(activity.shape.node_covariance_m2, axis1=-2, axis2=-1))
+        sigma_m = activity.shape.node_sigma_m
         table.add_row("largest sigma", f"{1e3 * sigma_m.max():.1f} mm, node {int(np.argmax(sigma_m))}")
         table.add_row("flagged", _flagged(activity.shape.lengths.flags) or "none")
     if activity.skipped_frames or state.skipped_rows:

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from ..structure.external_loads import LOAD_THRESHOLD_N, observable_part
 from ..structure.reconstruction import Reconstruction
 from ..structure.rigidity import branch
+from ..structure.shape import node_sigma_m
 from ..structure.structure import Structure
 from ..values.errors import InputError
 from ..values.readings import Flag, Mode
@@ -136,7 +137,7 @@ def compare_frames(
         t_s=estimate.t_s[known],
         estimated_m=estimated_m,
         true_m=true_m,
-        node_sigma_m=np.sqrt(np.trace(covariance_m2[:, free], axis1=-2, axis2=-1)),
+        node_sigma_m=node_sigma_m(covariance_m2[:, free]),
         height_sigma_m=np.sqrt(covariance_m2[..., 2, 2]),
         nees=normalised_error_squared(node_error_m, covariance_m2[:, free]),
         node_error_m=node_error_m,

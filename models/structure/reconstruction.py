@@ -12,7 +12,7 @@ from ..values.readings import TendonLengths
 from .external_loads import ExternalLoads
 from .lengths import length_jacobian, propagated_variance
 from .rigidity import branch, free_length_jacobian
-from .shape import Ellipsoids, OtherShape, Shape, Status, ellipsoids, node_blocks
+from .shape import Ellipsoids, OtherShape, Shape, Status, ellipsoids, node_blocks, node_sigma_m
 from .structure import Structure
 
 
@@ -102,7 +102,7 @@ class Reconstruction:
     @property
     def node_sigma_m(self) -> NDArray[np.float64]:
         """(frames, nodes) square root of the trace of each node's covariance."""
-        return np.asarray(np.sqrt(np.trace(self.node_covariance_m2, axis1=-2, axis2=-1)))
+        return node_sigma_m(self.node_covariance_m2)
 
     def ellipsoids(self, probability: float = 0.95) -> Ellipsoids:
         """Return the confidence region of every node in every frame."""

@@ -87,6 +87,11 @@ class Shape:
         """(nodes, 3, 3) covariance of each node."""
         return node_blocks(self.covariance_m2)
 
+    @property
+    def node_sigma_m(self) -> NDArray[np.float64]:
+        """(nodes,) square root of the trace of each node's covariance."""
+        return node_sigma_m(self.node_covariance_m2)
+
     def ellipsoids(self, probability: float = 0.95) -> Ellipsoids:
         """Return each node's confidence region."""
         return ellipsoids(self.node_covariance_m2, probability)
@@ -97,3 +102,8 @@ def node_blocks(covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:
     nodes = covariance_m2.shape[-1] // 3
     blocks = covariance_m2.reshape(*covariance_m2.shape[:-2], nodes, 3, nodes, 3)
     return np.asarray(np.einsum("...ninj->...nij", blocks))
+
+
+def node_sigma_m(node_covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (...,) square roots of the traces of (..., 3, 3) covariances."""
+    return np.asarray(np.sqrt(np.trace(node_covariance_m2, axis1=-2, axis2=-1)))
