@@ -25,8 +25,7 @@ class LeastSquares:
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._structure = structure
         self._noise = settings.noise
-        self._free = structure.free_nodes
-        self._position = rest.node_position_m.copy()
+        self._position = rest.node_position_m
 
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
         """Yield a shape for each frame."""
@@ -36,21 +35,22 @@ class LeastSquares:
         """Return the shape of one more frame."""
         from scipy.optimize import least_squares  # imported for this method alone
 
+        structure = self._structure
         sigma_m = tendon_sigma_m(lengths, self._noise)
         usable = np.flatnonzero(np.isfinite(sigma_m))
-        members = np.concatenate([self._structure.rods, self._structure.tendons[usable]])
-        target_m = np.concatenate([self._structure.rod_length_m, lengths.length_m[usable]])
-        weight = 1 / np.concatenate([np.full(len(self._structure.rods), self._noise.rod_m), sigma_m[usable]])
+        members = np.concatenate([structure.rods, structure.tendons[usable]])
+        target_m = np.concatenate([structure.rod_length_m, lengths.length_m[usable]])
+        weight = 1 / np.concatenate([np.full(len(structure.rods), self._noise.rod_m), sigma_m[usable]])
 
         def residual(x: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.asarray((member_length_m(self._placed(x), members) - target_m) * weight)
+            return np.asarray((member_length_m(structure.position_m(x), members) - target_m) * weight)
 
         def jacobian(x: NDArray[np.float64]) -> NDArray[np.float64]:
-            return length_jacobian(self._placed(x), members, self._structure.free_coordinates) * weight[:, None]
+            return length_jacobian(structure.position_m(x), members, structure.free_coordinates) * weight[:, None]
 
-        solution = least_squares(residual, self._position[self._free].ravel(), jacobian)
-        self._position = self._placed(solution.x)
-        status = status_of(lengths, self._structure) if solution.success else Status.NOT_CONVERGED
+        solution = least_squares(residual, self._position[structure.free_nodes].ravel(), jacobian)
+        self._position = structure.position_m(solution.x)
+        status = status_of(lengths, structure) if solution.success else Status.NOT_CONVERGED
         return Shape(
             t_s=lengths.t_s,
             node_position_m=self._position,
@@ -58,12 +58,6 @@ class LeastSquares:
             status=status,
             lengths=lengths,
         )
-
-    def _placed(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (nodes, 3) positions that have the given (3 free,) coordinates of the free nodes."""
-        position = self._position.copy()
-        position[self._free] = coordinates.reshape(-1, 3)
-        return position
 
     def _covariance(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (3 nodes, 3 nodes) covariance from the Jacobian of the weighted residuals."""

@@ -19,27 +19,19 @@ ARROW = 90.0
 """Millimetres for a node that moves by 1 along the unit motion."""
 
 
-def placed(structure: Structure, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (nodes, 3) positions of the free nodes' coordinates."""
-    position = np.zeros((structure.node_count, 3))
-    position[structure.anchors] = structure.anchor_position_m
-    position[structure.free_nodes] = coordinates.reshape(-1, 3)
-    return position
-
-
 def other_exact_shape(structure: Structure, position_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the nearest other shape that has exactly the same lengths."""
     length_m = member_length_m(position_m, structure.free_members)
 
     def residual(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        return 1e3 * (member_length_m(placed(structure, coordinates), structure.free_members) - length_m)
+        return 1e3 * (member_length_m(structure.position_m(coordinates), structure.free_members) - length_m)
 
     motion = rigidity(structure, position_m).mechanism
     found = []
     for step_m in np.arange(-0.2, 0.21, 0.02):
         start = (position_m + step_m * motion)[structure.free_nodes].ravel()
         solution = least_squares(residual, start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
-        shape = placed(structure, solution.x)
+        shape = structure.position_m(solution.x)
         away_m = float(np.linalg.norm(shape - position_m))
         if np.abs(solution.fun).max() < 1e-4 and away_m > 0.005:
             found.append((away_m, shape))

@@ -87,7 +87,7 @@ def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
     for _ in range(STARTS):
         start = base.mean(axis=0) + scale * rng.uniform([-0.6, -0.6, 0.0], [0.6, 0.6, 1.0], (len(free), 3))
         solution = least_squares(energy.residual, start.ravel(), energy.jacobian, method="trf", xtol=1e-10, ftol=1e-12)
-        position = energy.position_m(solution.x)
+        position = structure.position_m(solution.x)
         rod_error = np.abs(member_length_m(position, structure.rods) / structure.rod_length_m - 1)
         if rod_error.max() < 1e-2 and position[free, 2].mean() > base[:, 2].mean():
             shapes.append((solution.cost, position))
@@ -105,23 +105,17 @@ class _TendonEnergy:
         self._structure = structure
         self._members = np.concatenate([structure.rods, structure.tendons])
 
-    def position_m(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (nodes, 3) positions of all nodes, from the (3 free,) coordinates of the free nodes."""
-        position = np.empty((self._structure.node_count, 3))
-        position[self._structure.anchors] = self._structure.anchor_position_m
-        position[self._structure.free_nodes] = coordinates.reshape(-1, 3)
-        return position
-
     def residual(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (rods + tendons,) the terms whose squares are summed."""
         structure = self._structure
-        position = self.position_m(coordinates)
+        position = structure.position_m(coordinates)
         rod_error = member_length_m(position, structure.rods) - structure.rod_length_m
         stretch = structure.tendon_length_m(position) - structure.natural_length_m
         return np.concatenate([ROD_WEIGHT * rod_error, stretch])
 
     def jacobian(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (rods + tendons, 3 free), the derivative of `residual`."""
-        rows = length_jacobian(self.position_m(coordinates), self._members, self._structure.free_coordinates)
-        rows[: len(self._structure.rods)] *= ROD_WEIGHT
+        structure = self._structure
+        rows = length_jacobian(structure.position_m(coordinates), self._members, structure.free_coordinates)
+        rows[: len(structure.rods)] *= ROD_WEIGHT
         return rows

@@ -106,6 +106,13 @@ class Structure:
         position[..., self.anchors, :] = self.anchor_position_m
         return position
 
+    def position_m(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(nodes, 3) positions of all nodes, from the (3 free,) coordinates of the free nodes."""
+        position = np.empty((self.node_count, 3))
+        position[self.anchors] = self.anchor_position_m
+        position[self.free_nodes] = coordinates.reshape(-1, 3)
+        return position
+
 
 SIX_STRUT_RODS = ((0, 3), (4, 5), (1, 6), (7, 8), (2, 9), (10, 11))
 """The paper's eq. (6)."""
