@@ -11,7 +11,20 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from ...models.evaluation.evaluation import Evaluation
-from .style import BAND, BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, add_grid, add_legend_below, save_figure
+from .style import (
+    BAND,
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    RED,
+    add_grid,
+    add_legend_below,
+    panels_over_time,
+    save_figure,
+)
 
 NODE_COLORS = (BLUE, ORANGE, GREEN, PURPLE, BLACK)
 """Colours of the loaded nodes, repeated if there are more nodes."""
@@ -24,21 +37,14 @@ def write_heights_figure(e: Evaluation, title: str, path: Path) -> None:
     free = e.structure.free_nodes
     faces = e.structure.faces
     c = e.compared
-    columns = 4
-    count = len(free) + len(faces)
-    rows = -(-count // columns)
-    figure = Figure(figsize=(4.2 * columns, 1.75 * rows + 1.2), layout="constrained")
-    axes = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
+    figure, axes = panels_over_time(len(free) + len(faces), 4, 1.75)
     for axis, node in zip(axes, free, strict=False):
         _draw_height(axis, c.t_s, c.estimated_m[:, node, 2], c.true_m[:, node, 2], c.height_sigma_m[:, node])
         axis.set_title(f"node {node}", fontsize=8, pad=2)
     for axis, face in zip(axes[len(free) :], faces, strict=False):
         _draw_height(axis, c.t_s, c.estimated_m[:, face, 2].mean(axis=1), c.true_m[:, face, 2].mean(axis=1), None)
         axis.set_title(f"face {face[0]}-{face[1]}-{face[2]}", fontsize=8, pad=2)
-    for axis in axes[count:]:
-        axis.set_visible(False)
-    for axis in axes[max(count - columns, 0) : count]:
-        axis.set_xlabel("time [s]")
+    for axis in axes[-4:]:
         axis.xaxis.set_tick_params(labelbottom=True)
     figure.supylabel("height [mm]")
     figure.suptitle(f"{title}: heights of nodes and of faces' centres (each panel has its own scale)")

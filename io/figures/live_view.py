@@ -16,8 +16,17 @@ from numpy.typing import NDArray
 from ...models.structure.shape import Shape
 from ...models.structure.structure import Structure
 from ...models.values.errors import TensegraphError
-from ...models.values.readings import Mode
-from .style import BLACK, BLUE, GREEN, GREY, ORANGE, RED, add_legend_below, anchor_handle, structure_handles
+from .style import (
+    BLACK,
+    GREEN,
+    GREY,
+    RED,
+    add_legend_below,
+    anchor_handle,
+    set_cube,
+    structure_handles,
+    tendon_style,
+)
 
 PAUSE_S = 0.05
 """Time between two drawings, in which the window handles its events."""
@@ -73,12 +82,7 @@ class StructureDrawing:
             int(node): [axis.plot([], [], [], color=RED, lw=0.8)[0] for _ in range(3)] for node in structure.free_nodes
         }
         axis.scatter(*rest_mm[structure.anchors].T, marker="^", color=GREEN, s=30)
-        low = rest_mm.min(axis=0)
-        high = rest_mm.max(axis=0)
-        half = 0.6 * float(np.max(high - low))
-        for name, middle in zip("xyz", 0.5 * (low + high), strict=True):
-            getattr(axis, f"set_{name}lim")(middle - half, middle + half)
-            getattr(axis, f"set_{name}label")(f"{name} [mm]")
+        set_cube(axis, rest_mm, 0.6)
         axis.set_box_aspect((1, 1, 1))
         ellipsoid = Line2D([], [], color=RED, lw=0.8, label=f"{100 * probability:g} % ellipsoid")
         add_legend_below(figure, [*structure_handles(), ellipsoid, anchor_handle()], 3)
@@ -90,9 +94,7 @@ class StructureDrawing:
             line.set_data_3d(*position_mm[rod].T)
         for e, (line, tendon) in enumerate(zip(self._tendons, self._structure.tendons, strict=True)):
             line.set_data_3d(*position_mm[tendon].T)
-            seen = bool(np.isfinite(shape.lengths.length_m[e]))
-            line.set_color(GREY if not seen else ORANGE if shape.lengths.mode[e] == Mode.BENDING else BLUE)
-            line.set_linestyle("-" if seen else ":")
+            line.set(**tendon_style(shape.lengths.length_m[e], shape.lengths.mode[e]))
         regions = shape.ellipsoids(self._probability)
         angle = np.linspace(0, 2 * np.pi, 33)
         for node, ellipses in self._ellipses.items():

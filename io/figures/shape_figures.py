@@ -26,8 +26,11 @@ from .style import (
     add_grid,
     add_legend_below,
     anchor_handle,
+    panels_over_time,
     save_figure,
+    set_cube,
     structure_handles,
+    tendon_style,
 )
 
 LOAD_MM_PER_N = 30.0
@@ -45,16 +48,9 @@ def write_figures(r: Reconstruction, settings: Settings, title: str, directory: 
 def write_lengths_figure(r: Reconstruction, title: str, path: Path) -> None:
     """Draw each tendon's length over time with its 95 % band, and where it bends or has no reading (paper's Fig. 8)."""
     count = len(r.structure.tendons)
-    columns = min(count, 4)
-    rows = -(-count // columns)
-    figure = Figure(figsize=(4.2 * columns, 1.55 * rows + 1.2), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(rows, columns, sharex=True, squeeze=False)).ravel()
-    for e in range(count):
-        _draw_length(axes[e], r, e)
-    for axis in axes[count:]:
-        axis.set_visible(False)
-    for axis in axes[max(count - columns, 0) : count]:
-        axis.set_xlabel("time [s]")
+    figure, axes = panels_over_time(count, min(count, 4), 1.55)
+    for e, axis in enumerate(axes):
+        _draw_length(axis, r, e)
     figure.supylabel("tendon length [mm]")
     figure.suptitle(f"{title}: tendon lengths (each panel has its own scale)")
     handles = [
@@ -105,10 +101,12 @@ def write_shape_figure(r: Reconstruction, probability: float, load_threshold_n: 
     frames = interesting_frames(r)
     figure = Figure(figsize=(11, 11.5 if len(frames) > 2 else 6.5), layout="constrained")
     arrows = [load_arrows(r, k, load_threshold_n) for k in frames]
-    limits = _limits_mm(r, np.concatenate([some.tail_mm for some in arrows]))
+    nodes_mm = 1e3 * r.node_position_m.reshape(-1, 3)
+    drawn_mm = np.concatenate([nodes_mm, *(some.tail_mm for some in arrows)])
     for panel, (k, some) in enumerate(zip(frames, arrows, strict=True)):
         axis = figure.add_subplot(-(-len(frames) // 2), min(len(frames), 2), panel + 1, projection="3d")
-        _draw_structure(axis, r, k, probability, limits)
+        _draw_structure(axis, r, k, probability)
+        set_cube(axis, drawn_mm, 0.52, fontsize=8)
         axis.quiver(*some.tail_mm.T, *some.push_mm.T, color=PURPLE, lw=2, arrow_length_ratio=0.2)
         axis.set_title(f"t = {r.t_s[k]:.2f} s", fontsize=10)
     figure.suptitle(f"{title}: shape with {100 * probability:g} % ellipsoids, drawn to scale")
@@ -151,31 +149,16 @@ def load_arrows(r: Reconstruction, k: int, load_threshold_n: float) -> LoadArrow
     return LoadArrows(1e3 * r.node_position_m[k, drawn] - push_mm, push_mm)
 
 
-def _limits_mm(r: Reconstruction, more_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (3, 2) limits of a cube that holds every node of every frame, and some further points."""
-    points_mm = np.concatenate([1e3 * r.node_position_m.reshape(-1, 3), more_mm])
-    low = points_mm.min(axis=0)
-    high = points_mm.max(axis=0)
-    middle = 0.5 * (low + high)
-    half = 0.52 * float(np.max(high - low))
-    return np.stack([middle - half, middle + half], axis=1)
-
-
-def _draw_structure(axis: Axes3D, r: Reconstruction, k: int, probability: float, limits: NDArray[np.float64]) -> None:
+def _draw_structure(axis: Axes3D, r: Reconstruction, k: int, probability: float) -> None:
     now_mm = 1e3 * r.node_position_m[k]
     start_mm = 1e3 * r.node_position_m[0]
     for a, b in r.structure.rods:
         axis.plot(*start_mm[[a, b]].T, color=GREY, lw=1, alpha=0.6)
         axis.plot(*now_mm[[a, b]].T, color=BLACK, lw=3, solid_capstyle="round")
     for e, (a, b) in enumerate(r.structure.tendons):
-        seen = np.isfinite(r.length_m[k, e])
-        color = GREY if not seen else ORANGE if r.mode[k, e] == Mode.BENDING else BLUE
-        axis.plot(*now_mm[[a, b]].T, color=color, lw=1.2, ls="-" if seen else ":")
+        axis.plot(*now_mm[[a, b]].T, lw=1.2, **tendon_style(r.length_m[k, e], r.mode[k, e]))
     axis.scatter(*now_mm[r.structure.anchors].T, marker="^", color=GREEN, s=30)
     _draw_ellipsoids(axis, r, k, probability)
-    for name, limit in zip("xyz", limits, strict=True):
-        getattr(axis, f"set_{name}lim")(*limit)
-        getattr(axis, f"set_{name}label")(f"{name} [mm]", fontsize=8)
     axis.tick_params(labelsize=7)
     axis.set_box_aspect((1, 1, 1), zoom=0.92)
 

@@ -2,12 +2,17 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d import Axes3D
+from numpy.typing import NDArray
+
+from ...models.values.readings import Mode
 
 BLUE = "#0072B2"
 SKY_BLUE = "#56B4E9"
@@ -38,6 +43,35 @@ def add_legend_below(figure: Figure, handles: Sequence[Artist], columns: int) ->
 def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> None:
     """Write a PNG."""
     figure.savefig(path, dpi=dpi)
+
+
+def panels_over_time(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]:
+    """Return a figure with a grid of panels that share their time, each `height` inches high."""
+    rows = -(-count // columns)
+    figure = Figure(figsize=(4.2 * columns, height * rows + 1.2), layout="constrained")
+    axes = list(figure.subplots(rows, columns, sharex=True, squeeze=False).flat)
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    for axis in axes[max(count - columns, 0) : count]:
+        axis.set_xlabel("time [s]")
+    return figure, axes[:count]
+
+
+def set_cube(axis: Axes3D, points_mm: NDArray[np.float64], reach: float, **label: Any) -> None:
+    """Show a cube around points, with sides of twice `reach` times their largest extent, and label its axes."""
+    low = points_mm.min(axis=0)
+    high = points_mm.max(axis=0)
+    half = reach * float(np.max(high - low))
+    for name, middle in zip("xyz", 0.5 * (low + high), strict=True):
+        getattr(axis, f"set_{name}lim")(middle - half, middle + half)
+        getattr(axis, f"set_{name}label")(f"{name} [mm]", **label)
+
+
+def tendon_style(length_m: float, mode: int) -> dict[str, str]:
+    """Return colour and line style of a tendon by its measured length, which may be nan, and its mode."""
+    if np.isfinite(length_m):
+        return {"color": ORANGE if mode == Mode.BENDING else BLUE, "linestyle": "-"}
+    return {"color": GREY, "linestyle": ":"}
 
 
 def structure_handles() -> list[Line2D]:
