@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from tensegraph import BoardReading, Reconstruction, Settings, open_trial, simulate
-from tensegraph.io.figures.style import BLUE, GREY, ORANGE
+from tensegraph.io.figures.style import BLUE, GREY, ORANGE, add_grid, add_legend_below, save_figure
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.trial_directory import Trial
 from tensegraph.models.evaluation.metrics import node_rmse_m
@@ -98,21 +98,17 @@ def draw_dead_sensors(results: dict[str, tuple[np.ndarray, np.ndarray, float]], 
             ylabel="[mm]",
         )
         axis.set_title(name, fontsize=10)
-        axis.grid(alpha=0.3, lw=0.4)
+        add_grid(axis)
     draws = len(rmse_mm)
     figure.suptitle(f"live estimate with dead sensors: median of {draws} random draws, and each (own scales)")
-    figure.legend(
-        handles=[
-            Line2D([], [], color=BLUE, lw=2, marker="o", ms=4, label="node RMSE"),
-            Line2D([], [], color=ORANGE, lw=2, ls="--", marker="o", ms=4, label="median sigma of a node"),
-            Line2D([], [], color=GREY, lw=1, ls=":", label="node RMSE of the rest shape, held"),
-        ],
-        loc="outside lower center",
-        ncols=3,
-        frameon=False,
-    )
+    handles = [
+        Line2D([], [], color=BLUE, lw=2, marker="o", ms=4, label="node RMSE"),
+        Line2D([], [], color=ORANGE, lw=2, ls="--", marker="o", ms=4, label="median sigma of a node"),
+        Line2D([], [], color=GREY, lw=1, ls=":", label="node RMSE of the rest shape, held"),
+    ]
+    add_legend_below(figure, handles, 3)
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path)
 
 
 def with_stiffness(share: float) -> Callable[[TrialDescription], TrialDescription]:
