@@ -3,10 +3,10 @@
 import numpy as np
 from drawing import BLACK, BLUE, GREY, ORANGE, TRIAL, save
 from matplotlib.figure import Figure
-from scipy.stats import chi2
 
 from tensegraph import open_trial, reconstruct
-from tensegraph.models.evaluation.consistency import normalised_error_squared
+from tensegraph.models.evaluation.alignment import interpolated
+from tensegraph.models.evaluation.consistency import coverage, normalised_error_squared
 
 NODE = 8
 
@@ -22,11 +22,9 @@ def main() -> None:
     for method, colour in (("batch", BLUE), ("live", ORANGE)):
         result = reconstruct(TRIAL, method)
         free = result.structure.free_nodes
-        flat_m = truth.node_position_m.reshape(len(truth.t_s), -1)
-        at_frames_m = np.stack([np.interp(result.t_s, truth.t_s, column) for column in flat_m.T], axis=1)
-        error_m = result.node_position_m - at_frames_m.reshape(result.node_position_m.shape)
+        error_m = result.node_position_m - interpolated(result.t_s, truth.t_s, truth.node_position_m)
         nees = normalised_error_squared(error_m[:, free], result.node_covariance_m2[:, free])
-        inside = [np.mean(nees <= chi2.ppf(p, 3)) for p in probability]
+        inside = [coverage(nees, p) for p in probability]
         shares.plot(100 * probability, 100 * np.array(inside), color=colour, label=method)
         if method == "batch":
             sigma_mm = 1e3 * np.sqrt(result.node_covariance_m2[:, NODE, 2, 2])

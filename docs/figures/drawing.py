@@ -9,12 +9,11 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from numpy.typing import NDArray
 
 from tensegraph import Structure
-from tensegraph.io.figures.shape_figures import BLACK as BLACK
-from tensegraph.io.figures.shape_figures import BLUE as BLUE
-from tensegraph.io.figures.shape_figures import GREEN as GREEN
-from tensegraph.io.figures.shape_figures import GREY as GREY
-from tensegraph.io.figures.shape_figures import ORANGE as ORANGE
-from tensegraph.io.figures.shape_figures import RED as RED
+from tensegraph.io.figures.style import BLACK as BLACK
+from tensegraph.io.figures.style import BLUE as BLUE
+from tensegraph.io.figures.style import GREEN as GREEN
+from tensegraph.io.figures.style import GREY as GREY
+from tensegraph.io.figures.style import ORANGE as ORANGE
 
 HERE = Path(__file__).parent
 TRIAL = HERE.parents[1] / "examples" / "press_01"
