@@ -16,7 +16,7 @@ import re
 import shutil
 import tempfile
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from types import UnionType
@@ -144,13 +144,15 @@ def notes_of(text: str) -> dict[str, str]:
     return {name.strip(): note.strip() for name, _, note in pairs}
 
 
-def fields_table(kind: type[Any], notes: Mapping[str, str]) -> str:
-    """Return a Markdown table of a dataclass's fields."""
+def fields_table(kind: type[Any], notes: Mapping[str, str], left_out: Container[str] = ()) -> str:
+    """Return a Markdown table of a dataclass's fields, but for some."""
     hints, said = get_type_hints(kind, include_extras=True), docstrings(kind)
     for name in notes.keys() - hints.keys():
         log.warning("%s has no field %s", kind.__qualname__, name)
     lines = ["| name | type | default | |", "|---|---|---|---|"]
     for field in fields(kind):
+        if field.name in left_out:
+            continue
         text = said.get(field.name) or notes.get(field.name)
         if not text:
             log.warning("%s.%s: nothing says what it is", kind.__qualname__, field.name)
@@ -163,18 +165,10 @@ def settings_text() -> str:
     """Return a heading and a table for `Settings` and for each of its parts."""
     from tensegraph import Settings
 
-    said = docstrings(Settings)
-    hints = get_type_hints(Settings, include_extras=True)
-    parts = ["## Top level", "| name | type | default | |\n|---|---|---|---|"]
-    for field in fields(Settings):
-        if not is_dataclass(hints[field.name]):
-            cells = (f"`{field.name}`", type_text(hints[field.name]), default_text(field), said[field.name])
-            parts[-1] += f"\n| {' | '.join(cells)} |"
-    for field in fields(Settings):
-        kind = hints[field.name]
-        if is_dataclass(kind):
-            assert isinstance(kind, type)
-            parts += [f"## `[{field.name}]`", inspect.getdoc(kind) or "", fields_table(kind, {})]
+    tables = {name: kind for name, kind in get_type_hints(Settings).items() if is_dataclass(kind)}
+    parts = ["## Top level", fields_table(Settings, {}, left_out=tables)]
+    for name, kind in tables.items():
+        parts += [f"## `[{name}]`", inspect.getdoc(kind) or "", fields_table(kind, {})]
     return "\n\n".join(parts)
 
 
