@@ -38,9 +38,8 @@ class SerialLink:
         context = multiprocessing.get_context("spawn")  # gtsam's threads do not survive a fork
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(plan, theirs), daemon=True)
-        on_interrupt = signal.signal(
-            signal.SIGINT, signal.SIG_IGN
-        )  # Ctrl-C is sent to both processes; only this one handles it
+        # Ctrl-C is sent to both processes; only this one handles it
+        on_interrupt = signal.signal(signal.SIGINT, signal.SIG_IGN)
         self._process.start()
         signal.signal(signal.SIGINT, on_interrupt)
         theirs.close()
