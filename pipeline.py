@@ -17,6 +17,7 @@ from .io.result import result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
 from .models.sensor.frames import FrameAssembler
 from .models.sensor.front_end import FrontEnd
+from .models.sensor.reference_drift import ReferenceTendons
 from .models.sensor.sensor_model import SensorModel
 from .models.settings import Settings
 from .models.structure.reconstruction import Reconstruction
@@ -60,7 +61,7 @@ class Pipeline:
     def __init__(self, trial: TrialDescription, settings: Settings, model: SensorModel) -> None:
         self.trial = trial
         self.settings = settings
-        rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, settings.rest)
+        rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, trial.geometry, settings.rest)
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
         self._frames = FrameAssembler(
@@ -70,9 +71,10 @@ class Pipeline:
             model=model,
             natural_resistance_ohm=trial.natural_resistance_ohm,
             natural_length_m=trial.structure.natural_length_m,
-            rest=self.rest.lengths(trial.structure, trial.rest_seconds) if trial.rest_seconds > 0 else None,
+            rest=self.rest.lengths(trial.rest_seconds) if trial.rest_seconds > 0 else None,
             settings=settings.front_end,
             frame_step_s=1 / settings.frames.rate_hz,
+            references=ReferenceTendons(np.flatnonzero(~trial.structure.is_free_tendon), settings.drift),
         )
 
     def estimate(self, readings: Iterable[Reading], method: str = "batch") -> Iterator[Shape]:
@@ -87,7 +89,7 @@ class Pipeline:
         """
         if method not in ESTIMATORS:
             raise InputError(f"method '{method}': expected one of {', '.join(ESTIMATORS)}")
-        return ESTIMATORS[method](self.trial.structure, self.rest, self.settings).estimate(frames)
+        return ESTIMATORS[method](self.rest.structure, self.rest, self.settings).estimate(frames)
 
     def lengths(self, readings: Iterable[Reading]) -> Iterator[TendonLengths]:
         """Yield the lengths of all tendons in every frame."""

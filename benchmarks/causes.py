@@ -10,6 +10,7 @@ over all seeds:
     in 50, 68, 95 % share of (frame, free node) for which the ellipsoid of that probability contains the truth
     sigma           root of the trace of the covariance: its median over the free nodes, then over the seeds
     left out        share of the sensors without a fault that were left out for more than a second without a break
+    doubt           share of the frames in which the model doubts itself, for whatever reason
 
 Frames before the end of the rest count like all others.
 """
@@ -63,6 +64,8 @@ class Score:
     median_sigma_m: float
     left_out_share: float
     """Share of the sensors that never failed."""
+    doubt_share: float
+    """Share of the frames in doubt."""
 
 
 def scores(plan: Path, seed: int, methods: Sequence[Method]) -> list[Score]:
@@ -100,6 +103,7 @@ def score_of(
         coverage_95=consistency.coverage_95,
         median_sigma_m=consistency.median_sigma_m,
         left_out_share=left_out_share(estimate, truth.faults),
+        doubt_share=float(np.mean([doubt is not None for doubt in shapes.doubts])),
     )
 
 
@@ -143,7 +147,7 @@ def row(scores: Sequence[Score], pair: Sequence[Score]) -> str:
     sigma_mm = 1e3 * float(np.median([score.median_sigma_m for score in scores]))
     shares = [
         f"{np.mean([getattr(score, name) for score in scores]):.1%}"
-        for name in ("coverage_50", "coverage_68", "coverage_95", "left_out_share")
+        for name in ("coverage_50", "coverage_68", "coverage_95", "left_out_share", "doubt_share")
     ]
     cells = [scores[0].plan, scores[0].method, f"{1e3 * rmse_m:.2f}", pair_mm, f"{rmse_m / held_m:.2f}"]
     return "| " + " | ".join([*cells, *shares[:3], f"{sigma_mm:.2f}", *shares[3:]]) + " |"
@@ -160,8 +164,8 @@ def table(done: Sequence[Score], bases: dict[str, str], command: str) -> str:
     lines = [
         f"`{command}`",
         "",
-        "| cause | method | RMSE mm | pair mm | of held | in 50 % | in 68 % | in 95 % | sigma mm | left out |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| cause | method | RMSE mm | pair mm | of held | in 50 % | in 68 % | in 95 % | sigma mm | left out | doubt |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for plan in bases:
         for method in METHODS:

@@ -31,7 +31,7 @@ def static_lengths_m(trial: Trial, model: SensorModel) -> np.ndarray:
     pipeline = Pipeline(description, Settings(), model)
     structure = description.structure
     bending = model.bending_curve("strain")
-    rest = pipeline.rest.lengths(structure, description.rest_seconds)
+    rest = pipeline.rest.lengths(description.rest_seconds)
     taring = Taring(model.gauge, bending, rest, structure.natural_length_m)
     frames = FrameAssembler(
         description.natural_resistance_ohm,

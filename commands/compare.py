@@ -148,7 +148,7 @@ class TrialComparison:
     def with_method(self, method: str, track: Track) -> Measured:
         """Run a method over all frames, and return its result."""
         label = METHODS.get(method, method)
-        estimator = ESTIMATORS[method](self._structure, self._pipeline.rest, self._settings)
+        estimator = ESTIMATORS[method](self._pipeline.rest.structure, self._pipeline.rest, self._settings)
         frames = track(self._frames, len(self._frames), f"{self._name}, {label}")
         start_s = time.perf_counter()
         try:

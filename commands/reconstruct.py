@@ -20,7 +20,7 @@ from ..models.evaluation.metrics import node_rmse_m
 from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
-from ..models.structure.rest_shape import RestShape
+from ..models.structure.rest_shape import RestShape, WrongPart
 from ..models.values.errors import InputError
 from ..models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag
 from ..pipeline import Pipeline, write_result
@@ -115,6 +115,10 @@ class Run:
             table.add_row("ignored in trial.toml", key)
         for status, frames in Counter(r.status).items():
             table.add_row(f"status {status}", f"{frames} frames: {status.advice}")
+        for reason, frames in Counter(filter(None, r.doubts)).items():
+            table.add_row(f"doubt {reason}", f"{frames} frames: {reason.advice}")
+        if self.pipeline.rest.wrong:
+            table.add_row("geometry", wrong_geometry(self.pipeline.rest.wrong))
         for line in flagged_sensors(r):
             table.add_row("flagged", line)
         if self.pipeline.front_end.rest_in_doubt:
@@ -136,6 +140,7 @@ class Run:
             "trial_path": relative_path(path, self.trial.path),
             "method": self.method,
             "rest_shape": self.pipeline.rest.source,
+            "wrong_geometry": self.pipeline.rest.wrong or "none",
             "frames": len(self.reconstruction),
             "versions": versions(),
             "inputs": self.trial.hashes(),
@@ -169,6 +174,18 @@ class Run:
                 counts[f"board {board}: {name.replace('_', ' ')}"] = n if name != "rows" else 0
         counts |= {"half lines": self.trial.half_lines, "dropped rows": self.trial.dropped_rows}
         return {name: n for name, n in counts.items() if n}
+
+
+def wrong_geometry(wrong: WrongPart) -> str:
+    """Return what the evidence at rest says of the geometry that was told, and what to do."""
+    used = "those estimated are used" if wrong in ("rods", "anchors") else "sigmas are widened"
+    told = {
+        "rods": "the rods have other lengths than trial.toml tells",
+        "anchors": "the anchors are elsewhere than trial.toml tells",
+        "rest shape": "the measured rest shape does not balance: was it measured in this state?",
+        "hubs": "the tendons seem to end beside the ends of the rods: tell structure.hub_radius_m",
+    }
+    return f"{told[wrong]}; {used}"
 
 
 def rest_balance(rest: RestShape) -> list[tuple[str, str]]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from ..factors.noise import WeightedLengths, weigh
@@ -14,11 +15,14 @@ from ..models.structure.rest_shape import RestShape
 from ..models.structure.shape import Shape, Status
 from ..models.structure.structure import Structure
 from ..models.values.errors import IndeterminateError
-from ..models.values.readings import TendonLengths
+from ..models.values.readings import Flag, TendonLengths
 from .branches import OtherBranch
+from .doubt import Doubt
 from .graph import GraphBuilder, status_of
+from .linear_frame import linearised
+from .sensor_drift import DriftState, smoothed
 from .smoother import LiveSmoother
-from .uncertainty import FrameEvidence
+from .uncertainty import Assessment, FrameEvidence
 
 MAX_BATCH_ITERATIONS = 50
 RELATIVE_DECREASE = 1e-3
@@ -36,7 +40,7 @@ class BatchOptimizer:
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._builder = GraphBuilder(structure, rest, settings.noise)
-        self._evidence = FrameEvidence(self._builder)
+        self._evidence = FrameEvidence(self._builder, settings.doubt)
         self._settings = settings
 
     def estimate(
@@ -55,31 +59,45 @@ class BatchOptimizer:
         try:
             values, converged = _optimize(problem.graph, problem.start, progress)
             positions = np.array(gtsam.utilities.extractPoint3(values)).reshape(-1, self._builder.node_count, 3)
-            assessments = list(map(self._evidence.assess, positions, problem.measured))
+            assessments = list(map(self._assessed, positions, problem.measured, problem.doubts))
         except RuntimeError as error:
             raise IndeterminateError(str(error).splitlines()[0]) from error
         frames = [measured.lengths for measured in problem.measured]
         loads = _averaged_loads([assessment.loads for assessment in assessments], frames)
         branches = OtherBranch(self._builder, self._settings.branch)
         for k, lengths in enumerate(frames):
+            reason = problem.doubts[k].reason
             shape = Shape(
                 t_s=lengths.t_s,
                 node_position_m=positions[k],
                 covariance_m2=assessments[k].covariance_m2,
-                status=status_of(lengths, self._builder.structure) if converged else Status.NOT_CONVERGED,
+                status=status_of(lengths, self._builder.structure, reason) if converged else Status.NOT_CONVERGED,
                 lengths=lengths,
                 loads=loads[k],
+                doubt=reason,
             )
             yield branches.with_other(shape)
 
+    def _assessed(self, position_m: NDArray[np.float64], measured: WeightedLengths, doubt: Doubt) -> Assessment:
+        """Return the covariance and the loads of one frame."""
+        self._builder.approach(position_m)
+        return self._evidence.assess(linearised(self._builder, position_m, measured), position_m, doubt)
+
     def _problem(self, frames: list[TendonLengths]) -> "_Problem":
         """Return the graph of all frames; its start is the live estimate of each frame."""
-        problem = _Problem(gtsam.NonlinearFactorGraph(), gtsam.Values(), [])
+        problem = _Problem(gtsam.NonlinearFactorGraph(), gtsam.Values(), [], [])
         times_s = [lengths.t_s for lengths in frames]
         live = LiveSmoother(self._builder.structure, self._builder.rest, self._settings)
-        for frame, shape in enumerate(live.estimate(frames)):
-            measured = weigh(shape.lengths, self._builder.noise)
+        live.modes.kept = []
+        live.drift.kept = []
+        live.doubt.kept = []
+        shapes = list(live.estimate(frames))
+        admitted = _admitted(live.modes.smoothed(frames), shapes, smoothed(live.drift.kept))
+        problem.doubts.extend(live.doubt.smoothed(frames))
+        for frame, (shape, lengths) in enumerate(zip(shapes, admitted, strict=True)):
+            measured = weigh(lengths, self._builder.noise).scaled(problem.doubts[frame].length_scale)
             problem.measured.append(measured)
+            self._builder.approach(shape.node_position_m)
             self._builder.add_frame(problem.graph, frame, measured)
             self._builder.add_motion(problem.graph, frame, times_s[max(frame - 2, 0) : frame + 1])
             for key, position in zip(self._builder.keys(frame), shape.node_position_m, strict=True):
@@ -95,6 +113,20 @@ class _Problem:
     start: gtsam.Values
     measured: list[WeightedLengths]
     """The lengths of each frame, without the sensors that the live estimate left out."""
+    doubts: list[Doubt]
+    """The doubt about the model in each frame."""
+
+
+def _admitted(frames: list[TendonLengths], shapes: list[Shape], drift: list[DriftState]) -> list[TendonLengths]:
+    """Return the lengths without the drift as estimated from all frames, and without those that live left out."""
+    latest = np.searchsorted([state.t_s for state in drift], [lengths.t_s for lengths in frames], side="right") - 1
+    admitted = []
+    for lengths, shape, k in zip(frames, shapes, latest, strict=True):
+        corrected = drift[k].corrected(lengths) if k >= 0 else lengths
+        left_out = np.isinf(shape.lengths.sigma_m)
+        flags = corrected.flags | (shape.lengths.flags & int(Flag.IMPLAUSIBLE))
+        admitted.append(replace(corrected, sigma_m=np.where(left_out, np.inf, corrected.sigma_m), flags=flags))
+    return admitted
 
 
 def _averaged_loads(loads: list[ExternalLoads | None], frames: list[TendonLengths]) -> list[ExternalLoads | None]:

@@ -9,6 +9,7 @@ from ..models.structure.shape import Shape, Status
 from ..models.structure.structure import Structure
 from ..models.values.readings import TendonLengths
 from .graph import GraphBuilder, status_of
+from .linear_frame import linearised
 from .uncertainty import FrameEvidence
 
 
@@ -17,7 +18,7 @@ class FrameEstimator:
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._builder = GraphBuilder(structure, rest, settings.noise)
-        self._evidence = FrameEvidence(self._builder)
+        self._evidence = FrameEvidence(self._builder, settings.doubt)
 
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
         """Yield a shape for each frame."""
@@ -31,7 +32,9 @@ class FrameEstimator:
         """
         measured = weigh(lengths, self._builder.noise)
         minimum = self._builder.minimum(measured, self._builder.rest.node_position_m)
-        assessment = self._evidence.assess(minimum.node_position_m, measured)
+        assessment = self._evidence.assess(
+            linearised(self._builder, minimum.node_position_m, measured), minimum.node_position_m
+        )
         return Shape(
             t_s=lengths.t_s,
             node_position_m=minimum.node_position_m,

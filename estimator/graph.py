@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.anchor import anchor_factors
-from ..factors.equilibrium import equilibrium_factor
+from ..factors.equilibrium import equilibrium_factor, squared_norms
 from ..factors.keys import frame_keys
 from ..factors.motion import constant_velocity_factors, still_factors
 from ..factors.noise import WeightedLengths
@@ -16,10 +16,10 @@ from ..factors.rod import rod_factors
 from ..factors.shape_prior import shape_prior_factors
 from ..factors.tendon import tendon_factors
 from ..models.estimation import NoiseSettings
-from ..models.structure.lengths import length_jacobian
+from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.rigidity import SINGULAR
-from ..models.structure.shape import Status
+from ..models.structure.shape import Reason, Status
 from ..models.structure.statics import Statics
 from ..models.structure.structure import Structure
 from ..models.values.errors import IndeterminateError
@@ -51,6 +51,20 @@ class GraphBuilder:
         self.node_count = structure.node_count
         self._free = structure.free_nodes.tolist()
         self.statics = Statics(structure, rest.mechanics) if rest.mechanics else None
+        self.force_sigma_n = np.zeros(0)
+        """(rows,) standard deviation of the balance of forces at a node without load, near the present shape."""
+        self.approach(rest.node_position_m)
+
+    def approach(self, node_position_m: NDArray[np.float64]) -> None:
+        """Compute the standard deviation of the balance of forces near a shape, with unknown mechanics, anew."""
+        if self.statics is None:
+            return
+        variance = np.full(len(self.statics.group), self.noise.force_n**2 + self.rest.hub_force_n**2)
+        if self.rest.mechanics_covariance is not None:
+            by_mechanics = np.concatenate(self.statics.mechanics_jacobian(node_position_m), axis=-1)
+            by_row = propagated_variance(by_mechanics, self.rest.mechanics_covariance)
+            variance += squared_norms(np.sqrt(by_row), self.statics) / self.statics.rank_of_row
+        self.force_sigma_n = np.sqrt(variance)
 
     def keys(self, frame: int) -> range:
         """Return the keys of all nodes of a frame."""
@@ -74,7 +88,7 @@ class GraphBuilder:
         ):
             _add(graph, factors)
         if self.statics:
-            graph.add(equilibrium_factor(self.statics, keys, self.noise.force_n))
+            graph.add(equilibrium_factor(self.statics, keys, self.force_sigma_n))
 
     def minimum(self, measured: WeightedLengths, start_m: NDArray[np.float64]) -> FrameMinimum:
         """Return the local minimum of the error of a frame's own factors, searched from (nodes, 3) positions."""
@@ -141,7 +155,11 @@ def _add(graph: gtsam.NonlinearFactorGraph, factors: Sequence[gtsam.NonlinearFac
         add(factor)
 
 
-def status_of(lengths: TendonLengths, structure: Structure) -> Status:
-    """Return the status of a frame whose optimisation has converged, by how many of its tendons were measured."""
+def status_of(lengths: TendonLengths, structure: Structure, doubt: Reason | None = None) -> Status:
+    """Return the status of a frame whose optimisation has converged, by its doubt and its measured tendons."""
     usable = lengths.usable[structure.free_tendons]
-    return Status.OK if usable.all() else Status.PARTIAL if usable.any() else Status.PRIOR_ONLY
+    if not usable.any():
+        return Status.PRIOR_ONLY
+    if doubt is not None:
+        return Status.DOUBT
+    return Status.OK if usable.all() else Status.PARTIAL

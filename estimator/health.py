@@ -7,9 +7,10 @@ residual
 
 with the redundancy r of the length; for a length that is left out r = 1, and sigma is that of l - l_hat. For a healthy
 sensor z is approximately standard normal. When the mean of z over half a second is large, the frame is estimated with
-and without the sensor. The sensor is left out when several frames are explained much better without it. A length that
-is wrong by 5 mm can only be explained by a residual and a false load at each end of the tendon, while a node that is
-really pressed needs no wrong length.
+and without the sensor. The sensor is left out when several frames are explained much better without it than with all
+lengths, be they as exact as their sigmas say or `ALL_WRONG` times less. A length that is wrong by 5 mm can only be
+explained by a residual and a false load at each end of the tendon, while a node that is really pressed needs no wrong
+length. Sensors that disagree in numbers do not fail one by one: something that all have in common moves them.
 """
 
 import numpy as np
@@ -23,6 +24,8 @@ from ..models.values.low_pass import low_pass_weight
 from ..models.values.readings import Flag
 from .graph import GraphBuilder
 
+ALL_WRONG = 2.0
+"""Factor of all sigmas in the explanation that all sensors are a little wrong."""
 LEAST_REDUNDANCY = 0.05
 """Least redundancy of a length. Below it the shape follows the length almost completely, and the first-order formula
 does not predict the shape without the length."""
@@ -46,6 +49,12 @@ class SensorHealth:
     def admit(self, measured: WeightedLengths) -> WeightedLengths:
         """Return the lengths without those of the sensors that are left out at present."""
         return measured.without(self._left_out, Flag.IMPLAUSIBLE) if self._left_out.any() else measured
+
+    def use_all(self) -> None:
+        """Use every sensor again, with no evidence against any."""
+        self._left_out[:] = False
+        self._mean_z[:] = 0.0
+        self._log_evidence[:] = 0.0
 
     def observe(self, shape: Shape, measured: WeightedLengths) -> None:
         """Update the state of each sensor by how its length, used or left out, agrees with the frame's shape."""
@@ -88,14 +97,20 @@ class SensorHealth:
         settings = self._settings
         suspected = (np.abs(self._mean_z) > settings.suspect_sigma) & ~self._left_out & np.isfinite(measured.sigma_m)
         self._log_evidence *= suspected
-        if not suspected.any():
+        usable = np.isfinite(measured.sigma_m) & self._builder.structure.is_free_tendon
+        alike = (suspected | self._left_out)[usable].sum() > settings.alike_share * usable.sum()
+        if alike or not suspected.any():
             return
         suspect = int(np.argmin(np.where(suspected, self._checked_s, np.inf)))
         self._checked_s[suspect] = shape.t_s
         admitted = self.admit(measured)
         without = admitted.without(np.arange(len(self._left_out)) == suspect)
         start_m = shape.node_position_m
-        log_ratio = self._builder.minimum(admitted, start_m).error - self._builder.minimum(without, start_m).error
+        with_all = min(
+            self._builder.minimum(admitted, start_m).error,
+            self._builder.minimum(admitted.scaled(ALL_WRONG), start_m).error + admitted.count * np.log(ALL_WRONG),
+        )
+        log_ratio = with_all - self._builder.minimum(without, start_m).error
         self._log_evidence[suspect] = max(self._log_evidence[suspect] + log_ratio - settings.expected_log_ratio, 0.0)
         if self._log_evidence[suspect] >= settings.log_ratio:
             self._left_out[suspect] = True

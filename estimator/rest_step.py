@@ -1,16 +1,24 @@
-"""The rest step, before the first frame: it estimates the rest shape, the stiffnesses and the natural lengths.
+"""The rest step, before the first frame: it estimates the rest shape, the geometry and the mechanics of the tendons.
 
-Known beforehand are the rods and anchors (exactly), the nominal stiffnesses and natural lengths, and the shape, if it
-was measured. Without load the forces balance. The most probable nodes x, stiffnesses k and natural lengths L0 minimise
+Known beforehand, each with its sigma, are the lengths of rods, the positions of anchors, the nominal stiffnesses and
+natural lengths, and the shape, if it was measured. Without load the forces balance. The most probable nodes x,
+stiffnesses k and natural lengths L0 minimise
 
-    |(l_rod(x) - L_rod) / sigma_rod|^2 + |(x - x_known) / sigma_x|^2
+    |(l_rod(x) - L_rod) / sigma_rod|^2 + |(x_anchor - a) / sigma_anchor|^2 + |(x - x_known) / sigma_x|^2
         + |r(x; k, L0) / sigma_F|^2 + |log(k / k_nominal) / spread|^2 + |(L0 - L0_given) / sigma_L0|^2
 
 with r of `Statics`. One common scale of all k does not change the balance; the prior determines it, and it has little
 effect on shapes. Ratios of k that do not balance at rest, in contrast, would shift the shape in every frame.
+
+What was told of the geometry may be wrong. The minimum is therefore also computed with each part of it less certain
+(rods, anchors, the measured shape, the ends of the tendons), and the evidence, which is the Laplace approximation of
+the probability of all that is known, decides:
+
+    log p = -1/2 (minimum) - 1/2 log |H| - sum log sigma,    H = half the second derivative at the minimum
+
+Rods and anchors keep, in all frames, the lengths and positions that they have in the estimated rest shape.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -19,66 +27,99 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ..models.structure.lengths import length_jacobian, member_length_m
-from ..models.structure.rest_shape import RestSettings, RestShape
+from ..models.structure.rest_shape import GeometrySigma, RestSettings, RestShape, WrongPart
 from ..models.structure.rigidity import find_rest_shape
 from ..models.structure.statics import Mechanics, Statics
 from ..models.structure.structure import Structure
 
-ROD_SIGMA_M = 1e-5
-"""Standard deviation of a rod's length in the rest step: small enough that rods keep their lengths exactly."""
-
-Rows = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+WRONG_ROD_M = 0.001
+"""Standard deviation of a rod's length, if the rods are what was told wrongly."""
+WRONG_ANCHOR_M = 0.002
+"""Standard deviation of an anchor's position per axis, if the anchors are what was told wrongly."""
+WRONG_SHAPE_M = 0.002
+"""Standard deviation of a measured position per axis, if the measured shape is what was told wrongly."""
+WRONG_HUB_M = 0.0075
+"""Distance from a rod's end at which its tendons end, if it was not told that they end on hubs."""
+LOG_PRIOR_ODDS = 3.0
+"""Log of the prior odds of a part told correctly to one told wrongly: one trial in twenty."""
 
 
 def rest_step(
     structure: Structure,
     mechanics: Mechanics | None,
     measured_position_m: NDArray[np.float64] | None,
+    geometry: GeometrySigma,
     settings: RestSettings,
 ) -> RestShape:
-    """Return the rest shape with its covariance, and the mechanics that balance there.
+    """Return the rest shape with its covariance, the geometry estimated with it, and the mechanics that balance there.
 
     Args:
-        structure: its rod lengths and anchor positions are kept exactly.
+        structure: rods and anchors as told.
         mechanics: the nominal mechanics; None where stiffness is not known, and then forces are not used.
         measured_position_m: (nodes, 3) the measured rest shape; None where it was not measured.
-        settings: the standard deviations of what is known beforehand.
+        geometry: how exactly rods, anchors and the ends of the tendons are known.
+        settings: the standard deviations of what else is known beforehand.
 
     Raises:
         IndeterminateError: when neither a measurement nor form finding gives a shape.
     """
     source: Literal["measured", "found"] = "found" if measured_position_m is None else "measured"
-    known_m = structure.with_anchors_placed(
-        find_rest_shape(structure) if measured_position_m is None else measured_position_m
-    )
-    if source == "measured":
-        sigma_m = settings.measured_sigma_m
-    else:  # with mechanics the equilibrium corrects the shape; without, it is that of equally stiff tendons
+    if measured_position_m is None:
+        known_m = structure.with_anchors_placed(find_rest_shape(structure))
+        # with mechanics the equilibrium corrects the shape; without, it is that of equally stiff tendons
         sigma_m = settings.found_sigma_m if mechanics is None else float(structure.rod_length_m.mean())
-    problem = _RestProblem(structure, mechanics, known_m, sigma_m, settings)
-    z, covariance = _most_probable(problem.rows, problem.unknowns)
-    size = len(structure.free_coordinates)
-    covariance_m2 = _all_nodes_covariance(structure, sigma_m**2 * covariance[:size, :size])
-    position_m = problem.position_m(z)
-    if mechanics is None:
-        return RestShape(node_position_m=position_m, covariance_m2=covariance_m2, source=source)
-    tared = problem.tared(mechanics, z)
-    unbalanced_n = (_rms_n(structure, mechanics, position_m), _rms_n(structure, tared, position_m))
-    return RestShape(
+    else:
+        known_m = measured_position_m
+        sigma_m = settings.measured_sigma_m
+    told = _RestProblem(structure, mechanics, known_m, sigma_m, geometry, settings)
+    problem, minimum, wrong = _most_probable(told, source)
+    position_m = problem.position_m(minimum.z)
+    size = 3 * structure.node_count
+    found = RestShape(
+        structure=replace(
+            structure,
+            rod_length_m=member_length_m(position_m, structure.rods),
+            anchor_position_m=position_m[structure.anchors],
+        ),
         node_position_m=position_m,
-        covariance_m2=covariance_m2,
+        covariance_m2=np.asarray(problem.sigma_m**2 * np.linalg.inv(minimum.information)[:size, :size]),
         source=source,
-        mechanics=tared,
-        unbalanced_n=unbalanced_n,
+        wrong=wrong,
+        hub_radius_m=problem.geometry.hub_radius_m,
     )
+    if mechanics is None:
+        return found
+    tared = problem.tared(mechanics, minimum.z)
+    unbalanced_n = (_rms_n(structure, mechanics, position_m), _rms_n(structure, tared, position_m))
+    if problem.geometry.hub_radius_m > 0:
+        tared = replace(tared, offset_n=-Statics(structure, tared).node_residual_n(position_m))
+    scale = np.repeat([settings.stiffness_spread, settings.natural_length_sigma_m], len(structure.tendons))
+    return replace(
+        found,
+        mechanics=tared,
+        mechanics_covariance=scale[:, None] * np.linalg.inv(minimum.information[size:, size:]) * scale,
+        unbalanced_n=unbalanced_n,
+        hub_force_n=problem.hub_force_n,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Minimum:
+    """The most probable z of one problem."""
+
+    z: NDArray[np.float64]
+    information: NDArray[np.float64]
+    """Half the second derivative of the sum at z."""
+    log_evidence: float
+    """Up to a constant that all problems have in common."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RestProblem:
     """The sum to minimise as a function of z.
 
-    z holds the deviations of free nodes, log stiffnesses and natural lengths from their known values, each divided by
-    its sigma.
+    z holds the deviations of nodes, log stiffnesses and natural lengths from their known values, each divided by its
+    sigma.
     """
 
     structure: Structure
@@ -87,42 +128,77 @@ class _RestProblem:
     """(nodes, 3) the positions known beforehand, x_known."""
     sigma_m: float
     """Standard deviation of known_m, per axis."""
+    geometry: GeometrySigma
     settings: RestSettings
 
     @property
-    def unknowns(self) -> int:
-        """The number of elements of z."""
-        return len(self.structure.free_coordinates) + (2 * len(self.structure.tendons) if self.nominal else 0)
+    def coordinates(self) -> int:
+        """The number of coordinates, with which z begins."""
+        return 3 * self.structure.node_count
+
+    @property
+    def hub_force_n(self) -> float:
+        """Standard deviation of the unbalanced force at a node, whose tendons pull in the direction of a hub."""
+        if self.nominal is None:
+            return 0.0
+        length_m = self.structure.tendon_length_m(self.known_m)
+        tension_n = self.nominal.stiffness_n_per_m * np.maximum(length_m - self.nominal.natural_length_m, 0)
+        squared = np.zeros(self.structure.node_count)
+        np.add.at(squared, self.structure.tendons, ((tension_n / length_m) ** 2)[:, None])
+        return self.geometry.hub_radius_m * float(np.sqrt(squared.mean() / 3))
 
     def position_m(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (nodes, 3) positions at z."""
-        position = self.known_m.copy()
-        free = self.structure.free_nodes
-        position[free] += self.sigma_m * z[: 3 * len(free)].reshape(-1, 3)
-        return position
+        return self.known_m + self.sigma_m * z[: self.coordinates].reshape(-1, 3)
 
     def tared(self, nominal: Mechanics, z: NDArray[np.float64]) -> Mechanics:
         """Return the nominal mechanics with the stiffnesses and natural lengths at z."""
-        by_log_stiffness, by_length = z[len(self.structure.free_coordinates) :].reshape(2, -1)
+        by_log_stiffness, by_length = z[self.coordinates :].reshape(2, -1)
         stiffness = nominal.stiffness_n_per_m * np.exp(self.settings.stiffness_spread * by_log_stiffness)
         natural_length_m = nominal.natural_length_m + self.settings.natural_length_sigma_m * by_length
         return replace(nominal, stiffness_n_per_m=stiffness, natural_length_m=natural_length_m)
 
+    def minimum(self) -> _Minimum:
+        """Return the z that minimises |rows(z)|^2 + |z|^2."""
+        size = self.coordinates + (2 * len(self.structure.tendons) if self.nominal else 0)
+        solution = least_squares(
+            lambda z: np.concatenate([self.rows(z)[0], z]),
+            np.zeros(size),
+            lambda z: np.concatenate([self.rows(z)[1], np.eye(size)]),
+            method="lm",
+            xtol=1e-10,
+        )
+        hessian = solution.jac.T @ solution.jac
+        log_sigma = len(self.structure.rods) * np.log(self.geometry.rod_length_m)
+        log_sigma += 3 * len(self.structure.anchors) * np.log(self.geometry.anchor_m)
+        if self.nominal:
+            statics = Statics(self.structure, self.nominal)
+            log_sigma += statics.rank * np.log(self._force_sigma_n)
+        log_evidence = -solution.cost - 0.5 * np.linalg.slogdet(hessian)[1] - log_sigma
+        return _Minimum(solution.x, hessian, float(log_evidence))
+
     def rows(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the residuals over their sigmas, without those of the priors, and their Jacobian by z."""
-        rod_rows, rod_jacobian = self._rods(z)
-        force_rows, force_jacobian = self._balance(z)
-        return np.concatenate([rod_rows, force_rows]), np.concatenate([rod_jacobian, force_jacobian])
-
-    def _rods(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (rods,) the errors of the rods' lengths over their sigma, and their Jacobian by z."""
+        position_m = self.position_m(z)
         structure = self.structure
-        position = self.position_m(z)
-        rod_error = member_length_m(position, structure.rods) - structure.rod_length_m
-        by_node = length_jacobian(position, structure.rods, structure.free_coordinates)
-        jacobian = np.zeros((len(rod_error), len(z)))
-        jacobian[:, : by_node.shape[1]] = self.sigma_m * by_node
-        return rod_error / ROD_SIGMA_M, jacobian / ROD_SIGMA_M
+        rod_error = member_length_m(position_m, structure.rods) - structure.rod_length_m
+        anchor_error = (position_m[structure.anchors] - structure.anchor_position_m).ravel()
+        anchored = (3 * structure.anchors[:, None] + np.arange(3)).ravel()
+        by_position = np.concatenate(
+            [
+                length_jacobian(position_m, structure.rods) / self.geometry.rod_length_m,
+                np.eye(self.coordinates)[anchored] / self.geometry.anchor_m,
+            ]
+        )
+        jacobian = np.zeros((len(by_position), len(z)))
+        jacobian[:, : self.coordinates] = self.sigma_m * by_position
+        force_rows, force_jacobian = self._balance(z)
+        rows = [rod_error / self.geometry.rod_length_m, anchor_error / self.geometry.anchor_m, force_rows]
+        return np.concatenate(rows), np.concatenate([jacobian, force_jacobian])
+
+    @property
+    def _force_sigma_n(self) -> float:
+        return float(np.hypot(self.settings.force_sigma_n, self.hub_force_n))
 
     def _balance(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the residuals of `Statics` over their sigma, and their Jacobian by z; no rows without mechanics."""
@@ -133,33 +209,36 @@ class _RestProblem:
         r, by_position = statics.residual_and_jacobian(position)
         by_log_stiffness, by_natural_length = statics.mechanics_jacobian(position)
         parts = [
-            self.sigma_m * by_position[:, self.structure.free_coordinates],
+            self.sigma_m * by_position,
             self.settings.stiffness_spread * by_log_stiffness,
             self.settings.natural_length_sigma_m * by_natural_length,
         ]
-        return r / self.settings.force_sigma_n, np.concatenate(parts, axis=1) / self.settings.force_sigma_n
+        return r / self._force_sigma_n, np.concatenate(parts, axis=1) / self._force_sigma_n
 
 
-def _most_probable(rows: Rows, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the z that minimises |rows(z)|^2 + |z|^2, and its covariance."""
-    solution = least_squares(
-        lambda z: np.concatenate([rows(z)[0], z]),
-        np.zeros(size),
-        lambda z: np.concatenate([rows(z)[1], np.eye(size)]),
-        method="lm",
-        xtol=1e-10,
-    )
-    return solution.x, np.linalg.inv(solution.jac.T @ solution.jac)
+def _most_probable(
+    told: _RestProblem, source: Literal["measured", "found"]
+) -> tuple[_RestProblem, _Minimum, WrongPart | None]:
+    """Return the problem of most evidence, its minimum, and the part of the geometry that it takes as told wrongly."""
+    sigma = told.geometry
+    less_certain: dict[WrongPart, _RestProblem] = {
+        "rods": replace(told, geometry=replace(sigma, rod_length_m=max(sigma.rod_length_m, WRONG_ROD_M))),
+        "anchors": replace(told, geometry=replace(sigma, anchor_m=max(sigma.anchor_m, WRONG_ANCHOR_M))),
+    }
+    if source == "measured":
+        less_certain["rest shape"] = replace(told, sigma_m=max(told.sigma_m, WRONG_SHAPE_M))
+    if told.nominal is not None and sigma.hub_radius_m == 0:
+        less_certain["hubs"] = replace(told, geometry=replace(sigma, hub_radius_m=WRONG_HUB_M))
+    chosen: tuple[_RestProblem, _Minimum, WrongPart | None] = (told, told.minimum(), None)
+    least = chosen[1].log_evidence + LOG_PRIOR_ODDS
+    for part, problem in less_certain.items():
+        minimum = problem.minimum()
+        if minimum.log_evidence > least:
+            least = minimum.log_evidence
+            chosen = (problem, minimum, part)
+    return chosen
 
 
 def _rms_n(structure: Structure, mechanics: Mechanics, position_m: NDArray[np.float64]) -> float:
     """Return the root mean square of the unbalanced forces."""
     return float(np.sqrt(np.mean(Statics(structure, mechanics).residual_n(position_m) ** 2)))
-
-
-def _all_nodes_covariance(structure: Structure, free_covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (3 nodes, 3 nodes) covariance of all nodes, which is zero at the anchors."""
-    coordinates = structure.free_coordinates
-    covariance = np.zeros((3 * structure.node_count, 3 * structure.node_count))
-    covariance[np.ix_(coordinates, coordinates)] = free_covariance
-    return covariance

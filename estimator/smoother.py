@@ -16,9 +16,17 @@ from ..models.structure.structure import Structure
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import TendonLengths
 from .branches import OtherBranch
+from .doubt import ModelDoubt
 from .graph import GraphBuilder, status_of
 from .health import SensorHealth
+from .linear_frame import linearised
+from .mode_choice import ModeChoice
+from .sensor_drift import OwnDrift
 from .uncertainty import FrameEvidence
+
+VELOCITY_HOLDS_S = 0.2
+"""Time without frames after which the velocity says nothing of the position: the time in which a hand changes its
+push."""
 
 
 class LiveSmoother:
@@ -26,8 +34,11 @@ class LiveSmoother:
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._builder = GraphBuilder(structure, rest, settings.noise)
-        self._evidence = FrameEvidence(self._builder)
+        self._evidence = FrameEvidence(self._builder, settings.doubt)
         self._health = SensorHealth(self._builder, settings.health) if rest.mechanics else None
+        self.doubt = ModelDoubt(self._builder, settings.doubt)
+        self.modes = ModeChoice(self._builder)
+        self.drift = OwnDrift(self._builder, settings.drift)
         self._branches = OtherBranch(self._builder, settings.branch)
         self._lag = settings.smoother.lag
         self._isam = gtsam.ISAM2(_isam2_parameters(settings.smoother.relinearize_m))
@@ -45,12 +56,18 @@ class LiveSmoother:
         Raises:
             IndeterminateError: when measurements and priors leave some node undetermined.
         """
-        measured = weigh(lengths, self._builder.noise)
+        scale = self.doubt.about(lengths).length_scale
+        measured = weigh(self.drift.admit(self.modes.choose(lengths)), self._builder.noise).scaled(scale)
+        if self._health and self.drift.begins:  # those that were left out before may have drifted
+            self._health.use_all()
         admitted = self._health.admit(measured) if self._health else measured
         self._times_s.append(lengths.t_s)
         try:
             position = self._smoothed(admitted)
-            assessment = self._evidence.assess(position, admitted)
+            frame = linearised(self._builder, position, admitted)
+            self.doubt.observe(lengths.t_s, frame, scale)
+            doubt = self.doubt.about(lengths)
+            assessment = self._evidence.assess(frame, position, doubt)
         except RuntimeError as error:
             raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {str(error).splitlines()[0]}") from error
         self._forget()
@@ -60,12 +77,16 @@ class LiveSmoother:
             t_s=lengths.t_s,
             node_position_m=position,
             covariance_m2=assessment.covariance_m2,
-            status=status_of(admitted.lengths, self._builder.structure),
+            status=status_of(admitted.lengths, self._builder.structure, doubt.reason),
             lengths=admitted.lengths,
             loads=assessment.loads,
+            doubt=doubt.reason,
         )
         if self._health:
             self._health.observe(shape, measured)
+        self.drift.observe(shape)
+        self._builder.approach(position)
+        self.modes.observe(shape, admitted)
         return self._branches.with_other(shape)
 
     def _smoothed(self, measured: WeightedLengths) -> NDArray[np.float64]:
@@ -84,11 +105,13 @@ class LiveSmoother:
         return np.array(gtsam.utilities.extractPoint3(self._isam.calculateEstimate(keys)))
 
     def _predict(self) -> NDArray[np.float64]:
-        """Return the (nodes, 3) positions that the nodes reach at constant velocity."""
+        """Return the (nodes, 3) positions that the nodes reach at constant velocity; the last ones after a gap."""
         before, last = self._positions
         if len(self._times_s) < 3:
             return last
         t0, t1, t2 = self._times_s
+        if t2 - t1 > VELOCITY_HOLDS_S:
+            return last
         return last + (last - before) * (t2 - t1) / (t1 - t0)
 
     def _update_parameters(self) -> gtsam.ISAM2UpdateParams:

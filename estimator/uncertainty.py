@@ -1,15 +1,20 @@
-"""The covariance of a shape and the loads on it, from the factors of its own frame.
+"""The covariance of a shape and of the loads on it, from the factors of one frame alone.
 
-The error of a sensor lasts for seconds, so that frames 20 ms apart have nearly the same errors and add little
-information to each other. The estimate uses all of them, but the covariance counts each error only once: it is the
-inverse of the information of the frame's own factors at the estimate,
+It is the inverse Hessian of a frame's own factors at the estimate, plus the covariance of the rest shape, whose error
+shifts every frame in the same way. The smoother's own marginals are not used: over several frames they would average
+the errors of readings that repeat from frame to frame.
 
-    P = (sum_rods + sum_tendons + sum_prior J^T J / sigma^2 + sum_g J_g^T J_g / (sigma_F (1 + q_g))^2)^-1 + C_rest
+Forces hold a shape only as far as no load hides behind it. A node n has a load with a prior probability p_0, and then
+its balance r_n is wrong by sigma_L. Whether it has one is judged by the shape as all else determines it (the cavity):
 
-Forces have the weight 1 / (1 + q)^2, q = |r_g|^2 / sigma_F^2. The curvature of Cauchy's kernel is (1 - q) / (1 + q)^2,
-so that a node which carries a load contributes almost no information. C_rest is the covariance of the rest shape,
-whose error shifts every frame in the same way. On the development trials 95 % ellipsoids from marginals over five
-frames covered 88 to 94 % of the true positions (75 % where tendons are slack); these cover 92 to 98 % (86 to 92 %).
+    C_n = R_n P R_n^T,   C'_n = (1 - C_n W_n)^-1 C_n,   L_n = N(r_n; 0, C'_n + sigma_L^2) / N(r_n; 0, C'_n + sigma_F^2)
+    p_n = p_0 L_n / (1 - p_0 + p_0 L_n),   Var(r_n) = (1 - p_n) sigma_F^2 (1 + q_n)^2 + p_n sigma_L^2
+
+with Cauchy's weight W_n = 1 / (sigma_F (1 + q_n))^2. Where lengths are measured, C'_n is small and p_n tells loads from
+none; where they are missing, L_n = 1, and the ellipsoids are those of all shapes that a probable load would make.
+
+With a probability that the doubt about the model gives (`ModelDoubt`), many nodes are loaded at once. The covariance is
+that of the mixture of both: each part's own, and the square of the distance between them.
 """
 
 from dataclasses import dataclass
@@ -17,13 +22,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..factors.equilibrium import squared_norms
-from ..factors.noise import WeightedLengths
+from ..models.estimation import DoubtSettings
 from ..models.structure.external_loads import ExternalLoads, external_loads
 from ..models.structure.lengths import propagated_variance
-from ..models.structure.rigidity import free_length_jacobian
+from ..models.structure.shape import Reason
+from ..models.structure.statics import Statics
 from ..models.values.errors import IndeterminateError
+from .doubt import Doubt
 from .graph import GraphBuilder
+from .linear_frame import LinearFrame
+
+NO_DOUBT = Doubt()
+SHAKEN_SCALE = 6.0
+"""Factor of the sigmas of rods and lengths in the covariance while the robot is shaken: its nodes swing so far
+that the lengths are no longer linear in their positions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,45 +51,86 @@ class Assessment:
 class FrameEvidence:
     """Computes the covariance and the loads of a shape from the factors of its own frame."""
 
-    def __init__(self, builder: GraphBuilder) -> None:
+    def __init__(self, builder: GraphBuilder, settings: DoubtSettings) -> None:
         self._builder = builder
-        structure = builder.structure
-        noise = builder.noise
+        self._settings = settings
         self._rest_covariance_m2 = builder.rest.covariance_m2.copy()
-        anchored = np.setdiff1d(np.arange(3 * structure.node_count), structure.free_coordinates)
-        self._rest_covariance_m2[anchored, anchored] += noise.anchor_m**2
+        anchored = (3 * builder.structure.anchors[:, None] + np.arange(3)).ravel()
+        self._rest_covariance_m2[anchored, anchored] += builder.noise.anchor_m**2
 
-    def assess(self, node_position_m: NDArray[np.float64], measured: WeightedLengths) -> Assessment:
+    def assess(self, frame: LinearFrame, node_position_m: NDArray[np.float64], doubt: Doubt = NO_DOUBT) -> Assessment:
         """Return the covariance of a shape, and the loads on it where stiffness is known.
 
         Args:
+            frame: the factors of the frame, linearised at the estimate.
             node_position_m: (nodes, 3) the estimate.
-            measured: the lengths that it was estimated from.
+            doubt: the doubt about the model in the frame.
 
         Raises:
             IndeterminateError: when there is no shape prior and no other factor determines some motion.
         """
-        structure = self._builder.structure
-        noise = self._builder.noise
         statics = self._builder.statics
-        free = structure.free_coordinates
-        sigma_m = measured.sigma_m[structure.free_tendons]
-        weight = np.concatenate([np.full(len(structure.rods), 1 / noise.rod_m), 1 / sigma_m])
-        weighted = free_length_jacobian(structure, node_position_m) * weight[:, None]
-        information = weighted.T @ weighted + np.eye(len(free)) / noise.shape_prior_m**2
-        if statics:
-            r, by_position = statics.residual_and_jacobian(node_position_m)
-            by_position = by_position[:, free]
-            weight = 1 / (1 + squared_norms(r / noise.force_n, statics)) / noise.force_n
-            weighted = by_position * weight[:, None]
-            information += weighted.T @ weighted
+        free = self._builder.structure.free_coordinates
+        covariance = self._rest_covariance_m2.copy()
         try:
-            free_covariance = np.linalg.inv(information)
+            if statics is None:
+                covariance[np.ix_(free, free)] += np.linalg.inv(frame.information)
+                return Assessment(covariance, None)
+            free_covariance = self._mixed(frame, statics, doubt)
         except np.linalg.LinAlgError as error:
             raise IndeterminateError("a node is undetermined: no shape prior, and too few lengths") from error
-        covariance = self._rest_covariance_m2.copy()
         covariance[np.ix_(free, free)] += free_covariance
-        if not statics:
-            return Assessment(covariance, None)
-        variance = propagated_variance(by_position, free_covariance)
-        return Assessment(covariance, external_loads(statics, node_position_m, r, variance))
+        variance = propagated_variance(frame.force_jacobian, free_covariance)
+        return Assessment(covariance, external_loads(statics, node_position_m, frame.force_n, variance))
+
+    def _mixed(self, frame: LinearFrame, statics: Statics, doubt: Doubt) -> NDArray[np.float64]:
+        """Return (free, free) the covariance of the mixture of a few and of many loads."""
+        held = frame.information_without_forces
+        if doubt.reason is Reason.MOTION:
+            prior = np.eye(len(held)) / frame.prior_m**2
+            held = prior + (held - prior) / SHAKEN_SCALE**2
+        few = self._force_variance(frame, statics, held)
+        many = np.maximum(few, doubt.many_loads_n**2)
+        forces = frame.force_jacobian
+        information = held + np.swapaxes(forces / np.stack([few, many])[:, :, None], 1, 2) @ forces
+        covariance_few, covariance_many = np.linalg.inv(information)
+        gradient = frame.gradient_without_forces + forces.T @ (frame.force_n / many)
+        step_m = covariance_many @ gradient
+        spread = covariance_many + np.outer(step_m, step_m)
+        return np.asarray((1 - doubt.many_loads) * covariance_few + doubt.many_loads * spread)
+
+    def _force_variance(self, frame: LinearFrame, statics: Statics, held: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (rows,) the variance of the balance of forces, with loads that may be hidden."""
+        variance = 1 / frame.force_weight_per_n**2
+        by_row = frame.force_jacobian
+        covariance = np.linalg.inv(held + (by_row / variance[:, None]).T @ by_row)
+        at_nodes = 3 * len(statics.nodes)
+        size = by_row.shape[1]
+        parts = []
+        for rows, dimension in ((slice(at_nodes), 3), (slice(at_nodes, None), 1)):
+            independent = statics.rank_of_row[rows][::dimension]
+            sigma_n = frame.force_sigma_n[rows][::dimension]
+            groups = by_row[rows].reshape(-1, dimension, size)
+            r = frame.force_n[rows].reshape(-1, dimension)
+            weighted = groups @ covariance @ np.swapaxes(groups, 1, 2)
+            excused = variance[rows].reshape(-1, dimension)[:, :1, None]
+            cavity = np.linalg.solve((1 + 1e-6) * np.eye(dimension) - weighted / excused, weighted)
+            cavity_n2 = np.maximum(np.trace(cavity, axis1=1, axis2=2) / independent, 0)
+            loaded = self._loaded_probability(np.sum(r * r, axis=1), cavity_n2, independent, sigma_n)
+            mixed = (1 - loaded) * excused[:, 0, 0] + loaded * self._settings.load_n**2
+            parts.append(np.repeat(mixed, dimension))
+        return np.maximum(variance, np.concatenate(parts))
+
+    def _loaded_probability(
+        self,
+        squared_n2: NDArray[np.float64],
+        cavity_n2: NDArray[np.float64],
+        independent: NDArray[np.float64],
+        sigma_n: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Return (groups,) the probability p_n of a load, with the cavity's covariance taken as isotropic."""
+        without = cavity_n2 + sigma_n**2
+        with_load = cavity_n2 + self._settings.load_n**2
+        log_ratio = 0.5 * independent * np.log(without / with_load) + 0.5 * squared_n2 * (1 / without - 1 / with_load)
+        prior = self._settings.loaded_share
+        return np.asarray(1 / (1 + (1 - prior) / prior * np.exp(-np.clip(log_ratio, -50, 50))))

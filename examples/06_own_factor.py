@@ -57,6 +57,7 @@ readings = takewhile(lambda row: row.host_s < 1.5, trial.readings())
 
 at_rest = trial.description.rest_position_m
 without_forces = RestShape(
+    structure=trial.description.structure,
     node_position_m=at_rest,
     covariance_m2=pipeline.rest.covariance_m2,
     source="measured",

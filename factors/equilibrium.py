@@ -15,8 +15,8 @@ from ..models.structure.statics import Statics
 from .noise import unit
 
 
-def equilibrium_factor(statics: Statics, keys: Sequence[int], sigma_n: float) -> gtsam.CustomFactor:
-    """Return the equilibrium factor of one frame.
+def equilibrium_factor(statics: Statics, keys: Sequence[int], sigma_n: NDArray[np.float64]) -> gtsam.CustomFactor:
+    """Return the equilibrium factor of one frame, with (rows,) the sigma of each row, which is one in each group.
 
     Its linearisation has the weight 1 / (1 + q_g), as in gtsam's own robust models; its error is that of the kernel.
     """

@@ -30,6 +30,15 @@ class WeightedLengths:
     sigma_m: NDArray[np.float64]
     """(tendons,) as `tendon_sigma_m` returns it; inf for a tendon that is left out."""
 
+    @property
+    def count(self) -> int:
+        """The number of lengths that are used."""
+        return int(np.isfinite(self.sigma_m).sum())
+
+    def scaled(self, factor: float) -> "WeightedLengths":
+        """Return the same lengths with their sigmas multiplied by a factor."""
+        return WeightedLengths(self.lengths, factor * self.sigma_m)
+
     def without(self, left_out: NDArray[np.bool_], flag: Flag | None = None) -> "WeightedLengths":
         """Return the same lengths without some tendons.
 

@@ -23,6 +23,7 @@ from .whole import check_replaceable, written_whole
 
 RUN_FILE = "run.toml"
 LOADS_FILE = "estimated_loads.csv"
+DRIFT_FILE = "sensor_drift.csv"
 COVARIANCE_COLUMNS = ("cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2")
 """The upper triangle, row by row; ten digits, because the inverse for a long, thin ellipsoid loses seven."""
 
@@ -55,6 +56,10 @@ def write_tables(reconstruction: Reconstruction, probability: float, directory: 
     _append(directory / "status.csv", _status_rows(reconstruction))
     if any(reconstruction.others):
         _append(directory / "other_shape.csv", _other_rows(reconstruction))
+    if reconstruction.drift is not None and reconstruction.drift_sigma is not None:
+        _append(
+            directory / DRIFT_FILE, _drift_rows(reconstruction.t_s, reconstruction.drift, reconstruction.drift_sigma)
+        )
     if reconstruction.loads:
         _append(directory / LOADS_FILE, _load_rows(reconstruction, reconstruction.loads))
 
@@ -212,12 +217,19 @@ def _load_rows(r: Reconstruction, loads: ExternalLoads) -> Iterator[str]:
             yield f"{t_s:.4f},{node},{values},{observable[node]}"
 
 
+def _drift_rows(t_s: NDArray[np.float64], drift: NDArray[np.float64], sigma: NDArray[np.float64]) -> Iterator[str]:
+    yield "t_s,tendon,drift,sigma"
+    for frame_t_s, frame_drift, frame_sigma in zip(t_s, drift, sigma, strict=True):
+        for e, (value, value_sigma) in enumerate(zip(frame_drift, frame_sigma, strict=True)):
+            yield f"{frame_t_s:.4f},{e},{value:.6f},{value_sigma:.6f}"
+
+
 def _status_rows(r: Reconstruction) -> Iterator[str]:
-    yield "t_s,status,smallest_singular_value,mechanism_sigma_m,branch,other_log_ratio"
-    columns = (r.t_s, r.status, r.smallest_singular_value, r.mechanism_sigma_m, r.branch, r.others)
-    for t_s, status, value, sigma_m, side, other in zip(*columns, strict=True):
+    yield "t_s,status,smallest_singular_value,mechanism_sigma_m,branch,other_log_ratio,doubt"
+    columns = (r.t_s, r.status, r.smallest_singular_value, r.mechanism_sigma_m, r.branch, r.others, r.doubts)
+    for t_s, status, value, sigma_m, side, other, doubt in zip(*columns, strict=True):
         log_ratio = f"{other.log_ratio:.2f}" if other else "nan"
-        yield f"{t_s:.4f},{status},{value:.6f},{sigma_m:.6f},{side:.0f},{log_ratio}"
+        yield f"{t_s:.4f},{status},{value:.6f},{sigma_m:.6f},{side:.0f},{log_ratio},{doubt or 'none'}"
 
 
 def _other_rows(r: Reconstruction) -> Iterator[str]:

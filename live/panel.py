@@ -105,6 +105,8 @@ def _summary(activity: Activity, state: LinkState) -> Table:
         table.add_row("latency", f"median {median_ms:.1f} ms, 99 % within {p99_ms:.1f} ms, from last byte to shape")
         sigma_m = activity.shape.node_sigma_m
         table.add_row("largest sigma", f"{1e3 * sigma_m.max():.1f} mm, node {int(np.argmax(sigma_m))}")
+        if activity.shape.doubt is not None:
+            table.add_row(f"doubt {activity.shape.doubt}", activity.shape.doubt.advice)
         table.add_row("flagged", _flagged(activity.shape.lengths.flags) or "none")
     if activity.skipped_frames or state.skipped_rows:
         table.add_row("skipped", f"{activity.skipped_frames} frames, {state.skipped_rows} rows")

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge
 
-from .values.tables import Positive
+from .values.tables import Positive, Probability
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +36,8 @@ class NoiseSettings:
     motion_m_per_s15: Positive = 0.3
     """Square root of the power density of the acceleration: that of a hand which changes its push by 0.7 m/s^2 every
     0.2 s."""
+    correlation_s: Positive = 2.6
+    """Time for which the errors of the lengths last: the correlation time of the network's errors in calibration."""
     robust: Literal["none", "huber", "cauchy"] = "none"
     """Robust kernel on the tendon lengths, with the constant that gives 95 % efficiency on Gaussian noise."""
 
@@ -72,6 +74,37 @@ class HealthSettings:
     """Mean studentised residual below which a sensor that is left out agrees with the others again."""
     take_back_s: Positive = 1.0
     """Time for which a sensor that is left out must agree before it is used again."""
+    alike_share: Probability = 0.33
+    """Share of the sensors that are suspect or left out above which no further one is left out: something that all
+    have in common moves them."""
+
+
+@dataclass(frozen=True, slots=True)
+class DoubtSettings:
+    """What loads are expected, and when the readings contradict the model."""
+
+    loaded_share: Probability = 0.1
+    """Prior probability that a node is loaded, when a few nodes are."""
+    load_n: Positive = 1.5
+    """Standard deviation of the load at a loaded node: that of a finger."""
+    quiet_n: Positive = 0.03
+    """Standard deviation of the balance at a node without load, in the comparison of explanations: what the rest step
+    leaves, and slow motion."""
+    many_share: Probability = 0.1
+    """Prior probability that many nodes are loaded at once."""
+    many_loads_n: Positive = 1.0
+    """Standard deviation of the load at each node, when many nodes are loaded. Lengths say little of loads that move
+    the structure along its mechanism."""
+    shaken_n: Positive = 5.0
+    """The same while the robot is shaken: the force that shakes it, and the inertia of the rods."""
+    many_memory_s: Positive = 20.0
+    """Time for which many nodes stay loaded, or a few."""
+    inexact_share: Probability = 0.04
+    """Prior probability that all lengths are less exact than their sigmas say."""
+    inexact_memory_s: Positive = 2.0
+    """Time for which they stay so."""
+    update_every_s: Positive = 0.1
+    """Shortest time between two comparisons, each of which takes about as long as the estimate of a frame."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass, field
 
-from .estimation import BranchSettings, HealthSettings, NoiseSettings, SmootherSettings
+from .estimation import BranchSettings, DoubtSettings, HealthSettings, NoiseSettings, SmootherSettings
 from .sensor.clock import ClockSettings
 from .sensor.frames import FrameSettings
 from .sensor.front_end import FrontEndSettings
 from .sensor.gate import GateSettings
+from .sensor.reference_drift import DriftSettings
 from .structure.external_loads import LOAD_THRESHOLD_N
 from .structure.rest_shape import RestSettings
 from .values.tables import Positive, Probability
@@ -23,9 +24,11 @@ class Settings:
     clock: ClockSettings = field(default_factory=ClockSettings)
     gate: GateSettings = field(default_factory=GateSettings)
     frames: FrameSettings = field(default_factory=FrameSettings)
+    drift: DriftSettings = field(default_factory=DriftSettings)
     front_end: FrontEndSettings = field(default_factory=FrontEndSettings)
     rest: RestSettings = field(default_factory=RestSettings)
     noise: NoiseSettings = field(default_factory=NoiseSettings)
     smoother: SmootherSettings = field(default_factory=SmootherSettings)
     health: HealthSettings = field(default_factory=HealthSettings)
+    doubt: DoubtSettings = field(default_factory=DoubtSettings)
     branch: BranchSettings = field(default_factory=BranchSettings)

@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 from .sensor.clock import ClockSettings
 from .sensor.divider import Divider
 from .sensor.resistance import Boards
+from .structure.rest_shape import GeometrySigma
 from .structure.statics import Mechanics
 from .structure.structure import Structure
 from .values.errors import InputError
 from .values.tables import AtLeastOne, NotNegative, Positive, parse_table, unknown_keys
+
+_DEFAULT = GeometrySigma()
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +29,12 @@ class StructureTable:
     natural_length_m: float | list[float]
     anchors: list[int]
     anchor_position_m: list[tuple[float, float, float]]
+    rod_length_sigma_m: Positive = _DEFAULT.rod_length_m
+    """Standard deviation of a rod's length."""
+    anchor_sigma_m: Positive = _DEFAULT.anchor_m
+    """Standard deviation of an anchor's position, per axis."""
+    hub_radius_m: NotNegative = _DEFAULT.hub_radius_m
+    """Distance from a rod's end at which its tendons end, in an unknown direction."""
 
     def structure(self) -> Structure:
         """Return the structure that the table describes.
@@ -160,6 +169,8 @@ class TrialDescription:
     """What is known of a trial before its first reading."""
 
     structure: Structure
+    geometry: GeometrySigma
+    """How exactly rods, anchors and the ends of the tendons are known."""
     mechanics: Mechanics | None
     """The nominal mechanics; None where the trial does not give them, and then the balance of forces is not used."""
     rest_seconds: float
@@ -215,6 +226,11 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
         source = "resistance" if table.resistance else "lengths"
     return TrialDescription(
         structure=structure,
+        geometry=GeometrySigma(
+            rod_length_m=table.structure.rod_length_sigma_m,
+            anchor_m=table.structure.anchor_sigma_m,
+            hub_radius_m=table.structure.hub_radius_m,
+        ),
         mechanics=_mechanics(table.mechanics, structure) if table.mechanics else None,
         rest_seconds=table.rest.seconds,
         rest_position_m=_rest_position(table.rest, structure),

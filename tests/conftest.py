@@ -19,7 +19,7 @@ from tensegraph.estimator.rest_step import rest_step
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.sensor.sensor_model import SensorModel
 from tensegraph.models.structure.external_loads import ExternalLoads
-from tensegraph.models.structure.rest_shape import RestSettings, RestShape
+from tensegraph.models.structure.rest_shape import GeometrySigma, RestSettings, RestShape
 from tensegraph.models.structure.rigidity import find_rest_shape
 from tensegraph.models.values.readings import Mode, TendonLengths
 
@@ -49,13 +49,13 @@ def rest(structure: Structure) -> RestShape:
     """Its rest shape, known to 0.3 mm."""
     variance = np.full((structure.node_count, 3), 0.0003**2)
     variance[structure.anchors] = 0
-    return RestShape(find_rest_shape(structure), np.diag(variance.ravel()), "measured")
+    return RestShape(structure, find_rest_shape(structure), np.diag(variance.ravel()), "measured")
 
 
 @pytest.fixture(scope="session")
 def balanced(structure: Structure) -> RestShape:
     """The rest step of the six-strut with nothing measured: the shape in which forces balance."""
-    return rest_step(structure, nominal(structure), None, RestSettings())
+    return rest_step(structure, nominal(structure), None, GeometrySigma(), RestSettings())
 
 
 @pytest.fixture

@@ -120,7 +120,15 @@ def test_quiet_and_verbose(trial_copy) -> None:
     assert "node RMSE" in verbose.stdout
     assert [line.split(":")[0] for line in verbose.stderr.splitlines()] == ["rest shape", "shapes", "tables"]
     names = {p.name for p in (path.parent / "quiet").iterdir()}
-    assert names == {"shape.csv", "ellipsoids.csv", "lengths.csv", "status.csv", "estimated_loads.csv", "run.toml"}
+    assert names == {
+        "shape.csv",
+        "ellipsoids.csv",
+        "lengths.csv",
+        "status.csv",
+        "sensor_drift.csv",
+        "estimated_loads.csv",
+        "run.toml",
+    }
     assert tomllib.loads((path.parent / "quiet" / "run.toml").read_text())["method"] == "frame"
     modes = {p.stat().st_mode & 0o777 for p in (path.parent / "quiet").iterdir()}
     assert modes == {path.joinpath("trial.toml").stat().st_mode & 0o777}

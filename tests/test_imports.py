@@ -40,10 +40,10 @@ def test_filterpy_is_loaded_when_it_is_chosen() -> None:
     choose = (
         "from tensegraph import Settings, six_strut\n"
         "from tensegraph.estimator.rest_step import rest_step\n"
-        "from tensegraph.models.settings import RestSettings\n"
+        "from tensegraph.models.structure.rest_shape import GeometrySigma, RestSettings\n"
         "from tensegraph.pipeline import ESTIMATORS\n"
         "structure = six_strut(0.3)\n"
-        "rest = rest_step(structure, None, None, RestSettings())\n"
+        "rest = rest_step(structure, None, None, GeometrySigma(), RestSettings())\n"
         "ESTIMATORS['{}'](structure, rest, Settings())"
     )
     assert "filterpy" in loaded(choose.format("ukf"))

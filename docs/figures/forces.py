@@ -17,7 +17,9 @@ def main() -> None:
     trial = open_trial(TRIAL)
     description = trial.description
     structure = description.structure
-    rest = rest_step(structure, description.mechanics, description.rest_position_m, Settings().rest)
+    rest = rest_step(
+        structure, description.mechanics, description.rest_position_m, description.geometry, Settings().rest
+    )
     assert description.mechanics is not None
     assert rest.mechanics is not None
     figure = Figure(figsize=(12, 4.2), layout="constrained")

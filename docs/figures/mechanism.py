@@ -106,7 +106,9 @@ def main() -> None:
     trial = open_trial(TRIAL)
     description = trial.description
     structure = description.structure
-    rest = rest_step(structure, description.mechanics, description.rest_position_m, Settings().rest)
+    rest = rest_step(
+        structure, description.mechanics, description.rest_position_m, description.geometry, Settings().rest
+    )
     assert rest.mechanics is not None
     draw_mechanism(structure, rest.node_position_m)
     result = reconstruct(trial, "live")

@@ -40,9 +40,11 @@ SURE = 2.0
 
 
 def write_figures(r: Reconstruction, settings: Settings, title: str, directory: Path) -> None:
-    """Draw lengths.png and shape.png of a result."""
+    """Draw lengths.png and shape.png of a result, and sensor_drift.png where drift is known."""
     write_lengths_figure(r, title, directory / "lengths.png")
     write_shape_figure(r, settings.probability, settings.load_threshold_n, title, directory / "shape.png")
+    if r.drift is not None and r.drift_sigma is not None:
+        write_drift_figure(r, r.drift, r.drift_sigma, title, directory / "sensor_drift.png")
 
 
 def write_lengths_figure(r: Reconstruction, title: str, path: Path) -> None:
@@ -86,6 +88,39 @@ def _draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
     axis.tick_params(labelsize=7)
     add_grid(axis)
     axis.margins(x=0)
+
+
+def write_drift_figure(
+    r: Reconstruction, drift: NDArray[np.float64], sigma: NDArray[np.float64], title: str, path: Path
+) -> None:
+    """Draw the drift that was taken off each sensor over time, with its 95 % band; reference tendons are red.
+
+    Args:
+        r: all frames.
+        drift: (frames, tendons) relative change of resistance.
+        sigma: (frames, tendons) its standard deviation.
+        title: what was reconstructed.
+        path: of the PNG.
+    """
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axis = figure.subplots()
+    for e in range(drift.shape[1]):
+        color = BLUE if r.structure.is_free_tendon[e] else RED
+        percent = 100 * drift[:, e]
+        half = 100 * BAND * sigma[:, e]
+        axis.fill_between(r.t_s, percent - half, percent + half, color=color, alpha=0.03, lw=0)
+        axis.plot(r.t_s, percent, color=color, lw=0.9)
+    axis.set_xlabel("time [s]")
+    axis.set_ylabel("drift of resistance [%]")
+    axis.set_title(f"{title}: drift taken off the sensors, with 95 % bands")
+    handles = [
+        Line2D([], [], color=BLUE, label="sensor"),
+        Line2D([], [], color=RED, label="sensor of a tendon between anchors, the reference"),
+    ]
+    add_legend_below(figure, handles, 2)
+    add_grid(axis)
+    axis.margins(x=0)
+    save_figure(figure, path)
 
 
 def write_shape_figure(r: Reconstruction, probability: float, load_threshold_n: float, title: str, path: Path) -> None:

@@ -1,17 +1,18 @@
 """The sensor front end: resistance to strain to length, eqs. (2)-(4), with sigma, mode and flags."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from ..values.readings import Flag, Mode, ResistanceFrame, RestLengths, TendonLengths
+from ..values.readings import Flag, Mode, ModeReadings, ResistanceFrame, RestLengths, SensorDrift, TendonLengths
 from ..values.tables import Positive, Probability
 from .bending import LagFree
+from .reference_drift import ReferenceDrift, ReferenceTendons, without_drift
 from .sensor_model import SensorModel
-from .stretching import Extrapolation, StrainSpread, StretchingSensors
+from .stretching import Extrapolation, FastSwing, StrainSpread, StretchingSensors
 from .taring import RestShift, Taring
 
 
@@ -27,6 +28,11 @@ class FrontEndSettings:
     """Length of a gap in the readings after which the loading history of a sensor counts as unknown."""
     warm_up_sigma: Positive = 0.025
     """Standard deviation of strain that is added in quadrature directly after an unknown history."""
+    gap_sigma: Positive = 0.002
+    """The same after a gap, for a sensor that rested before it."""
+    gap_share: Positive = 0.13
+    """The same for a sensor that moved, over the standard deviation of its strain in the last half minute. In the
+    calibration recordings, sensors that are taken as settled in the middle of a motion are wrong by 0.13 of it."""
     warm_up_s: Positive = 3.0
     """Time in which the added standard deviation falls by a factor of e."""
     bending_share: Probability = 0.05
@@ -47,6 +53,8 @@ class _HeldChange:
     """(tendons,)"""
     rate_per_s: NDArray[np.float64]
     """(tendons,) rate of dR/R; zero after a gap."""
+    fresh: NDArray[np.bool_]
+    """(tendons,) True for a sensor whose loading history is unknown, because this is its first reading after a gap."""
     flags: NDArray[np.int64]
     """(tendons,) `Flag` bits."""
 
@@ -72,6 +80,7 @@ class FrontEnd:
         rest: RestLengths | None,
         settings: FrontEndSettings,
         frame_step_s: float,
+        references: ReferenceTendons,
     ) -> None:
         count = len(natural_length_m)
         self._model = model
@@ -80,6 +89,7 @@ class FrontEnd:
         self._frame_step_s = frame_step_s
         self._R0 = natural_resistance_ohm
         self._L0 = natural_length_m
+        self._references = references
         self._bending = model.bending_curve(settings.bending_abscissa)
         self._taring = Taring(self._gauge, self._bending, rest, natural_length_m)
         self._mode = np.full(count, int(Mode.STRETCHING))
@@ -90,6 +100,9 @@ class FrontEnd:
         self._change = np.zeros(count)
         self._seen_s = np.full(count, -np.inf)
         self._warm_s = np.full(count, np.nan)
+        self._warm_sigma = np.full(count, settings.warm_up_sigma)
+        self._strain_spread = np.zeros(count)
+        self._swing = FastSwing(count)
         self._lag_free = LagFree(count)
         self._last_s = np.nan
 
@@ -97,6 +110,8 @@ class FrontEnd:
         """Return the lengths in one more frame."""
         step_s = frame.t_s - self._last_s if np.isfinite(self._last_s) else self._frame_step_s
         self._last_s = frame.t_s
+        drift = self._references.step(frame)
+        frame = without_drift(frame, drift.common)
         change = self._taring.common_change(frame.t_s, frame.resistance_ohm / self._R0 - 1)  # eq. (8)
         held = self._hold_missing(frame, change)
         lag_free, lag = self._lag_free.step(held.change, step_s)
@@ -106,8 +121,29 @@ class FrontEnd:
             bent = stretched
         probability = self._decide_mode(lag_free, frame.t_s)
         strain = self._in_its_mode(stretched, bent, probability)  # eq. (3)
-        flags = self._flags(held.flags, probability, frame.t_s)
-        return self._lengths(frame, strain, probability, flags)  # eq. (4)
+        swing = self._swing.step(strain.value, held.fresh, step_s)
+        flags = self._flags(held.flags, probability, frame.t_s) | np.where(swing > 1.5 * strain.sigma, Flag.SHAKEN, 0)
+        strain = _Strain(strain.value, np.hypot(strain.sigma, swing))
+        lengths = self._lengths(frame, strain, probability, flags)  # eq. (4)
+        modes = ModeReadings(
+            length_m=(1 + np.stack([stretched.value, bent.value])) * self._L0,
+            sigma_m=np.hypot(np.stack([stretched.sigma, bent.sigma]), swing) * self._L0,
+            bending_probability=probability,
+        )
+        return replace(lengths, drift=self._taken_off(drift, held.change, strain.value), modes=modes)
+
+    def _taken_off(
+        self, drift: ReferenceDrift, change: NDArray[np.float64], strain: NDArray[np.float64]
+    ) -> SensorDrift:
+        """Return the drift with the change of length that it would make; a bent tendon's is not counted."""
+        per_change_m = self._L0 * (1 + change) / self._gauge.slope(np.maximum(strain, 0))
+        return SensorDrift(
+            change=np.full(len(change), drift.common),
+            sigma=np.full(len(change), drift.common_sigma),
+            per_change_m=np.where(self._mode == Mode.STRETCHING, per_change_m, 0.0),
+            own_rate_per_s=drift.own_rate_per_s,
+            references=drift.references,
+        )
 
     @property
     def exchanged(self) -> list[tuple[int, int]]:
@@ -137,13 +173,16 @@ class FrontEnd:
         if fresh.any():
             self._stretching.settle(change, fresh, self._frame_step_s)
             self._warm_s = np.where(fresh & ~self._rests(frame.t_s), frame.t_s, self._warm_s)
+            after_gap = np.hypot(self._settings.gap_sigma, self._settings.gap_share * self._strain_spread)
+            known = np.isfinite(self._seen_s)
+            self._warm_sigma = np.where(fresh & known, after_gap, self._warm_sigma)
         step_s = frame.t_s - np.where(seen & ~fresh, self._seen_s, np.nan)
         rate = np.nan_to_num((change - self._change) / step_s)
         self._change = change
         self._seen_s = np.where(seen, frame.t_s, self._seen_s)
         flags = frame.flags | np.where(np.abs(rate) > self._model.ranges.rate_per_s, Flag.TOO_FAST, 0)
         in_range = (change <= self._model.ranges.change[1]) & self._bending.in_range(change)
-        return _HeldChange(change, rate, flags | np.where(in_range, 0, Flag.OUT_OF_RANGE))
+        return _HeldChange(change, rate, fresh, flags | np.where(in_range, 0, Flag.OUT_OF_RANGE))
 
     def _rests(self, t_s: float) -> NDArray[np.bool_]:
         return self._taring.tared & self._taring.is_resting(t_s)
@@ -153,9 +192,10 @@ class FrontEnd:
         strain, sigma = self._stretching.step(held.change, held.rate_per_s, step_s)
         strain = self._rest_shift.corrected(strain, self._taring.is_resting(t_s) & (self._seen_s == t_s))
         widening, beyond, _ = self._extrapolation.step(held.change, held.rate_per_s, strain, step_s)
-        sigma = sigma * widening * self._model.sigma_scale.at(self._spread.step(strain, step_s))
+        self._strain_spread = self._spread.step(strain, step_s)
+        sigma = sigma * widening * self._model.sigma_scale.at(self._strain_spread)
         warm_for_s = np.nan_to_num(t_s - self._warm_s, nan=np.inf)
-        warm_up = self._settings.warm_up_sigma * np.exp(-warm_for_s / self._settings.warm_up_s)
+        warm_up = self._warm_sigma * np.exp(-warm_for_s / self._settings.warm_up_s)
         curve = self._stretching.curve_sigma(held.change)
         parts = (sigma, self._taring.sigma(strain, held.change), curve, beyond, warm_up)
         return _Strain(strain, np.asarray(np.sqrt(sum(part**2 for part in parts))))

@@ -12,7 +12,7 @@ from ..values.readings import TendonLengths
 from .external_loads import ExternalLoads
 from .lengths import length_jacobian, propagated_variance
 from .rigidity import branch, free_length_jacobian
-from .shape import Ellipsoids, OtherShape, Shape, Status, ellipsoids, node_blocks, node_sigma_m
+from .shape import Ellipsoids, OtherShape, Reason, Shape, Status, ellipsoids, node_blocks, node_sigma_m
 from .structure import Structure
 
 
@@ -41,6 +41,12 @@ class Reconstruction:
     """Estimated loads in all frames; None where the stiffness of the tendons is not known."""
     others: tuple[OtherShape | None, ...] = ()
     """(frames,) the second shape of frames with status `two_shapes`."""
+    doubts: tuple[Reason | None, ...] = ()
+    """(frames,) what explains the readings of a frame better than the model; None where nothing does."""
+    drift: NDArray[np.float64] | None = None
+    """(frames, tendons) drift that was taken off each resistance, relative to it; None where nothing shows drift."""
+    drift_sigma: NDArray[np.float64] | None = None
+    """(frames, tendons) standard deviation of `drift`."""
 
     @classmethod
     def of(cls, structure: Structure, shapes: Iterable[Shape]) -> "Reconstruction":
@@ -57,6 +63,9 @@ class Reconstruction:
             force_n=np.array([frame_loads.force_n for frame_loads in known_loads]),
             sigma_n=np.array([frame_loads.sigma_n for frame_loads in known_loads]),
         )
+        drifts = [shape.lengths.drift for shape in collected]
+        observed = [drift for drift in drifts if drift is not None and drift.references]
+        drift_is_known = len(observed) == len(collected)
         return cls(
             structure=structure,
             t_s=np.array([shape.t_s for shape in collected]),
@@ -69,6 +78,9 @@ class Reconstruction:
             flags=np.array([shape.lengths.flags for shape in collected]),
             loads=loads if len(known_loads) == len(collected) else None,
             others=tuple(shape.other for shape in collected),
+            doubts=tuple(shape.doubt for shape in collected),
+            drift=np.array([drift.change for drift in observed]) if drift_is_known else None,
+            drift_sigma=np.array([drift.sigma for drift in observed]) if drift_is_known else None,
         )
 
     def __len__(self) -> int:
@@ -92,6 +104,7 @@ class Reconstruction:
                 lengths=lengths,
                 loads=loads,
                 other=self.others[k],
+                doubt=self.doubts[k],
             )
 
     @property

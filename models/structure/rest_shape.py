@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..values.readings import RestLengths
-from ..values.tables import Positive
+from ..values.tables import NotNegative, Positive
 from .lengths import length_jacobian, propagated_variance
 from .statics import Mechanics
 from .structure import Structure
@@ -30,24 +30,53 @@ class RestSettings:
     """Standard deviation of the balance of forces at rest: sway, creep and hysteresis of the rubber."""
 
 
+WrongPart = Literal["rods", "anchors", "rest shape", "hubs"]
+"""A part of the geometry that may have been told wrongly; `hubs` means that tendons end beside the ends of the rods."""
+
+
+@dataclass(frozen=True, slots=True)
+class GeometrySigma:
+    """How exactly the geometry of a structure is known."""
+
+    rod_length_m: Positive = 0.0002
+    """Standard deviation of a rod's length."""
+    anchor_m: Positive = 0.0001
+    """Standard deviation of an anchor's position, per axis."""
+    hub_radius_m: NotNegative = 0.0
+    """Distance from a rod's end at which its tendons end, in an unknown direction."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RestShape:
-    """The unloaded shape, with its covariance, and the mechanics with which its forces balance."""
+    """The unloaded shape with its covariance, and the geometry and mechanics that were estimated with it."""
 
+    structure: Structure
+    """The structure with the rods and anchors of this shape."""
     node_position_m: NDArray[np.float64]
     """(nodes, 3)"""
     covariance_m2: NDArray[np.float64]
-    """(3 nodes, 3 nodes)"""
+    """(3 nodes, 3 nodes), anchors included; the error is the same in every frame."""
     source: Literal["measured", "found"]
     mechanics: Mechanics | None = None
     """The mechanics tared at this shape; None where stiffness is not known."""
+    mechanics_covariance: NDArray[np.float64] | None = None
+    """(2 tendons, 2 tendons) covariance of the log of the stiffnesses, and then of the natural lengths in m,
+    given this shape: the error of the shape is the same in every frame."""
     at_start: bool = True
     """Whether the structure stands at its rest shape in the first frame."""
+    wrong: WrongPart | None = None
+    """The part of the geometry that was told wrongly by the evidence at rest; None where all agrees."""
+    hub_radius_m: float = 0.0
+    """Distance from a rod's end at which its tendons end."""
+    hub_force_n: float = 0.0
+    """Standard deviation of the balance of forces at a node due to that distance."""
     unbalanced_n: tuple[float, float] = (float("nan"), float("nan"))
     """Root mean square of the unbalanced forces at this shape, with nominal and with tared mechanics."""
 
-    def lengths(self, structure: Structure, seconds: float) -> RestLengths:
+    def lengths(self, seconds: float) -> RestLengths:
         """Return the tendon lengths at rest with their sigma; the structure stands there for the given seconds."""
-        variance = propagated_variance(length_jacobian(self.node_position_m, structure.tendons), self.covariance_m2)
-        length_m = structure.tendon_length_m(self.node_position_m)
+        variance = propagated_variance(
+            length_jacobian(self.node_position_m, self.structure.tendons), self.covariance_m2
+        )
+        length_m = self.structure.tendon_length_m(self.node_position_m)
         return RestLengths(seconds, length_m, np.sqrt(np.maximum(variance, 1e-12)))

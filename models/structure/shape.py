@@ -17,6 +17,7 @@ class Status(StrEnum):
     OK = "ok"
     PARTIAL = "partial"
     TWO_SHAPES = "two_shapes"
+    DOUBT = "doubt"
     PRIOR_ONLY = "prior_only"
     NOT_CONVERGED = "not_converged"
 
@@ -30,8 +31,31 @@ ADVICE = {
     Status.OK: "every tendon was measured",
     Status.PARTIAL: "some tendons were left out, see lengths.csv: mend the sensors named there",
     Status.TWO_SHAPES: "another shape explains the readings about as well, see other_shape.csv: decide by what you saw",
+    Status.DOUBT: "the readings fit another explanation better than the model, see the column doubt in status.csv",
     Status.PRIOR_ONLY: "no tendon was measured: the shape is carried on from the frames before and the rest shape",
     Status.NOT_CONVERGED: "the optimiser stopped before its minimum: take this frame with care, or raise noise.*",
+}
+
+
+class Reason(StrEnum):
+    """What explains the readings better than the model; `advice` says what to do."""
+
+    SENSORS = "sensors"
+    MOTION = "motion"
+    LOADS = "many_loads"
+    GEOMETRY = "geometry"
+
+    @property
+    def advice(self) -> str:
+        """The meaning of the reason, and what the user should do."""
+        return REASON_ADVICE[self]
+
+
+REASON_ADVICE = {
+    Reason.SENSORS: "the lengths contradict each other by more than their sigma: tare again, or calibrate the sensors",
+    Reason.MOTION: "the robot is shaken faster than its sensors follow: move it slower",
+    Reason.LOADS: "many nodes are loaded at once, of which lengths say little: trust the ellipsoids, not the centres",
+    Reason.GEOMETRY: "the geometry in trial.toml contradicts the balance of forces at rest: measure it again",
 }
 
 
@@ -81,6 +105,8 @@ class Shape:
     """External forces at the nodes; None where the stiffness of the tendons is not known."""
     other: OtherShape | None = None
     """The second shape, when the status is `two_shapes`."""
+    doubt: Reason | None = None
+    """What explains the readings better than the model, when there is such an explanation."""
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ appear in the residual, because the anchor takes it.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,8 @@ class Mechanics:
     """Mass of each rod, uniform along the rod."""
     push_back: float
     """p, the ratio of the stiffness of a bent tendon to that of a stretched one."""
+    offset_n: NDArray[np.float64] | float = 0.0
+    """(nodes, 3) force added at each node: what the rest shape leaves unbalanced where tendons end on hubs."""
 
 
 class Statics:
@@ -55,7 +58,7 @@ class Statics:
         self._pairs = -(self._incidence[:, None] * self._incidence[None]).reshape(count * count, -1)
         weight_n = np.zeros((count, 3))
         np.add.at(weight_n[:, 2], structure.rods.ravel(), -0.5 * mechanics.rod_mass_kg * GRAVITY_M_PER_S2)
-        self._weight_n = weight_n
+        self._weight_n = weight_n + mechanics.offset_n
         self.nodes = structure.free_nodes
         partner = np.arange(count)
         partner[structure.rods] = structure.rods[:, ::-1]
@@ -83,6 +86,35 @@ class Statics:
         across = across - along * np.sum(along * across, axis=-1, keepdims=True)
         axial = np.sum(along_floating * force[..., self.floating_rods, :].sum(axis=-2), axis=-1)
         return np.concatenate([across.reshape(*across.shape[:-2], -1), axial], axis=-1)
+
+    @cached_property
+    def rank_of_row(self) -> NDArray[np.float64]:
+        """(rows,) the number of independent rows in the group of each row."""
+        rank = np.concatenate([self.rows_per_node, np.ones(len(self.floating_rods))])
+        return np.asarray(rank[self.group])
+
+    @property
+    def rank(self) -> int:
+        """The number of independent rows."""
+        return int(self.rows_per_node.sum()) + len(self.floating_rods)
+
+    @property
+    def rows_per_node(self) -> NDArray[np.float64]:
+        """(free nodes,) the number of independent rows of each node: two on a rod, three elsewhere."""
+        return np.asarray(np.where(self._on_rod[:, 0], 2.0, 3.0))
+
+    def node_residual_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (nodes, 3) forces at the nodes that have the residuals of `residual_n`; an axial one in equal halves.
+
+        Args:
+            node_position_m: (nodes, 3)
+        """
+        residual = self.residual_n(node_position_m)
+        force = np.zeros((self.structure.node_count, 3))
+        force[self.nodes] = residual[: 3 * len(self.nodes)].reshape(-1, 3)
+        _, _, along, _ = self._rods(node_position_m)
+        force[self.floating_rods] += 0.5 * (residual[3 * len(self.nodes) :, None] * along)[:, None]
+        return force
 
     def residual_and_jacobian(
         self, node_position_m: NDArray[np.float64]

@@ -38,6 +38,9 @@ class Flag(IntFlag):
     MISFIT = 512
     """The reading at rest is impossible for this tendon (wrong natural resistance or wiring); it is left out."""
 
+    SHAKEN = 1024
+    """The tendon's length swings faster than the sensor follows; sigma is widened."""
+
     def names(self) -> str:
         """Return the names of the flags that are set, joined by `|`, as in lengths.csv."""
         return "|".join((flag.name or "").lower() for flag in Flag if flag in self)
@@ -57,7 +60,7 @@ class Flag(IntFlag):
         return flags
 
 
-MOMENTARY = Flag.TOO_FAST | Flag.WARMING_UP | Flag.AMBIGUOUS
+MOMENTARY = Flag.TOO_FAST | Flag.WARMING_UP | Flag.AMBIGUOUS | Flag.SHAKEN
 """Flags that describe one moment of a healthy sensor."""
 SENSOR_FLAGS = ~MOMENTARY
 """Flags that describe a fault of the sensor."""
@@ -117,6 +120,38 @@ class ResistanceFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SensorDrift:
+    """The drift that was taken off the readings of one instant: the relative change of resistance without strain."""
+
+    change: NDArray[np.float64]
+    """(tendons,)"""
+    sigma: NDArray[np.float64]
+    """(tendons,) standard deviation of `change`."""
+    per_change_m: NDArray[np.float64]
+    """(tendons,) change of length for a relative change of resistance."""
+    own_rate_per_s: float = 0.0
+    """Standard deviation of the rate at which sensors drift apart; 0 while they do so no faster than in calibration,
+    whose drift sigma_m contains."""
+    references: int = 0
+    """Number of the tendons of known length from which the common drift was computed."""
+    covariance_m2: NDArray[np.float64] | None = None
+    """(tendons, tendons) covariance of the lengths' errors by the sensors' own drift, where it was estimated; sigma_m
+    contains its diagonal."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModeReadings:
+    """The lengths of all tendons at one instant as they are in each mode, of which the estimator may choose."""
+
+    length_m: NDArray[np.float64]
+    """(2, tendons) by `Mode`: if stretched, and if bent."""
+    sigma_m: NDArray[np.float64]
+    """(2, tendons) standard deviations of these."""
+    bending_probability: NDArray[np.float64]
+    """(tendons,) probability that the tendon is bent, by its reading alone."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class TendonLengths:
     """The lengths of all tendons at one instant, eq. (4): the measurement that the factor graph takes."""
 
@@ -133,6 +168,10 @@ class TendonLengths:
     """(tendons,) the part of sigma_m that comes from the rest shape, to which the sensors were tared."""
     lag_s: float = 0.0
     """Time by which the lengths lag behind t_s; an estimator that can wait may use later lengths instead."""
+    drift: SensorDrift | None = None
+    """The drift that was taken off; None for lengths that were not computed from resistance."""
+    modes: ModeReadings | None = None
+    """The lengths in each mode; None for lengths that were not computed from resistance."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:

@@ -41,6 +41,8 @@ def test_the_result_is_whole(done, name: str) -> None:
         "lengths.csv",
         "lengths.png",
         "run.toml",
+        "sensor_drift.csv",
+        "sensor_drift.png",
         "shape.csv",
         "shape.png",
         "status.csv",
@@ -57,7 +59,7 @@ def test_the_result_is_whole(done, name: str) -> None:
     assert (folder / "lengths.csv").read_text().count("\n") == 1 + 24 * frames
     assert (folder / "estimated_loads.csv").read_text().count("\n") == 1 + 9 * frames
     header, first, *_ = (folder / "status.csv").read_text().splitlines()
-    assert header == "t_s,status,smallest_singular_value,mechanism_sigma_m,branch,other_log_ratio"
+    assert header == "t_s,status,smallest_singular_value,mechanism_sigma_m,branch,other_log_ratio,doubt"
     assert first.startswith("0.0000,ok,")
     for figure in ("lengths.png", "shape.png"):
         assert (folder / figure).read_bytes().startswith(b"\x89PNG")

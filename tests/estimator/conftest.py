@@ -13,5 +13,5 @@ def press(example_structure, true_positions):
     during = (t_s >= 6) & (t_s < 9)
     variance = np.full((12, 3), 0.0003**2)
     variance[example_structure.anchors] = 0
-    rest = RestShape(positions[during][0], np.diag(variance.ravel()), "measured")
+    rest = RestShape(example_structure, positions[during][0], np.diag(variance.ravel()), "measured")
     return t_s[during], positions[during], rest

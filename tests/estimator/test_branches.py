@@ -9,7 +9,7 @@ from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.graph import GraphBuilder
 from tensegraph.estimator.rest_step import rest_step
 from tensegraph.models.estimation import BranchSettings, NoiseSettings
-from tensegraph.models.structure.rest_shape import RestSettings
+from tensegraph.models.structure.rest_shape import GeometrySigma, RestSettings
 from tensegraph.models.structure.rigidity import branch
 
 
@@ -18,7 +18,7 @@ class TestBranches:
         """Lengths alone do not tell the two apart: both are given, with the same lengths, on either side."""
         t_s, positions = true_positions
         true = positions[np.searchsorted(t_s, 8.0)]
-        rest = rest_step(example_structure, None, positions[0], RestSettings())
+        rest = rest_step(example_structure, None, positions[0], GeometrySigma(), RestSettings())
         builder = GraphBuilder(example_structure, rest, NoiseSettings())
         lengths = lengths_of(example_structure, true, sigma_m=2e-4)
         shape = FrameEstimator(example_structure, rest, Settings()).update(lengths)

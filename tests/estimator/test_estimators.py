@@ -81,7 +81,7 @@ def test_any_structure_runs(lengths_of) -> None:
     prism = three_strut(0.3, 0.18)
     variance = np.full((6, 3), 0.0003**2)
     variance[:3] = 0
-    rest = RestShape(find_rest_shape(prism), np.diag(variance.ravel()), "measured")
+    rest = RestShape(prism, find_rest_shape(prism), np.diag(variance.ravel()), "measured")
     frames = [lengths_of(prism, rest.node_position_m, 0.02 * k) for k in range(8)]
     for estimator in ESTIMATORS:
         shape = list(estimator(prism, rest, Settings()).estimate(frames))[-1]

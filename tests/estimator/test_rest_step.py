@@ -9,17 +9,20 @@ from balance import K, nominal
 from tensegraph import Structure
 from tensegraph.estimator.rest_step import rest_step
 from tensegraph.models.structure.lengths import length_jacobian, member_length_m
-from tensegraph.models.structure.rest_shape import RestSettings
-from tensegraph.models.structure.statics import Mechanics
+from tensegraph.models.structure.rest_shape import GeometrySigma, RestSettings
+from tensegraph.models.structure.statics import Mechanics, Statics
 
 
 def test_measured_rest_shape_keeps_rods_and_anchors(structure: Structure, rest) -> None:
-    """Rods and anchors are exact, so the measured nodes move onto them, and their uncertainty shrinks alike."""
+    """Exact rods and anchors: the measured nodes move onto them, and their uncertainty shrinks alike."""
+    exact = GeometrySigma(rod_length_m=1e-6, anchor_m=1e-6)
     noise = 0.0003 * np.random.default_rng(2).standard_normal((12, 3))
-    found = rest_step(structure, None, rest.node_position_m + noise, RestSettings())
+    found = rest_step(structure, None, rest.node_position_m + noise, exact, RestSettings())
     assert found.source == "measured"
     np.testing.assert_allclose(member_length_m(found.node_position_m, structure.rods), 0.3, atol=2e-6)
-    np.testing.assert_array_equal(found.node_position_m[:3], structure.anchor_position_m)
+    np.testing.assert_allclose(found.node_position_m[:3], structure.anchor_position_m, atol=1e-5)
+    np.testing.assert_array_equal(found.structure.anchor_position_m, found.node_position_m[:3])
+    assert found.wrong is None
     along_rod = length_jacobian(found.node_position_m, structure.rods).reshape(6, -1)
     assert np.abs(np.diag(along_rod @ found.covariance_m2 @ along_rod.T)).max() < 1.1e-10
     error = np.linalg.norm(found.node_position_m - rest.node_position_m)
@@ -27,9 +30,9 @@ def test_measured_rest_shape_keeps_rods_and_anchors(structure: Structure, rest) 
 
 
 def test_found_rest_shape_says_so(structure: Structure) -> None:
-    found = rest_step(structure, None, None, RestSettings())
+    found = rest_step(structure, None, None, GeometrySigma(), RestSettings())
     assert found.source == "found"
-    lengths = found.lengths(structure, 2.0)
+    lengths = found.lengths(2.0)
     assert lengths.sigma_m[5] > 0.001
 
 
@@ -44,8 +47,8 @@ class TestRestStep:
         rng = np.random.default_rng(4)
         true = replace(nominal(structure), stiffness_n_per_m=K * np.exp(0.1 * rng.standard_normal(24)))
         exact = RestSettings(measured_sigma_m=1e-6, stiffness_spread=1e-6, natural_length_sigma_m=1e-7)
-        at_rest = rest_step(structure, true, None, exact).node_position_m
-        found = rest_step(structure, nominal(structure), at_rest, RestSettings(measured_sigma_m=1e-5))
+        at_rest = rest_step(structure, true, None, GeometrySigma(), exact).node_position_m
+        found = rest_step(structure, nominal(structure), at_rest, GeometrySigma(), RestSettings(measured_sigma_m=1e-5))
         free = structure.free_tendons
         error = np.log(found.mechanics.stiffness_n_per_m / true.stiffness_n_per_m)[free]
         assert np.std(error) < 0.02
@@ -60,9 +63,56 @@ class TestRestStep:
             stiffness = K * np.exp(0.1 * rng.standard_normal(24))
             length_m = structure.natural_length_m + 0.0003 * rng.standard_normal(24)
             true = Mechanics(stiffness, length_m, 0.03, 0.02)
-            at_rest = rest_step(structure, true, None, exact).node_position_m
+            at_rest = rest_step(structure, true, None, GeometrySigma(), exact).node_position_m
             measured = at_rest + 0.0003 * rng.standard_normal((12, 3))
-            found = rest_step(structure, nominal(structure), measured, RestSettings())
+            found = rest_step(structure, nominal(structure), measured, GeometrySigma(), RestSettings())
             error = (found.node_position_m - at_rest)[3:].ravel()
             nees.append(error @ np.linalg.pinv(found.covariance_m2[9:, 9:], 1e-9) @ error / 21)
         assert 0.6 < np.mean(nees) < 1.5
+
+
+@pytest.fixture(scope="module")
+def measured(balanced):
+    """The rest shape, measured to 0.3 mm."""
+    return balanced.node_position_m + 0.0003 * np.random.default_rng(8).standard_normal((12, 3))
+
+
+class TestWrongGeometry:
+    """What is told of the geometry is wrong in one part: the evidence names it, and the shape is better for it."""
+
+    def found(self, told, measured):
+        return rest_step(told, nominal(told), measured, GeometrySigma(), RestSettings())
+
+    def test_nothing_is_blamed_when_all_agrees(self, structure, measured) -> None:
+        assert self.found(structure, measured).wrong is None
+
+    def test_rods(self, structure, balanced, measured) -> None:
+        wrong_m = structure.rod_length_m + 0.0015 * np.array([1, -1, 1, 1, -1, -1])
+        found = self.found(replace(structure, rod_length_m=wrong_m), measured)
+        assert found.wrong == "rods"
+        np.testing.assert_allclose(found.structure.rod_length_m, structure.rod_length_m, atol=0.0008)
+
+    def test_anchors(self, structure, balanced, measured) -> None:
+        shift = 0.002 * np.array([[1, 0, 0.5], [-1, 0.5, 0], [0, -1, 1]])
+        told = replace(structure, anchor_position_m=structure.anchor_position_m + shift)
+        found = self.found(told, measured)
+        assert found.wrong == "anchors"
+        np.testing.assert_allclose(found.structure.anchor_position_m, structure.anchor_position_m, atol=0.001)
+
+    def test_measured_shape(self, structure, balanced, measured) -> None:
+        off = measured + 0.003 * np.random.default_rng(9).standard_normal((12, 3))
+        found = self.found(structure, off)
+        assert found.wrong == "rest shape"
+        assert np.linalg.norm(found.node_position_m - balanced.node_position_m) < 0.7 * np.linalg.norm(
+            off - balanced.node_position_m
+        )
+
+    def test_hubs_that_were_told_widen_the_balance(self, structure, measured) -> None:
+        hubs = GeometrySigma(hub_radius_m=0.0075)
+        found = rest_step(structure, nominal(structure), measured, hubs, RestSettings())
+        assert found.hub_radius_m == 0.0075
+        length_m = structure.tendon_length_m(measured)
+        per_m = np.sqrt(np.mean((K * (length_m - structure.natural_length_m) / length_m) ** 2) * 4 / 3)
+        assert found.hub_force_n == pytest.approx(0.0075 * per_m, rel=0.05)
+        statics = Statics(found.structure, found.mechanics)
+        assert np.abs(statics.residual_n(found.node_position_m)).max() < 1e-9  # what hubs leave is subtracted

@@ -6,11 +6,16 @@ import gtsam
 import numpy as np
 from scipy.stats import chi2
 
+from balance import pressed
 from noise_settings import with_noise
+from tensegraph import Settings
+from tensegraph.estimator.doubt import Doubt
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.graph import GraphBuilder
+from tensegraph.estimator.linear_frame import linearised
+from tensegraph.estimator.uncertainty import FrameEvidence
 from tensegraph.factors.noise import weigh
-from tensegraph.models.estimation import NoiseSettings
+from tensegraph.models.estimation import DoubtSettings, NoiseSettings
 from tensegraph.models.structure.lengths import length_jacobian
 
 
@@ -48,3 +53,48 @@ class TestCovariance:
             nees.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error).mean())
         low, high = chi2.ppf([0.001, 0.999], 3 * 150 * 3) / (150 * 3)  # nodes of a frame are not independent
         assert 0.8 * low < np.mean(nees) < 1.2 * high
+
+
+class TestHiddenLoads:
+    def test_missing_lengths_give_the_ellipsoids_of_all_probable_loads(self, structure, balanced, lengths_of) -> None:
+        """Loads drawn as the settings say, and no length measured: the ellipsoids contain the loaded shapes."""
+        rng = np.random.default_rng(6)
+        settings = Settings()
+        missing = lengths_of(structure, balanced.node_position_m, noise=np.nan)
+        shape = FrameEstimator(structure, balanced, settings).update(missing)
+        free = structure.free_nodes
+        inside = []
+        for _ in range(25):
+            load = np.zeros((12, 3))
+            chosen = free[rng.random(len(free)) < settings.doubt.loaded_share]
+            load[chosen] = settings.doubt.load_n * rng.standard_normal((len(chosen), 3))
+            error = (pressed(structure, balanced, load) - shape.node_position_m)[free]
+            nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(shape.node_covariance_m2[free]), error)
+            inside.append(nees < chi2.ppf(0.95, 3))
+        assert 0.85 < np.mean(inside) < 0.99
+
+    def test_measured_lengths_leave_no_room_for_them(self, structure, balanced, lengths_of) -> None:
+        """With all lengths measured, loads of 1.5 N that might hide widen sigma by less than a fourth."""
+        lengths = lengths_of(structure, balanced.node_position_m)
+        hidden, none = (
+            FrameEstimator(structure, balanced, replace(Settings(), doubt=DoubtSettings(loaded_share=share)))
+            .update(lengths)
+            .node_sigma_m.mean()
+            for share in (0.1, 1e-9)
+        )
+        assert none < hidden < 1.25 * none
+
+
+def test_many_loads_are_mixed_in(structure, balanced, lengths_of) -> None:
+    """The covariance is that of the mixture: linear in the probability, apart from what the rest shape adds."""
+    settings = Settings()
+    builder = GraphBuilder(structure, balanced, settings.noise)
+    measured = weigh(lengths_of(structure, balanced.node_position_m), settings.noise)
+    frame = linearised(builder, balanced.node_position_m, measured)
+    evidence = FrameEvidence(builder, settings.doubt)
+    few, half, many = (
+        evidence.assess(frame, balanced.node_position_m, Doubt(probability, 1.0)).covariance_m2
+        for probability in (0.0, 0.5, 1.0)
+    )
+    np.testing.assert_allclose(half, 0.5 * (few + many), rtol=1e-9)
+    assert np.trace(many) > 2 * np.trace(few)

@@ -17,7 +17,7 @@ class TestUnscentedKalman:
     def test_the_ukf_is_the_kalman_filter_where_all_is_linear(self, structure, rest, lengths_of) -> None:
         """One update by hand from a prior so tight that lengths are straight lines: x + K (z - h), (1 - K H) P."""
         settings = with_noise(motion_m_per_s15=1e-6)
-        tight = RestShape(rest.node_position_m, 1e-4 * rest.covariance_m2, "measured")
+        tight = RestShape(rest.structure, rest.node_position_m, 1e-4 * rest.covariance_m2, "measured")
         settings = replace(settings, noise=replace(settings.noise, anchor_m=1e-6))
         noise = 1e-5 * np.random.default_rng(3).standard_normal(24)
         shape = UnscentedKalman(structure, tight, settings).update(

@@ -16,7 +16,7 @@ class TestFactor:
         statics, sigma_n = Statics(structure, nominal(structure)), 0.1
         position = find_rest_shape(structure) + 0.002 * np.random.default_rng(3).standard_normal((12, 3))
         graph = gtsam.NonlinearFactorGraph()
-        graph.add(equilibrium_factor(statics, range(12), sigma_n))
+        graph.add(equilibrium_factor(statics, range(12), np.full(len(statics.group), sigma_n)))
 
         def values_at(x):
             values = gtsam.Values()

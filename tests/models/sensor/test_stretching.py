@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tensegraph.models.sensor.sensor_model import SensorModel
-from tensegraph.models.sensor.stretching import Extrapolation, StrainSpread, StretchingSensors
+from tensegraph.models.sensor.stretching import Extrapolation, FastSwing, StrainSpread, StretchingSensors
 
 
 class TestStretchingSensors:
@@ -62,3 +62,41 @@ class TestExtrapolation:
         _, extra, beyond = outside.step(far, still, strain, 0.02)
         assert beyond[0]
         assert extra[0] == pytest.approx(0.3 / model.gauge.slope(strain)[0])
+
+
+class TestFastSwing:
+    def test_noise_and_slow_motion_are_no_swing(self) -> None:
+        rng = np.random.default_rng(7)
+        swing, t_s = FastSwing(12), np.arange(0, 20, 0.02)
+        strain = 0.02 * np.sin(2 * np.pi * 0.5 * t_s)[:, None] + 0.0005 * rng.standard_normal((len(t_s), 12))
+        sigma = np.array([swing.step(row, np.zeros(12, dtype=bool), 0.02) for row in strain])
+        assert np.quantile(sigma, 0.99) < 0.005
+
+    def test_shaking_widens_all_sensors_and_fades(self) -> None:
+        """Ten of twelve swing by 0.01 at 6 Hz: sigma covers four times that; three seconds later little is left."""
+        rng = np.random.default_rng(8)
+        swing, t_s = FastSwing(12), np.arange(0, 13, 0.02)
+        shaken = (t_s > 4) & (t_s < 7)
+        strain = 0.0003 * rng.standard_normal((len(t_s), 12))
+        strain[:, 2:] += 0.01 * (shaken * np.sin(2 * np.pi * 6 * t_s))[:, None]
+        sigma = np.array([swing.step(row, np.zeros(12, dtype=bool), 0.02) for row in strain])
+        during, later = sigma[(t_s > 5) & shaken], sigma[t_s > 12.9]
+        assert 0.01 < during[:, :2].min() < during[:, 2:].min()
+        assert during.max() < 0.08
+        assert later.max() < 0.2 * during.max()
+
+    def test_one_faulty_sensor_widens_itself_alone(self) -> None:
+        rng = np.random.default_rng(9)
+        swing, t_s = FastSwing(12), np.arange(0, 6, 0.02)
+        strain = 0.0003 * rng.standard_normal((len(t_s), 12))
+        strain[t_s > 3, 4] += 0.05 * rng.standard_normal(np.sum(t_s > 3))
+        sigma = np.array([swing.step(row, np.zeros(12, dtype=bool), 0.02) for row in strain])[-1]
+        assert sigma[4] > 0.05
+        assert np.delete(sigma, 4).max() < 0.003
+
+    def test_a_jump_over_a_gap_is_no_swing(self) -> None:
+        swing = FastSwing(3)
+        for _ in range(100):
+            swing.step(np.full(3, 0.05), np.zeros(3, dtype=bool), 0.02)
+        sigma = [swing.step(np.full(3, 0.15), np.full(3, k == 0), 0.02) for k in range(50)]
+        assert np.max(sigma) < 1e-9

@@ -1,0 +1,228 @@
+"""The doubt about the model: whether the readings of the last seconds fit it, and which other explanation fits better.
+
+Two explanations are compared with the model, each as regimes of a hidden Markov model that last for some seconds:
+
+- Many nodes are loaded at once (hands that hug, wind, inertia), in place of a few. In the model a few nodes have a load
+  of sigma_L and all others balance to sigma_q; with many, all nodes have loads of one of several strengths.
+- All lengths are k times less exact than their sigmas say (k = 1 in the model).
+
+A regime i says which variances the balance of forces and the lengths have. Its evidence in one frame is, with the
+factors linearised at the estimate x, H_i the Hessian of all factors, H_i0 that without the lengths, and E_i, E_i0 the
+errors at their minima,
+
+    log p_i = -(E_i - E_i0) - 1/2 (log |H_i| - log |H_i0|) - sum log k
+
+which is the probability of the lengths, given what forces and shape prior say of the shape. Errors of the lengths last
+for seconds, so that the evidence counts once in `correlation_s`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from ..models.estimation import DoubtSettings
+from ..models.structure.shape import Reason
+from ..models.values.readings import Flag, TendonLengths
+from .graph import GraphBuilder
+from .linear_frame import LinearFrame
+
+FEW = 6
+"""Number of explanations by a few loads: by none, by the node with the largest unbalanced force, by the two with ..."""
+MANY_N = np.array([0.03, 0.1, 0.2, 0.4])
+"""Standard deviations of the loads, when many nodes are loaded."""
+SCALES = np.array([0.7, 1.0, 2.0, 4.0, 8.0, 16.0])
+"""The factors k by which the sigmas of all lengths may be wrong."""
+EXACT = SCALES <= 1
+"""Which of them mean that the lengths are as exact as their sigmas say, or more."""
+SHAKEN_SHARE = 0.4
+"""Share of the tendons that swing too fast for their sensors, above which the whole robot is shaken."""
+STILL_SHARE = 0.1
+"""Share below which it is shaken no more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """What the readings say against the model, at one time."""
+
+    many_loads: float = 0.0
+    """Probability that many nodes are loaded at once."""
+    many_loads_n: float = 0.0
+    """Standard deviation of these loads."""
+    length_scale: float = 1.0
+    """Factor of the sigmas of all lengths: one over the root mean square of 1 / k."""
+
+    reason: Reason | None = None
+    """The explanation that is more probable than the model; None when there is none."""
+
+
+class Regimes:
+    """The probability of each of several regimes, of which one is left for any, by its prior, after `memory_s`."""
+
+    def __init__(self, prior: NDArray[np.float64], memory_s: float) -> None:
+        self._prior = prior
+        self._memory_s = memory_s
+        self.probability = prior
+
+    def predict(self, step_s: float) -> None:
+        """Carry the probabilities over a time step."""
+        stay = np.exp(-step_s / self._memory_s)
+        self.probability = stay * self.probability + (1 - stay) * self._prior
+
+    def update(self, log_evidence: NDArray[np.float64]) -> None:
+        """Multiply the probabilities by the evidence."""
+        likelihood = np.exp(log_evidence - log_evidence.max())
+        self.probability = self.probability * likelihood / (self.probability @ likelihood)
+
+    def smoothed(self, t_s: NDArray[np.float64], filtered: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (times, regimes) the probabilities given all evidence, from those given the past evidence."""
+        smoothed = filtered.copy()
+        for k in range(len(t_s) - 2, -1, -1):
+            stay = np.exp(-(t_s[k + 1] - t_s[k]) / self._memory_s)
+            predicted = stay * filtered[k] + (1 - stay) * self._prior
+            ratio = smoothed[k + 1] / predicted
+            smoothed[k] = filtered[k] * (stay * ratio + (1 - stay) * (self._prior @ ratio))
+        return smoothed
+
+
+class ModelDoubt:
+    """Follows the doubt about the model, frame by frame."""
+
+    def __init__(self, builder: GraphBuilder, settings: DoubtSettings) -> None:
+        self._builder = builder
+        self._settings = settings
+        self._loads = Regimes(np.array([1 - settings.many_share, settings.many_share]), settings.many_memory_s)
+        inexact = settings.inexact_share / np.sum(~EXACT)
+        exact = (1 - settings.inexact_share) / np.sum(EXACT)
+        self._scale = Regimes(np.where(EXACT, exact, inexact), settings.inexact_memory_s)
+        self._updated_s = np.nan
+        self._shaken = False
+        self.kept: list[tuple[float, NDArray[np.float64], NDArray[np.float64]]] | None = None
+        """Time and probabilities after each update, for a smoother that puts a list here; live, memory is bounded."""
+
+    def about(self, lengths: TendonLengths) -> Doubt:
+        """Return the doubt about a frame, as known at present."""
+        self._shaken = self._is_shaken(lengths, self._shaken)
+        return self._doubt(self._shaken, self._loads.probability, self._scale.probability)
+
+    def observe(self, t_s: float, frame: LinearFrame, used_scale: float) -> None:
+        """Learn from a frame.
+
+        Args:
+            t_s: its time.
+            frame: its factors, linearised at the estimate.
+            used_scale: factor by which the sigmas of the measured lengths were multiplied in the frame.
+        """
+        statics = self._builder.statics
+        step_s = t_s - self._updated_s if np.isfinite(self._updated_s) else self._settings.update_every_s
+        if statics is None or step_s < 0.999 * self._settings.update_every_s:
+            return
+        self._updated_s = t_s
+        self._loads.predict(step_s)
+        self._scale.predict(step_s)
+        rods = len(self._builder.structure.rods)
+        measured = float(np.mean(frame.weight_per_m[rods:] > 0))
+        if measured > 0:
+            share = measured * min(step_s / self._builder.noise.correlation_s, 1.0)
+            self._update(frame, used_scale, share)
+        if self.kept is not None:
+            self.kept.append((t_s, self._loads.probability, self._scale.probability))
+
+    def smoothed(self, frames: Sequence[TendonLengths]) -> list[Doubt]:
+        """Return the doubt about each frame, given all updates that were kept, later ones too."""
+        if not self.kept:
+            return list(map(self.about, frames))
+        t_s = np.array([update[0] for update in self.kept])
+        loads = self._loads.smoothed(t_s, np.array([update[1] for update in self.kept]))
+        scales = self._scale.smoothed(t_s, np.array([update[2] for update in self.kept]))
+        times_s = [lengths.t_s for lengths in frames]
+        latest = np.maximum(np.searchsorted(t_s, times_s, side="right") - 1, 0)
+        shaken = np.logical_or(self._shaken_in(frames), self._shaken_in(frames[::-1])[::-1])
+        return [self._doubt(bool(shakes), loads[k], scales[k]) for shakes, k in zip(shaken, latest, strict=True)]
+
+    def _shaken_in(self, frames: Sequence[TendonLengths]) -> list[bool]:
+        """Return whether the robot is shaken in each frame, as the frames before it tell."""
+        shaken = list(accumulate(frames, lambda before, lengths: self._is_shaken(lengths, before), initial=False))
+        return shaken[1:]
+
+    def _is_shaken(self, lengths: TendonLengths, before: bool) -> bool:
+        swings = (lengths.flags[self._builder.structure.free_tendons] & int(Flag.SHAKEN)) != 0
+        return bool(swings.mean() > (STILL_SHARE if before else SHAKEN_SHARE))
+
+    def _doubt(self, shaken: bool, loads: NDArray[np.float64], scales: NDArray[np.float64]) -> Doubt:
+        many_loads = float(loads[1])
+        many_loads_n = self._settings.many_loads_n
+        length_scale = float(1 / np.sqrt(scales @ SCALES**-2))
+        reason = None
+        if shaken:  # inertia loads every node
+            many_loads = 1.0
+            many_loads_n = self._settings.shaken_n
+            reason = Reason.MOTION
+        elif scales[EXACT].sum() < 0.5:
+            reason = Reason.SENSORS
+        elif many_loads > 0.5:
+            reason = Reason.LOADS
+        elif self._builder.rest.wrong in ("hubs", "rest shape"):
+            reason = Reason.GEOMETRY
+        if reason is not None:  # then the readings are no evidence that lengths are more exact than their sigmas say
+            length_scale = max(length_scale, 1.0)
+        return Doubt(many_loads, many_loads_n, length_scale, reason)
+
+    def _update(self, frame: LinearFrame, used_scale: float, share: float) -> None:
+        few, log_prior = self._few_loads(frame)
+        many = np.maximum(few[0], MANY_N[:, None] ** 2)
+        variance = np.concatenate([few, many])
+        rods = len(self._builder.structure.rods)
+        scale = float(SCALES[np.argmax(self._scale.probability)]) / used_scale
+        evidence = log_evidence(frame, rods, variance, np.full(len(variance), scale))
+        evidence += np.concatenate([log_prior, np.full(len(many), -np.log(len(many)))])
+        self._loads.update(share * np.array([logsumexp(evidence[:FEW]), logsumexp(evidence[FEW:])]))
+        best = variance[np.argmax(evidence)]
+        evidence = log_evidence(frame, rods, np.tile(best, (len(SCALES), 1)), SCALES / used_scale)
+        self._scale.update(share * evidence)
+
+    def _few_loads(self, frame: LinearFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (FEW, rows) variances of the balance with a few loads, and (FEW,) the log of their prior."""
+        statics = self._builder.statics
+        assert statics is not None, "loads need the balance of forces"
+        settings = self._settings
+        quiet_n = np.sqrt(frame.force_sigma_n**2 - self._builder.noise.force_n**2 + settings.quiet_n**2)
+        squared = np.add.reduceat(frame.force_n**2, statics.group_start)
+        rank = np.argsort(np.argsort(-squared))[statics.group]
+        loads = np.arange(FEW)
+        variance = np.where(rank < loads[:, None], settings.load_n**2, quiet_n**2)
+        share = settings.loaded_share
+        return variance, loads * np.log(share) + (len(squared) - loads) * np.log(1 - share)
+
+
+def log_evidence(
+    frame: LinearFrame, rods: int, force_variance: NDArray[np.float64], length_scale: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (regimes,) the log evidence of a frame's lengths in several regimes, up to a common constant.
+
+    Args:
+        frame: the factors of the frame.
+        rods: number of the rods, with which the members begin; their sigma is the same in all regimes.
+        force_variance: (regimes, rows) variance of each row of the balance of forces.
+        length_scale: (regimes,) factor of the sigma of the measured lengths.
+    """
+    prior = np.eye(len(frame.from_prior_m)) / frame.prior_m**2
+    weighted = frame.force_jacobian / force_variance[:, :, None]
+    without = np.swapaxes(weighted, 1, 2) @ frame.force_jacobian + prior
+    slope_without = (frame.force_n / force_variance) @ frame.force_jacobian + frame.from_prior_m / frame.prior_m**2
+    weight = np.repeat(frame.weight_per_m[None], len(length_scale), axis=0)
+    weight[:, rods:] /= length_scale[:, None]
+    error = frame.length_error_m * weight
+    jacobian = frame.length_jacobian * weight[:, :, None]
+    information = without + np.swapaxes(jacobian, 1, 2) @ jacobian
+    slope = slope_without + (error[:, None] @ jacobian)[:, 0]
+    both = np.linalg.cholesky(np.stack([information, without]))
+    solved = np.linalg.solve(both, np.stack([slope, slope_without])[..., None])[..., 0]
+    gain, gain_without = 0.5 * np.sum(solved**2, axis=-1)
+    log_root, log_root_without = np.sum(np.log(np.diagonal(both, axis1=-2, axis2=-1)), axis=-1)
+    measured = int(np.sum(frame.weight_per_m[rods:] > 0))
+    least = 0.5 * np.sum(error**2, axis=1) - gain + gain_without
+    return np.asarray(-least - log_root + log_root_without - measured * np.log(length_scale))

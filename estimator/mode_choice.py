@@ -1,0 +1,112 @@
+"""The mode of each tendon, stretched or bent, as the other tendons and the balance of forces tell it.
+
+Near zero strain a bent and a stretched strip have the same resistance, and lengths that differ by up to 10 mm. The
+probability p of the reading alone is therefore multiplied by the evidence of the shape: with the length l_c and its
+sigma_c that follow from all else (the cavity: the estimate without this reading), and the readings y_m and sigma_m in
+the modes m,
+
+    log-odds = log(p / (1 - p)) + a mean of log(N_b / N_s),     N_m = N(y_m; l_c, sigma_m^2 + sigma_c^2)
+
+The mean is over `EVIDENCE_S`, because a tendon does not change its mode from frame to frame; a is `EVIDENCE_SHARE`.
+The length is the mean of
+both modes, and its variance includes the distance between them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+from scipy.special import expit, logit
+
+from ..factors.noise import WeightedLengths
+from ..models.structure.lengths import length_jacobian, propagated_variance
+from ..models.structure.shape import Shape
+from ..models.values.low_pass import low_pass_weight
+from ..models.values.readings import Flag, Mode, ModeReadings, TendonLengths
+from .graph import GraphBuilder
+
+EVIDENCE_S = 0.1
+"""Time over which the evidence of the shape is averaged: a tendon goes slack in a push of this length."""
+EVIDENCE_SHARE = 0.4
+"""Share of the evidence that counts: what follows from all else has errors that last for seconds, and other tendons of
+uncertain mode."""
+LEAST_PROBABILITY = 1e-3
+"""Least probability of a mode that is considered."""
+UNSURE = 0.05
+"""Probability of the less likely mode above which the reading is flagged as ambiguous."""
+MOST_LOG_ODDS = 20.0
+"""Limit of the evidence of one frame."""
+
+
+class ModeChoice:
+    """Chooses the mode of each tendon, frame by frame."""
+
+    def __init__(self, builder: GraphBuilder) -> None:
+        self._builder = builder
+        self._log_odds = np.zeros(len(builder.structure.tendons))
+        self._last_s = np.nan
+        self.kept: list[NDArray[np.float64]] | None = None
+        """(tendons,) evidence of each frame, for a smoother that puts a list here; live, memory is bounded."""
+
+    def choose(self, lengths: TendonLengths) -> TendonLengths:
+        """Return the lengths with the evidence of the shapes before."""
+        return _chosen(lengths, self._log_odds)
+
+    def observe(self, shape: Shape, measured: WeightedLengths) -> None:
+        """Learn from a frame that was estimated from the measured lengths."""
+        if measured.lengths.modes is None or self._builder.statics is None:
+            return
+        step_s = shape.t_s - self._last_s if np.isfinite(self._last_s) else 0.0
+        self._last_s = shape.t_s
+        evidence = self._evidence(shape, measured, measured.lengths.modes)
+        self._log_odds += low_pass_weight(step_s, EVIDENCE_S) * (evidence - self._log_odds)
+        if self.kept is not None:
+            self.kept.append(evidence)
+
+    def smoothed(self, frames: Sequence[TendonLengths]) -> list[TendonLengths]:
+        """Return the lengths with the evidence of all shapes that were kept, later ones too."""
+        if not self.kept or len(frames) < 2:
+            return list(frames)
+        step_s = float(np.median(np.diff([lengths.t_s for lengths in frames])))
+        log_odds = gaussian_filter1d(np.array(self.kept), EVIDENCE_S / step_s, axis=0, mode="nearest")
+        return list(map(_chosen, frames, log_odds))
+
+    def _evidence(self, shape: Shape, measured: WeightedLengths, modes: ModeReadings) -> NDArray[np.float64]:
+        """Return (tendons,) the log-likelihood ratio of bent to stretched, of the shape without each reading."""
+        structure = self._builder.structure
+        jacobian = length_jacobian(shape.node_position_m, structure.tendons)
+        variance = propagated_variance(jacobian, shape.covariance_m2 - self._builder.rest.covariance_m2)
+        share = np.minimum(variance / measured.sigma_m**2, 0.95)  # of the reading in the estimated length
+        length_m = structure.tendon_length_m(shape.node_position_m)
+        read_m = np.nan_to_num(measured.lengths.length_m)
+        cavity_m = (length_m - share * read_m) / (1 - share)
+        spread = modes.sigma_m**2 + variance / (1 - share)
+        log_density = -0.5 * ((modes.length_m - cavity_m) ** 2 / spread + np.log(spread))
+        ratio = log_density[int(Mode.BENDING)] - log_density[int(Mode.STRETCHING)]
+        known = np.isfinite(ratio) & structure.is_free_tendon
+        return np.where(known, EVIDENCE_SHARE * np.clip(ratio, -MOST_LOG_ODDS, MOST_LOG_ODDS), 0.0)
+
+
+def _chosen(lengths: TendonLengths, log_odds: NDArray[np.float64]) -> TendonLengths:
+    """Return the lengths with log-odds of bending added to those of the readings alone."""
+    modes = lengths.modes
+    if modes is None:
+        return lengths
+    alone = modes.bending_probability
+    asked = lengths.usable & (alone > LEAST_PROBABILITY) & (alone < 1 - LEAST_PROBABILITY)
+    if not asked.any():
+        return lengths
+    bent = expit(logit(np.clip(alone, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)) + log_odds)
+    length_m = (1 - bent) * modes.length_m[0] + bent * modes.length_m[1]
+    variance = (1 - bent) * (modes.sigma_m[0] ** 2 + (modes.length_m[0] - length_m) ** 2)
+    variance += bent * (modes.sigma_m[1] ** 2 + (modes.length_m[1] - length_m) ** 2)
+    ambiguous = np.where(np.minimum(bent, 1 - bent) > UNSURE, int(Flag.AMBIGUOUS), 0)
+    return replace(
+        lengths,
+        length_m=np.where(asked, length_m, lengths.length_m),
+        sigma_m=np.where(asked, np.sqrt(variance), lengths.sigma_m),
+        mode=np.where(asked, (bent > 0.5).astype(np.int64), lengths.mode),
+        flags=np.where(asked, (lengths.flags & ~int(Flag.AMBIGUOUS)) | ambiguous, lengths.flags),
+    )

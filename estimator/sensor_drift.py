@@ -1,0 +1,196 @@
+"""The drift of each sensor by itself: unknowns that rods and the balance of forces determine.
+
+They are estimated once reference tendons show that sensors drift apart. The errors d of log resistance follow the model
+of `models.sensor.reference_drift`: their rates are stationary with sigma s_o and forgotten slowly. The mean drift of
+the references is subtracted from all readings before; of what remains, the rates have the covariance
+
+    Cov(d'_e, d'_f) = s_o^2 (delta_ef + 1 / references)
+
+The factors of one frame, with its shape eliminated, say of the errors b = h d of the lengths (h metres per dR/R)
+
+    Lambda = W - W J (J^T W J + I)^-1 J^T W,     u = Lambda (b - b_used) at the minimum over shapes
+
+where I is the information of rods, shape prior and forces. The error of a length lasts for `correlation_s`, and this
+much time counts as one frame. Live this is a Kalman filter, in batch its smoother.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..factors.noise import WeightedLengths, tendon_sigma_m
+from ..models.sensor.reference_drift import DriftSettings, drift_transition
+from ..models.structure.shape import Shape
+from ..models.values.readings import TendonLengths
+from .graph import GraphBuilder
+from .linear_frame import linearised
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriftState:
+    """The drift of each sensor by itself and its rate, at one time."""
+
+    t_s: float
+    mean: NDArray[np.float64]
+    """(2 tendons,) dR/R, then 1/s."""
+    covariance: NDArray[np.float64]
+    """(2 tendons, 2 tendons)"""
+
+    def corrected(self, lengths: TendonLengths) -> TendonLengths:
+        """Return the lengths without this drift; its uncertainty is added to their sigma."""
+        drift, count = lengths.drift, len(lengths.length_m)
+        assert drift is not None, "own drift needs resistances"
+        h, level, covariance = drift.per_change_m, self.mean[:count], self.covariance[:count, :count]
+        covariance_m2 = h[:, None] * covariance * h
+        own_variance = np.diag(covariance)
+        return replace(
+            lengths,
+            length_m=lengths.length_m - h * level,
+            sigma_m=np.sqrt(lengths.sigma_m**2 + np.diag(covariance_m2)),
+            drift=replace(
+                drift,
+                change=drift.change + level,
+                sigma=np.sqrt(drift.sigma**2 + own_variance),
+                covariance_m2=covariance_m2,
+            ),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriftUpdate:
+    """One step of the filter, as the smoother needs it."""
+
+    predicted: DriftState
+    transition: NDArray[np.float64]
+    """(2 tendons, 2 tendons) from the update before."""
+    state: DriftState
+
+
+class OwnDrift:
+    """Estimates each sensor's own drift, frame by frame."""
+
+    def __init__(self, builder: GraphBuilder, settings: DriftSettings) -> None:
+        self._builder, self._settings = builder, settings
+        self._count = len(builder.structure.tendons)
+        self._rate_variance, self._first_s = 0.0, np.nan
+        self._state: DriftState | None = None
+        self._prediction: tuple[DriftState, NDArray[np.float64]] | None = None
+        self._updated_s = np.nan
+        self.begins = False
+        """Whether the latest frame is the first that shows that sensors drift apart."""
+        self.kept: list[DriftUpdate] | None = None
+        """Every update, for a smoother that puts a list here; live, memory is bounded."""
+
+    def admit(self, lengths: TendonLengths) -> TendonLengths:
+        """Return the lengths without the drift as estimated so far; unchanged while sensors do not drift apart."""
+        if np.isnan(self._first_s):
+            self._first_s = lengths.t_s
+        drift = lengths.drift
+        self._prediction = None
+        if drift is None or self._builder.statics is None:
+            return lengths
+        self.begins = self._state is None and drift.own_rate_per_s > 0
+        if self._state is None and not self.begins:
+            return lengths
+        self._widen(lengths.t_s, drift.own_rate_per_s**2, drift.references)
+        assert self._state is not None
+        step_s = lengths.t_s - self._state.t_s
+        if np.isnan(self._updated_s) or step_s >= self._settings.update_every_s:
+            self._prediction = self._predicted(lengths.t_s, drift.own_rate_per_s**2, drift.references)
+            self._state = self._prediction[0]
+        return self._state.corrected(lengths)
+
+    def observe(self, shape: Shape) -> None:
+        """Learn from a frame whose lengths were admitted."""
+        if self._prediction is None:
+            return
+        predicted, transition = self._prediction
+        information, gradient = self._evidence(shape)
+        since_s = self._settings.update_every_s if np.isnan(self._updated_s) else shape.t_s - self._updated_s
+        share = min(since_s / self._builder.noise.correlation_s, 1.0)
+        n = self._count
+        crossed = predicted.covariance[:, :n]
+        inner = np.eye(n) + share * information @ predicted.covariance[:n, :n]
+        solved = np.linalg.solve(inner, share * np.column_stack([information @ crossed.T, gradient]))
+        covariance = predicted.covariance - crossed @ solved[:, :-1]
+        mean = predicted.mean + crossed @ solved[:, -1]
+        self._state = DriftState(shape.t_s, mean, 0.5 * (covariance + covariance.T))
+        self._updated_s = shape.t_s
+        if self.kept is not None:
+            self.kept.append(DriftUpdate(predicted, transition, self._state))
+
+    def _widen(self, t_s: float, rate_variance: float, references: int) -> None:
+        """Add the covariance that the drift would have if the larger rate had been known from the start."""
+        more = rate_variance - self._rate_variance
+        if self._state is None:
+            self._state = DriftState(t_s, np.zeros(2 * self._count), np.zeros((2 * self._count,) * 2))
+        if more > 0:
+            since_s = t_s - self._first_s
+            in_time = np.array([[since_s**2, since_s], [since_s, 1.0]])
+            added = more * np.kron(in_time, _between_sensors(self._count, references))
+            self._state = replace(self._state, covariance=self._state.covariance + added)
+            self._rate_variance = rate_variance
+
+    def _predicted(self, t_s: float, rate_variance: float, references: int) -> tuple[DriftState, NDArray[np.float64]]:
+        assert self._state is not None
+        n = self._count
+        transition, keep = drift_transition(n, t_s - self._state.t_s, self._settings.memory_s)
+        covariance = transition @ self._state.covariance @ transition.T
+        covariance[n:, n:] += (1 - keep**2) * rate_variance * _between_sensors(n, references)
+        return DriftState(t_s, transition @ self._state.mean, covariance), transition
+
+    def _evidence(self, shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return Lambda and u, both of dR/R."""
+        drift = shape.lengths.drift
+        assert drift is not None
+        information, gradient = length_evidence(self._builder, shape.node_position_m, shape.lengths)
+        h = drift.per_change_m
+        return h[:, None] * information * h, h * gradient
+
+
+def length_evidence(
+    builder: GraphBuilder, node_position_m: NDArray[np.float64], lengths: TendonLengths
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what a frame says of errors of its lengths: the (tendons, tendons) information and (tendons,) gradient.
+
+    Args:
+        builder: of the frame's factors, equilibrium among them.
+        node_position_m: (nodes, 3) near the minimum.
+        lengths: without the drift; its uncertainty does not count.
+    """
+    variance = tendon_sigma_m(lengths, builder.noise) ** 2
+    if lengths.drift is not None and lengths.drift.covariance_m2 is not None:
+        variance = variance - np.diag(lengths.drift.covariance_m2)
+        lengths = replace(lengths, drift=None)
+    frame = linearised(builder, node_position_m, WeightedLengths(lengths, np.sqrt(variance)))
+    tendons = builder.structure.free_tendons
+    rods = len(builder.structure.rods)
+    weight = frame.weight_per_m[rods:]
+    weighted = frame.length_jacobian[rods:] * weight[:, None] ** 2
+    covariance_m2 = np.linalg.inv(frame.information)
+    information = np.zeros((len(variance), len(variance)))
+    information[np.ix_(tendons, tendons)] = np.diag(weight**2) - weighted @ covariance_m2 @ weighted.T
+    gradient = np.zeros(len(variance))
+    gradient[tendons] = weighted @ (covariance_m2 @ frame.gradient) - weight**2 * frame.length_error_m[rods:]
+    return information, gradient
+
+
+def smoothed(updates: Sequence[DriftUpdate]) -> list[DriftState]:
+    """Return the states given all updates, later ones too (Rauch, Tung and Striebel)."""
+    if not updates:
+        return []
+    states = [updates[-1].state]
+    for update, after in zip(updates[-2::-1], updates[:0:-1], strict=True):
+        here, predicted = update.state, after.predicted
+        crossed = after.transition @ here.covariance
+        back = np.linalg.lstsq(predicted.covariance, crossed, rcond=1e-12)[0].T
+        mean = here.mean + back @ (states[-1].mean - predicted.mean)
+        covariance = here.covariance + back @ (states[-1].covariance - predicted.covariance) @ back.T
+        states.append(DriftState(here.t_s, mean, covariance))
+    return states[::-1]
+
+
+def _between_sensors(count: int, references: int) -> NDArray[np.float64]:
+    return np.eye(count) + 1 / max(references, 1)

@@ -1,0 +1,180 @@
+"""The drift of the sensors: the relative change of resistance without strain, from tendons of known length.
+
+A sensor reads R = R(strain) exp(d) with d = c + o, where c is common to all sensors (temperature, supply) and o is its
+own. A tendon between two anchors keeps its length, so that its reading changes by d alone. Both parts are zero at the
+start; their rates are forgotten within `memory_s`, and each sensor has a random walk as in calibration:
+
+    dc = c' dt,   c' stationary with sigma s_c;     do_e = o_e' dt + walk,   o_e' stationary with sigma s_o
+
+How fast sensors drift is not known beforehand. One Kalman filter runs for each pair (s_c, s_o), zero among them, and is
+weighted by the likelihood of its predictions (a static multiple model). Reference tendons that drift alike are evidence
+of a common drift, those that drift apart of own drifts; a reading that jumps is evidence of neither and is not used.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..values.readings import ResistanceFrame
+from ..values.tables import NotNegative, Positive, Probability
+
+RATES_PER_S = (0.0, 1e-4, 3e-4, 1e-3)
+"""The rates s_c and s_o that are compared: none, and 0.6, 1.8 and 6 % in a minute."""
+BASE_S = 2.0
+"""Time at the start over which the reading of a reference without drift is averaged. It needs no rest."""
+JUMP_SIGMA = 6.0
+"""A reading of a reference that differs from every prediction by more sigmas than this is not used."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriftSettings:
+    """What drift of the sensors is expected, in dR/R."""
+
+    walk_per_sqrt_s: NotNegative = 3e-4
+    """Random walk of each sensor, which its sigma contains: in calibration offsets differ by 0.003 over 100 s."""
+    memory_s: Positive = 30.0
+    """Time after which a rate of drift is forgotten: bodies of this size warm up in a minute."""
+    common_probability: Probability = 0.1
+    """Prior probability that the sensors drift together in a trial."""
+    own_probability: Probability = 0.1
+    """Prior probability that each drifts by itself."""
+    reading_sigma: Positive = 0.002
+    """Standard deviation of a reference's reading, averaged over half a second: one code of 10 bits is 0.004."""
+    update_every_s: Positive = 0.1
+    """Shortest time between two updates."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceDrift:
+    """The drift that the reference tendons show at one instant."""
+
+    common: float = 0.0
+    """c, the relative change of resistance of all sensors."""
+    common_sigma: float = 0.0
+    """Standard deviation of c."""
+    own_rate_per_s: float = 0.0
+    """Standard deviation of a sensor's own rate; 0 while references drift apart no faster than in calibration."""
+    references: int = 0
+    """Number of the reference tendons."""
+
+
+class ReferenceTendons:
+    """Estimates the drift of reference tendons, frame by frame, from the past alone."""
+
+    def __init__(self, tendons: NDArray[np.int64], settings: DriftSettings) -> None:
+        self._tendons = tendons
+        self._settings = settings
+        parts = 1 + len(tendons)
+        rates = np.array(list(product(RATES_PER_S, RATES_PER_S)))
+        self._rate_variance = np.hstack([rates[:, :1], np.repeat(rates[:, 1:], len(tendons), axis=1)]) ** 2
+        self._own_rate = rates[:, 1]
+        self._log_weight = _log_prior(rates[:, 0], settings.common_probability)
+        self._log_weight += _log_prior(rates[:, 1], settings.own_probability)
+        self._mean = np.zeros((len(rates), 2 * parts))
+        self._covariance = np.zeros((len(rates), 2 * parts, 2 * parts))
+        rate_index = np.arange(parts, 2 * parts)
+        self._covariance[:, rate_index, rate_index] = self._rate_variance
+        self._reads = np.hstack([np.ones((len(tendons), 1)), np.eye(len(tendons)), np.zeros((len(tendons), parts))])
+        self._base = _Mean(len(tendons))
+        self._recent = _Mean(len(tendons))
+        self._first_s = np.nan
+        self._updated_s = np.nan
+        self._found = ReferenceDrift(references=len(tendons))
+
+    def step(self, frame: ResistanceFrame) -> ReferenceDrift:
+        """Return the drift after one more frame."""
+        if not len(self._tendons):
+            return self._found
+        if np.isnan(self._first_s):
+            self._first_s = self._updated_s = frame.t_s
+        reading = np.log(frame.resistance_ohm[self._tendons])
+        if frame.t_s - self._first_s < BASE_S:
+            self._base.add(reading)
+            self._updated_s = frame.t_s
+            return self._found
+        self._recent.add(reading)
+        step_s = frame.t_s - self._updated_s
+        if step_s >= self._settings.update_every_s:
+            self._predict(step_s)
+            self._update(self._recent.value - self._base.value, step_s)
+            self._recent = _Mean(len(self._tendons))
+            self._updated_s = frame.t_s
+            self._found = self._mixture()
+        return self._found
+
+    def _predict(self, step_s: float) -> None:
+        parts = self._rate_variance.shape[1]
+        transition, keep = drift_transition(parts, step_s, self._settings.memory_s)
+        self._mean = self._mean @ transition.T
+        self._covariance = transition @ self._covariance @ transition.T
+        level = np.arange(parts)
+        rate = level + parts
+        self._covariance[:, level[1:], level[1:]] += self._settings.walk_per_sqrt_s**2 * step_s
+        self._covariance[:, rate, rate] += (1 - keep**2) * self._rate_variance
+
+    def _update(self, drift: NDArray[np.float64], step_s: float) -> None:
+        noise = self._settings.reading_sigma**2 * max(0.5 / step_s, 1.0)
+        innovation = drift - self._mean @ self._reads.T
+        spread = np.einsum("rj,hjk,rk->hr", self._reads, self._covariance, self._reads) + noise
+        with np.errstate(invalid="ignore"):
+            seen = np.flatnonzero((innovation**2 < JUMP_SIGMA**2 * spread).any(axis=0))
+        if not len(seen):
+            return
+        reads = self._reads[seen]
+        innovation = innovation[:, seen]
+        crossed = self._covariance @ reads.T
+        expected = reads @ crossed + noise * np.eye(len(seen))
+        gain = np.swapaxes(np.linalg.solve(expected, np.swapaxes(crossed, 1, 2)), 1, 2)
+        squared = np.einsum("hr,hr->h", innovation, np.linalg.solve(expected, innovation[..., None])[..., 0])
+        self._log_weight -= 0.5 * (squared + np.linalg.slogdet(expected).logabsdet)
+        self._log_weight -= self._log_weight.max()
+        self._mean = self._mean + np.einsum("hjr,hr->hj", gain, innovation)
+        self._covariance = self._covariance - gain @ np.swapaxes(crossed, 1, 2)
+
+    def _mixture(self) -> ReferenceDrift:
+        weight = np.exp(self._log_weight)
+        weight /= weight.sum()
+        common = float(weight @ self._mean[:, 0])
+        variance = weight @ (self._covariance[:, 0, 0] + (self._mean[:, 0] - common) ** 2)
+        own_rate = float(np.sqrt(weight @ self._own_rate**2)) if weight[self._own_rate > 0].sum() > 0.5 else 0.0
+        return ReferenceDrift(common, float(np.sqrt(variance)), own_rate, len(self._tendons))
+
+
+class _Mean:
+    """The running mean of readings, nan where there was none."""
+
+    def __init__(self, count: int) -> None:
+        self._sum = np.zeros(count)
+        self._count = np.zeros(count)
+
+    def add(self, value: NDArray[np.float64]) -> None:
+        """Add one reading of each reference."""
+        self._sum += np.nan_to_num(value)
+        self._count += np.isfinite(value)
+
+    @property
+    def value(self) -> NDArray[np.float64]:
+        """(count,) the means."""
+        return np.where(self._count > 0, self._sum / np.maximum(self._count, 1), np.nan)
+
+
+def without_drift(frame: ResistanceFrame, common: float) -> ResistanceFrame:
+    """Return the frame that would be read without the common drift."""
+    return replace(frame, resistance_ohm=frame.resistance_ohm * np.exp(-common))
+
+
+def drift_transition(parts: int, step_s: float, memory_s: float) -> tuple[NDArray[np.float64], float]:
+    """Return the (2 parts, 2 parts) transition of drifts and then rates over a step, and the share of a rate left."""
+    keep = float(np.exp(-step_s / memory_s))
+    transition = np.eye(2 * parts)
+    transition[parts:, parts:] *= keep
+    transition[:parts, parts:] = np.eye(parts) * memory_s * (1 - keep)
+    return transition, keep
+
+
+def _log_prior(rate: NDArray[np.float64], probability: float) -> NDArray[np.float64]:
+    """Return the log prior of each rate; those that are not zero share `probability`."""
+    each = probability / (len(RATES_PER_S) - 1)
+    return np.log(np.where(rate > 0, each, 1 - probability))

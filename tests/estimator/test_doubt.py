@@ -1,0 +1,161 @@
+"""The doubt about the model: evidence, regimes, and what a smoother does with them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from balance import pressed
+from tensegraph import Flag, Settings
+from tensegraph.estimator.batch import BatchOptimizer
+from tensegraph.estimator.doubt import SCALES, ModelDoubt, Regimes, log_evidence
+from tensegraph.estimator.graph import GraphBuilder
+from tensegraph.estimator.linear_frame import LinearFrame, linearised
+from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.factors.noise import weigh
+from tensegraph.models.structure.shape import Reason, Status
+
+
+class TestRegimes:
+    def test_by_hand(self) -> None:
+        """After ln 2 of the memory half of 1 : 0 is forgotten for 3 : 1; evidence of 3 then gives 21 : 3."""
+        regimes = Regimes(np.array([0.75, 0.25]), 10.0)
+        regimes.probability = np.array([1.0, 0.0])
+        regimes.predict(10 * np.log(2))
+        np.testing.assert_allclose(regimes.probability, [0.875, 0.125])
+        regimes.update(np.log([3.0, 1.0]))
+        np.testing.assert_allclose(regimes.probability, np.array([2.625, 0.125]) / 2.75)
+
+    def test_smoothed_is_the_sum_over_all_paths(self) -> None:
+        prior = np.array([0.8, 0.2])
+        evidence = np.array([[1.0, 2.0], [1.0, 0.5], [1.0, 7.0], [1.0, 9.0]])
+        t_s = np.arange(4.0)
+        regimes = Regimes(prior, 2.0)
+        filtered = []
+        for k in range(4):
+            regimes.predict(1.0 if k else 0.0)
+            regimes.update(np.log(evidence[k]))
+            filtered.append(regimes.probability)
+        stay = np.exp(-0.5)
+        transition = stay * np.eye(2) + (1 - stay) * prior
+        expected = np.zeros((4, 2))
+        for path in np.ndindex(2, 2, 2, 2):
+            weight = prior[path[0]] * np.prod([evidence[k, path[k]] for k in range(4)])
+            weight *= np.prod([transition[path[k], path[k + 1]] for k in range(3)])
+            expected[np.arange(4), path] += weight
+        expected /= expected.sum(axis=1, keepdims=True)
+        np.testing.assert_allclose(regimes.smoothed(t_s, np.array(filtered)), expected)
+
+
+def test_evidence_is_the_probability_of_the_lengths() -> None:
+    """A linear problem of two coordinates: the evidence is the density of the lengths, its prior being that of x."""
+    rng = np.random.default_rng(1)
+    jacobian, forces = rng.normal(size=(3, 2)), rng.normal(size=(4, 2))
+    frame = LinearFrame(
+        length_error_m=np.array([0.3, -0.2, 0.5]),
+        length_jacobian=jacobian,
+        weight_per_m=np.array([2.0, 1.5, 3.0]),
+        shared_m2=None,
+        force_n=np.array([0.2, 0.1, -0.4, 0.3]),
+        force_jacobian=forces,
+        force_weight_per_n=np.ones(4),
+        force_sigma_n=np.ones(4),
+        from_prior_m=np.array([0.1, -0.3]),
+        prior_m=2.0,
+    )
+    variance = np.array([[1.0, 1.0, 1.0, 1.0], [4.0, 4.0, 0.25, 0.25], [1.0, 1.0, 1.0, 1.0]])
+    scale = np.array([1.0, 1.0, 3.0])
+    expected = []
+    for v, k in zip(variance, scale, strict=True):
+        information = forces.T @ (forces / v[:, None]) + np.eye(2) / 4
+        mean = -np.linalg.solve(information, forces.T @ (frame.force_n / v) + frame.from_prior_m / 4)
+        sigma = np.array([0.5, 1 / 1.5 * k, 1 / 3 * k])  # the first member is a rod
+        spread = jacobian @ np.linalg.inv(information) @ jacobian.T + np.diag(sigma**2)
+        expected.append(multivariate_normal.logpdf(-frame.length_error_m, jacobian @ mean, spread))
+    found = log_evidence(frame, 1, variance, scale)
+    np.testing.assert_allclose(found - found[0], np.array(expected) - expected[0])
+
+
+def at_shape(structure, balanced, lengths_of, load_n, seconds, seed=3):
+    """Frames at 10 Hz of the shape under loads, with errors that last as long as the settings say."""
+    position = pressed(structure, balanced, load_n) if np.any(load_n) else balanced.node_position_m
+    rng = np.random.default_rng(seed)
+    t_s = np.arange(0, seconds, 0.1)
+    lasting_m = np.repeat(rng.normal(0, 3e-4, (len(t_s) // 26 + 1, len(structure.tendons))), 26, axis=0)
+    return [lengths_of(structure, position, t, 4e-4, noise) for t, noise in zip(t_s, lasting_m, strict=False)]
+
+
+def inward(structure, balanced, force_n):
+    """Forces on every free node towards the middle of the structure."""
+    middle = balanced.node_position_m.mean(axis=0) - balanced.node_position_m
+    load = force_n * middle / np.linalg.norm(middle, axis=1, keepdims=True)
+    load[structure.anchors] = 0
+    return load
+
+
+def test_a_few_loads_raise_no_doubt_and_many_do(structure, balanced, lengths_of) -> None:
+    """One node pressed with 2 N fits the model; 0.8 N sideways at every node does not."""
+    one = np.zeros((12, 3))
+    one[5] = [0, 0, -2.0]
+    many = np.zeros((12, 3))
+    many[structure.free_nodes, 0] = 0.8
+    found = {}
+    for name, load in (("none", 0 * one), ("one", one), ("many", many)):
+        frames = at_shape(structure, balanced, lengths_of, load, 12.0)
+        found[name] = list(LiveSmoother(structure, balanced, Settings()).estimate(frames))[-1]
+    assert found["none"].doubt is None
+    assert found["one"].doubt is None
+    assert found["many"].doubt is Reason.LOADS
+    assert found["many"].status is Status.DOUBT
+    assert found["many"].node_sigma_m.mean() > 1.5 * found["one"].node_sigma_m.mean()
+
+
+@pytest.mark.parametrize("estimator", [LiveSmoother, BatchOptimizer])
+def test_contradicting_lengths_widen_the_ellipsoids_and_say_so(estimator, structure, balanced, lengths_of) -> None:
+    """Errors of 4 mm under sigmas of 0.4 mm: the truth stays inside, and no single sensor is blamed for all."""
+    rng = np.random.default_rng(4)
+    error_m = rng.normal(0, 0.004, len(structure.tendons))
+    frames = [lengths_of(structure, balanced.node_position_m, t, 4e-4, error_m) for t in np.arange(0, 8, 0.1)]
+    last = list(estimator(structure, balanced, Settings()).estimate(frames))[-1]
+    assert last.doubt is Reason.SENSORS
+    error = (last.node_position_m - balanced.node_position_m)[structure.free_nodes]
+    covariance = last.node_covariance_m2[structure.free_nodes]
+    nees = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+    assert nees.mean() / 3 < 1.5
+    assert (last.lengths.usable).sum() >= 16
+
+
+def test_shaking_is_seen_in_both_directions_of_time(structure, balanced, lengths_of) -> None:
+    """Half of the tendons swing at 1 to 2 s, a fifth for 0.5 s before and after: all of that is shaken."""
+    lengths = lengths_of(structure, balanced.node_position_m)
+    frames = []
+    for t in np.arange(0, 4, 0.1):
+        share = 0.5 if 1 <= t < 2 else 0.2 if 0.5 <= t < 2.5 else 0.0
+        swings = np.arange(len(structure.tendons)) % 10 < 10 * share
+        frames.append(replace(lengths, t_s=t, flags=np.where(swings, int(Flag.SHAKEN), 0)))
+    builder = GraphBuilder(structure, balanced, Settings().noise)
+    doubt = ModelDoubt(builder, Settings().doubt)
+    doubt.kept = []
+    live = []
+    for frame in frames:
+        linear = linearised(builder, balanced.node_position_m, weigh(frame, builder.noise))
+        doubt.observe(frame.t_s, linear, 1.0)
+        live.append(doubt.about(frame).reason is Reason.MOTION)
+    both = [found.reason is Reason.MOTION for found in doubt.smoothed(frames)]
+    assert [frames[k].t_s for k in np.flatnonzero(live)][:: len(frames)] == pytest.approx([1.0])
+    assert frames[np.flatnonzero(both)[0]].t_s == pytest.approx(0.5)
+    assert frames[np.flatnonzero(both)[-1]].t_s == pytest.approx(2.4)
+
+
+def test_no_lengths_are_no_evidence(structure, balanced, lengths_of) -> None:
+    """Without readings the doubt goes back to what it is before any."""
+    missing = lengths_of(structure, balanced.node_position_m, noise=np.nan)
+    builder = GraphBuilder(structure, balanced, Settings().noise)
+    doubt = ModelDoubt(builder, Settings().doubt)
+    for t in np.arange(0, 60, 0.1):
+        frame = replace(missing, t_s=t)
+        doubt.observe(t, linearised(builder, balanced.node_position_m, weigh(frame, builder.noise)), 1.0)
+    found = doubt.about(missing)
+    assert found.many_loads == pytest.approx(Settings().doubt.many_share)
+    assert SCALES[0] < found.length_scale < SCALES[1]

@@ -1,0 +1,58 @@
+"""The mode of each tendon, by what the rest of the structure says of its length."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tensegraph import Flag, Mode, Settings
+from tensegraph.estimator.graph import GraphBuilder
+from tensegraph.estimator.mode_choice import ModeChoice
+from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.models.values.readings import ModeReadings
+
+TENDON = 13
+
+
+def uncertain(lengths, true_mode: Mode, bent_m: float, probability: float):
+    """The lengths with one tendon of uncertain mode: its reading is right in its true mode, and off in the other."""
+    length_m = np.stack([lengths.length_m, lengths.length_m])
+    length_m[int(Mode.BENDING) if true_mode is Mode.STRETCHING else int(Mode.STRETCHING), TENDON] += bent_m
+    bent = np.zeros(len(lengths.length_m))
+    bent[TENDON] = probability
+    mixed_m = lengths.length_m.copy()
+    mixed_m[TENDON] = (1 - probability) * length_m[0, TENDON] + probability * length_m[1, TENDON]
+    sigma_m = lengths.sigma_m.copy()
+    sigma_m[TENDON] = np.hypot(sigma_m[TENDON], bent_m * np.sqrt(probability * (1 - probability)))
+    modes = ModeReadings(length_m, np.tile(lengths.sigma_m, (2, 1)), bent)
+    return replace(lengths, length_m=mixed_m, sigma_m=sigma_m, modes=modes)
+
+
+@pytest.mark.parametrize("true_mode", [Mode.STRETCHING, Mode.BENDING])
+def test_the_shape_decides(true_mode: Mode, structure, balanced, lengths_of) -> None:
+    """Readings 10 mm apart, and even odds: after a second the length is that of the true mode, with its sigma."""
+    smoother = LiveSmoother(structure, balanced, Settings())
+    for t in np.arange(0, 1, 0.02):
+        frame = uncertain(lengths_of(structure, balanced.node_position_m, t), true_mode, 0.010, 0.5)
+        shape = smoother.update(frame)
+    true_m = structure.tendon_length_m(balanced.node_position_m)[TENDON]
+    assert shape.lengths.length_m[TENDON] == pytest.approx(true_m, abs=0.001)
+    assert shape.lengths.mode[TENDON] == int(true_mode)
+    assert shape.lengths.sigma_m[TENDON] < 0.003
+
+
+def test_without_evidence_both_modes_count(structure, balanced, lengths_of) -> None:
+    """The first frame: mean and variance of the two readings by hand, and the flag."""
+    frame = uncertain(lengths_of(structure, balanced.node_position_m), Mode.STRETCHING, 0.010, 0.25)
+    chosen = ModeChoice(GraphBuilder(structure, balanced, Settings().noise)).choose(frame)
+    true_m = structure.tendon_length_m(balanced.node_position_m)[TENDON]
+    assert chosen.length_m[TENDON] == pytest.approx(true_m + 0.0025)
+    assert chosen.sigma_m[TENDON] == pytest.approx(np.sqrt(0.0005**2 + 0.25 * 0.75 * 0.010**2))
+    assert chosen.flags[TENDON] & Flag.AMBIGUOUS
+    sure = np.arange(len(structure.tendons)) != TENDON
+    np.testing.assert_array_equal(chosen.length_m[sure], frame.length_m[sure])
+
+
+def test_lengths_without_modes_stay_as_they_are(structure, balanced, lengths_of) -> None:
+    frame = lengths_of(structure, balanced.node_position_m)
+    assert ModeChoice(GraphBuilder(structure, balanced, Settings().noise)).choose(frame) is frame

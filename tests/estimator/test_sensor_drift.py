@@ -1,0 +1,155 @@
+"""The drift of each sensor by itself, from rods and the balance of forces."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tensegraph import Settings, reconstruct, save
+from tensegraph.estimator.batch import BatchOptimizer
+from tensegraph.estimator.graph import GraphBuilder
+from tensegraph.estimator.linear_frame import linearised
+from tensegraph.estimator.rest_step import rest_step
+from tensegraph.estimator.sensor_drift import DriftState, DriftUpdate, length_evidence, smoothed
+from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.estimator.uncertainty import FrameEvidence
+from tensegraph.factors.noise import weigh
+from tensegraph.models.sensor.reference_drift import drift_transition
+from tensegraph.models.structure.rest_shape import GeometrySigma, RestShape
+from tensegraph.models.structure.statics import Mechanics
+from tensegraph.models.values.readings import SensorDrift, TendonLengths
+
+PER_CHANGE_M = 0.14
+
+
+def test_smoother_agrees_with_least_squares_of_all_times() -> None:
+    """One sensor's level and rate, measured at five times: the smoother's means solve the joint problem."""
+    transition, keep = drift_transition(1, 1.0, 30.0)
+    start, noise, readings = np.diag([1e-12, 1.0]), np.diag([0.05, 1 - keep**2]), [0.3, 1.1, 1.4, 2.9, 3.1]
+    mean, covariance, updates = np.zeros(2), start, []
+    for k, reading in enumerate(readings):
+        mean, covariance = transition @ mean, transition @ covariance @ transition.T + noise
+        predicted = DriftState(float(k), mean, covariance)
+        gain = covariance[:, :1] / (covariance[0, 0] + 0.1)
+        mean, covariance = mean + gain[:, 0] * (reading - mean[0]), covariance - gain @ covariance[:1]
+        updates.append(DriftUpdate(predicted, transition, DriftState(float(k), mean, covariance)))
+    prior = np.zeros((10, 10))
+    spread = start
+    for k in range(5):
+        spread = transition @ spread @ transition.T + noise
+        for j in range(k, 5):
+            block = np.linalg.matrix_power(transition, j - k) @ spread
+            prior[2 * j : 2 * j + 2, 2 * k : 2 * k + 2] = block
+            prior[2 * k : 2 * k + 2, 2 * j : 2 * j + 2] = block.T
+    reads = np.eye(10)[::2]
+    gain = prior @ reads.T @ np.linalg.inv(reads @ prior @ reads.T + 0.1 * np.eye(5))
+    states = smoothed(updates)
+    np.testing.assert_allclose(np.concatenate([s.mean for s in states]), gain @ readings, atol=1e-6)
+    left = prior - gain @ reads @ prior
+    np.testing.assert_allclose([s.covariance[0, 0] for s in states], np.diag(left)[::2], atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def still(example_structure, true_positions) -> RestShape:
+    """The example structure where it rests, with stiffness that balances there."""
+    _, positions = true_positions
+    count = len(example_structure.tendons)
+    mechanics = Mechanics(np.full(count, 400.0), example_structure.natural_length_m, 0.03, 0.02)
+    return replace(
+        rest_step(example_structure, mechanics, positions[0], GeometrySigma(), Settings().rest), at_start=True
+    )
+
+
+def with_drift(lengths: TendonLengths, own_rate_per_s: float) -> TendonLengths:
+    zero = np.zeros(len(lengths.length_m))
+    return replace(lengths, drift=SensorDrift(zero, zero, zero + PER_CHANGE_M, own_rate_per_s, 3))
+
+
+def test_evidence_is_the_slope_of_the_best_error(example_structure, still, lengths_of) -> None:
+    """By the envelope theorem, -u = d/db min_x error(x; lengths - b): the frame's own optimiser says the same."""
+    builder = GraphBuilder(example_structure, still, Settings().noise)
+    rng = np.random.default_rng(1)
+    lengths = lengths_of(example_structure, still.node_position_m, noise=rng.normal(0, 5e-4, 24))
+    position = still.node_position_m
+    for _ in range(6):
+        position = builder.minimum(weigh(lengths, builder.noise), position).node_position_m
+    _, gradient = length_evidence(builder, position, lengths)
+
+    def error(length_m: NDArray[np.float64]) -> float:
+        return builder.minimum(weigh(replace(lengths, length_m=length_m), builder.noise), position).error
+
+    for e in (3, 8, 20):
+        step_m = 2e-4 * np.eye(24)[e]
+        ahead = error(lengths.length_m - step_m)
+        behind = error(lengths.length_m + step_m)
+        assert -(ahead - behind) / 4e-4 == pytest.approx(gradient[e], rel=0.05, abs=60)
+
+
+def test_a_drift_that_all_share_makes_a_larger_ellipsoid_than_independent_ones(
+    example_structure, still, lengths_of
+) -> None:
+    """The same variance of each length, once as one unknown of all, once as one of each."""
+    builder = GraphBuilder(example_structure, still, Settings().noise)
+    evidence = FrameEvidence(builder, Settings().doubt)
+
+    def trace_of(measured: TendonLengths) -> float:
+        frame = linearised(builder, still.node_position_m, weigh(measured, builder.noise))
+        return float(np.trace(evidence.assess(frame, still.node_position_m).covariance_m2))
+
+    lengths = with_drift(lengths_of(example_structure, still.node_position_m, sigma_m=1e-3), 0.0)
+    trace = []
+    for covariance in (np.full((24, 24), 0.9e-6), 0.9e-6 * np.eye(24)):
+        drifting = replace(lengths, drift=replace(lengths.drift, covariance_m2=covariance))
+        trace.append(trace_of(drifting))
+    plain = trace_of(lengths)
+    assert trace[1] == pytest.approx(plain)
+    assert trace[0] != pytest.approx(plain, rel=0.05)
+
+
+def drifting_frames(
+    structure, still: RestShape, lengths_of, rate: float
+) -> tuple[list[TendonLengths], NDArray[np.float64]]:
+    """Return frames of a structure at rest for 20 s whose sensors drift each at a rate of its own, and that drift."""
+    rng = np.random.default_rng(5)
+    t_s = np.arange(0, 20, 0.1)
+    own = rate * rng.standard_normal(24)
+    change = np.outer(t_s, own - own[:3].mean())
+    lasting_m = np.repeat(rng.normal(0, 5e-4, (8, 24)), 26, axis=0)[: len(t_s)]  # for the 2.6 s of the settings
+    error_m = PER_CHANGE_M * change + lasting_m
+    frames = [
+        with_drift(lengths_of(structure, still.node_position_m, t, noise=error), rate if t > 3 else 0.0)
+        for t, error in zip(t_s, error_m, strict=True)
+    ]
+    return frames, change
+
+
+@pytest.mark.parametrize("estimator", [LiveSmoother, BatchOptimizer])
+def test_own_drift_is_found_and_its_sigma_is_true(estimator, example_structure, still, lengths_of) -> None:
+    frames, change = drifting_frames(example_structure, still, lengths_of, 6e-4)
+    shapes = list(estimator(example_structure, still, Settings()).estimate(frames))
+    last = shapes[-1].lengths.drift
+    free = example_structure.free_tendons
+    error = (last.change - change[-1])[free]
+    assert np.sqrt(np.mean(error**2)) < 0.4 * np.sqrt(np.mean(change[-1, free] ** 2))
+    assert 0.3 < np.mean((error / last.sigma[free]) ** 2) < 2.0
+    plain = list(estimator(example_structure, still, Settings()).estimate([replace(f, drift=None) for f in frames]))
+    missed = [np.linalg.norm(s[-1].node_position_m - still.node_position_m) for s in (shapes, plain)]
+    assert missed[0] < 0.6 * missed[1]
+
+
+def test_nothing_changes_while_sensors_do_not_differ(example_structure, still, lengths_of) -> None:
+    lengths = with_drift(lengths_of(example_structure, still.node_position_m), 0.0)
+    smoother = LiveSmoother(example_structure, still, Settings())
+    assert smoother.drift.admit(lengths) is lengths
+
+
+def test_the_drift_is_written_and_drawn(trial_copy, tmp_path) -> None:
+    reconstruction = reconstruct(trial_copy(rows=160), "live")
+    save(reconstruction, tmp_path / "result")
+    rows = (tmp_path / "result" / "sensor_drift.csv").read_text().splitlines()
+    assert rows[0] == "t_s,tendon,drift,sigma"
+    assert len(rows) == 1 + 24 * len(reconstruction)
+    values = np.array([row.split(",") for row in rows[1:]], dtype=float)
+    assert np.abs(values[:, 2]).max() < 1e-3
+    assert (tmp_path / "result" / "sensor_drift.png").is_file()

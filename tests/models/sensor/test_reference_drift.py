@@ -1,0 +1,69 @@
+"""The drift that reference tendons show."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from tensegraph.models.sensor.reference_drift import (
+    DriftSettings,
+    ReferenceDrift,
+    ReferenceTendons,
+    drift_transition,
+    without_drift,
+)
+from tensegraph.models.values.readings import ResistanceFrame
+
+
+def reference_readings(
+    rates_per_s: Sequence[float], seconds: float = 40.0, jump: float = 0.0
+) -> tuple[list[ReferenceDrift], list[float]]:
+    """Return the drift that three references show while each drifts at its rate, after 2 s, and their mean drift."""
+    rng = np.random.default_rng(3)
+    references = ReferenceTendons(np.array([0, 1, 2]), DriftSettings())
+    found, mean = [], []
+    for t_s in np.arange(0, seconds, 0.02):
+        drift = np.array(rates_per_s) * max(t_s - 2.0, 0.0)
+        drift[0] += jump if t_s > 20 else 0.0
+        code = np.round(1500 * np.exp(drift) * np.array([0.93, 1.0, 1.04]) + rng.normal(0, 0.5, 3))
+        found.append(references.step(ResistanceFrame(t_s, code, np.ones(3), np.zeros(3, dtype=np.int64))))
+        mean.append(float(np.mean(rates_per_s)) * max(t_s - 2.0, 0.0))
+    return found, mean
+
+
+def test_transition_by_hand() -> None:
+    """After ln 2 of the memory half of a rate is left, and the level has moved by rate memory / 2."""
+    transition, keep = drift_transition(1, 30 * np.log(2), 30.0)
+    assert keep == pytest.approx(0.5)
+    np.testing.assert_allclose(transition, [[1, 15], [0, 0.5]])
+
+
+def test_common_drift_is_taken_off_by_hand() -> None:
+    frame = ResistanceFrame(0.0, np.array([103.0, np.nan]), np.ones(2), np.zeros(2, dtype=np.int64))
+    np.testing.assert_allclose(without_drift(frame, np.log(1.03)).resistance_ohm, [100, np.nan])
+
+
+def test_references_that_move_alike_speak_for_a_common_drift() -> None:
+    found, mean = reference_readings([5e-4, 5e-4, 5e-4])
+    assert found[-1].common == pytest.approx(mean[-1], rel=0.1)
+    assert abs(found[-1].common - mean[-1]) < 3 * found[-1].common_sigma
+    assert all(drift.own_rate_per_s == 0 for drift in found)
+
+
+def test_references_that_part_speak_for_own_drift() -> None:
+    found, _ = reference_readings([7e-4, -3e-4, -4e-4])
+    assert 2e-4 < found[-1].own_rate_per_s < 1e-3
+    assert abs(found[-1].common) < 3 * found[-1].common_sigma
+
+
+@pytest.mark.parametrize("jump", [0.0, 0.2])
+def test_still_references_say_nothing_and_one_that_jumps_is_passed_over(jump: float) -> None:
+    found, _ = reference_readings([0.0, 0.0, 0.0], jump=jump)
+    assert max(abs(drift.common) for drift in found) < 1.5e-3
+    assert all(drift.own_rate_per_s == 0 for drift in found)
+
+
+def test_no_reference_no_drift() -> None:
+    references = ReferenceTendons(np.empty(0, dtype=np.int64), DriftSettings())
+    frame = ResistanceFrame(0.0, np.ones(3), np.ones(3), np.zeros(3, dtype=np.int64))
+    assert references.step(frame) == ReferenceDrift()
