@@ -41,7 +41,7 @@ def frame_table(path: Path) -> Iterator[str]:
     yield "|---|---|"
     yield f"| counts to lengths | {1e3 * front_end_s / len(frames):.2f} |"
     for method in ("live", "batch"):
-        estimator = ESTIMATORS[method](trial.description.structure, pipeline.rest, pipeline.settings)
+        estimator = ESTIMATORS[method](pipeline.rest.structure, pipeline.rest, pipeline.settings)
         estimator_s = seconds_of(lambda estimator=estimator: list(estimator.estimate(frames)))
         yield f"| lengths to shape and covariance, {method} | {1e3 * estimator_s / len(frames):.2f} |"
 

@@ -69,7 +69,7 @@ class BatchOptimizer:
             reason = problem.doubts[k].reason
             shape = Shape(
                 t_s=lengths.t_s,
-                node_position_m=positions[k],
+                node_position_m=assessments[k].node_position_m,
                 covariance_m2=assessments[k].covariance_m2,
                 status=status_of(lengths, self._builder.structure, reason) if converged else Status.NOT_CONVERGED,
                 lengths=lengths,

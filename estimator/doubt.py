@@ -34,7 +34,7 @@ FEW = 6
 """Number of explanations by a few loads: by none, by the node with the largest unbalanced force, by the two with ..."""
 MANY_N = np.array([0.03, 0.1, 0.2, 0.4])
 """Standard deviations of the loads, when many nodes are loaded."""
-SCALES = np.array([0.7, 1.0, 2.0, 4.0, 8.0, 16.0])
+SCALES = np.array([0.8, 1.0, 2.0, 4.0, 8.0, 16.0])
 """The factors k by which the sigmas of all lengths may be wrong."""
 EXACT = SCALES <= 1
 """Which of them mean that the lengths are as exact as their sigmas say, or more."""

@@ -37,7 +37,7 @@ class FrameEstimator:
         )
         return Shape(
             t_s=lengths.t_s,
-            node_position_m=minimum.node_position_m,
+            node_position_m=assessment.node_position_m,
             covariance_m2=assessment.covariance_m2,
             status=status_of(lengths, self._builder.structure) if minimum.converged else Status.NOT_CONVERGED,
             lengths=lengths,

@@ -29,6 +29,9 @@ MAX_FRAME_ITERATIONS = 100
 ERROR_TOLERANCE = 1e-2
 """Absolute tolerance of a frame's error, which is half a sum of squares: a seventh of one sigma of one length."""
 
+NEAR_M = 0.001
+"""Motion of a node over which the standard deviation of the balance of forces changes by less than a tenth."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameMinimum:
@@ -51,14 +54,16 @@ class GraphBuilder:
         self.node_count = structure.node_count
         self._free = structure.free_nodes.tolist()
         self.statics = Statics(structure, rest.mechanics) if rest.mechanics else None
+        self._near_m = np.full_like(rest.node_position_m, np.inf)
         self.force_sigma_n = np.zeros(0)
         """(rows,) standard deviation of the balance of forces at a node without load, near the present shape."""
         self.approach(rest.node_position_m)
 
     def approach(self, node_position_m: NDArray[np.float64]) -> None:
-        """Compute the standard deviation of the balance of forces near a shape, with unknown mechanics, anew."""
-        if self.statics is None:
+        """Compute the standard deviation of the balance of forces near a shape, if it is not near the last one."""
+        if self.statics is None or np.abs(node_position_m - self._near_m).max() < NEAR_M:
             return
+        self._near_m = node_position_m
         variance = np.full(len(self.statics.group), self.noise.force_n**2 + self.rest.hub_force_n**2)
         if self.rest.mechanics_covariance is not None:
             by_mechanics = np.concatenate(self.statics.mechanics_jacobian(node_position_m), axis=-1)

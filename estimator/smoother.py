@@ -75,7 +75,7 @@ class LiveSmoother:
         self._positions.append(position)
         shape = Shape(
             t_s=lengths.t_s,
-            node_position_m=position,
+            node_position_m=assessment.node_position_m,
             covariance_m2=assessment.covariance_m2,
             status=status_of(admitted.lengths, self._builder.structure, doubt.reason),
             lengths=admitted.lengths,

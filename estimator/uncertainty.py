@@ -13,8 +13,8 @@ its balance r_n is wrong by sigma_L. Whether it has one is judged by the shape a
 with Cauchy's weight W_n = 1 / (sigma_F (1 + q_n))^2. Where lengths are measured, C'_n is small and p_n tells loads from
 none; where they are missing, L_n = 1, and the ellipsoids are those of all shapes that a probable load would make.
 
-With a probability that the doubt about the model gives (`ModelDoubt`), many nodes are loaded at once. The covariance is
-that of the mixture of both: each part's own, and the square of the distance between them.
+With a probability that the doubt about the model gives (`ModelDoubt`), many nodes are loaded at once. Shape and
+covariance are those of the mixture of both: the mean, the covariances, and the square of the distance between them.
 """
 
 from dataclasses import dataclass
@@ -40,8 +40,10 @@ that the lengths are no longer linear in their positions."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assessment:
-    """The covariance of a shape, and the loads on it."""
+    """The shape of one frame, its covariance, and the loads on it."""
 
+    node_position_m: NDArray[np.float64]
+    """(nodes, 3) mean of the shapes with a few and with many loads; the estimate, where many loads are improbable."""
     covariance_m2: NDArray[np.float64]
     """(3 nodes, 3 nodes) covariance of all coordinates, ordered by node."""
     loads: ExternalLoads | None
@@ -59,7 +61,7 @@ class FrameEvidence:
         self._rest_covariance_m2[anchored, anchored] += builder.noise.anchor_m**2
 
     def assess(self, frame: LinearFrame, node_position_m: NDArray[np.float64], doubt: Doubt = NO_DOUBT) -> Assessment:
-        """Return the covariance of a shape, and the loads on it where stiffness is known.
+        """Return a shape with its covariance, and the loads on it where stiffness is known.
 
         Args:
             frame: the factors of the frame, linearised at the estimate.
@@ -75,16 +77,21 @@ class FrameEvidence:
         try:
             if statics is None:
                 covariance[np.ix_(free, free)] += np.linalg.inv(frame.information)
-                return Assessment(covariance, None)
-            free_covariance = self._mixed(frame, statics, doubt)
+                return Assessment(node_position_m, covariance, None)
+            step_m, free_covariance = self._mixed(frame, statics, doubt)
         except np.linalg.LinAlgError as error:
             raise IndeterminateError("a node is undetermined: no shape prior, and too few lengths") from error
         covariance[np.ix_(free, free)] += free_covariance
+        mean_m = node_position_m.copy()
+        mean_m.ravel()[free] += step_m
+        force_n = frame.force_n + frame.force_jacobian @ step_m
         variance = propagated_variance(frame.force_jacobian, free_covariance)
-        return Assessment(covariance, external_loads(statics, node_position_m, frame.force_n, variance))
+        return Assessment(mean_m, covariance, external_loads(statics, mean_m, force_n, variance))
 
-    def _mixed(self, frame: LinearFrame, statics: Statics, doubt: Doubt) -> NDArray[np.float64]:
-        """Return (free, free) the covariance of the mixture of a few and of many loads."""
+    def _mixed(
+        self, frame: LinearFrame, statics: Statics, doubt: Doubt
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the (free,) step to the mean of the mixture of a few and of many loads, and its covariance."""
         held = frame.information_without_forces
         if doubt.reason is Reason.MOTION:
             prior = np.eye(len(held)) / frame.prior_m**2
@@ -95,9 +102,12 @@ class FrameEvidence:
         information = held + np.swapaxes(forces / np.stack([few, many])[:, :, None], 1, 2) @ forces
         covariance_few, covariance_many = np.linalg.inv(information)
         gradient = frame.gradient_without_forces + forces.T @ (frame.force_n / many)
-        step_m = covariance_many @ gradient
-        spread = covariance_many + np.outer(step_m, step_m)
-        return np.asarray((1 - doubt.many_loads) * covariance_few + doubt.many_loads * spread)
+        many_loads = doubt.many_loads
+        apart_m = -covariance_many @ gradient
+        covariance = (1 - many_loads) * covariance_few + many_loads * covariance_many
+        if doubt.reason is Reason.MOTION:  # so far away that the factors are not linear
+            return np.zeros(len(apart_m)), covariance + many_loads * np.outer(apart_m, apart_m)
+        return many_loads * apart_m, covariance + many_loads * (1 - many_loads) * np.outer(apart_m, apart_m)
 
     def _force_variance(self, frame: LinearFrame, statics: Statics, held: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (rows,) the variance of the balance of forces, with loads that may be hidden."""

