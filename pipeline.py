@@ -64,9 +64,12 @@ class Pipeline:
         rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, trial.geometry, settings.rest)
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
-        self._frames = FrameAssembler(
-            trial.natural_resistance_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate
-        )
+        tendons = len(trial.structure.tendons)
+        strips = np.arange(tendons, tendons + trial.reference_strips)
+        natural_ohm = trial.natural_resistance_ohm
+        if len(strips):  # a strip of the same make; only the relative change of what it reads counts
+            natural_ohm = np.append(natural_ohm, np.full(len(strips), np.median(natural_ohm)))
+        self._frames = FrameAssembler(natural_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate)
         self.front_end = FrontEnd(
             model=model,
             natural_resistance_ohm=trial.natural_resistance_ohm,
@@ -74,7 +77,9 @@ class Pipeline:
             rest=self.rest.lengths(trial.rest_seconds) if trial.rest_seconds > 0 else None,
             settings=settings.front_end,
             frame_step_s=1 / settings.frames.rate_hz,
-            references=ReferenceTendons(np.flatnonzero(~trial.structure.is_free_tendon), settings.drift),
+            references=ReferenceTendons(
+                np.concatenate([np.flatnonzero(~trial.structure.is_free_tendon), strips]), settings.drift
+            ),
         )
 
     def estimate(self, readings: Iterable[Reading], method: str = "batch") -> Iterator[Shape]:

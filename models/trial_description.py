@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import count
 from typing import Any, Literal
 
 import numpy as np
@@ -101,7 +102,7 @@ class BoardTable:
     """`[[board]]`: one recording of one board, and the tendon wired to each of its channels."""
 
     file: str
-    tendon_of_channel: list[int]
+    tendon_of_channel: list[int | str]
     board_id: str | int | None = None
     firmware: str | None = None
 
@@ -184,7 +185,10 @@ class TrialDescription:
     divider: Divider | None
     """The voltage divider; None unless the source is counts."""
     tendons_of_board: tuple[NDArray[np.int64], ...]
-    """(channels,) for each board, the tendon of each channel; empty unless the source is counts."""
+    """(channels,) for each board, the tendon of each channel; empty unless the source is counts. Reference strips have
+    the numbers after those of the tendons."""
+    reference_strips: int
+    """Number of the strips that are tied to no tendon and keep their length: what they read is drift."""
     ignored_keys: tuple[str, ...]
     """Dotted names in trial.toml that are not read."""
 
@@ -224,6 +228,7 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
     source: Literal["counts", "resistance", "lengths"] = "counts"
     if table.resistance or table.lengths:
         source = "resistance" if table.resistance else "lengths"
+    tendons_of_board = _wiring(table.board, len(structure.tendons)) if source == "counts" else ()
     return TrialDescription(
         structure=structure,
         geometry=GeometrySigma(
@@ -239,7 +244,8 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
         if source != "lengths"
         else np.empty(0),
         divider=_divider(table) if source == "counts" else None,
-        tendons_of_board=_wiring(table.board, len(structure.tendons)) if source == "counts" else (),
+        tendons_of_board=tendons_of_board,
+        reference_strips=sum(int(np.sum(tendons >= len(structure.tendons))) for tendons in tendons_of_board),
         ignored_keys=ignored_keys,
     )
 
@@ -283,12 +289,19 @@ def _divider(table: TrialTable) -> Divider:
 
 def _wiring(boards: list[BoardTable], tendons: int) -> tuple[NDArray[np.int64], ...]:
     wired: dict[int, str] = {}
+    sensors: list[list[int]] = []
+    strips = count(tendons)
     for b, board in enumerate(boards):
+        sensors.append([])
         for channel, tendon in enumerate(board.tendon_of_channel):
             here = f"board[{b}].tendon_of_channel[{channel}]"
-            if not 0 <= tendon < tendons:
-                raise InputError(f"{here}: expected a tendon from 0 to {tendons - 1}, got {tendon}")
+            if tendon == "reference":
+                sensors[b].append(next(strips))
+                continue
+            if isinstance(tendon, str) or not 0 <= tendon < tendons:
+                raise InputError(f"{here}: expected a tendon from 0 to {tendons - 1} or 'reference', got {tendon!r}")
             if tendon in wired:
                 raise InputError(f"{here}: tendon {tendon} is wired to {wired[tendon]} already")
             wired[tendon] = here
-    return tuple(np.array(board.tendon_of_channel, dtype=np.int64) for board in boards)
+            sensors[b].append(tendon)
+    return tuple(np.array(board, dtype=np.int64) for board in sensors)

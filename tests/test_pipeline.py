@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tensegraph import Flag, Settings, open_trial
+from tensegraph import Flag, InputError, Settings, open_trial
 from tensegraph.pipeline import Pipeline, reconstruct
 from trial_edits import cell, lines
 
@@ -163,3 +163,24 @@ def test_truth_never_reaches_the_estimate(trial_copy) -> None:
         np.testing.assert_array_equal(a.node_position_m, b.node_position_m)
         np.testing.assert_array_equal(a.covariance_m2, b.covariance_m2)
     assert open_trial(with_truth).hashes() == open_trial(without).hashes()
+
+
+class TestReferenceStrips:
+    """Dummy strips on spare channels: those of the anchored tendons serve, whose lengths do not change either."""
+
+    def test_they_show_the_drift_and_are_no_tendons(self, trial_copy) -> None:
+        strips = trial_copy(
+            rows=600,
+            name="strips",
+            trial=lambda text: text.replace("[0, 1, 2,", '["reference", "reference", "reference",'),
+        )
+        wired = reconstruct(trial_copy(rows=600, name="wired"), "live")
+        found = reconstruct(strips, "live")
+        assert np.isnan(found.length_m[:, :3]).all()
+        np.testing.assert_allclose(found.drift[:, 5], wired.drift[:, 5], atol=2e-4)
+        np.testing.assert_allclose(found.node_position_m, wired.node_position_m, atol=5e-4)
+
+    def test_another_word_is_refused(self, trial_copy) -> None:
+        trial = trial_copy(trial=lambda text: text.replace("[0, 1, 2,", '["dummy", 1, 2,'))
+        with pytest.raises(InputError, match="or 'reference', got 'dummy'"):
+            reconstruct(trial)

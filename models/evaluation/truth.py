@@ -72,7 +72,8 @@ def known_faults(truth: TruthTable, trial: TrialDescription, where: str) -> tupl
             if not 0 <= fault.board < boards:
                 raise InputError(f"{name}.board: expected one of the trial's {boards} boards, got {fault.board}")
             place = f"board {fault.board}"
-            affected = trial.tendons_of_board[fault.board]
+            wired = trial.tendons_of_board[fault.board]
+            affected = wired[wired < tendons]
         else:
             raise InputError(f"{name}: expected either tendon or board")
         faults.append(Fault(fault.kind, place, affected, fault.from_s, fault.until_s))

@@ -111,7 +111,7 @@ class FrontEnd:
         step_s = frame.t_s - self._last_s if np.isfinite(self._last_s) else self._frame_step_s
         self._last_s = frame.t_s
         drift = self._references.step(frame)
-        frame = without_drift(frame, drift.common)
+        frame = without_drift(frame.first(len(self._L0)), drift.common)
         change = self._taring.common_change(frame.t_s, frame.resistance_ohm / self._R0 - 1)  # eq. (8)
         held = self._hold_missing(frame, change)
         lag_free, lag = self._lag_free.step(held.change, step_s)

@@ -61,8 +61,9 @@ class StillnessWatch:
 
     def add(self, reading: ResistanceReading) -> None:
         """Add one reading."""
-        e = reading.tendon
-        change_m = (reading.resistance_ohm / self._R0[e] - 1) * self._m_per_change[e]
+        on_tendon = reading.tendon < len(self._R0)  # a reference strip never moves
+        e = reading.tendon[on_tendon]
+        change_m = (reading.resistance_ohm[on_tendon] / self._R0[e] - 1) * self._m_per_change[e]
         seen = np.isfinite(change_m)
         self._sum[int(reading.t_s // BLOCK_S)][:, e[seen]] += np.stack([change_m[seen], np.ones(seen.sum())])
 

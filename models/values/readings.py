@@ -118,6 +118,12 @@ class ResistanceFrame:
     flags: NDArray[np.int64]
     """(tendons,) `Flag` bits."""
 
+    def first(self, count: int) -> "ResistanceFrame":
+        """Return the frame of the first sensors alone."""
+        if len(self.flags) == count:
+            return self
+        return ResistanceFrame(self.t_s, self.resistance_ohm[:count], self.sigma_ohm[:count], self.flags[:count])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorDrift:
