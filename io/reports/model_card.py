@@ -68,6 +68,17 @@ class CalibrationReport:
             return f"The LSTM wins over both baselines: {counted}."
         return f"The LSTM does not win: over all held-out recordings the {best} is better; the LSTM is {counted}."
 
+    def _chosen_lines(self) -> list[str]:
+        network, curve = self.calibration.validation_rmse
+        if np.isnan(network):
+            return []
+        used = "curve of rates alone: the correction by the LSTM is off" if curve < network else "LSTM"
+        return [
+            "",
+            f"On the recordings for validation the RMSE of strain is {network:.4f} with the LSTM, and {curve:.4f} with "
+            f"the curve of rates alone. The model uses the {used}.",
+        ]
+
     def table(self) -> Table:
         """Return the table of scores for the screen."""
         table = Table("held out", "", "RMSE, strain", "R²", "68 % band", "95 % band", "median sigma")
@@ -79,7 +90,7 @@ class CalibrationReport:
     def card(self) -> str:
         """Return the model card, in Markdown."""
         sections = [
-            ("", [self.verdict()]),
+            ("", [self.verdict(), *self._chosen_lines()]),
             ("Errors on recordings held out", self._error_lines()),
             ("Sigma", self._sigma_lines()),
             ("Bending", _bending_lines(self.calibration.bending)),

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from ..sensor.bending import BendingCurve
-from ..sensor.lstm import MEMORY_S, Lstm, features, run_lstm
+from ..sensor.lstm import MEMORY_S, Lstm, LstmWeights, features, run_lstm
 from ..sensor.sensor_model import (
     LEAST_SPREAD,
     BendingCoefficients,
@@ -51,6 +51,9 @@ class Calibration:
     """None when no strip bends in the recordings; then the paper's eq. (9) is used."""
     runs: Mapping[str, Sequence[StripRun]]
     """Runs of each estimator, by its name, on the recordings held out."""
+    validation_rmse: tuple[float, float]
+    """RMSE of strain on the recordings for validation, of the network and of the rate curve alone; nan without any.
+    The model uses the better one."""
 
 
 def calibrate_model(
@@ -64,12 +67,22 @@ def calibrate_model(
     mode_odds = _mode_odds(split, bending)
     trained = _with_spread(trained, bending, mode_odds, split, settings)
     common = on_common_curve(split.training, trained.gain_and_offset)
-    model = _model(trained, bending, common, mode_odds, settings)
     exact = np.zeros((2, 2))  # the covariance of a gain and offset that are known
     known = {name: StripGain(values, exact) for name, values in trained.gain_and_offset.items()}
-    tares = tare_strips(NetworkEstimator(model), split.validation, trained.gauge, signed, seconds=np.inf)
-    validation_gains = {name: StripGain(tare.gain_and_offset, exact) for name, tare in tares.items()}
-    validation = run_strips(NetworkEstimator(model), split.validation, trained.gauge, validation_gains | known, signed)
+
+    def validated(weights: LstmWeights) -> tuple[SensorModel, list[StripRun]]:
+        """Return the model with these weights, and its runs on the recordings for validation."""
+        model = _model(replace(trained, weights=weights), bending, common, mode_odds, settings)
+        tares = tare_strips(NetworkEstimator(model), split.validation, trained.gauge, signed, seconds=np.inf)
+        gains = {name: StripGain(tare.gain_and_offset, exact) for name, tare in tares.items()}
+        return model, run_strips(NetworkEstimator(model), split.validation, trained.gauge, gains | known, signed)
+
+    model, validation = validated(trained.weights)
+    curve_alone, curve_validation = validated(without_correction(trained.weights))
+    validation_rmse = (_rmse(validation), _rmse(curve_validation))
+    if validation_rmse[1] < validation_rmse[0]:
+        model = curve_alone
+        validation = curve_validation
     model = replace(model, sigma_scale=fit_sigma_scale(validation), lag_s=lag_s(validation))
     estimators: dict[str, StrainEstimator] = {
         LSTM: NetworkEstimator(model),
@@ -78,7 +91,20 @@ def calibrate_model(
     }
     scored = [r for r in split.held_out if signed or (r.strain >= 0).mean() > 0.3]
     runs = {name: run_strips(each, scored, trained.gauge, known, signed) for name, each in estimators.items()}
-    return Calibration(model, trained, split, bending, runs)
+    return Calibration(model, trained, split, bending, runs, validation_rmse)
+
+
+def without_correction(weights: LstmWeights) -> LstmWeights:
+    """Return weights with which the network leaves the strain of the rate curve as it is; its sigma stays."""
+    only_sigma = np.array([0.0, 1.0])
+    return replace(
+        weights, head_weight=weights.head_weight * only_sigma[:, None], head_bias=weights.head_bias * only_sigma
+    )
+
+
+def _rmse(runs: Sequence[StripRun]) -> float:
+    """Return the root mean square error of all runs; nan when there is none."""
+    return float(np.sqrt(np.mean(np.concatenate([run.error for run in runs]) ** 2))) if runs else float("nan")
 
 
 def _with_spread(

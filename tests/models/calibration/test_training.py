@@ -1,6 +1,6 @@
 """Training: quick, on recordings of a sensor whose law is known."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -47,6 +47,19 @@ def test_the_network_undoes_a_lag_that_the_curve_can_not(calibrated) -> None:
     assert scores[LSTM].rmse < 0.6 * scores[STATIC].rmse
     assert 0.85 < scores[LSTM].coverage_95 <= 1.0
     assert epochs == list(range(1, QUICK.epochs + 1))
+
+
+def test_validation_chooses_between_the_network_and_the_curve(split, calibrated) -> None:
+    """A network that undoes the lag is used; one whose correction is turned round is not, and the curve is alone."""
+    good = calibrated[0]
+    assert good.validation_rmse[0] < good.validation_rmse[1]
+    assert good.model.network.weights is good.trained.weights
+    weights = good.trained.weights
+    turned = replace(weights, head_weight=weights.head_weight * np.array([[-1.0], [1.0]]))
+    poor = calibrate_model(split, replace(good.trained, weights=turned), None, QUICK)
+    assert poor.validation_rmse[1] < poor.validation_rmse[0]
+    assert not poor.model.network.weights.head_weight[0].any()
+    assert StripScore.of(poor.runs[LSTM]).rmse < 1.1 * StripScore.of(poor.runs[STATIC]).rmse
 
 
 def test_gains_are_found_along_with_the_network(calibrated) -> None:
