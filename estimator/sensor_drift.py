@@ -51,8 +51,8 @@ class DriftState:
             sigma_m=np.sqrt(lengths.sigma_m**2 + np.diag(covariance_m2)),
             drift=replace(
                 drift,
-                change=drift.change + level,
-                sigma=np.sqrt(drift.sigma**2 + own_variance),
+                change=drift.change + np.where(h > 0, level, 0.0),
+                sigma=np.sqrt(drift.sigma**2 + np.where(h > 0, own_variance, 0.0)),
                 covariance_m2=covariance_m2,
             ),
         )

@@ -137,10 +137,18 @@ class FrontEnd:
     ) -> SensorDrift:
         """Return the drift with the change of length that it would make; a bent tendon's is not counted."""
         per_change_m = self._L0 * (1 + change) / self._gauge.slope(np.maximum(strain, 0))
+        counted = self._mode == Mode.STRETCHING
+        total = np.full(len(change), drift.common)
+        sigma = np.full(len(change), drift.common_sigma)
+        is_tendon = self._references.tendons < len(change)
+        tendons = self._references.tendons[is_tendon]
+        total[tendons] += drift.own[is_tendon]
+        sigma[tendons] = drift.own_sigma[is_tendon]
+        counted[tendons] = False  # their lengths are known, whatever their sensors read
         return SensorDrift(
-            change=np.full(len(change), drift.common),
-            sigma=np.full(len(change), drift.common_sigma),
-            per_change_m=np.where(self._mode == Mode.STRETCHING, per_change_m, 0.0),
+            change=total,
+            sigma=sigma,
+            per_change_m=np.where(counted, per_change_m, 0.0),
             own_rate_per_s=drift.own_rate_per_s,
             references=drift.references,
         )

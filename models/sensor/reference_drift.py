@@ -11,7 +11,7 @@ weighted by the likelihood of its predictions (a static multiple model). Referen
 of a common drift, those that drift apart of own drifts; a reading that jumps is evidence of neither and is not used.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -46,7 +46,7 @@ class DriftSettings:
     """Shortest time between two updates."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class ReferenceDrift:
     """The drift that the reference tendons show at one instant."""
 
@@ -56,15 +56,22 @@ class ReferenceDrift:
     """Standard deviation of c."""
     own_rate_per_s: float = 0.0
     """Standard deviation of a sensor's own rate; 0 while references drift apart no faster than in calibration."""
-    references: int = 0
-    """Number of the reference tendons."""
+    own: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    """(references,) o of each reference tendon."""
+    own_sigma: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    """(references,) standard deviation of the whole drift c + o of each reference tendon."""
+
+    @property
+    def references(self) -> int:
+        """The number of the reference tendons."""
+        return len(self.own)
 
 
 class ReferenceTendons:
     """Estimates the drift of reference tendons, frame by frame, from the past alone."""
 
     def __init__(self, tendons: NDArray[np.int64], settings: DriftSettings) -> None:
-        self._tendons = tendons
+        self.tendons = tendons
         self._settings = settings
         parts = 1 + len(tendons)
         rates = np.array(list(product(RATES_PER_S, RATES_PER_S)))
@@ -81,15 +88,15 @@ class ReferenceTendons:
         self._recent = _Mean(len(tendons))
         self._first_s = np.nan
         self._updated_s = np.nan
-        self._found = ReferenceDrift(references=len(tendons))
+        self._found = ReferenceDrift(own=np.zeros(len(tendons)), own_sigma=np.zeros(len(tendons)))
 
     def step(self, frame: ResistanceFrame) -> ReferenceDrift:
         """Return the drift after one more frame."""
-        if not len(self._tendons):
+        if not len(self.tendons):
             return self._found
         if np.isnan(self._first_s):
             self._first_s = self._updated_s = frame.t_s
-        reading = np.log(frame.resistance_ohm[self._tendons])
+        reading = np.log(frame.resistance_ohm[self.tendons])
         if frame.t_s - self._first_s < BASE_S:
             self._base.add(reading)
             self._updated_s = frame.t_s
@@ -99,7 +106,7 @@ class ReferenceTendons:
         if step_s >= self._settings.update_every_s:
             self._predict(step_s)
             self._update(self._recent.value - self._base.value, step_s)
-            self._recent = _Mean(len(self._tendons))
+            self._recent = _Mean(len(self.tendons))
             self._updated_s = frame.t_s
             self._found = self._mixture()
         return self._found
@@ -139,7 +146,14 @@ class ReferenceTendons:
         common = float(weight @ self._mean[:, 0])
         variance = weight @ (self._covariance[:, 0, 0] + (self._mean[:, 0] - common) ** 2)
         own_rate = float(np.sqrt(weight @ self._own_rate**2)) if weight[self._own_rate > 0].sum() > 0.5 else 0.0
-        return ReferenceDrift(common, float(np.sqrt(variance)), own_rate, len(self._tendons))
+        parts = 1 + len(self.tendons)
+        levels = self._mean[:, 1:parts]
+        own = weight @ levels
+        whole = self._reads @ np.einsum("h,hij->ij", weight, self._covariance) @ self._reads.T
+        read = self._mean @ self._reads.T
+        spread = weight @ (read - weight @ read) ** 2
+        own_sigma = np.sqrt(np.maximum(np.diag(whole) + spread, 0))
+        return ReferenceDrift(common, float(np.sqrt(variance)), own_rate, own, own_sigma)
 
 
 class _Mean:

@@ -53,6 +53,9 @@ def test_references_that_move_alike_speak_for_a_common_drift() -> None:
 def test_references_that_part_speak_for_own_drift() -> None:
     found, _ = reference_readings([7e-4, -3e-4, -4e-4])
     assert 2e-4 < found[-1].own_rate_per_s < 1e-3
+    whole = found[-1].common + found[-1].own
+    np.testing.assert_allclose(whole, np.array([7e-4, -3e-4, -4e-4]) * 38, atol=3 * found[-1].own_sigma.max())
+    assert found[-1].own_sigma.max() < 0.003
     assert abs(found[-1].common) < 3 * found[-1].common_sigma
 
 
@@ -66,4 +69,5 @@ def test_still_references_say_nothing_and_one_that_jumps_is_passed_over(jump: fl
 def test_no_reference_no_drift() -> None:
     references = ReferenceTendons(np.empty(0, dtype=np.int64), DriftSettings())
     frame = ResistanceFrame(0.0, np.ones(3), np.ones(3), np.zeros(3, dtype=np.int64))
-    assert references.step(frame) == ReferenceDrift()
+    found = references.step(frame)
+    assert (found.common, found.common_sigma, found.own_rate_per_s, found.references) == (0, 0, 0, 0)
