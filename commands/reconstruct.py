@@ -123,6 +123,10 @@ class Run:
             table.add_row("flagged", line)
         if self.pipeline.front_end.rest_in_doubt:
             table.add_row("rest in doubt", "most sensors do not fit the rest shape: was it still, and this structure?")
+        if self.pipeline.front_end.moved_at_rest:
+            table.add_row(
+                "moved at rest", "the structure moved while its sensors were tared, sigmas are widened: tare again"
+            )
         for a, b in self.pipeline.front_end.exchanged:
             table.add_row("wiring", f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel")
         for name, error in self._against_truth().items():

@@ -173,11 +173,14 @@ def settings_text() -> str:
 
 
 def statuses_table() -> str:
-    """Return a Markdown table of the statuses of a frame, each with its advice."""
+    """Return Markdown tables of the statuses of a frame and of the reasons for doubt, each with its advice."""
     from tensegraph import Status
+    from tensegraph.models.structure.shape import Reason
 
-    rows = [f"| `{status.value}` | {escaped(status.advice)} |" for status in Status]
-    return "\n".join(["| status | what to make of it |", "|---|---|", *rows])
+    statuses = [f"| `{status.value}` | {escaped(status.advice)} |" for status in Status]
+    reasons = [f"| `{reason.value}` | {escaped(reason.advice)} |" for reason in Reason]
+    heads = (["| status | what to make of it |", "|---|---|"], ["", "| doubt | what to make of it |", "|---|---|"])
+    return "\n".join([*heads[0], *statuses, *heads[1], *reasons])
 
 
 def docstrings(kind: type[Any]) -> dict[str, str]:

@@ -163,6 +163,11 @@ class FrontEnd:
         """Whether at least half of the sensors do not fit the rest shape."""
         return self._taring.in_doubt
 
+    @property
+    def moved_at_rest(self) -> bool:
+        """Whether the structure moved while its sensors were tared; sigma is then widened."""
+        return self._taring.moved
+
     def _decide_mode(self, lag_free: NDArray[np.float64], t_s: float) -> NDArray[np.float64]:
         """Return the probability that each tendon is bent, and set its mode, with hysteresis."""
         probability = expit(self._model.mode_odds.at(lag_free) + logit(self._settings.bending_share))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ..values.readings import RestLengths
 from .bending import BendingCurve
 from .gauge import StaticGauge, common_change
+from .stillness import BLOCK_S, MOVING_TENDONS, STILL_M
 
 CURVE_SIGMA = 0.004
 """Standard deviation of the error of the gauge curve, in dR/R."""
@@ -50,6 +51,14 @@ class Taring:
         self._tared_gain_sigma = gauge.gain_sigma * np.sqrt(1 - self._gain_share)
         self._mean = np.zeros(count)
         self._count = np.zeros(count)
+        self._still_strain = STILL_M / natural_length_m
+        self._block = np.zeros((2, count))
+        self._block_until_s = -np.inf
+        self._least = np.full(count, np.inf)
+        self._greatest = np.full(count, -np.inf)
+        self.moved = False
+        """Whether the structure moved while it was supposed to stand still, see `StillnessWatch`."""
+        self._motion_sigma = np.zeros(count)  # of strain: half of its range at rest, if the structure moved
         self._first_s: float | None = None
         self.gain = np.ones(count)
         self.offset = np.zeros(count)
@@ -100,14 +109,31 @@ class Taring:
             self._first_s = t_s
         if self.is_resting(t_s):
             self._learn(change)
+            self._watch(t_s, change)
         return common_change(change, self.gain, self.offset)
 
     def sigma(self, strain: NDArray[np.float64], change: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (tendons,) the strain sigma due to gain, offset and rest shape, at a strain and its dR/R."""
         slope = self._gauge.slope(np.maximum(strain, 0))
         untared = np.hypot(self._gauge.gain_sigma * change, self._gauge.offset_sigma) / slope
-        tared = np.hypot(self._tared_gain_sigma * (change - self.rest_change) / slope, self.rest_sigma)
+        gain_sigma = self._tared_gain_sigma * (change - self.rest_change) / slope
+        tared = np.sqrt(gain_sigma**2 + self.rest_sigma**2 + self._motion_sigma**2)
         return np.where(self.tared, tared, untared)
+
+    def _watch(self, t_s: float, change: NDArray[np.float64]) -> None:
+        """Compare the averages of the readings over blocks of time while the structure should stand still."""
+        if t_s >= self._block_until_s:
+            with np.errstate(invalid="ignore"):
+                mean = self._block[0] / self._block[1]
+            self._least = np.fmin(self._least, mean)
+            self._greatest = np.fmax(self._greatest, mean)
+            strain = np.maximum(self._greatest - self._least, 0.0) / self._gauge.slope(np.zeros(len(mean)))
+            self.moved = bool((strain > self._still_strain).sum() >= MOVING_TENDONS)
+            self._motion_sigma = 0.5 * strain if self.moved else np.zeros(len(strain))
+            self._block[:] = 0.0
+            self._block_until_s = t_s + BLOCK_S
+        seen = np.isfinite(change)
+        self._block[:, seen] += np.stack([change[seen], np.ones(seen.sum())])
 
     def _learn(self, change: NDArray[np.float64]) -> None:
         seen = np.isfinite(change)

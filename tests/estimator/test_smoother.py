@@ -3,7 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from balance import pressed
 from noise_settings import with_noise
 from tensegraph import Settings
 from tensegraph.estimator.batch import BatchOptimizer
@@ -45,3 +47,21 @@ def test_live_memory_is_bounded(structure, rest, lengths_of) -> None:
         smoother.update(lengths_of(structure, rest.node_position_m, 0.02 * k))
         sizes.append((smoother._isam.size(), smoother._isam.getLinearizationPoint().size()))
     assert len(set(sizes[50:])) == 1
+
+
+@pytest.mark.parametrize("gap_s", [1.0, 3.0, 10.0])
+def test_no_frames_for_a_while_and_the_shape_is_back_at_once(gap_s: float, structure, balanced, lengths_of) -> None:
+    """A press at 0.1 m/s, nothing for seconds, and another shape: neither the old velocity nor a load remains."""
+    load = np.zeros((12, 3))
+    load[5] = [0, 0, -1.5]
+    far = pressed(structure, balanced, load)
+    smoother = LiveSmoother(structure, balanced, Settings())
+    for k in range(25):
+        position = balanced.node_position_m + k / 25 * (far - balanced.node_position_m)
+        smoother.update(lengths_of(structure, position, 0.02 * k))
+    for k in range(25):
+        shape = smoother.update(lengths_of(structure, balanced.node_position_m, 0.5 + gap_s + 0.02 * k))
+        error_m = np.linalg.norm(shape.node_position_m - balanced.node_position_m, axis=1)
+        assert error_m.max() < 0.004
+    assert error_m.max() < 0.001
+    assert np.nanmax(np.abs(shape.loads.force_n)) < 0.1

@@ -151,3 +151,16 @@ class TestFrontEnd:
             assert np.isfinite(lengths.length_m[0]) == np.isfinite(y)
             assert not np.isnan(lengths.sigma_m).any()
             assert (lengths.sigma_m > 0).all()
+
+
+def test_motion_while_it_is_tared_widens_sigma_for_good(model: SensorModel) -> None:
+    """The lengths of all tendons change by 3 mm in the second of rest: half of that is in sigma, and it is said."""
+    change = np.where(np.arange(50) < 25, 0.08, 0.08 + 0.003 / 0.17 * model.gauge.slope(np.zeros(1))[0])
+    moved, still = front_end(model), front_end(model)
+    for k in range(200):
+        widened = moved.step(frame(k, change[min(k, 49)]))
+        as_usual = still.step(frame(k, 0.08))
+    assert moved.moved_at_rest
+    assert not still.moved_at_rest
+    assert widened.sigma_m.min() > 0.001
+    assert as_usual.sigma_m.max() < 0.001
