@@ -55,6 +55,8 @@ class Doubt:
     length_scale: float = 1.0
     """Factor of the sigmas of all lengths: one over the root mean square of 1 / k."""
 
+    inexact: float = 0.0
+    """Probability that the lengths are less exact than their sigmas say."""
     reason: Reason | None = None
     """The explanation that is more probable than the model; None when there is none."""
 
@@ -155,13 +157,14 @@ class ModelDoubt:
     def _doubt(self, shaken: bool, loads: NDArray[np.float64], scales: NDArray[np.float64]) -> Doubt:
         many_loads = float(loads[1])
         many_loads_n = self._settings.many_loads_n
+        inexact = float(scales[~EXACT].sum())
         length_scale = float(1 / np.sqrt(scales @ SCALES**-2))
         reason = None
         if shaken:  # inertia loads every node
             many_loads = 1.0
             many_loads_n = self._settings.shaken_n
             reason = Reason.MOTION
-        elif scales[EXACT].sum() < 0.5:
+        elif inexact > 0.5:
             reason = Reason.SENSORS
         elif many_loads > 0.5:
             reason = Reason.LOADS
@@ -169,7 +172,7 @@ class ModelDoubt:
             reason = Reason.GEOMETRY
         if reason is not None:  # then the readings are no evidence that lengths are more exact than their sigmas say
             length_scale = max(length_scale, 1.0)
-        return Doubt(many_loads, many_loads_n, length_scale, reason)
+        return Doubt(many_loads, many_loads_n, length_scale, inexact, reason)
 
     def _update(self, frame: LinearFrame, used_scale: float, share: float) -> None:
         few, log_prior = self._few_loads(frame)

@@ -1,8 +1,9 @@
 """The drift of each sensor by itself: unknowns that rods and the balance of forces determine.
 
-They are estimated once reference tendons show that sensors drift apart. The errors d of log resistance follow the model
-of `models.sensor.reference_drift`: their rates are stationary with sigma s_o and forgotten slowly. The mean drift of
-the references is subtracted from all readings before; of what remains, the rates have the covariance
+They are estimated once reference tendons show that sensors drift apart, or the lengths contradict each other. The
+errors d of log resistance follow the model of `models.sensor.reference_drift`: their rates are stationary with sigma
+s_o and forgotten slowly. The mean drift of the references is subtracted from all readings before; of what remains, the
+rates have the covariance
 
     Cov(d'_e, d'_f) = s_o^2 (delta_ef + 1 / references)
 
@@ -26,6 +27,9 @@ from ..models.structure.shape import Shape
 from ..models.values.readings import TendonLengths
 from .graph import GraphBuilder
 from .linear_frame import linearised
+
+CONTRADICTED_RATE_PER_S = 3e-4
+"""Sigma of the sensors' own rates when their lengths contradict each other: 1.8 % in a minute."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +61,11 @@ class DriftState:
             ),
         )
 
+    def earlier(self, share: float) -> "DriftState":
+        """Return the drift at a share of the time from the start, where it is zero, at the present rate."""
+        scale = np.repeat([share, 1.0], len(self.mean) // 2)
+        return DriftState(share * self.t_s, scale * self.mean, scale[:, None] * self.covariance * scale)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriftUpdate:
@@ -74,7 +83,9 @@ class OwnDrift:
     def __init__(self, builder: GraphBuilder, settings: DriftSettings) -> None:
         self._builder, self._settings = builder, settings
         self._count = len(builder.structure.tendons)
-        self._rate_variance, self._first_s = 0.0, np.nan
+        self._rate_variance = 0.0
+        self._least_rate_per_s = 0.0
+        self._first_s = np.nan
         self._state: DriftState | None = None
         self._prediction: tuple[DriftState, NDArray[np.float64]] | None = None
         self._updated_s = np.nan
@@ -83,22 +94,31 @@ class OwnDrift:
         self.kept: list[DriftUpdate] | None = None
         """Every update, for a smoother that puts a list here; live, memory is bounded."""
 
-    def admit(self, lengths: TendonLengths) -> TendonLengths:
-        """Return the lengths without the drift as estimated so far; unchanged while sensors do not drift apart."""
+    def admit(self, lengths: TendonLengths, contradicted: bool = False) -> TendonLengths:
+        """Return the lengths without the drift as estimated so far; unchanged while sensors do not drift apart.
+
+        Args:
+            lengths: of one frame.
+            contradicted: whether the lengths contradict each other by more than their sigma. Then sensors may drift
+                apart although the references, by chance, do not.
+        """
         if np.isnan(self._first_s):
             self._first_s = lengths.t_s
         drift = lengths.drift
         self._prediction = None
         if drift is None or self._builder.statics is None:
             return lengths
-        self.begins = self._state is None and drift.own_rate_per_s > 0
+        if contradicted:
+            self._least_rate_per_s = CONTRADICTED_RATE_PER_S
+        rate_per_s = max(drift.own_rate_per_s, self._least_rate_per_s)
+        self.begins = self._state is None and rate_per_s > 0
         if self._state is None and not self.begins:
             return lengths
-        self._widen(lengths.t_s, drift.own_rate_per_s**2, drift.references)
+        self._widen(lengths.t_s, rate_per_s**2, drift.references)
         assert self._state is not None
         step_s = lengths.t_s - self._state.t_s
         if np.isnan(self._updated_s) or step_s >= self._settings.update_every_s:
-            self._prediction = self._predicted(lengths.t_s, drift.own_rate_per_s**2, drift.references)
+            self._prediction = self._predicted(lengths.t_s, rate_per_s**2, drift.references)
             self._state = self._prediction[0]
         return self._state.corrected(lengths)
 

@@ -11,7 +11,7 @@ from ..factors.keys import key_list
 from ..factors.noise import WeightedLengths, weigh
 from ..models.settings import Settings
 from ..models.structure.rest_shape import RestShape
-from ..models.structure.shape import Shape
+from ..models.structure.shape import Reason, Shape
 from ..models.structure.structure import Structure
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import TendonLengths
@@ -27,6 +27,9 @@ from .uncertainty import FrameEvidence
 VELOCITY_HOLDS_S = 0.2
 """Time without frames after which the velocity says nothing of the position: the time in which a hand changes its
 push."""
+
+CONTRADICTED = 0.2
+"""Probability that the lengths are less exact than their sigmas say, above which sensors may drift apart."""
 
 
 class LiveSmoother:
@@ -56,8 +59,12 @@ class LiveSmoother:
         Raises:
             IndeterminateError: when measurements and priors leave some node undetermined.
         """
-        scale = self.doubt.about(lengths).length_scale
-        measured = weigh(self.drift.admit(self.modes.choose(lengths)), self._builder.noise).scaled(scale)
+        before = self.doubt.about(lengths)
+        scale = before.length_scale
+        steady = self.drift.admit(
+            self.modes.choose(lengths), before.inexact > CONTRADICTED and before.reason is not Reason.MOTION
+        )
+        measured = weigh(steady, self._builder.noise).scaled(scale)
         if self._health and self.drift.begins:  # those that were left out before may have drifted
             self._health.use_all()
         admitted = self._health.admit(measured) if self._health else measured

@@ -153,3 +153,20 @@ def test_the_drift_is_written_and_drawn(trial_copy, tmp_path) -> None:
     values = np.array([row.split(",") for row in rows[1:]], dtype=float)
     assert np.abs(values[:, 2]).max() < 1e-3
     assert (tmp_path / "result" / "sensor_drift.png").is_file()
+
+
+def test_before_it_began_the_drift_grew_from_zero(example_structure) -> None:
+    """Half the time from the start: half the drift, a quarter of its variance, and the same rate."""
+    state = DriftState(8.0, np.array([0.02, 0.001]), np.array([[4e-4, 1e-5], [1e-5, 1e-6]]))
+    half = state.earlier(0.5)
+    assert half.t_s == 4.0
+    np.testing.assert_allclose(half.mean, [0.01, 0.001])
+    np.testing.assert_allclose(half.covariance, [[1e-4, 5e-6], [5e-6, 1e-6]])
+
+
+def test_lengths_that_contradict_each_other_begin_it(example_structure, still, lengths_of) -> None:
+    lengths = with_drift(lengths_of(example_structure, still.node_position_m), 0.0)
+    smoother = LiveSmoother(example_structure, still, Settings())
+    smoother.drift.admit(lengths)
+    assert smoother.drift.admit(replace(lengths, t_s=5.0), contradicted=True).drift.covariance_m2 is not None
+    assert smoother.drift.begins
