@@ -38,6 +38,8 @@ SCALES = np.array([0.8, 1.0, 2.0, 4.0, 8.0, 16.0])
 """The factors k by which the sigmas of all lengths may be wrong."""
 EXACT = SCALES <= 1
 """Which of them mean that the lengths are as exact as their sigmas say, or more."""
+WIDEST_M = 1.0
+"""Standard deviation of the shape prior in the comparison, where the graph has none."""
 SHAKEN_SHARE = 0.4
 """Share of the tendons that swing too fast for their sensors, above which the whole robot is shaken."""
 STILL_SHARE = 0.1
@@ -135,14 +137,14 @@ class ModelDoubt:
 
     def smoothed(self, frames: Sequence[TendonLengths]) -> list[Doubt]:
         """Return the doubt about each frame, given all updates that were kept, later ones too."""
+        shaken = np.logical_or(self._shaken_in(frames), self._shaken_in(frames[::-1])[::-1])
         if not self.kept:
-            return list(map(self.about, frames))
+            return [self._doubt(bool(shakes), self._loads.probability, self._scale.probability) for shakes in shaken]
         t_s = np.array([update[0] for update in self.kept])
         loads = self._loads.smoothed(t_s, np.array([update[1] for update in self.kept]))
         scales = self._scale.smoothed(t_s, np.array([update[2] for update in self.kept]))
         times_s = [lengths.t_s for lengths in frames]
         latest = np.maximum(np.searchsorted(t_s, times_s, side="right") - 1, 0)
-        shaken = np.logical_or(self._shaken_in(frames), self._shaken_in(frames[::-1])[::-1])
         return [self._doubt(bool(shakes), loads[k], scales[k]) for shakes, k in zip(shaken, latest, strict=True)]
 
     def _shaken_in(self, frames: Sequence[TendonLengths]) -> list[bool]:
@@ -212,10 +214,11 @@ def log_evidence(
         force_variance: (regimes, rows) variance of each row of the balance of forces.
         length_scale: (regimes,) factor of the sigma of the measured lengths.
     """
-    prior = np.eye(len(frame.from_prior_m)) / frame.prior_m**2
+    prior_m = min(frame.prior_m, WIDEST_M)  # without any prior, forces alone leave some motion free
+    prior = np.eye(len(frame.from_prior_m)) / prior_m**2
     weighted = frame.force_jacobian / force_variance[:, :, None]
     without = np.swapaxes(weighted, 1, 2) @ frame.force_jacobian + prior
-    slope_without = (frame.force_n / force_variance) @ frame.force_jacobian + frame.from_prior_m / frame.prior_m**2
+    slope_without = (frame.force_n / force_variance) @ frame.force_jacobian + frame.from_prior_m / prior_m**2
     weight = np.repeat(frame.weight_per_m[None], len(length_scale), axis=0)
     weight[:, rods:] /= length_scale[:, None]
     error = frame.length_error_m * weight

@@ -103,7 +103,7 @@ def linearised(builder: GraphBuilder, node_position_m: NDArray[np.float64], meas
     drift = measured.lengths.drift
     shared_m2 = None
     if drift is not None and drift.covariance_m2 is not None:
-        shared_m2 = drift.covariance_m2[np.ix_(tendons, tendons)]
+        shared_m2 = measured.scale**2 * drift.covariance_m2[np.ix_(tendons, tendons)]
     return LinearFrame(
         length_error_m=np.where(used, length_m - known_m, 0.0),
         length_jacobian=free_length_jacobian(structure, node_position_m),

@@ -85,7 +85,6 @@ def rest_step(
         covariance_m2=np.asarray(problem.sigma_m**2 * np.linalg.inv(minimum.information)[:size, :size]),
         source=source,
         wrong=wrong,
-        hub_radius_m=problem.geometry.hub_radius_m,
     )
     if mechanics is None:
         return found

@@ -2,8 +2,8 @@
 
 They are estimated once reference tendons show that sensors drift apart, or the lengths contradict each other. The
 errors d of log resistance follow the model of `models.sensor.reference_drift`: their rates are stationary with sigma
-s_o and forgotten slowly. The mean drift of the references is subtracted from all readings before; of what remains, the
-rates have the covariance
+s_o and forgotten slowly. The common drift, which a few references tell, is subtracted from all readings before; of
+what remains, the rates have the covariance
 
     Cov(d'_e, d'_f) = s_o^2 (delta_ef + 1 / references)
 
@@ -49,8 +49,14 @@ class DriftState:
         h, level, covariance = drift.per_change_m, self.mean[:count], self.covariance[:count, :count]
         covariance_m2 = h[:, None] * covariance * h
         own_variance = np.diag(covariance)
+        modes = lengths.modes
+        if modes is not None:  # drift is that of the reading as a stretched tendon
+            length_m = modes.length_m - np.stack([h * level, np.zeros(count)])
+            sigma_m = np.hypot(modes.sigma_m, np.stack([h * np.sqrt(own_variance), np.zeros(count)]))
+            modes = replace(modes, length_m=length_m, sigma_m=sigma_m)
         return replace(
             lengths,
+            modes=modes,
             length_m=lengths.length_m - h * level,
             sigma_m=np.sqrt(lengths.sigma_m**2 + np.diag(covariance_m2)),
             drift=replace(
@@ -148,7 +154,9 @@ class OwnDrift:
             self._state = DriftState(t_s, np.zeros(2 * self._count), np.zeros((2 * self._count,) * 2))
         if more > 0:
             since_s = t_s - self._first_s
-            in_time = np.array([[since_s**2, since_s], [since_s, 1.0]])
+            memory_s = self._settings.memory_s
+            moved_s = memory_s * (1 - np.exp(-since_s / memory_s))
+            in_time = np.array([[2 * memory_s * (since_s - moved_s), moved_s], [moved_s, 1.0]])
             added = more * np.kron(in_time, _between_sensors(self._count, references))
             self._state = replace(self._state, covariance=self._state.covariance + added)
             self._rate_variance = rate_variance

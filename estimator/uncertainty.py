@@ -8,7 +8,7 @@ Forces hold a shape only as far as no load hides behind it. A node n has a load 
 its balance r_n is wrong by sigma_L. Whether it has one is judged by the shape as all else determines it (the cavity):
 
     C_n = R_n P R_n^T,   C'_n = (1 - C_n W_n)^-1 C_n,   L_n = N(r_n; 0, C'_n + sigma_L^2) / N(r_n; 0, C'_n + sigma_F^2)
-    p_n = p_0 L_n / (1 - p_0 + p_0 L_n),   Var(r_n) = (1 - p_n) sigma_F^2 (1 + q_n)^2 + p_n sigma_L^2
+    p_n = p_0 L_n / (1 - p_0 + p_0 L_n),   Var(r_n) = (1 - p_n) / W_n + p_n sigma_L^2, at least 1 / W_n
 
 with Cauchy's weight W_n = 1 / (sigma_F (1 + q_n))^2. Where lengths are measured, C'_n is small and p_n tells loads from
 none; where they are missing, L_n = 1, and the ellipsoids are those of all shapes that a probable load would make.
@@ -33,7 +33,7 @@ from .graph import GraphBuilder
 from .linear_frame import LinearFrame
 
 NO_DOUBT = Doubt()
-SHAKEN_SCALE = 6.0
+SHAKEN_SCALE = 15.0
 """Factor of the sigmas of rods and lengths in the covariance while the robot is shaken: its nodes swing so far
 that the lengths are no longer linear in their positions."""
 
@@ -76,7 +76,8 @@ class FrameEvidence:
         covariance = self._rest_covariance_m2.copy()
         try:
             if statics is None:
-                covariance[np.ix_(free, free)] += np.linalg.inv(frame.information)
+                held, _ = self._held(frame, doubt)
+                covariance[np.ix_(free, free)] += np.linalg.inv(held)
                 return Assessment(node_position_m, covariance, None)
             step_m, free_covariance = self._mixed(frame, statics, doubt)
         except np.linalg.LinAlgError as error:
@@ -88,20 +89,28 @@ class FrameEvidence:
         variance = propagated_variance(frame.force_jacobian, free_covariance)
         return Assessment(mean_m, covariance, external_loads(statics, mean_m, force_n, variance))
 
+    def _held(self, frame: LinearFrame, doubt: Doubt) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return information and gradient of lengths and shape prior; those of lengths count less while shaken."""
+        information = frame.information_without_forces
+        gradient = frame.gradient_without_forces
+        if doubt.reason is not Reason.MOTION:
+            return information, gradient
+        prior = np.eye(len(information)) / frame.prior_m**2
+        from_prior = frame.from_prior_m / frame.prior_m**2
+        share = 1 / SHAKEN_SCALE**2
+        return prior + share * (information - prior), from_prior + share * (gradient - from_prior)
+
     def _mixed(
         self, frame: LinearFrame, statics: Statics, doubt: Doubt
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the (free,) step to the mean of the mixture of a few and of many loads, and its covariance."""
-        held = frame.information_without_forces
-        if doubt.reason is Reason.MOTION:
-            prior = np.eye(len(held)) / frame.prior_m**2
-            held = prior + (held - prior) / SHAKEN_SCALE**2
+        held, gradient_of_held = self._held(frame, doubt)
         few = self._force_variance(frame, statics, held)
         many = np.maximum(few, doubt.many_loads_n**2)
         forces = frame.force_jacobian
         information = held + np.swapaxes(forces / np.stack([few, many])[:, :, None], 1, 2) @ forces
         covariance_few, covariance_many = np.linalg.inv(information)
-        gradient = frame.gradient_without_forces + forces.T @ (frame.force_n / many)
+        gradient = gradient_of_held + forces.T @ (frame.force_n / many)
         many_loads = doubt.many_loads
         apart_m = -covariance_many @ gradient
         covariance = (1 - many_loads) * covariance_few + many_loads * covariance_many

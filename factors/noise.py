@@ -28,7 +28,9 @@ class WeightedLengths:
 
     lengths: TendonLengths
     sigma_m: NDArray[np.float64]
-    """(tendons,) as `tendon_sigma_m` returns it; inf for a tendon that is left out."""
+    """(tendons,) as `tendon_sigma_m` returns it, times `scale`; inf for a tendon that is left out."""
+    scale: float = 1.0
+    """Factor of all sigmas."""
 
     @property
     def count(self) -> int:
@@ -37,7 +39,7 @@ class WeightedLengths:
 
     def scaled(self, factor: float) -> "WeightedLengths":
         """Return the same lengths with their sigmas multiplied by a factor."""
-        return WeightedLengths(self.lengths, factor * self.sigma_m)
+        return WeightedLengths(self.lengths, factor * self.sigma_m, factor * self.scale)
 
     def without(self, left_out: NDArray[np.bool_], flag: Flag | None = None) -> "WeightedLengths":
         """Return the same lengths without some tendons.
@@ -48,7 +50,7 @@ class WeightedLengths:
         """
         flags = self.lengths.flags | np.where(left_out, int(flag or 0), 0)
         lengths = replace(self.lengths, sigma_m=np.where(left_out, np.inf, self.lengths.sigma_m), flags=flags)
-        return WeightedLengths(lengths, np.where(left_out, np.inf, self.sigma_m))
+        return WeightedLengths(lengths, np.where(left_out, np.inf, self.sigma_m), self.scale)
 
 
 def weigh(lengths: TendonLengths, settings: NoiseSettings) -> WeightedLengths:

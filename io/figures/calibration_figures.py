@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from ...models.calibration.calibrated_model import LSTM, POLYNOMIAL, STATIC, Calibration
+from ...models.calibration.calibrated_model import CURVE, LSTM, POLYNOMIAL, STATIC, Calibration
 from ...models.calibration.recipe import History
 from ...models.calibration.recordings import Recording
 from ...models.calibration.strip_baselines import on_common_curve
@@ -31,7 +31,7 @@ from .style import (
     save_figure,
 )
 
-COLORS = {LSTM: BLUE, STATIC: ORANGE, POLYNOMIAL: GREEN}
+COLORS = {CURVE: BLACK, LSTM: BLUE, STATIC: ORANGE, POLYNOMIAL: GREEN}
 SPEED_COLORS = (BLUE, SKY_BLUE, GREEN, ORANGE, RED, PURPLE, BLACK)
 GAP_S = 1.0
 """Time without a sample after which a curve is interrupted."""

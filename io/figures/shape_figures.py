@@ -113,10 +113,9 @@ def write_drift_figure(
     axis.set_xlabel("time [s]")
     axis.set_ylabel("drift of resistance [%]")
     axis.set_title(f"{title}: drift taken off the sensors, with 95 % bands")
-    handles = [
-        Line2D([], [], color=BLUE, label="sensor"),
-        Line2D([], [], color=RED, label="sensor of a tendon between anchors, the reference"),
-    ]
+    handles = [Line2D([], [], color=BLUE, label="sensor")]
+    if not r.structure.is_free_tendon.all():
+        handles.append(Line2D([], [], color=RED, label="sensor of a tendon between anchors, the reference"))
     add_legend_below(figure, handles, 2)
     add_grid(axis)
     axis.margins(x=0)

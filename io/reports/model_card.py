@@ -35,7 +35,7 @@ class CalibrationReport:
         }
         provenance = replace(
             self.calibration.model.provenance,
-            held_out=scores.pop(LSTM),
+            held_out=scores.pop(self.calibration.used),
             baselines=scores,
             split=self.calibration.split.how,
             data_sha256=self.folder.sha256,
@@ -72,11 +72,10 @@ class CalibrationReport:
         network, curve = self.calibration.validation_rmse
         if np.isnan(network):
             return []
-        used = "curve of rates alone: the correction by the LSTM is off" if curve < network else "LSTM"
         return [
             "",
             f"On the recordings for validation the RMSE of strain is {network:.4f} with the LSTM, and {curve:.4f} with "
-            f"the curve of rates alone. The model uses the {used}.",
+            f"the curve of rates alone. The model uses the {self.calibration.used}.",
         ]
 
     def table(self) -> Table:

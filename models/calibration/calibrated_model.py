@@ -35,6 +35,8 @@ LSTM = "LSTM"
 STATIC = "static curve"
 POLYNOMIAL = "polynomial of rates"
 """Names of the three estimators that are scored."""
+CURVE = "curve of rates alone"
+"""Name of the model where the network's correction is off, which is scored as well then."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +56,11 @@ class Calibration:
     validation_rmse: tuple[float, float]
     """RMSE of strain on the recordings for validation, of the network and of the rate curve alone; nan without any.
     The model uses the better one."""
+
+    @property
+    def used(self) -> str:
+        """The name of the estimator that the model is."""
+        return CURVE if CURVE in self.runs else LSTM
 
 
 def calibrate_model(
@@ -80,12 +87,14 @@ def calibrate_model(
     model, validation = validated(trained.weights)
     curve_alone, curve_validation = validated(without_correction(trained.weights))
     validation_rmse = (_rmse(validation), _rmse(curve_validation))
+    network = model = replace(model, sigma_scale=fit_sigma_scale(validation), lag_s=lag_s(validation))
+    used: dict[str, StrainEstimator] = {}
     if validation_rmse[1] < validation_rmse[0]:
-        model = curve_alone
-        validation = curve_validation
-    model = replace(model, sigma_scale=fit_sigma_scale(validation), lag_s=lag_s(validation))
+        model = replace(curve_alone, sigma_scale=fit_sigma_scale(curve_validation), lag_s=lag_s(curve_validation))
+        used = {CURVE: NetworkEstimator(model)}
     estimators: dict[str, StrainEstimator] = {
-        LSTM: NetworkEstimator(model),
+        **used,
+        LSTM: NetworkEstimator(network),
         STATIC: StaticEstimator.fit(common, signed),
         POLYNOMIAL: PolynomialEstimator.fit(common, signed),
     }

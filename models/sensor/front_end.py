@@ -121,7 +121,7 @@ class FrontEnd:
             bent = stretched
         probability = self._decide_mode(lag_free, frame.t_s)
         strain = self._in_its_mode(stretched, bent, probability)  # eq. (3)
-        swing = self._swing.step(strain.value, held.fresh, step_s)
+        swing = self._swing.step(strain.value, self._seen_s == frame.t_s, held.fresh, step_s)
         flags = self._flags(held.flags, probability, frame.t_s) | np.where(swing > 1.5 * strain.sigma, Flag.SHAKEN, 0)
         strain = _Strain(strain.value, np.hypot(strain.sigma, swing))
         lengths = self._lengths(frame, strain, probability, flags)  # eq. (4)
@@ -218,7 +218,8 @@ class FrontEnd:
 
         Half of the lag correction is added to sigma.
         """
-        return _Strain(*self._bending.strain(lag_free, np.hypot(self._settings.bending_sigma, 0.5 * lag)))
+        strain, sigma = self._bending.strain(lag_free, np.hypot(self._settings.bending_sigma, 0.5 * lag))
+        return _Strain(strain, np.hypot(sigma, self._taring.motion_sigma))
 
     def _in_its_mode(self, stretched: _Strain, bent: _Strain, probability: NDArray[np.float64]) -> _Strain:
         """Return the strain in the mode of each tendon; its sigma combines both modes, weighted by probability."""

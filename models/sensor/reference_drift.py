@@ -11,7 +11,7 @@ weighted by the likelihood of its predictions (a static multiple model). Referen
 of a common drift, those that drift apart of own drifts; a reading that jumps is evidence of neither and is not used.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -23,7 +23,7 @@ from ..values.tables import NotNegative, Positive, Probability
 RATES_PER_S = (0.0, 1e-4, 3e-4, 1e-3)
 """The rates s_c and s_o that are compared: none, and 0.6, 1.8 and 6 % in a minute."""
 BASE_S = 2.0
-"""Time at the start over which the reading of a reference without drift is averaged. It needs no rest."""
+"""Time over which the first readings of a reference are averaged. It needs no rest."""
 JUMP_SIGMA = 6.0
 """A reading of a reference that differs from every prediction by more sigmas than this is not used."""
 
@@ -50,15 +50,15 @@ class DriftSettings:
 class ReferenceDrift:
     """The drift that the reference tendons show at one instant."""
 
-    common: float = 0.0
+    common: float
     """c, the relative change of resistance of all sensors."""
-    common_sigma: float = 0.0
+    common_sigma: float
     """Standard deviation of c."""
-    own_rate_per_s: float = 0.0
+    own_rate_per_s: float
     """Standard deviation of a sensor's own rate; 0 while references drift apart no faster than in calibration."""
-    own: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    own: NDArray[np.float64]
     """(references,) o of each reference tendon."""
-    own_sigma: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    own_sigma: NDArray[np.float64]
     """(references,) standard deviation of the whole drift c + o of each reference tendon."""
 
     @property
@@ -86,22 +86,25 @@ class ReferenceTendons:
         self._reads = np.hstack([np.ones((len(tendons), 1)), np.eye(len(tendons)), np.zeros((len(tendons), parts))])
         self._base = _Mean(len(tendons))
         self._recent = _Mean(len(tendons))
-        self._first_s = np.nan
+        self._first_s = np.full(len(tendons), np.nan)
         self._updated_s = np.nan
-        self._found = ReferenceDrift(own=np.zeros(len(tendons)), own_sigma=np.zeros(len(tendons)))
+        none = np.zeros(len(tendons))
+        self._found = ReferenceDrift(0.0, 0.0, 0.0, none, none)
 
     def step(self, frame: ResistanceFrame) -> ReferenceDrift:
         """Return the drift after one more frame."""
         if not len(self.tendons):
             return self._found
-        if np.isnan(self._first_s):
-            self._first_s = self._updated_s = frame.t_s
         reading = np.log(frame.resistance_ohm[self.tendons])
-        if frame.t_s - self._first_s < BASE_S:
-            self._base.add(reading)
+        seen = np.isfinite(reading)
+        self._first_s = np.where(seen & np.isnan(self._first_s), frame.t_s, self._first_s)
+        starts = seen & (frame.t_s - self._first_s < BASE_S)
+        # one that starts late has had the drift that all have had until then
+        self._base.add(np.where(starts, reading - self._found.common, np.nan))
+        self._recent.add(np.where(seen & ~starts, reading, np.nan))
+        if np.isnan(self._updated_s) or (not (seen & ~starts).any() and np.isnan(self._recent.value).all()):
             self._updated_s = frame.t_s
             return self._found
-        self._recent.add(reading)
         step_s = frame.t_s - self._updated_s
         if step_s >= self._settings.update_every_s:
             self._predict(step_s)
@@ -165,7 +168,7 @@ class _Mean:
 
     def add(self, value: NDArray[np.float64]) -> None:
         """Add one reading of each reference."""
-        self._sum += np.nan_to_num(value)
+        self._sum += np.where(np.isfinite(value), value, 0.0)
         self._count += np.isfinite(value)
 
     @property

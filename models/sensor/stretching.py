@@ -30,6 +30,8 @@ SWING_START_S = 0.7
 SWING_LOSS = 4.0
 """Ratio of the true to the estimated strain of a fast swing. In simulated trials with shaking at 5 to 8 Hz errors are
 three to five times the estimated swing, of the same sensor or, after a force elsewhere, of the others."""
+LEAST_SWING = 2e-4
+"""Least noise of strain above 3.5 Hz, for a sensor whose code stands still."""
 FAULTY = 2
 """Number of sensors that may have a fault at the same time, and swing without the robot."""
 STRAIN_RATE_S = 0.2
@@ -158,23 +160,33 @@ class FastSwing:
         self._mean_square = np.zeros(sensors)
         self._least = np.full(sensors, np.inf)
         self._swing = np.zeros(sensors)
-        self._seconds = 0.0
+        self._seconds = np.zeros(sensors)
 
-    def step(self, strain: NDArray[np.float64], fresh: NDArray[np.bool_], step_s: Floats) -> NDArray[np.float64]:
-        """Return (sensors,) the standard deviation after one more strain of each sensor; a fresh one starts anew."""
+    def step(
+        self, strain: NDArray[np.float64], seen: NDArray[np.bool_], fresh: NDArray[np.bool_], step_s: Floats
+    ) -> NDArray[np.float64]:
+        """Return (sensors,) the standard deviation after one more strain of each sensor.
+
+        Args:
+            strain: (sensors,)
+            seen: (sensors,) which sensors have a reading; the strain of others is held.
+            fresh: (sensors,) which have one after a gap; these start anew.
+            step_s: time step.
+        """
         self._low[:, fresh] = np.nan
+        self._seconds[fresh] = 0.0
         high = strain
         weight = low_pass_weight(step_s, SWING_S)
         for k in range(2):
             low = self._low[k]
             self._low[k] = np.where(np.isnan(low), high, low + weight * (high - low))
             high = high - self._low[k]
-        self._mean_square += low_pass_weight(step_s, SWING_MEAN_S) * (high**2 - self._mean_square)
-        self._seconds += float(np.mean(step_s))
-        if self._seconds < SWING_START_S:
-            return np.zeros(len(strain))
-        self._least = np.minimum(self._least, self._mean_square)
-        excess = np.maximum(self._mean_square - 4 * self._least, 0)
+        self._mean_square += np.where(seen, low_pass_weight(step_s, SWING_MEAN_S) * (high**2 - self._mean_square), 0.0)
+        self._seconds += np.where(seen, step_s, 0.0)
+        settled = seen & (self._seconds >= SWING_START_S)
+        floor = np.maximum(np.minimum(self._least, self._mean_square), LEAST_SWING**2)
+        self._least = np.where(settled, floor, self._least)
+        excess = np.where(settled, np.maximum(self._mean_square - 4 * self._least, 0), 0.0)
         swing = self._swing = np.maximum(excess, self._swing * np.exp(-np.asarray(step_s) / SWING_MEMORY_S))
         common = np.sort(swing)[: max(len(swing) - FAULTY, 1)].mean()
         return np.asarray(SWING_LOSS * np.sqrt(swing + common))

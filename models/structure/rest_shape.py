@@ -66,10 +66,8 @@ class RestShape:
     """Whether the structure stands at its rest shape in the first frame."""
     wrong: WrongPart | None = None
     """The part of the geometry that was told wrongly by the evidence at rest; None where all agrees."""
-    hub_radius_m: float = 0.0
-    """Distance from a rod's end at which its tendons end."""
     hub_force_n: float = 0.0
-    """Standard deviation of the balance of forces at a node due to that distance."""
+    """Standard deviation of the balance of forces at a node, because its tendons end on a hub."""
     unbalanced_n: tuple[float, float] = (float("nan"), float("nan"))
     """Root mean square of the unbalanced forces at this shape, with nominal and with tared mechanics."""
 

@@ -37,7 +37,6 @@ class Flag(IntFlag):
     """The length contradicts the other sensors and the balance of forces: the tendon is left out until they agree."""
     MISFIT = 512
     """The reading at rest is impossible for this tendon (wrong natural resistance or wiring); it is left out."""
-
     SHAKEN = 1024
     """The tendon's length swings faster than the sensor follows; sigma is widened."""
 

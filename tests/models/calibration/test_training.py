@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lagging_sensor import lagging_sensor
-from tensegraph.models.calibration.calibrated_model import LSTM, STATIC, calibrate_model
+from tensegraph.models.calibration.calibrated_model import CURVE, LSTM, STATIC, calibrate_model
 from tensegraph.models.calibration.recipe import CHECK_EVERY, TrainingSettings
 from tensegraph.models.calibration.recordings import Split
 from tensegraph.models.calibration.strip_scores import StripScore
@@ -59,7 +59,9 @@ def test_validation_chooses_between_the_network_and_the_curve(split, calibrated)
     poor = calibrate_model(split, replace(good.trained, weights=turned), None, QUICK)
     assert poor.validation_rmse[1] < poor.validation_rmse[0]
     assert not poor.model.network.weights.head_weight[0].any()
-    assert StripScore.of(poor.runs[LSTM]).rmse < 1.1 * StripScore.of(poor.runs[STATIC]).rmse
+    assert good.used == LSTM
+    assert poor.used == CURVE
+    assert StripScore.of(poor.runs[CURVE]).rmse < StripScore.of(poor.runs[LSTM]).rmse
 
 
 def test_gains_are_found_along_with_the_network(calibrated) -> None:

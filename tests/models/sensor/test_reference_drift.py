@@ -71,3 +71,24 @@ def test_no_reference_no_drift() -> None:
     frame = ResistanceFrame(0.0, np.ones(3), np.ones(3), np.zeros(3, dtype=np.int64))
     found = references.step(frame)
     assert (found.common, found.common_sigma, found.own_rate_per_s, found.references) == (0, 0, 0, 0)
+
+
+def test_a_reference_that_starts_late_is_used_from_then_on() -> None:
+    """All references come after 20 s: their drift from then on is found; a resistance of 0 before spoils nothing."""
+    references = ReferenceTendons(np.array([0, 1, 2]), DriftSettings())
+    for t_s in np.arange(0, 60, 0.02):
+        value = 1500 * np.exp(5e-4 * max(t_s - 20, 0)) if t_s > 20 else 0.0 if t_s > 19.9 else np.nan
+        with np.errstate(divide="ignore"):
+            found = references.step(ResistanceFrame(t_s, np.full(3, value), np.ones(3), np.zeros(3, dtype=np.int64)))
+    assert found.common == pytest.approx(0.02, rel=0.1)
+
+
+def test_one_that_starts_late_agrees_with_the_others() -> None:
+    """Two references drift from the start, the third is read after 30 s: it is not taken for one that parts."""
+    references = ReferenceTendons(np.array([0, 1, 2]), DriftSettings())
+    for t_s in np.arange(0, 60, 0.02):
+        value = np.full(3, 1500 * np.exp(5e-4 * max(t_s - 2, 0)))
+        value[2] = value[2] if t_s > 30 else np.nan
+        found = references.step(ResistanceFrame(t_s, value, np.ones(3), np.zeros(3, dtype=np.int64)))
+    assert found.common == pytest.approx(0.029, rel=0.1)
+    assert found.own_rate_per_s == 0

@@ -69,7 +69,7 @@ class TestFastSwing:
         rng = np.random.default_rng(7)
         swing, t_s = FastSwing(12), np.arange(0, 20, 0.02)
         strain = 0.02 * np.sin(2 * np.pi * 0.5 * t_s)[:, None] + 0.0005 * rng.standard_normal((len(t_s), 12))
-        sigma = np.array([swing.step(row, np.zeros(12, dtype=bool), 0.02) for row in strain])
+        sigma = np.array([swing.step(row, np.ones(12, dtype=bool), np.zeros(12, dtype=bool), 0.02) for row in strain])
         assert np.quantile(sigma, 0.99) < 0.005
 
     def test_shaking_widens_all_sensors_and_fades(self) -> None:
@@ -79,7 +79,7 @@ class TestFastSwing:
         shaken = (t_s > 4) & (t_s < 7)
         strain = 0.0003 * rng.standard_normal((len(t_s), 12))
         strain[:, 2:] += 0.01 * (shaken * np.sin(2 * np.pi * 6 * t_s))[:, None]
-        sigma = np.array([swing.step(row, np.zeros(12, dtype=bool), 0.02) for row in strain])
+        sigma = np.array([swing.step(row, np.ones(12, dtype=bool), np.zeros(12, dtype=bool), 0.02) for row in strain])
         during, later = sigma[(t_s > 5) & shaken], sigma[t_s > 12.9]
         assert 0.01 < during[:, :2].min() < during[:, 2:].min()
         assert during.max() < 0.08
@@ -90,13 +90,27 @@ class TestFastSwing:
         swing, t_s = FastSwing(12), np.arange(0, 6, 0.02)
         strain = 0.0003 * rng.standard_normal((len(t_s), 12))
         strain[t_s > 3, 4] += 0.05 * rng.standard_normal(np.sum(t_s > 3))
-        sigma = np.array([swing.step(row, np.zeros(12, dtype=bool), 0.02) for row in strain])[-1]
+        sigma = np.array([swing.step(row, np.ones(12, dtype=bool), np.zeros(12, dtype=bool), 0.02) for row in strain])[
+            -1
+        ]
         assert sigma[4] > 0.05
         assert np.delete(sigma, 4).max() < 0.003
 
     def test_a_jump_over_a_gap_is_no_swing(self) -> None:
         swing = FastSwing(3)
         for _ in range(100):
-            swing.step(np.full(3, 0.05), np.zeros(3, dtype=bool), 0.02)
-        sigma = [swing.step(np.full(3, 0.15), np.full(3, k == 0), 0.02) for k in range(50)]
+            swing.step(np.full(3, 0.05), np.ones(3, dtype=bool), np.zeros(3, dtype=bool), 0.02)
+        sigma = [swing.step(np.full(3, 0.15), np.ones(3, dtype=bool), np.full(3, k == 0), 0.02) for k in range(50)]
         assert np.max(sigma) < 1e-9
+
+    def test_a_held_strain_does_not_lower_the_noise(self) -> None:
+        """Six of twelve sensors are missing for 2 s: afterwards no noise is taken for a swing."""
+        rng = np.random.default_rng(10)
+        swing, t_s = FastSwing(12), np.arange(0, 8, 0.02)
+        strain = 0.0005 * rng.standard_normal((len(t_s), 12))
+        missing = ((t_s > 3) & (t_s < 5))[:, None] & (np.arange(12) < 6)
+        strain[missing] = 0.0
+        fresh = ~missing & np.roll(missing, 1, axis=0)
+        sigma = [swing.step(strain[k], ~missing[k], fresh[k], 0.02) for k in range(len(t_s))]
+        assert np.max(sigma[300:]) < 0.005
+        assert np.mean(sigma[300:]) < 2 * np.mean(sigma[100:150]) + 2e-4
