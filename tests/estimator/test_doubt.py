@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from balance import pressed
+from noise_settings import with_noise
 from tensegraph import Flag, Settings
 from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.doubt import SCALES, ModelDoubt, Regimes, log_evidence
@@ -62,14 +63,14 @@ def test_evidence_is_the_probability_of_the_lengths() -> None:
         force_weight_per_n=np.ones(4),
         force_sigma_n=np.ones(4),
         from_prior_m=np.array([0.1, -0.3]),
-        prior_m=2.0,
+        prior_m=0.8,
     )
     variance = np.array([[1.0, 1.0, 1.0, 1.0], [4.0, 4.0, 0.25, 0.25], [1.0, 1.0, 1.0, 1.0]])
     scale = np.array([1.0, 1.0, 3.0])
     expected = []
     for v, k in zip(variance, scale, strict=True):
-        information = forces.T @ (forces / v[:, None]) + np.eye(2) / 4
-        mean = -np.linalg.solve(information, forces.T @ (frame.force_n / v) + frame.from_prior_m / 4)
+        information = forces.T @ (forces / v[:, None]) + np.eye(2) / 0.64
+        mean = -np.linalg.solve(information, forces.T @ (frame.force_n / v) + frame.from_prior_m / 0.64)
         sigma = np.array([0.5, 1 / 1.5 * k, 1 / 3 * k])  # the first member is a rod
         spread = jacobian @ np.linalg.inv(information) @ jacobian.T + np.diag(sigma**2)
         expected.append(multivariate_normal.logpdf(-frame.length_error_m, jacobian @ mean, spread))
@@ -159,3 +160,23 @@ def test_no_lengths_are_no_evidence(structure, balanced, lengths_of) -> None:
     found = doubt.about(missing)
     assert found.many_loads == pytest.approx(Settings().doubt.many_share)
     assert SCALES[0] < found.length_scale < SCALES[1]
+
+
+@pytest.mark.parametrize("estimator", [LiveSmoother, BatchOptimizer])
+def test_without_a_shape_prior_forces_and_lengths_are_enough(estimator, structure, balanced, lengths_of) -> None:
+    frames = [lengths_of(structure, balanced.node_position_m, t) for t in np.arange(0, 1, 0.1)]
+    last = list(estimator(structure, balanced, with_noise(shape_prior_m=np.inf)).estimate(frames))[-1]
+    assert last.status is Status.OK
+    assert np.linalg.norm(last.node_position_m - balanced.node_position_m) < 1e-4
+
+
+def test_shaking_widens_without_forces_as_well(structure, rest, lengths_of) -> None:
+    """No stiffness is known: the ellipsoids of a shaken frame are wider, in batch from the first such frame on."""
+    frames = [lengths_of(structure, rest.node_position_m, t) for t in np.arange(0, 1, 0.1)]
+    shaken = [replace(frame, flags=np.full(24, int(Flag.SHAKEN))) for frame in frames]
+    for estimator in (LiveSmoother, BatchOptimizer):
+        calm, swinging = (
+            next(iter(estimator(structure, rest, Settings()).estimate(each))).node_sigma_m[structure.free_nodes]
+            for each in (frames, shaken)
+        )
+        assert (swinging > 1.2 * calm).all()
