@@ -120,11 +120,11 @@ class _Problem:
 def _admitted(frames: list[TendonLengths], shapes: list[Shape], drift: list[DriftState]) -> list[TendonLengths]:
     """Return the lengths without the drift as estimated from all frames, and without those that live left out."""
     latest = np.searchsorted([state.t_s for state in drift], [lengths.t_s for lengths in frames], side="right") - 1
-    first_s = frames[0].t_s
     admitted = []
     for lengths, shape, k in zip(frames, shapes, latest, strict=True):
         corrected = lengths
         if drift and lengths.drift is not None:
+            first_s = frames[0].t_s
             before = drift[0].earlier((lengths.t_s - first_s) / (drift[0].t_s - first_s)) if k < 0 else drift[k]
             corrected = before.corrected(lengths)
         left_out = np.isinf(shape.lengths.sigma_m)
