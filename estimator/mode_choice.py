@@ -60,7 +60,9 @@ class ModeChoice:
             return
         step_s = shape.t_s - self._last_s if np.isfinite(self._last_s) else 0.0
         self._last_s = shape.t_s
-        evidence = self._evidence(shape, measured, measured.lengths.modes)
+        evidence = np.zeros(len(self._log_odds))
+        if _uncertain(measured.lengths.modes).any():
+            evidence = self._evidence(shape, measured, measured.lengths.modes)
         self._log_odds += low_pass_weight(step_s, EVIDENCE_S) * (evidence - self._log_odds)
         if self.kept is not None:
             self.kept.append(evidence)
@@ -89,13 +91,19 @@ class ModeChoice:
         return np.where(known, EVIDENCE_SHARE * np.clip(ratio, -MOST_LOG_ODDS, MOST_LOG_ODDS), 0.0)
 
 
+def _uncertain(modes: ModeReadings) -> NDArray[np.bool_]:
+    """Return (tendons,) for which tendons both modes are considered."""
+    alone = modes.bending_probability
+    return np.asarray((alone > LEAST_PROBABILITY) & (alone < 1 - LEAST_PROBABILITY))
+
+
 def _chosen(lengths: TendonLengths, log_odds: NDArray[np.float64]) -> TendonLengths:
     """Return the lengths with log-odds of bending added to those of the readings alone."""
     modes = lengths.modes
     if modes is None:
         return lengths
     alone = modes.bending_probability
-    asked = lengths.usable & (alone > LEAST_PROBABILITY) & (alone < 1 - LEAST_PROBABILITY)
+    asked = lengths.usable & _uncertain(modes)
     if not asked.any():
         return lengths
     bent = expit(logit(np.clip(alone, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)) + log_odds)
