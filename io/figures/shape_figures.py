@@ -93,7 +93,7 @@ def _draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
 def write_drift_figure(
     r: Reconstruction, drift: NDArray[np.float64], sigma: NDArray[np.float64], title: str, path: Path
 ) -> None:
-    """Draw the drift that was taken off each sensor over time, with its 95 % band; reference tendons are red.
+    """Draw the drift of each sensor over time, with its 95 % band; reference tendons are red.
 
     Args:
         r: all frames.
@@ -112,7 +112,7 @@ def write_drift_figure(
         axis.plot(r.t_s, percent, color=color, lw=0.9)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("drift of resistance [%]")
-    axis.set_title(f"{title}: drift taken off the sensors, with 95 % bands")
+    axis.set_title(f"{title}: drift of the sensors, with 95 % bands")
     handles = [Line2D([], [], color=BLUE, label="sensor")]
     if not r.structure.is_free_tendon.all():
         handles.append(Line2D([], [], color=RED, label="sensor of a tendon between anchors, the reference"))
