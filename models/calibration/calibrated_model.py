@@ -29,6 +29,7 @@ from .recordings import Recording, Split
 from .strain_estimators import NetworkEstimator, StrainEstimator
 from .strip_baselines import PolynomialEstimator, StaticEstimator, on_common_curve
 from .strip_gains import StripGain, tare_strips
+from .strip_scores import StripScore
 from .strips import StripRun, run_strips
 
 LSTM = "LSTM"
@@ -86,10 +87,10 @@ def calibrate_model(
 
     model, validation = validated(trained.weights)
     curve_alone, curve_validation = validated(without_correction(trained.weights))
-    validation_rmse = (_rmse(validation), _rmse(curve_validation))
+    rmse, curve_rmse = (StripScore.of(runs).rmse if runs else np.nan for runs in (validation, curve_validation))
     network = model = replace(model, sigma_scale=fit_sigma_scale(validation), lag_s=lag_s(validation))
     used: dict[str, StrainEstimator] = {}
-    if validation_rmse[1] < validation_rmse[0]:
+    if curve_rmse < rmse:
         model = replace(curve_alone, sigma_scale=fit_sigma_scale(curve_validation), lag_s=lag_s(curve_validation))
         used = {CURVE: NetworkEstimator(model)}
     estimators: dict[str, StrainEstimator] = {
@@ -100,7 +101,7 @@ def calibrate_model(
     }
     scored = [r for r in split.held_out if signed or (r.strain >= 0).mean() > 0.3]
     runs = {name: run_strips(each, scored, trained.gauge, known, signed) for name, each in estimators.items()}
-    return Calibration(model, trained, split, bending, runs, validation_rmse)
+    return Calibration(model, trained, split, bending, runs, (rmse, curve_rmse))
 
 
 def without_correction(weights: LstmWeights) -> LstmWeights:
@@ -109,11 +110,6 @@ def without_correction(weights: LstmWeights) -> LstmWeights:
     return replace(
         weights, head_weight=weights.head_weight * only_sigma[:, None], head_bias=weights.head_bias * only_sigma
     )
-
-
-def _rmse(runs: Sequence[StripRun]) -> float:
-    """Return the root mean square error of all runs; nan when there is none."""
-    return float(np.sqrt(np.mean(np.concatenate([run.error for run in runs]) ** 2))) if runs else float("nan")
 
 
 def _with_spread(
