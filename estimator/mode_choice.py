@@ -34,8 +34,6 @@ EVIDENCE_SHARE = 0.4
 uncertain mode."""
 LEAST_PROBABILITY = 1e-3
 """Least probability of a mode that is considered."""
-UNSURE = 0.05
-"""Probability of the less likely mode above which the reading is flagged as ambiguous."""
 MOST_LOG_ODDS = 20.0
 """Limit of the evidence of one frame."""
 
@@ -43,8 +41,9 @@ MOST_LOG_ODDS = 20.0
 class ModeChoice:
     """Chooses the mode of each tendon, frame by frame."""
 
-    def __init__(self, builder: GraphBuilder) -> None:
+    def __init__(self, builder: GraphBuilder, ambiguous_probability: float) -> None:
         self._builder = builder
+        self._ambiguous_probability = ambiguous_probability
         self._log_odds = np.zeros(len(builder.structure.tendons))
         self._last_s = np.nan
         self.kept: list[NDArray[np.float64]] | None = None
@@ -52,7 +51,7 @@ class ModeChoice:
 
     def choose(self, lengths: TendonLengths) -> TendonLengths:
         """Return the lengths with the evidence of the shapes before."""
-        return _chosen(lengths, self._log_odds)
+        return self._chosen(lengths, self._log_odds)
 
     def observe(self, shape: Shape, measured: WeightedLengths) -> None:
         """Learn from a frame that was estimated from the measured lengths."""
@@ -73,7 +72,7 @@ class ModeChoice:
             return list(frames)
         step_s = float(np.median(np.diff([lengths.t_s for lengths in frames])))
         log_odds = gaussian_filter1d(np.array(self.kept), EVIDENCE_S / step_s, axis=0, mode="nearest")
-        return list(map(_chosen, frames, log_odds))
+        return list(map(self._chosen, frames, log_odds))
 
     def _evidence(self, shape: Shape, measured: WeightedLengths, modes: ModeReadings) -> NDArray[np.float64]:
         """Return (tendons,) the log-likelihood ratio of bent to stretched, of the shape without each reading."""
@@ -90,33 +89,32 @@ class ModeChoice:
         known = np.isfinite(ratio) & structure.is_free_tendon
         return np.where(known, EVIDENCE_SHARE * np.clip(ratio, -MOST_LOG_ODDS, MOST_LOG_ODDS), 0.0)
 
+    def _chosen(self, lengths: TendonLengths, log_odds: NDArray[np.float64]) -> TendonLengths:
+        """Return the lengths with log-odds of bending added to those of the readings alone."""
+        modes = lengths.modes
+        if modes is None:
+            return lengths
+        alone = modes.bending_probability
+        asked = lengths.usable & _uncertain(modes)
+        if not asked.any():
+            return lengths
+        bent = expit(logit(np.clip(alone, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)) + log_odds)
+        length_m = (1 - bent) * modes.length_m[0] + bent * modes.length_m[1]
+        variance = (1 - bent) * (modes.sigma_m[0] ** 2 + (modes.length_m[0] - length_m) ** 2)
+        variance += bent * (modes.sigma_m[1] ** 2 + (modes.length_m[1] - length_m) ** 2)
+        rest_share = np.sqrt((1 - bent) / (1 - np.clip(alone, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)))
+        ambiguous = np.where(np.minimum(bent, 1 - bent) > self._ambiguous_probability, int(Flag.AMBIGUOUS), 0)
+        return replace(
+            lengths,
+            length_m=np.where(asked, length_m, lengths.length_m),
+            sigma_m=np.where(asked, np.sqrt(variance), lengths.sigma_m),
+            rest_sigma_m=np.where(asked, lengths.rest_sigma_m * rest_share, lengths.rest_sigma_m),
+            mode=np.where(asked, (bent > 0.5).astype(np.int64), lengths.mode),
+            flags=np.where(asked, (lengths.flags & ~int(Flag.AMBIGUOUS)) | ambiguous, lengths.flags),
+        )
+
 
 def _uncertain(modes: ModeReadings) -> NDArray[np.bool_]:
     """Return (tendons,) for which tendons both modes are considered."""
     alone = modes.bending_probability
     return np.asarray((alone > LEAST_PROBABILITY) & (alone < 1 - LEAST_PROBABILITY))
-
-
-def _chosen(lengths: TendonLengths, log_odds: NDArray[np.float64]) -> TendonLengths:
-    """Return the lengths with log-odds of bending added to those of the readings alone."""
-    modes = lengths.modes
-    if modes is None:
-        return lengths
-    alone = modes.bending_probability
-    asked = lengths.usable & _uncertain(modes)
-    if not asked.any():
-        return lengths
-    bent = expit(logit(np.clip(alone, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)) + log_odds)
-    length_m = (1 - bent) * modes.length_m[0] + bent * modes.length_m[1]
-    variance = (1 - bent) * (modes.sigma_m[0] ** 2 + (modes.length_m[0] - length_m) ** 2)
-    variance += bent * (modes.sigma_m[1] ** 2 + (modes.length_m[1] - length_m) ** 2)
-    rest_share = np.sqrt((1 - bent) / (1 - np.clip(alone, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)))
-    ambiguous = np.where(np.minimum(bent, 1 - bent) > UNSURE, int(Flag.AMBIGUOUS), 0)
-    return replace(
-        lengths,
-        length_m=np.where(asked, length_m, lengths.length_m),
-        sigma_m=np.where(asked, np.sqrt(variance), lengths.sigma_m),
-        rest_sigma_m=np.where(asked, lengths.rest_sigma_m * rest_share, lengths.rest_sigma_m),
-        mode=np.where(asked, (bent > 0.5).astype(np.int64), lengths.mode),
-        flags=np.where(asked, (lengths.flags & ~int(Flag.AMBIGUOUS)) | ambiguous, lengths.flags),
-    )

@@ -40,7 +40,7 @@ class LiveSmoother:
         self._evidence = FrameEvidence(self._builder, settings.doubt)
         self._health = SensorHealth(self._builder, settings.health) if rest.mechanics else None
         self.doubt = ModelDoubt(self._builder, settings.doubt)
-        self.modes = ModeChoice(self._builder)
+        self.modes = ModeChoice(self._builder, settings.front_end.ambiguous_probability)
         self.drift = OwnDrift(self._builder, settings.drift)
         self._branches = OtherBranch(self._builder, settings.branch)
         self._lag = settings.smoother.lag

@@ -44,7 +44,7 @@ def test_the_shape_decides(true_mode: Mode, structure, balanced, lengths_of) -> 
 def test_without_evidence_both_modes_count(structure, balanced, lengths_of) -> None:
     """The first frame: mean and variance of the two readings by hand, and the flag."""
     frame = uncertain(lengths_of(structure, balanced.node_position_m), Mode.STRETCHING, 0.010, 0.25)
-    chosen = ModeChoice(GraphBuilder(structure, balanced, Settings().noise)).choose(frame)
+    chosen = ModeChoice(GraphBuilder(structure, balanced, Settings().noise), 0.05).choose(frame)
     true_m = structure.tendon_length_m(balanced.node_position_m)[TENDON]
     assert chosen.length_m[TENDON] == pytest.approx(true_m + 0.0025)
     assert chosen.sigma_m[TENDON] == pytest.approx(np.sqrt(0.0005**2 + 0.25 * 0.75 * 0.010**2))
@@ -55,4 +55,4 @@ def test_without_evidence_both_modes_count(structure, balanced, lengths_of) -> N
 
 def test_lengths_without_modes_stay_as_they_are(structure, balanced, lengths_of) -> None:
     frame = lengths_of(structure, balanced.node_position_m)
-    assert ModeChoice(GraphBuilder(structure, balanced, Settings().noise)).choose(frame) is frame
+    assert ModeChoice(GraphBuilder(structure, balanced, Settings().noise), 0.05).choose(frame) is frame
