@@ -56,7 +56,6 @@ class Doubt:
     """Standard deviation of these loads."""
     length_scale: float = 1.0
     """Factor of the sigmas of all lengths: one over the root mean square of 1 / k."""
-
     inexact: float = 0.0
     """Probability that the lengths are less exact than their sigmas say."""
     reason: Reason | None = None

@@ -40,29 +40,23 @@ class LinearFrame:
     prior_m: float
     """Standard deviation of the shape prior."""
 
-    @property
-    def information_without_forces(self) -> NDArray[np.float64]:
-        """(free, free) information of lengths and shape prior."""
-        _, lengths = self.weighted_lengths
-        return np.asarray(lengths.T @ lengths + np.eye(len(self.from_prior_m)) / self.prior_m**2)
+    def without_forces(self, share: float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (free, free) the information of lengths and shape prior, and (free,) the gradient of their error.
 
-    @property
-    def gradient_without_forces(self) -> NDArray[np.float64]:
-        """(free,) gradient of the error of lengths and shape prior."""
+        Args:
+            share: of the lengths' information that counts.
+        """
         error, lengths = self.weighted_lengths
-        return np.asarray(lengths.T @ error + self.from_prior_m / self.prior_m**2)
+        information = share * (lengths.T @ lengths) + np.eye(len(self.from_prior_m)) / self.prior_m**2
+        gradient = share * (lengths.T @ error) + self.from_prior_m / self.prior_m**2
+        return information, gradient
 
-    @property
-    def information(self) -> NDArray[np.float64]:
-        """(free, free) information of all factors."""
+    def with_forces(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (free, free) the information of all factors, and (free,) the gradient, zero at their minimum."""
+        information, gradient = self.without_forces()
         forces = self.force_jacobian * self.force_weight_per_n[:, None]
-        return self.information_without_forces + forces.T @ forces
-
-    @property
-    def gradient(self) -> NDArray[np.float64]:
-        """(free,) gradient of the error, which is zero at the minimum of the frame's own factors."""
-        forces = self.force_jacobian.T @ (self.force_weight_per_n / self.force_sigma_n * self.force_n)
-        return self.gradient_without_forces + forces
+        pull = self.force_jacobian.T @ (self.force_weight_per_n / self.force_sigma_n * self.force_n)
+        return information + forces.T @ forces, gradient + pull
 
     @property
     def weighted_lengths(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

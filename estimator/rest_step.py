@@ -182,11 +182,10 @@ class _RestProblem:
         structure = self.structure
         rod_error = member_length_m(position_m, structure.rods) - structure.rod_length_m
         anchor_error = (position_m[structure.anchors] - structure.anchor_position_m).ravel()
-        anchored = (3 * structure.anchors[:, None] + np.arange(3)).ravel()
         by_position = np.concatenate(
             [
                 length_jacobian(position_m, structure.rods) / self.geometry.rod_length_m,
-                np.eye(self.coordinates)[anchored] / self.geometry.anchor_m,
+                np.eye(self.coordinates)[structure.anchored_coordinates] / self.geometry.anchor_m,
             ]
         )
         jacobian = np.zeros((len(by_position), len(z)))

@@ -197,11 +197,12 @@ def length_evidence(
     rods = len(builder.structure.rods)
     weight = frame.weight_per_m[rods:]
     weighted = frame.length_jacobian[rods:] * weight[:, None] ** 2
-    covariance_m2 = np.linalg.inv(frame.information)
+    shape_information, shape_gradient = frame.with_forces()
+    covariance_m2 = np.linalg.inv(shape_information)
     information = np.zeros((len(variance), len(variance)))
     information[np.ix_(tendons, tendons)] = np.diag(weight**2) - weighted @ covariance_m2 @ weighted.T
     gradient = np.zeros(len(variance))
-    gradient[tendons] = weighted @ (covariance_m2 @ frame.gradient) - weight**2 * frame.length_error_m[rods:]
+    gradient[tendons] = weighted @ (covariance_m2 @ shape_gradient) - weight**2 * frame.length_error_m[rods:]
     return information, gradient
 
 

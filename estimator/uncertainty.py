@@ -57,7 +57,7 @@ class FrameEvidence:
         self._builder = builder
         self._settings = settings
         self._rest_covariance_m2 = builder.rest.covariance_m2.copy()
-        anchored = (3 * builder.structure.anchors[:, None] + np.arange(3)).ravel()
+        anchored = builder.structure.anchored_coordinates
         self._rest_covariance_m2[anchored, anchored] += builder.noise.anchor_m**2
 
     def assess(self, frame: LinearFrame, node_position_m: NDArray[np.float64], doubt: Doubt = NO_DOUBT) -> Assessment:
@@ -76,7 +76,7 @@ class FrameEvidence:
         covariance = self._rest_covariance_m2.copy()
         try:
             if statics is None:
-                held, _ = self._held(frame, doubt)
+                held, _ = frame.without_forces(_share_of_lengths(doubt))
                 covariance[np.ix_(free, free)] += np.linalg.inv(held)
                 return Assessment(node_position_m, covariance, None)
             step_m, free_covariance = self._mixed(frame, statics, doubt)
@@ -89,22 +89,11 @@ class FrameEvidence:
         variance = propagated_variance(frame.force_jacobian, free_covariance)
         return Assessment(mean_m, covariance, external_loads(statics, mean_m, force_n, variance))
 
-    def _held(self, frame: LinearFrame, doubt: Doubt) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return information and gradient of lengths and shape prior; those of lengths count less while shaken."""
-        information = frame.information_without_forces
-        gradient = frame.gradient_without_forces
-        if doubt.reason is not Reason.MOTION:
-            return information, gradient
-        prior = np.eye(len(information)) / frame.prior_m**2
-        from_prior = frame.from_prior_m / frame.prior_m**2
-        share = 1 / SHAKEN_SCALE**2
-        return prior + share * (information - prior), from_prior + share * (gradient - from_prior)
-
     def _mixed(
         self, frame: LinearFrame, statics: Statics, doubt: Doubt
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the (free,) step to the mean of the mixture of a few and of many loads, and its covariance."""
-        held, gradient_of_held = self._held(frame, doubt)
+        held, gradient_of_held = frame.without_forces(_share_of_lengths(doubt))
         few = self._force_variance(frame, statics, held)
         many = np.maximum(few, doubt.many_loads_n**2)
         forces = frame.force_jacobian
@@ -153,3 +142,8 @@ class FrameEvidence:
         log_ratio = 0.5 * independent * np.log(without / with_load) + 0.5 * squared_n2 * (1 / without - 1 / with_load)
         prior = self._settings.loaded_share
         return np.asarray(1 / (1 + (1 - prior) / prior * np.exp(-np.clip(log_ratio, -50, 50))))
+
+
+def _share_of_lengths(doubt: Doubt) -> float:
+    """Return the share of the lengths' information that counts in the covariance."""
+    return 1 / SHAKEN_SCALE**2 if doubt.reason is Reason.MOTION else 1.0

@@ -65,6 +65,11 @@ class Structure:
         return np.asarray((3 * self.free_nodes[:, None] + np.arange(3)).ravel())
 
     @cached_property
+    def anchored_coordinates(self) -> NDArray[np.int64]:
+        """(3 anchors,) the indices of the anchors' coordinates among all (3 nodes,), in the order of the anchors."""
+        return np.asarray((3 * self.anchors[:, None] + np.arange(3)).ravel())
+
+    @cached_property
     def is_free_tendon(self) -> NDArray[np.bool_]:
         """(tendons,) True for tendons that do not join two anchors: only their lengths depend on the shape."""
         return np.asarray(~np.isin(self.tendons, self.anchors).all(axis=1))
