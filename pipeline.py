@@ -61,7 +61,7 @@ class Pipeline:
     def __init__(self, trial: TrialDescription, settings: Settings, model: SensorModel) -> None:
         self.trial = trial
         self.settings = settings
-        rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, trial.geometry, settings.rest)
+        rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, trial.geometry, settings.rest, trial.floor)
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
         tendons = len(trial.structure.tendons)

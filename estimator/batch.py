@@ -1,6 +1,6 @@
 """The batch estimator: all frames of a trial in one graph, optimised by Levenberg-Marquardt."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import gtsam
@@ -14,6 +14,7 @@ from ..models.structure.external_loads import ExternalLoads
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.shape import Shape, Status
 from ..models.structure.structure import Structure
+from ..models.structure.support import Support
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import Flag, TendonLengths
 from .branches import OtherBranch
@@ -55,11 +56,39 @@ class BatchOptimizer:
         Raises:
             IndeterminateError: when measurements and priors leave some node undetermined.
         """
-        problem = self._problem(_without_lag(list(frames)))
+        live = LiveSmoother(self._builder.structure, self._builder.rest, self._settings)
+        live.keep()
+        frames = without_lag(list(frames))
+        yield from self.refined(frames, live, list(live.estimate(frames)), None, progress)
+
+    def refined(
+        self,
+        frames: list[TendonLengths],
+        live: LiveSmoother,
+        shapes: list[Shape],
+        supports: Sequence[Support] | None,
+        progress: Callable[[int, float], None] = lambda iteration, error: None,
+    ) -> Iterator[Shape]:
+        """Yield a shape for each frame, from the live estimate.
+
+        Args:
+            frames: lengths, in order of time.
+            live: the live smoother, which has kept what it learned, after the last frame.
+            shapes: its shapes.
+            supports: the force of gravity and floor in each frame; None where it is always the same.
+            progress: see `estimate`.
+
+        Raises:
+            IndeterminateError: see `estimate`.
+        """
+        problem = self._problem(frames, live, shapes, supports)
         try:
             values, converged = _optimize(problem.graph, problem.start, progress)
             positions = np.array(gtsam.utilities.extractPoint3(values)).reshape(-1, self._builder.node_count, 3)
-            assessments = list(map(self._assessed, positions, problem.measured, problem.doubts))
+            assessments = [
+                self._assessed(positions[k], problem.measured[k], problem.doubts[k], supports[k] if supports else None)
+                for k in range(len(positions))
+            ]
         except RuntimeError as error:
             raise IndeterminateError(str(error).splitlines()[0]) from error
         frames = [measured.lengths for measured in problem.measured]
@@ -78,25 +107,32 @@ class BatchOptimizer:
             )
             yield branches.with_other(shape)
 
-    def _assessed(self, position_m: NDArray[np.float64], measured: WeightedLengths, doubt: Doubt) -> Assessment:
+    def _assessed(
+        self, position_m: NDArray[np.float64], measured: WeightedLengths, doubt: Doubt, support: Support | None
+    ) -> Assessment:
         """Return the covariance and the loads of one frame."""
+        if support is not None:
+            self._builder.stand_on(support)
         self._builder.approach(position_m)
         return self._evidence.assess(linearised(self._builder, position_m, measured), position_m, doubt)
 
-    def _problem(self, frames: list[TendonLengths]) -> "_Problem":
+    def _problem(
+        self,
+        frames: list[TendonLengths],
+        live: LiveSmoother,
+        shapes: list[Shape],
+        supports: Sequence[Support] | None,
+    ) -> "_Problem":
         """Return the graph of all frames; its start is the live estimate of each frame."""
         problem = _Problem(gtsam.NonlinearFactorGraph(), gtsam.Values(), [], [])
         times_s = [lengths.t_s for lengths in frames]
-        live = LiveSmoother(self._builder.structure, self._builder.rest, self._settings)
-        live.modes.kept = []
-        live.drift.kept = []
-        live.doubt.kept = []
-        shapes = list(live.estimate(frames))
-        admitted = _admitted(live.modes.smoothed(frames), shapes, smoothed(live.drift.kept))
+        admitted = _admitted(live.modes.smoothed(frames), shapes, smoothed(live.drift.kept or []))
         problem.doubts.extend(live.doubt.smoothed(frames))
         for frame, (shape, lengths) in enumerate(zip(shapes, admitted, strict=True)):
             measured = weigh(lengths, self._builder.noise).scaled(problem.doubts[frame].length_scale)
             problem.measured.append(measured)
+            if supports is not None:
+                self._builder.stand_on(supports[frame])
             self._builder.approach(shape.node_position_m)
             self._builder.add_frame(problem.graph, frame, measured)
             self._builder.add_motion(problem.graph, frame, times_s[max(frame - 2, 0) : frame + 1])
@@ -144,14 +180,14 @@ def _averaged_loads(loads: list[ExternalLoads | None], frames: list[TendonLength
     return [replace(frame_loads, force_n=force) for frame_loads, force in zip(known_loads, averaged_n, strict=True)]
 
 
-def _without_lag(frames: list[TendonLengths]) -> list[TendonLengths]:
+def without_lag(frames: list[TendonLengths]) -> list[TendonLengths]:
     """Return the frames, each with the lengths of the later frame in which the sensors show its state."""
     t_s = np.array([lengths.t_s for lengths in frames])
     shown_s = t_s + [lengths.lag_s for lengths in frames]
     after = np.minimum(np.searchsorted(t_s, shown_s), len(t_s) - 1)
     before = np.maximum(after - 1, 0)
     nearest = np.where(shown_s - t_s[before] < t_s[after] - shown_s, before, after)
-    return [replace(frames[later], t_s=lengths.t_s) for lengths, later in zip(frames, nearest, strict=True)]
+    return [replace(frames[later], t_s=lengths.t_s, aids=lengths.aids) for lengths, later in zip(frames, nearest, strict=True)]
 
 
 def _optimize(

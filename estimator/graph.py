@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..factors.anchor import anchor_factors
 from ..factors.equilibrium import equilibrium_factor, squared_norms
+from ..factors.gauge import gauge_factor
 from ..factors.keys import frame_keys
 from ..factors.motion import constant_velocity_factors, still_factors
 from ..factors.noise import WeightedLengths
@@ -18,10 +19,11 @@ from ..factors.tendon import tendon_factors
 from ..models.estimation import NoiseSettings
 from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.rest_shape import RestShape
-from ..models.structure.rigidity import SINGULAR
+from ..models.structure.rigidity import SINGULAR, rigid_motions
 from ..models.structure.shape import Reason, Status
 from ..models.structure.statics import Statics
 from ..models.structure.structure import Structure
+from ..models.structure.support import Support
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import TendonLengths
 
@@ -54,9 +56,11 @@ class GraphBuilder:
         self.node_count = structure.node_count
         self._free = structure.free_nodes.tolist()
         self.statics = Statics(structure, rest.mechanics) if rest.mechanics else None
+        self._motions = rigid_motions(rest.node_position_m) if structure.is_free_standing else None
         self._near_m = np.full_like(rest.node_position_m, np.inf)
         self.force_sigma_n = np.zeros(0)
         """(rows,) standard deviation of the balance of forces at a node without load, near the present shape."""
+        self._near_variance = np.zeros(0)
         self.approach(rest.node_position_m)
 
     def approach(self, node_position_m: NDArray[np.float64]) -> None:
@@ -69,7 +73,27 @@ class GraphBuilder:
             by_mechanics = np.concatenate(self.statics.mechanics_jacobian(node_position_m), axis=-1)
             by_row = propagated_variance(by_mechanics, self.rest.mechanics_covariance)
             variance += squared_norms(np.sqrt(by_row), self.statics) / self.statics.rank_of_row
-        self.force_sigma_n = np.sqrt(variance)
+        self._near_variance = variance
+        self._add_support(self.statics)
+
+    @property
+    def gauge(self) -> NDArray[np.float64]:
+        """(6, 3 nodes) rigid motions that the gauge fixes; no rows where nodes are anchored."""
+        return np.zeros((0, 3 * self.node_count)) if self._motions is None else self._motions.T
+
+    def stand_on(self, support: Support) -> None:
+        """Use another force of gravity and floor from the next frame on."""
+        if self.statics is not None:
+            self.statics = self.statics.supported(support)
+            self._add_support(self.statics)
+
+    @property
+    def internal_variance_n2(self) -> NDArray[np.float64]:
+        """(rows,) variance of the balance of forces near the present shape, by unknown mechanics and hubs."""
+        return self._near_variance - self.noise.force_n**2
+
+    def _add_support(self, statics: Statics) -> None:
+        self.force_sigma_n = np.sqrt(self._near_variance + statics.support_variance_n2(self._near_m))
 
     def keys(self, frame: int) -> range:
         """Return the keys of all nodes of a frame."""
@@ -92,6 +116,8 @@ class GraphBuilder:
             shape_prior_factors(self._free, keys, self.rest.node_position_m, self.noise.shape_prior_m),
         ):
             _add(graph, factors)
+        if self._motions is not None:
+            graph.add(gauge_factor(keys, self._motions, self.rest.node_position_m))
         if self.statics:
             graph.add(equilibrium_factor(self.statics, keys, self.force_sigma_n))
 
@@ -141,7 +167,7 @@ class GraphBuilder:
             return None
         members = np.concatenate([self.structure.rods, self.structure.tendons[lengths.usable]])
         jacobian = length_jacobian(self.rest.node_position_m, members, self.structure.free_coordinates)
-        _, singular_value, motion = np.linalg.svd(jacobian)
+        _, singular_value, motion = np.linalg.svd(np.concatenate([jacobian, self.gauge]))
         rank = int((singular_value > SINGULAR).sum())
         if rank == jacobian.shape[1]:
             return None

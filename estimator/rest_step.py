@@ -26,11 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from ..models.structure.floor import UP, Floor
 from ..models.structure.lengths import length_jacobian, member_length_m
 from ..models.structure.rest_shape import GeometrySigma, RestSettings, RestShape, WrongPart
 from ..models.structure.rigidity import find_rest_shape
 from ..models.structure.statics import Mechanics, Statics
 from ..models.structure.structure import Structure
+from ..models.structure.support import Support, hung_up, standing, weightless
 
 WRONG_ROD_M = 0.001
 """Standard deviation of a rod's length, if the rods are what was told wrongly."""
@@ -50,6 +52,7 @@ def rest_step(
     measured_position_m: NDArray[np.float64] | None,
     geometry: GeometrySigma,
     settings: RestSettings,
+    floor: Floor | None = None,
 ) -> RestShape:
     """Return the rest shape with its covariance, the geometry estimated with it, and the mechanics that balance there.
 
@@ -59,6 +62,7 @@ def rest_step(
         measured_position_m: (nodes, 3) the measured rest shape; None where it was not measured.
         geometry: how exactly rods, anchors and the ends of the tendons are known.
         settings: the standard deviations of what else is known beforehand.
+        floor: the floor that the structure stands on; None where anchors hold it.
 
     Raises:
         IndeterminateError: when neither a measurement nor form finding gives a shape.
@@ -71,7 +75,8 @@ def rest_step(
     else:
         known_m = measured_position_m
         sigma_m = settings.measured_sigma_m
-    told = _RestProblem(structure, mechanics, known_m, sigma_m, geometry, settings)
+    support = _support(structure, mechanics, known_m, floor)
+    told = _RestProblem(structure, mechanics, known_m, sigma_m, geometry, settings, support)
     problem, minimum, wrong = _most_probable(told, source)
     position_m = problem.position_m(minimum.z)
     size = 3 * structure.node_count
@@ -89,14 +94,21 @@ def rest_step(
     if mechanics is None:
         return found
     tared = problem.tared(mechanics, minimum.z)
-    unbalanced_n = (_rms_n(structure, mechanics, position_m), _rms_n(structure, tared, position_m))
+    supported = problem.supported(minimum.z)
+    unbalanced_n = (
+        _rms_n(Statics(structure, mechanics).supported(supported), position_m),
+        _rms_n(Statics(structure, tared).supported(supported), position_m),
+    )
     if problem.geometry.hub_radius_m > 0:
-        tared = replace(tared, offset_n=-Statics(structure, tared).node_residual_n(position_m))
-    scale = np.repeat([settings.stiffness_spread, settings.natural_length_sigma_m], len(structure.tendons))
+        balance = Statics(structure, tared).supported(supported)
+        tared = replace(tared, offset_n=-balance.node_residual_n(position_m))
+    tendons = len(structure.tendons)
+    scale = np.repeat([settings.stiffness_spread, settings.natural_length_sigma_m], tendons)
+    by_mechanics = np.linalg.inv(minimum.information[size:, size:])[: 2 * tendons, : 2 * tendons]
     return replace(
         found,
         mechanics=tared,
-        mechanics_covariance=scale[:, None] * np.linalg.inv(minimum.information[size:, size:]) * scale,
+        mechanics_covariance=scale[:, None] * by_mechanics * scale,
         unbalanced_n=unbalanced_n,
         hub_force_n=problem.hub_force_n,
     )
@@ -117,8 +129,8 @@ class _Minimum:
 class _RestProblem:
     """The sum to minimise as a function of z.
 
-    z holds the deviations of nodes, log stiffnesses and natural lengths from their known values, each divided by its
-    sigma.
+    z holds the deviations of nodes, log stiffnesses, natural lengths, and forces of the floor at the nodes that it
+    carries from their known values, each divided by its sigma.
     """
 
     structure: Structure
@@ -129,6 +141,8 @@ class _RestProblem:
     """Standard deviation of known_m, per axis."""
     geometry: GeometrySigma
     settings: RestSettings
+    support: Support | None
+    """The force of gravity and floor; None without mechanics."""
 
     @property
     def coordinates(self) -> int:
@@ -152,14 +166,15 @@ class _RestProblem:
 
     def tared(self, nominal: Mechanics, z: NDArray[np.float64]) -> Mechanics:
         """Return the nominal mechanics with the stiffnesses and natural lengths at z."""
-        by_log_stiffness, by_length = z[self.coordinates :].reshape(2, -1)
+        tendons = len(self.structure.tendons)
+        by_log_stiffness, by_length = z[self.coordinates : self.coordinates + 2 * tendons].reshape(2, -1)
         stiffness = nominal.stiffness_n_per_m * np.exp(self.settings.stiffness_spread * by_log_stiffness)
         natural_length_m = nominal.natural_length_m + self.settings.natural_length_sigma_m * by_length
         return replace(nominal, stiffness_n_per_m=stiffness, natural_length_m=natural_length_m)
 
     def minimum(self) -> _Minimum:
         """Return the z that minimises |rows(z)|^2 + |z|^2."""
-        size = self.coordinates + (2 * len(self.structure.tendons) if self.nominal else 0)
+        size = self.coordinates + (2 * len(self.structure.tendons) + 3 * len(self._carried) if self.nominal else 0)
         solution = least_squares(
             lambda z: np.concatenate([self.rows(z)[0], z]),
             np.zeros(size),
@@ -195,6 +210,22 @@ class _RestProblem:
         return np.concatenate(rows), np.concatenate([jacobian, force_jacobian])
 
     @property
+    def _carried(self) -> NDArray[np.int64]:
+        """(carried,) the nodes that the floor may carry."""
+        if self.support is None:
+            return np.zeros(0, dtype=np.int64)
+        return np.flatnonzero(np.trace(self.support.covariance_n2, axis1=1, axis2=2) > 0)
+
+    def supported(self, z: NDArray[np.float64]) -> Support:
+        """Return the force of gravity and floor at z."""
+        assert self.support is not None, "forces need mechanics"
+        carried = self._carried
+        force_n = self.support.force_n.copy()
+        root = np.linalg.cholesky(self.support.covariance_n2[carried])
+        force_n[carried] += np.einsum("nij,nj->ni", root, z[len(z) - 3 * len(carried) :].reshape(-1, 3))
+        return Support(force_n, np.zeros_like(self.support.covariance_n2))
+
+    @property
     def _force_sigma_n(self) -> float:
         return float(np.hypot(self.settings.force_sigma_n, self.hub_force_n))
 
@@ -202,14 +233,19 @@ class _RestProblem:
         """Return the residuals of `Statics` over their sigma, and their Jacobian by z; no rows without mechanics."""
         if self.nominal is None:
             return np.zeros(0), np.zeros((0, len(z)))
-        statics = Statics(self.structure, self.tared(self.nominal, z))
+        assert self.support is not None, "forces need mechanics"
+        statics = Statics(self.structure, self.tared(self.nominal, z)).supported(self.supported(z))
         position = self.position_m(z)
+        carried = self._carried
+        by_force = statics.outer_force_jacobian(position).reshape(len(statics.group), -1, 3)[:, carried]
+        by_force = np.einsum("rnj,nji->rni", by_force, np.linalg.cholesky(self.support.covariance_n2[carried]))
         r, by_position = statics.residual_and_jacobian(position)
         by_log_stiffness, by_natural_length = statics.mechanics_jacobian(position)
         parts = [
             self.sigma_m * by_position,
             self.settings.stiffness_spread * by_log_stiffness,
             self.settings.natural_length_sigma_m * by_natural_length,
+            by_force.reshape(len(r), -1),
         ]
         return r / self._force_sigma_n, np.concatenate(parts, axis=1) / self._force_sigma_n
 
@@ -237,6 +273,19 @@ def _most_probable(
     return chosen
 
 
-def _rms_n(structure: Structure, mechanics: Mechanics, position_m: NDArray[np.float64]) -> float:
+def _support(
+    structure: Structure, mechanics: Mechanics | None, node_position_m: NDArray[np.float64], floor: Floor | None
+) -> Support | None:
+    """Return the force of gravity and floor at rest; None without mechanics."""
+    if mechanics is None:
+        return None
+    if floor is None:
+        hangs_free = structure.is_free_standing
+        return (weightless if hangs_free else hung_up)(structure, mechanics.rod_mass_kg)
+    carried = floor.carries_at_rest(node_position_m).astype(np.float64)
+    return standing(structure, mechanics.rod_mass_kg, node_position_m, UP, 0.0, carried)
+
+
+def _rms_n(statics: Statics, position_m: NDArray[np.float64]) -> float:
     """Return the root mean square of the unbalanced forces."""
-    return float(np.sqrt(np.mean(Statics(structure, mechanics).residual_n(position_m) ** 2)))
+    return float(np.sqrt(np.mean(statics.residual_n(position_m) ** 2)))

@@ -19,7 +19,7 @@ from .branches import OtherBranch
 from .doubt import ModelDoubt
 from .graph import GraphBuilder, status_of
 from .health import SensorHealth
-from .linear_frame import linearised
+from .linear_frame import LinearFrame, linearised
 from .mode_choice import ModeChoice
 from .sensor_drift import OwnDrift
 from .uncertainty import FrameEvidence
@@ -36,7 +36,7 @@ class LiveSmoother:
     """Estimates the shape in the newest frame from this and all earlier frames, in bounded time and memory."""
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
-        self._builder = GraphBuilder(structure, rest, settings.noise)
+        self.builder = self._builder = GraphBuilder(structure, rest, settings.noise)
         self._evidence = FrameEvidence(self._builder, settings.doubt)
         self._health = SensorHealth(self._builder, settings.health) if rest.mechanics else None
         self.doubt = ModelDoubt(self._builder, settings.doubt)
@@ -45,6 +45,8 @@ class LiveSmoother:
         self._branches = OtherBranch(self._builder, settings.branch)
         self._lag = settings.smoother.lag
         self._isam = gtsam.ISAM2(_isam2_parameters(settings.smoother.relinearize_m))
+        self.linear: LinearFrame | None = None
+        """The factors of the newest frame, linearised at its shape."""
         self._frame = 0
         self._times_s: deque[float] = deque(maxlen=3)
         self._positions: deque[NDArray[np.float64]] = deque([rest.node_position_m] * 2, maxlen=2)
@@ -52,6 +54,12 @@ class LiveSmoother:
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
         """Yield a shape for each frame, as soon as the frame arrives."""
         return map(self.update, frames)
+
+    def keep(self) -> None:
+        """Keep what is learned in each frame, for a smoother; live, memory is bounded."""
+        self.modes.kept = []
+        self.drift.kept = []
+        self.doubt.kept = []
 
     def update(self, lengths: TendonLengths) -> Shape:
         """Return the shape in one more frame.
@@ -72,6 +80,7 @@ class LiveSmoother:
         try:
             position = self._smoothed(admitted)
             frame = linearised(self._builder, position, admitted)
+            self.linear = frame
             self.doubt.observe(lengths.t_s, frame, scale)
             doubt = self.doubt.about(lengths)
             assessment = self._evidence.assess(frame, position, doubt)

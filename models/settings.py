@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from .estimation import BranchSettings, DoubtSettings, HealthSettings, NoiseSettings, SmootherSettings
+from .pose.settings import PoseSettings
 from .sensor.clock import ClockSettings
 from .sensor.frames import FrameSettings
 from .sensor.front_end import FrontEndSettings
@@ -32,3 +33,4 @@ class Settings:
     health: HealthSettings = field(default_factory=HealthSettings)
     doubt: DoubtSettings = field(default_factory=DoubtSettings)
     branch: BranchSettings = field(default_factory=BranchSettings)
+    pose: PoseSettings = field(default_factory=PoseSettings)

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from .sensor.clock import ClockSettings
 from .sensor.divider import Divider
 from .sensor.resistance import Boards
+from .structure.floor import Floor
 from .structure.rest_shape import GeometrySigma
 from .structure.statics import Mechanics
 from .structure.structure import Structure
+from .values.aids import Imu
 from .values.errors import InputError
 from .values.tables import AtLeastOne, NotNegative, Positive, parse_table, unknown_keys
 
@@ -70,6 +72,53 @@ class RestTable:
 
     seconds: NotNegative = 0.0
     node_position_m: list[tuple[float, float, float]] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GroundTable:
+    """`[ground]`: the floor that a structure without anchors stands on, see `Floor`."""
+
+    height_m: float
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    def floor(self) -> Floor:
+        """Return the floor.
+
+        Raises:
+            InputError: for a height or a normal that is none.
+        """
+        normal = np.array(self.normal)
+        length = float(np.linalg.norm(normal))
+        if not np.isfinite(normal).all() or abs(length - 1) > 0.01 or normal[2] <= 0:
+            raise InputError(f"ground.normal: expected a unit vector upward, got {list(self.normal)}")
+        if not np.isfinite(self.height_m):
+            raise InputError(f"ground.height_m: expected a finite number, got {self.height_m}")
+        return Floor(self.height_m, normal / length)
+
+
+@dataclass(frozen=True, slots=True)
+class ImuTable:
+    """`[[imu]]`, see `Imu`."""
+
+    file: str
+    rod: int
+    axis: tuple[float, float, float]
+    fraction: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class RangeTable:
+    """`[[range]]`: one recording of distances between beacons and nodes."""
+
+    file: str
+    beacon_position_m: list[tuple[float, float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class PositionTable:
+    """`[[position]]`: one recording of positions of some nodes in the world."""
+
+    file: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +190,7 @@ class TruthTable:
 
     file: str
     loads: str | None = None
+    contacts: str | None = None
     fault: list[FaultTable] = field(default_factory=list)
 
 
@@ -156,6 +206,10 @@ class TrialTable:
     recorded_utc: str | None = None
     mechanics: MechanicsTable | None = None
     rest: RestTable = field(default_factory=RestTable)
+    ground: GroundTable | None = None
+    imu: list[ImuTable] = field(default_factory=list)
+    range: list[RangeTable] = field(default_factory=list)
+    position: list[PositionTable] = field(default_factory=list)
     adc: AdcTable | None = None
     sensors: SensorsTable | None = None
     board: list[BoardTable] = field(default_factory=list)
@@ -189,6 +243,12 @@ class TrialDescription:
     the numbers after those of the tendons."""
     reference_strips: int
     """Number of the strips that are tied to no tendon and keep their length: what they read is drift."""
+    floor: Floor | None
+    """The floor that the structure stands on; None where it is anchored, or carried in a hand."""
+    imus: tuple[Imu, ...]
+    """The inertial sensors, in the order of their numbers."""
+    beacon_position_m: tuple[NDArray[np.float64], ...]
+    """(beacons, 3) for each recording of distances."""
     ignored_keys: tuple[str, ...]
     """Dotted names in trial.toml that are not read."""
 
@@ -246,8 +306,30 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
         divider=_divider(table) if source == "counts" else None,
         tendons_of_board=tendons_of_board,
         reference_strips=sum(int(np.sum(tendons >= len(structure.tendons))) for tendons in tendons_of_board),
+        floor=table.ground.floor() if table.ground else None,
+        imus=tuple(_imu(number, imu, structure) for number, imu in enumerate(table.imu)),
+        beacon_position_m=tuple(_beacons(number, ranges) for number, ranges in enumerate(table.range)),
         ignored_keys=ignored_keys,
     )
+
+
+def _imu(number: int, table: ImuTable, structure: Structure) -> Imu:
+    if not 0 <= table.rod < len(structure.rods):
+        raise InputError(f"imu[{number}].rod: expected a rod from 0 to {len(structure.rods) - 1}, got {table.rod}")
+    axis = np.array(table.axis)
+    length = float(np.linalg.norm(axis))
+    if not np.isfinite(length) or abs(length - 1) > 0.01:
+        raise InputError(f"imu[{number}].axis: expected a unit vector, got {list(table.axis)}")
+    if not 0 <= table.fraction <= 1:
+        raise InputError(f"imu[{number}].fraction: expected a number from 0 to 1, got {table.fraction}")
+    return Imu(table.rod, table.fraction, axis / length)
+
+
+def _beacons(number: int, table: RangeTable) -> NDArray[np.float64]:
+    position_m = np.array(table.beacon_position_m).reshape(-1, 3)
+    if not len(position_m) or not np.isfinite(position_m).all():
+        raise InputError(f"range[{number}].beacon_position_m: expected finite rows of x, y, z")
+    return position_m
 
 
 def _mechanics(table: MechanicsTable, structure: Structure) -> Mechanics:

@@ -11,7 +11,7 @@ from ..values.errors import InputError
 from ..values.readings import TendonLengths
 from .external_loads import ExternalLoads
 from .lengths import length_jacobian, propagated_variance
-from .rigidity import branch, free_length_jacobian
+from .rigidity import branch, held_jacobian
 from .shape import Ellipsoids, OtherShape, Reason, Shape, Status, ellipsoids, node_blocks, node_sigma_m
 from .structure import Structure
 
@@ -142,7 +142,7 @@ class Reconstruction:
     @cached_property
     def _smallest_singular(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(frames,) smallest singular value of the length Jacobian, (frames, free coordinates) its right vector."""
-        _, singular_value, motion = np.linalg.svd(free_length_jacobian(self.structure, self.node_position_m))
+        _, singular_value, motion = np.linalg.svd(held_jacobian(self.structure, self.node_position_m))
         full_rank = singular_value.shape[-1] == motion.shape[-1]
         return singular_value[:, -1] if full_rank else np.zeros(len(self)), motion[:, -1]
 

@@ -44,9 +44,26 @@ def free_length_jacobian(structure: Structure, node_position_m: NDArray[np.float
     return length_jacobian(node_position_m, structure.free_members, structure.free_coordinates)
 
 
+def rigid_motions(node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., 3 nodes, 6) orthonormal displacements of all nodes that change no length: shifts and turns."""
+    centred = node_position_m - node_position_m.mean(axis=-2, keepdims=True)
+    shifts = np.broadcast_to(np.eye(3), (*centred.shape[:-1], 3, 3))
+    turns = np.cross(np.eye(3), centred[..., None, :])  # (..., nodes, axis, 3)
+    motions = np.concatenate([np.swapaxes(shifts, -1, -2), np.swapaxes(turns, -1, -2)], axis=-1)
+    return np.asarray(np.linalg.qr(motions.reshape(*motions.shape[:-3], -1, 6))[0])
+
+
+def held_jacobian(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the length Jacobian; where no node is anchored, the six rigid motions are further rows of it."""
+    jacobian = free_length_jacobian(structure, node_position_m)
+    if not structure.is_free_standing:
+        return jacobian
+    return np.concatenate([jacobian, np.swapaxes(rigid_motions(node_position_m), -1, -2)], axis=-2)
+
+
 def rigidity(structure: Structure, node_position_m: NDArray[np.float64]) -> Rigidity:
     """Return rank, mechanisms and self-stresses at (nodes, 3) positions."""
-    jacobian = free_length_jacobian(structure, node_position_m)
+    jacobian = held_jacobian(structure, node_position_m)
     _, singular_value, motion = np.linalg.svd(jacobian, full_matrices=True)
     rank = int((singular_value > SINGULAR).sum())
     rows, columns = jacobian.shape

@@ -91,7 +91,7 @@ class OtherShape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """The node positions at one instant, in the coordinate frame of the anchors."""
+    """The node positions at one instant, in the coordinate frame of the anchors, of the floor, or of the rest shape."""
 
     t_s: float
     node_position_m: NDArray[np.float64]
@@ -107,6 +107,8 @@ class Shape:
     """The second shape, when the status is `two_shapes`."""
     doubt: Reason | None = None
     """What explains the readings better than the model, when there is such an explanation."""
+    contacts: NDArray[np.float64] | None = None
+    """(nodes,) probability that the floor carries each node; None where there is no floor."""
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:

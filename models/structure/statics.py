@@ -12,6 +12,7 @@ makes them r_n = -(I - w w^T) F_n, s = -w^T (F_i + F_j). A load along a rod that
 appear in the residual, because the anchor takes it.
 """
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .structure import Structure
-
-GRAVITY_M_PER_S2 = 9.81
+from .support import Support, hung_up
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,9 +56,7 @@ class Statics:
         self._incidence[self._a, tendons] = 1.0
         self._incidence[self._b, tendons] = -1.0
         self._pairs = -(self._incidence[:, None] * self._incidence[None]).reshape(count * count, -1)
-        weight_n = np.zeros((count, 3))
-        np.add.at(weight_n[:, 2], structure.rods.ravel(), -0.5 * mechanics.rod_mass_kg * GRAVITY_M_PER_S2)
-        self._weight_n = weight_n + mechanics.offset_n
+        self._stand_on(hung_up(structure, mechanics.rod_mass_kg))
         self.nodes = structure.free_nodes
         partner = np.arange(count)
         partner[structure.rods] = structure.rods[:, ::-1]
@@ -73,10 +71,25 @@ class Statics:
         self.group_start = np.flatnonzero(np.diff(self.group, prepend=-1))
         """(groups,) the first row of each group."""
 
+    def supported(self, support: Support) -> "Statics":
+        """Return the same balance with another force of gravity and floor."""
+        other = copy(self)
+        other._stand_on(support)
+        return other
+
+    def _stand_on(self, support: Support) -> None:
+        self._support = support
+        self._outer_n = support.force_n + self.mechanics.offset_n
+
+    @property
+    def outer_force_n(self) -> NDArray[np.float64]:
+        """(nodes, 3) the force of gravity and floor."""
+        return self._support.force_n
+
     def node_force_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., nodes, 3), the force f of tendons and gravity at each node."""
         unit, _, _, tension = self._tensions(node_position_m)
-        return np.asarray(self._weight_n - self._incidence @ (tension[..., None] * unit))
+        return np.asarray(self._outer_n - self._incidence @ (tension[..., None] * unit))
 
     def residual_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows), the residuals r and s: the part of the forces that rods and anchors cannot balance."""
@@ -133,7 +146,7 @@ class Statics:
         count = self.structure.node_count
         eye = np.eye(3)
         unit, length, stiffness, tension = self._tensions(x)
-        force = self._weight_n - self._incidence @ (tension[..., None] * unit)
+        force = self._outer_n - self._incidence @ (tension[..., None] * unit)
         uu = unit[..., :, None] * unit[..., None, :]
         tangent = stiffness[..., None, None] * uu + (tension / length)[..., None, None] * (eye - uu)
         K = (self._pairs @ tangent.reshape(*lead, -1, 9)).reshape(*lead, count, count, 3, 3)
@@ -160,6 +173,35 @@ class Statics:
 
         r = np.concatenate([(f - w * wf).reshape(*lead, -1), np.sum(w_floating * f_rod, axis=-1)], axis=-1)
         return r, np.concatenate([across, axial], axis=-2)
+
+    def support_variance_n2(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (rows,) the variance of the residuals by that of the support, with one value in each group.
+
+        Args:
+            node_position_m: (nodes, 3)
+        """
+        covariance = self._support.covariance_n2
+        w, _, along, _ = self._rods(node_position_m)
+        at_node = covariance[self.nodes]
+        across = np.trace(at_node, axis1=-2, axis2=-1) - np.einsum("ni,nij,nj->n", w, at_node, w)
+        axial = np.einsum("ri,rij,rj->r", along, covariance[self.floating_rods].sum(axis=1), along)
+        return np.asarray(np.concatenate([across / self.rows_per_node, axial])[self.group])
+
+    def outer_force_jacobian(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (rows, 3 nodes), the derivatives of the residuals by forces at the nodes.
+
+        Args:
+            node_position_m: (nodes, 3)
+        """
+        w, _, along, _ = self._rods(node_position_m)
+        jacobian = np.zeros((len(self.group), self.structure.node_count, 3))
+        index = np.arange(len(self.nodes))
+        across = jacobian[: 3 * len(self.nodes)].reshape(len(self.nodes), 3, -1, 3)
+        across[index, :, self.nodes] = np.eye(3) - w[:, :, None] * w[:, None, :]
+        rods = np.arange(len(self.floating_rods))
+        for end in (0, 1):
+            jacobian[3 * len(self.nodes) + rods, self.floating_rods[:, end]] = along
+        return jacobian.reshape(len(jacobian), -1)
 
     def mechanics_jacobian(self, node_position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return the derivatives (..., rows, tendons) of the residuals by log k and by L0."""

@@ -1,4 +1,4 @@
-"""The structure: rods connected by tendons, of which some nodes are anchored."""
+"""The structure: rods connected by tendons, of which some nodes are anchored, or none."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -83,6 +83,11 @@ class Structure:
     def free_members(self) -> NDArray[np.int64]:
         """(rods + free tendons, 2) node pairs of the members whose lengths depend on the shape."""
         return np.concatenate([self.rods, self.tendons[self.is_free_tendon]])
+
+    @property
+    def is_free_standing(self) -> bool:
+        """Whether no node is anchored, so that lengths say nothing of where the structure is and how it is turned."""
+        return len(self.anchors) == 0
 
     @property
     def is_square(self) -> bool:
@@ -220,9 +225,11 @@ def _positive(name: str, value: ArrayLike, count: int) -> NDArray[np.float64]:
 
 
 def _anchor_positions(value: ArrayLike, count: int) -> NDArray[np.float64]:
-    position = np.array(value, dtype=np.float64)
+    position = np.array(value, dtype=np.float64).reshape(-1, 3) if count == 0 else np.array(value, dtype=np.float64)
     if position.shape != (count, 3) or not np.isfinite(position).all():
         raise InputError(f"anchor_position_m: expected {count} finite rows of x, y, z, got shape {position.shape}")
+    if count == 0:
+        return position
     spread = np.linalg.svd(position - position.mean(axis=0), compute_uv=False)
     if spread[1] < 1e-3 * max(spread[0], 1e-9):
         raise InputError("anchor_position_m: the anchors lie on one line: expected a triangle, so that nothing turns")
@@ -252,8 +259,8 @@ def _check_topology(rods: NDArray[np.int64], tendons: NDArray[np.int64], anchors
         tendon_of[pair] = index
     for node in np.setdiff1d(np.arange(node_count), tendons):
         raise InputError(f"node {node}: no tendon holds it")
-    if len(anchors) < 3:
-        raise InputError(f"anchors: expected at least 3 nodes of known position, got {len(anchors)}")
+    if 0 < len(anchors) < 3:
+        raise InputError(f"anchors: expected at least 3 nodes of known position, or none, got {len(anchors)}")
     for index, node in enumerate(anchors):
         if not 0 <= node < node_count:
             raise InputError(f"anchors[{index}]: node {node} out of range: expected 0 to {node_count - 1}")

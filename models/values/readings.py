@@ -6,6 +6,8 @@ from enum import IntEnum, IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from .aids import AidReading
+
 
 class Mode(IntEnum):
     """How a tendon is strained, eq. (3)."""
@@ -177,6 +179,8 @@ class TendonLengths:
     """The drift that was taken off; None for lengths that were not computed from resistance."""
     modes: ModeReadings | None = None
     """The lengths in each mode; None for lengths that were not computed from resistance."""
+    aids: tuple[AidReading, ...] = ()
+    """The readings of other sensors since the instant before, in order of time."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:

@@ -1,0 +1,77 @@
+"""Which nodes the floor carries.
+
+Where inertial sensors on two rods or more tell how the structure is turned, heights tell it: each node is a hidden
+Markov model of two regimes. A node that stands is at the height of the lowest one, within the uncertainty of pose and
+shape; one that does not is above it by `lifted_m` on average. The lowest node stands, because a robot does not fly.
+
+Elsewhere the balance of forces tells it, see `estimator.resting_faces`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.pose.placed import PlacedShape
+from ..models.pose.settings import PoseSettings
+from ..models.structure.floor import Floor
+
+STANDING_SHARE = 0.25
+"""Share of the nodes that stand."""
+CERTAIN = 1e-3
+"""Least probability of standing or not."""
+HYSTERESIS = 0.2
+"""A node is put on the floor above, and lifted below, the probability of a half by this difference."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Standing:
+    """Which nodes stand in one frame."""
+
+    nodes: NDArray[np.bool_]
+    """(nodes,)"""
+    probability: NDArray[np.float64]
+    """(nodes,) that the floor carries each node."""
+    others: tuple[tuple[float, NDArray[np.bool_]], ...] = ()
+    """Other sets of (nodes,) that may stand instead, each with its probability."""
+
+
+class ContactsByHeight:
+    """Follows which nodes stand by their heights, frame by frame."""
+
+    def __init__(self, floor: Floor, standing: NDArray[np.bool_], settings: PoseSettings) -> None:
+        self._floor = floor
+        self._settings = settings
+        self._standing = standing
+        self._probability = np.clip(standing.astype(np.float64), CERTAIN, 1 - CERTAIN)
+
+    def observe(self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float) -> Standing:
+        """Return which nodes stand in one more frame.
+
+        Args:
+            placed: the shape in the world, as predicted.
+            covariance: (size, size) of the errors of its state.
+            step_s: time since the frame before.
+        """
+        n = self._floor.normal
+        clearance_m = self._floor.clearance_m(placed.node_position_m)
+        lowest = int(np.argmin(clearance_m))
+        at = placed.state.layout.turn
+        by_turn = n @ placed.jacobian[:, :, at] - n @ placed.jacobian[lowest, :, at]
+        heights = np.einsum("i,klij,j->kl", n, placed.covariance_m2, n)
+        of_shape = np.diag(heights) + heights[lowest, lowest] - 2 * heights[lowest]
+        variance = np.einsum("ki,ij,kj->k", by_turn, covariance[at, at], by_turn) + of_shape
+        sigma_m = np.sqrt(variance + self._settings.floor_m**2)
+        return self._update(clearance_m - clearance_m[lowest], sigma_m, step_s)
+
+    def _update(self, height_m: NDArray[np.float64], sigma_m: NDArray[np.float64], step_s: float) -> Standing:
+        settings = self._settings
+        stay = np.exp(-settings.steps_per_s * step_s)
+        before = stay * self._probability + (1 - stay) * STANDING_SHARE
+        on_floor = np.exp(-0.5 * (height_m / sigma_m) ** 2) / (np.sqrt(2 * np.pi) * sigma_m)
+        lifted = np.exp(-height_m / settings.lifted_m) / settings.lifted_m
+        after = before * on_floor / (before * on_floor + (1 - before) * lifted)
+        self._probability = np.clip(after, CERTAIN, 1 - CERTAIN)
+        self._standing = self._probability > 0.5 + np.where(self._standing, -HYSTERESIS, HYSTERESIS)
+        self._standing[np.argmin(height_m)] = True
+        return Standing(self._standing, self._probability)

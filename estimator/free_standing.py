@@ -1,0 +1,246 @@
+"""A free-standing structure: its shape, where it is, and which of its nodes the floor carries.
+
+The shape is estimated in body coordinates by the estimators of anchored structures. Lengths and balance need no base,
+but the balance needs the direction of gravity and the forces of the floor, which the pose gives; the pose in turn needs
+the shape. Live both take turns, each with the other's newest estimate. In batch the poses of the live pass, smoothed,
+give the support of each frame for the optimisation of all shapes, and these shapes give the poses.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.pose.placed import PlacedShape
+from ..models.pose.robot import FreeStandingRobot
+from ..models.pose.state import PoseState
+from ..models.settings import Settings
+from ..models.structure.external_loads import ExternalLoads
+from ..models.structure.floor import UP, Floor
+from ..models.structure.rest_shape import RestShape
+from ..models.structure.shape import Shape
+from ..models.structure.structure import Structure
+from ..models.structure.support import Support, standing, weightless
+from ..models.values.aids import AidReading, PositionReading
+from ..models.values.readings import TendonLengths
+from .batch import BatchOptimizer, without_lag
+from .contacts import Standing
+from .pose_filter import PoseFilter, PoseStep, smoothed, tipping
+from .resting_faces import RestingFaces, balance_of
+from .smoother import LiveSmoother
+
+FACES_EVERY_S = 0.2
+"""Shortest time between two looks at the faces, each of which takes as long as several frames."""
+
+POSITIONS_HOLD_S = 0.2
+"""Time after which positions do not tell any more how the robot is turned."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Kept:
+    """What the live pass has learned of one frame, as the batch estimate needs it."""
+
+    pose: PoseStep
+    faces: NDArray[np.float64] | None
+    """(faces + edges,) probabilities, after an update of them."""
+
+
+class FreeStandingSmoother:
+    """Estimates shape, pose and contacts in the newest frame from this and all earlier frames."""
+
+    def __init__(self, structure: Structure, rest: RestShape, robot: FreeStandingRobot, settings: Settings) -> None:
+        self._structure = structure
+        self._rest = rest
+        self._robot = robot
+        self._settings = settings
+        self.shapes = LiveSmoother(structure, rest, settings)
+        self._poses = PoseFilter(rest, robot, settings.pose)
+        self._faces = resting_faces(structure, rest, robot, settings)
+        self._measured = MeasuredAttitude()
+        self._looked_s = -np.inf
+        self._last_m = rest.node_position_m
+        self._stand_on(self._poses.state, self._poses.covariance, self._poses.standing)
+        self.kept: list[_Kept] | None = None
+        """What was learned in each frame, for a smoother that puts a list here; live, memory is bounded."""
+
+    def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
+        """Yield a shape in the world for each frame, as soon as the frame arrives."""
+        for lengths in frames:
+            shape, step = self.update(lengths)
+            yield in_world(shape, self._rest, self._robot.floor, step.state, step.covariance, step.standing)
+
+    def update(self, lengths: TendonLengths) -> tuple[Shape, PoseStep]:
+        """Return the shape in one more frame, in body coordinates, and its pose."""
+        shape = self.shapes.update(lengths)
+        looked = self._look(shape)
+        measured = self._measured.observe(lengths)
+        stands = self._faces.standing if self._faces and not measured else None
+        step = self._poses.step(
+            lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands
+        )
+        self._last_m = shape.node_position_m
+        self._stand_on(step.state, step.covariance, step.standing)
+        if self.kept is not None:
+            self.kept.append(_Kept(step, self._faces.probability if self._faces and looked else None))
+        return shape, step
+
+    def _look(self, shape: Shape) -> bool:
+        """Look at the balance of forces, if faces are told by it and the last look is long ago."""
+        frame, statics = self.shapes.linear, self.shapes.builder.statics
+        step_s = min(shape.t_s - self._looked_s, 1.0)
+        if self._faces is None or frame is None or statics is None or step_s < 0.999 * FACES_EVERY_S:
+            return False
+        self._looked_s = shape.t_s
+        builder, x = self.shapes.builder, shape.node_position_m
+        variance = builder.internal_variance_n2 + self._settings.doubt.quiet_n**2
+        balance = balance_of(frame, statics.outer_force_jacobian(x), statics.outer_force_n, variance)
+        of_positions = self._faces.log_evidence_of_heights(x, *heights_between(shape.lengths.aids, self._robot.floor))
+        self._faces.predict(step_s)
+        self._faces.update(self._faces.log_evidence(balance, x), of_positions, step_s)
+        return True
+
+    def _stand_on(self, state: PoseState, covariance: NDArray[np.float64], stands: Standing) -> None:
+        self.shapes.builder.stand_on(
+            support_of(self._structure, self._rest, self._last_m, state, covariance, stands.probability)
+        )
+
+
+class FreeStandingOptimizer:
+    """Estimates shape, pose and contacts in every frame from all frames of the trial, earlier and later ones."""
+
+    def __init__(self, structure: Structure, rest: RestShape, robot: FreeStandingRobot, settings: Settings) -> None:
+        self._structure = structure
+        self._rest = rest
+        self._robot = robot
+        self._settings = settings
+
+    def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
+        """Yield a shape in the world for each frame, after all frames have been read.
+
+        Raises:
+            IndeterminateError: when measurements and priors leave some node undetermined.
+        """
+        live = FreeStandingSmoother(self._structure, self._rest, self._robot, self._settings)
+        live.shapes.keep()
+        live.kept = []
+        frames = without_lag(list(frames))
+        shapes = [live.update(lengths)[0] for lengths in frames]
+        contacts = self._contacts(live, frames)
+        poses = self._poses(frames, shapes, contacts)
+        supports = [
+            support_of(self._structure, self._rest, shape.node_position_m, state, covariance, step.standing.probability)
+            for shape, (state, covariance, step) in zip(shapes, poses, strict=True)
+        ]
+        optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
+        shapes = list(optimizer.refined(frames, live.shapes, shapes, supports))
+        for shape, (state, covariance, step) in zip(shapes, self._poses(frames, shapes, contacts), strict=True):
+            yield in_world(shape, self._rest, self._robot.floor, state, covariance, step.standing)
+
+    def _contacts(self, live: FreeStandingSmoother, frames: Sequence[TendonLengths]) -> list[Standing | None]:
+        """Return which nodes stand in each frame by the faces of the whole trial; None where heights tell it."""
+        assert live.kept is not None, "the live pass keeps what it learns"
+        looks = [k for k, kept in enumerate(live.kept) if kept.faces is not None]
+        faces = resting_faces(self._structure, self._rest, self._robot, self._settings)
+        if faces is None or not looks:
+            return [None] * len(frames)
+        smoothed_faces = faces.smoothed(FACES_EVERY_S, np.array([live.kept[k].faces for k in looks]))
+        nearest = np.searchsorted(looks, np.arange(len(frames)) + FACES_EVERY_S)
+        measured = MeasuredAttitude()
+        return [
+            None if measured.observe(lengths) else smoothed_faces[min(k, len(looks) - 1)]
+            for k, lengths in zip(nearest, frames, strict=True)
+        ]
+
+    def _poses(
+        self, frames: Sequence[TendonLengths], shapes: Sequence[Shape], contacts: Sequence[Standing | None]
+    ) -> list[tuple[PoseState, NDArray[np.float64], PoseStep]]:
+        """Return the state of the pose, its covariance and the filter's step in each frame."""
+        poses = PoseFilter(self._rest, self._robot, self._settings.pose)
+        steps = [
+            poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands)
+            for lengths, shape, stands in zip(frames, shapes, contacts, strict=True)
+        ]
+        return [(state, covariance, step) for (state, covariance), step in zip(smoothed(steps), steps, strict=True)]
+
+
+def resting_faces(
+    structure: Structure, rest: RestShape, robot: FreeStandingRobot, settings: Settings
+) -> RestingFaces | None:
+    """Return the filter of faces; None where inertial sensors tell how the robot turns, or forces are unknown."""
+    if rest.mechanics is None or robot.imus:
+        return None
+    stands = robot.floor.carries_at_rest(rest.node_position_m)
+    return RestingFaces(structure, rest.mechanics.rod_mass_kg, rest.node_position_m, stands, settings.doubt)
+
+
+class MeasuredAttitude:
+    """Tells whether the positions of two nodes or more were measured in the last moments."""
+
+    def __init__(self) -> None:
+        self._latest_s: dict[int, float] = {}
+
+    def observe(self, lengths: TendonLengths) -> bool:
+        """Return whether they were, in one more frame."""
+        for reading in lengths.aids:
+            if isinstance(reading, PositionReading):
+                self._latest_s[reading.node] = reading.t_s
+        return sum(lengths.t_s - latest_s < POSITIONS_HOLD_S for latest_s in self._latest_s.values()) > 1
+
+
+def heights_between(aids: Sequence[AidReading], floor: Floor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return (pairs, 2) of nodes whose positions are measured, and (pairs,) the second's height above the first in m."""
+    measured = {reading.node: reading.position_m for reading in aids if isinstance(reading, PositionReading)}
+    pairs = list(combinations(measured, 2))
+    height_m = [float((measured[b] - measured[a]) @ floor.normal) for a, b in pairs]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2), np.array(height_m)
+
+
+def support_of(
+    structure: Structure,
+    rest: RestShape,
+    node_position_m: NDArray[np.float64],
+    state: PoseState,
+    covariance: NDArray[np.float64],
+    carried: NDArray[np.float64],
+) -> Support:
+    """Return the force of gravity and floor, in body axes, on a structure of this pose."""
+    mass_kg = rest.mechanics.rod_mass_kg if rest.mechanics else 0.0
+    tilt = float(np.sqrt(np.trace(covariance[:2, :2])))
+    if tilt > 1.0:
+        return weightless(structure, mass_kg)
+    return standing(structure, mass_kg, node_position_m, state.turn.T @ UP, tilt, carried)
+
+
+def in_world(
+    shape: Shape,
+    rest: RestShape,
+    floor: Floor,
+    state: PoseState,
+    covariance: NDArray[np.float64],
+    stands: Standing,
+) -> Shape:
+    """Return a shape of body coordinates in the world.
+
+    Where other nodes may stand, the covariance includes where the nodes would be then.
+
+    Args:
+        shape: in body coordinates.
+        rest: the rest shape, whose centroid is the origin of the pose.
+        floor: the floor.
+        state: the pose.
+        covariance: (size, size) of its errors.
+        stands: which nodes stand.
+    """
+    placed = PlacedShape(state, shape.node_position_m - rest.node_position_m.mean(axis=0), shape.covariance_m2)
+    x = placed.node_position_m
+    total = placed.total_covariance_m2(covariance)
+    for probability, nodes in stands.others:
+        turn, pivot_m = tipping(x, nodes, nodes & stands.nodes, floor.normal)
+        away_m = ((x - pivot_m) @ (turn.T - np.eye(3))).ravel()
+        total += probability * np.outer(away_m, away_m)
+    loads = shape.loads
+    if loads is not None:
+        loads = ExternalLoads(loads.force_n @ state.turn.T, loads.sigma_n)
+    return replace(shape, node_position_m=x, covariance_m2=total, loads=loads, contacts=stands.probability)

@@ -1,0 +1,256 @@
+"""On which face of its hull a free-standing structure rests, or over which edge it tips, by the balance of forces.
+
+Each face, and each edge, is a hypothesis h: the floor carries its nodes, gravity is against its normal, and hands may
+load up to two nodes. With the shape marginalised, the balance r of the internal forces says of the outer forces F
+
+    log p(F) = -1/2 F^T M F - v^T F + const,     M = A^T W A,  v = A^T W r,  W = (J C J^T + S)^-1
+
+where A distributes F over the rows of the balance, J is its derivative by the shape, C the covariance of the shape as
+lengths alone determine it, and S the variance of a balance without load. Under h the outer forces have the mean F_h and
+the covariance B B^T of what the floor does at the nodes that stand, so that
+
+    log L_h = -1/2 F_h^T M F_h - v^T F_h + 1/2 g^T G^-1 g - 1/2 log |G|,   G = 1 + B^T M B,  g = -B^T (v + M F_h)
+
+and a hand is a further block of B. The hypotheses form a hidden Markov model: from a face the structure tips over one
+of its edges, and from an edge it lands on one of the two faces beside it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+from scipy.special import logsumexp
+
+from ..models.estimation import DoubtSettings
+from ..models.structure.structure import Structure
+from ..models.structure.support import standing
+from .contacts import Standing
+from .linear_frame import LinearFrame
+
+REST_S = 1.0
+"""Time for which a structure rests on a face."""
+TIP_S = 0.3
+"""Time for which it tips over an edge."""
+SAME_S = 1.0
+"""Time over which the evidence of successive frames is the same: the errors of lengths last longer."""
+MOST_EVIDENCE = 6.0
+"""Limit of the log ratio of two hypotheses in one frame."""
+POSSIBLE = 0.003
+"""Probability above which another face or edge is counted in the uncertainty."""
+HEIGHT_M = 0.01
+"""Standard deviation of a known difference in height under a hypothesis, by which the floor is not quite level."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Balance:
+    """What the balance of internal forces in one frame says of the outer forces at the nodes."""
+
+    information: NDArray[np.float64]
+    """(3 nodes, 3 nodes) M"""
+    gradient: NDArray[np.float64]
+    """(3 nodes,) v"""
+
+
+def balance_of(
+    frame: LinearFrame, outer_jacobian: NDArray[np.float64], outer_n: NDArray[np.float64], variance_n2: NDArray[np.float64]
+) -> Balance:
+    """Return the balance of one frame.
+
+    Args:
+        frame: the factors of the frame, linearised at a shape.
+        outer_jacobian: (rows, 3 nodes) A.
+        outer_n: (nodes, 3) the outer forces that the frame's residuals contain.
+        variance_n2: (rows,) S.
+    """
+    held, gradient = frame.without_forces()
+    by_shape = frame.force_jacobian
+    solved = np.linalg.solve(held, np.column_stack([by_shape.T, gradient]))
+    r = frame.force_n - by_shape @ solved[:, -1] - outer_jacobian @ outer_n.ravel()
+    covariance = by_shape @ solved[:, :-1]
+    covariance[np.diag_indices(len(r))] += variance_n2
+    weighted = np.linalg.solve(covariance, np.column_stack([outer_jacobian, r]))
+    return Balance(outer_jacobian.T @ weighted[:, :-1], outer_jacobian.T @ weighted[:, -1])
+
+
+class RestingFaces:
+    """Follows the face or edge on which the structure stands, frame by frame."""
+
+    def __init__(
+        self,
+        structure: Structure,
+        rod_mass_kg: float,
+        rest_position_m: NDArray[np.float64],
+        standing_nodes: NDArray[np.bool_],
+        settings: DoubtSettings,
+    ) -> None:
+        self._structure = structure
+        self._rod_mass_kg = rod_mass_kg
+        self._settings = settings
+        hull = ConvexHull(rest_position_m)
+        faces = [tuple(sorted(face)) for face in hull.simplices.tolist()]
+        edges = sorted({pair for a, b, c in faces for pair in ((a, b), (a, c), (b, c))})
+        self._faces = np.array(faces)
+        self._outward = np.sign(
+            np.einsum("fi,fi->f", hull.equations[:, :3], _normals(rest_position_m, self._faces))
+        )
+        self._beside = np.array([[f for f, face in enumerate(faces) if set(edge) <= set(face)] for edge in edges])
+        self._carried = np.zeros((len(faces) + len(edges), structure.node_count))
+        for row, nodes in enumerate([*faces, *edges]):
+            self._carried[row, list(nodes)] = 1.0
+        self._leave = self._transition(faces, edges)
+        self._stay_s = np.repeat([REST_S, TIP_S], [len(faces), len(edges)])
+        start = np.full(len(self._carried), 1e-4)
+        start[int(np.argmax(self._carried[: len(faces)] @ standing_nodes))] = 1.0
+        self.probability = start / start.sum()
+        """(faces + edges,)"""
+
+    def up(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (faces + edges, 3) the direction against gravity under each hypothesis; on an edge, the middle."""
+        of_faces = -self._outward[:, None] * _normals(node_position_m, self._faces)
+        of_edges = of_faces[self._beside].sum(axis=1)
+        up = np.concatenate([of_faces, of_edges])
+        return np.asarray(up / np.linalg.norm(up, axis=1, keepdims=True))
+
+    def predict(self, step_s: float) -> None:
+        """Carry the probabilities over a time step."""
+        self.probability = self.probability @ self._step(step_s)
+
+    def update(self, log_evidence: NDArray[np.float64], of_heights: NDArray[np.float64], step_s: float) -> None:
+        """Multiply the probabilities by the evidence of one frame, of the balance and of known heights."""
+        ratio = np.maximum(log_evidence - log_evidence.max(), -MOST_EVIDENCE)
+        of_heights = np.maximum(of_heights - of_heights.max(), -MOST_EVIDENCE)
+        likelihood = np.exp(min(step_s / SAME_S, 1.0) * ratio + of_heights)
+        self.probability = self.probability * likelihood / (self.probability @ likelihood)
+
+    @property
+    def standing(self) -> Standing:
+        """Which nodes stand: those of the most probable face or edge."""
+        return self._standing(self.probability)
+
+    def smoothed(self, step_s: float, filtered: NDArray[np.float64]) -> list[Standing]:
+        """Return which nodes stood, given all evidence, from the (times, faces + edges) probabilities."""
+        step = self._step(step_s)
+        smoothed = filtered.copy()
+        for k in range(len(filtered) - 2, -1, -1):
+            smoothed[k] = filtered[k] * (step @ (smoothed[k + 1] / np.maximum(filtered[k] @ step, 1e-300)))
+            smoothed[k] /= smoothed[k].sum()
+        return [self._standing(p) for p in smoothed]
+
+    def log_evidence_of_heights(
+        self, node_position_m: NDArray[np.float64], pairs: NDArray[np.int64], height_m: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return (faces + edges,) the log evidence of pairs of nodes whose difference in height is known.
+
+        On an edge the structure may lean to either face by any angle.
+
+        Args:
+            node_position_m: (nodes, 3) the shape.
+            pairs: (pairs, 2) of nodes.
+            height_m: (pairs,) the height of the second node above the first.
+        """
+        between_m = node_position_m[pairs[:, 1]] - node_position_m[pairs[:, 0]]
+        expected_m = self.up(node_position_m)[: len(self._faces)] @ between_m.T
+        leaning_m = expected_m[self._beside]
+        least_m = np.concatenate([expected_m, leaning_m.min(axis=1)])
+        most_m = np.concatenate([expected_m, leaning_m.max(axis=1)])
+        outside_m = np.maximum(least_m - height_m, 0) + np.maximum(height_m - most_m, 0)
+        return np.asarray(-0.5 * np.sum((outside_m / HEIGHT_M) ** 2, axis=1))
+
+    def log_evidence(self, balance: Balance, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (faces + edges,) the log evidence of a frame's balance.
+
+        Args:
+            balance: see `balance_of`.
+            node_position_m: (nodes, 3) the shape.
+        """
+        M = balance.information
+        size = len(M)
+        supports = [
+            standing(self._structure, self._rod_mass_kg, node_position_m, up, 0.0, carried)
+            for up, carried in zip(self.up(node_position_m), self._carried, strict=True)
+        ]
+        F = np.array([support.force_n.ravel() for support in supports])
+        B = np.zeros((len(F), size, 9))
+        for row, (support, carried) in enumerate(zip(supports, self._carried, strict=True)):
+            for column, node in enumerate(np.flatnonzero(carried)):
+                here = slice(3 * node, 3 * node + 3)
+                B[row, here, 3 * column : 3 * column + 3] = np.linalg.cholesky(
+                    support.covariance_n2[node] + 1e-9 * np.eye(3)
+                )
+        e = balance.gradient + F @ M
+        log_l = -0.5 * np.sum(F * (e + balance.gradient), axis=1)
+        gain, e, M_after = _marginalised(B, np.broadcast_to(M, (len(B), size, size)), e)
+        return np.asarray(log_l + gain + self._of_hands(e, M_after))
+
+    def _standing(self, probability: NDArray[np.float64]) -> Standing:
+        likeliest = int(np.argmax(probability))
+        others = [int(h) for h in np.flatnonzero(probability > POSSIBLE) if h != likeliest]
+        return Standing(
+            nodes=self._carried[likeliest] > 0,
+            probability=probability @ self._carried,
+            others=tuple((float(probability[h]), self._carried[h] > 0) for h in others),
+        )
+
+    def _of_hands(self, e: NDArray[np.float64], M: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (hypotheses,) the log of the sum over no hand, one hand, and the best second hand."""
+        settings = self._settings
+        nodes = self._structure.node_count
+        loaded, free = np.log(settings.loaded_share), np.log(1 - settings.loaded_share)
+        hypotheses = np.arange(len(e))
+        B = np.zeros((nodes, 3 * nodes, 3))
+        for node in range(nodes):
+            B[node, 3 * node : 3 * node + 3] = settings.load_n * np.eye(3)
+        first = _gain_of_one(settings.load_n, M, e)
+        best = np.argmax(first, axis=1)
+        gain, e, M = _marginalised(B[best], M, e)
+        second = _gain_of_one(settings.load_n, M, e)
+        second[hypotheses, best] = -np.inf
+        terms = [
+            np.full((len(e), 1), nodes * free),
+            first + loaded + (nodes - 1) * free,
+            gain[:, None] + second + 2 * loaded + (nodes - 2) * free,
+        ]
+        return np.asarray(logsumexp(np.concatenate(terms, axis=1), axis=1))
+
+    def _transition(self, faces: list[tuple[int, ...]], edges: list[tuple[int, ...]]) -> NDArray[np.float64]:
+        leave = np.zeros((len(faces) + len(edges), len(faces) + len(edges)))
+        for row, beside in enumerate(self._beside, start=len(faces)):
+            leave[row, beside] = 1 / len(beside)
+            leave[beside, row] = 1 / 3
+        return leave
+
+    def _step(self, step_s: float) -> NDArray[np.float64]:
+        stay = np.exp(-step_s / self._stay_s)
+        return np.asarray(np.diag(stay) + (1 - stay)[:, None] * self._leave)
+
+
+def _normals(x: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return (faces, 3) unit normals of triangles."""
+    a, b, c = (x[faces[:, corner]] for corner in range(3))
+    normal = np.cross(b - a, c - a)
+    return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+
+
+def _marginalised(
+    B: NDArray[np.float64], M: NDArray[np.float64], e: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return (k,) log evidence gained by unknown forces B z, z ~ N(0, 1), and the (k, n) e and (k, n, n) M after it."""
+    MB = M @ B
+    G = np.swapaxes(B, 1, 2) @ MB
+    G[:, np.arange(G.shape[1]), np.arange(G.shape[1])] += 1.0
+    g = np.einsum("kni,kn->ki", B, e)
+    solved = np.linalg.solve(G, np.concatenate([np.swapaxes(MB, 1, 2), g[:, :, None]], axis=2))
+    gain = 0.5 * np.einsum("ki,ki->k", g, solved[:, :, -1]) - 0.5 * np.linalg.slogdet(G)[1]
+    after = e - np.einsum("kni,ki->kn", MB, solved[:, :, -1])
+    return gain, after, M - MB @ solved[:, :, :-1]
+
+
+def _gain_of_one(load_n: float, M: NDArray[np.float64], e: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (k, nodes) log evidence gained by a load at each node alone."""
+    nodes = e.shape[1] // 3
+    blocks = np.einsum("kninj->knij", M.reshape(-1, nodes, 3, nodes, 3))
+    G = np.eye(3) + load_n**2 * blocks
+    g = load_n * e.reshape(-1, nodes, 3)
+    solved = np.linalg.solve(G, g[..., None])[..., 0]
+    return np.asarray(0.5 * np.sum(g * solved, axis=-1) - 0.5 * np.linalg.slogdet(G)[1])

@@ -1,0 +1,74 @@
+"""The floor: a node that stands is at the floor's height, and stays where it stands while its end cap rolls.
+
+With the normal n, the floor's height h, the foothold c of node k, both floor axes E, and the turn phi of the body since
+the frame before, a node x_k that stands has
+
+    n . x_k = h,     E x_k = c_k + r E (phi x n)
+
+where r is the radius of the cap. A node cannot be below the floor.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.pose.placed import PlacedShape, Rows
+from ..models.structure.floor import Floor
+from ..models.values.rotations import cross_matrix
+
+
+def height_rows(
+    placed: PlacedShape, floor: Floor, nodes: NDArray[np.int64], sigma_m: float, repeats: float
+) -> Rows:
+    """Return one row for each of the nodes that are at the height of the floor.
+
+    Args:
+        placed: the shape in the world.
+        floor: the floor.
+        nodes: the nodes that stand, or would be below the floor.
+        sigma_m: standard deviation of the floor's height.
+        repeats: number of frames for which the error of the shape lasts.
+    """
+    n = floor.normal
+    of_shape = np.einsum("i,kij,j->k", n, placed.node_covariance_m2[nodes], n)
+    return Rows(
+        error=-floor.clearance_m(placed.node_position_m[nodes]),
+        jacobian=n @ placed.jacobian[nodes],
+        variance=repeats * (sigma_m**2 + of_shape),
+    )
+
+
+def foothold_rows(
+    placed: PlacedShape,
+    floor: Floor,
+    nodes: NDArray[np.int64],
+    turned: NDArray[np.float64],
+    cap_radius_m: float,
+    sigma_m: float,
+    repeats: float,
+) -> Rows:
+    """Return two rows for each of the nodes that have stood since the frame before.
+
+    Args:
+        placed: the shape in the world.
+        floor: the floor.
+        nodes: these nodes.
+        turned: (3,) phi, rotation vector of the body since the frame before.
+        cap_radius_m: r.
+        sigma_m: standard deviation of a foothold.
+        repeats: number of frames for which the error of the shape lasts.
+    """
+    at = placed.state.layout
+    rolled_m = rolled_on_floor_m(turned, floor, cap_radius_m)
+    error = placed.state.foothold_m[nodes] + rolled_m - placed.node_position_m[nodes] @ floor.axes.T
+    jacobian = floor.axes @ placed.jacobian[nodes]
+    jacobian[:, :, at.turn] += cap_radius_m * floor.axes @ cross_matrix(floor.normal)  # d(phi x n) = -n x d(phi)
+    for row, node in enumerate(nodes):
+        start = at.foothold.start + 2 * node
+        jacobian[row, :, start : start + 2] -= np.eye(2)
+    of_shape = np.einsum("ai,kij,aj->ka", floor.axes, placed.node_covariance_m2[nodes], floor.axes)
+    return Rows(error.ravel(), jacobian.reshape(-1, at.size), (repeats * (sigma_m**2 + of_shape)).ravel())
+
+
+def rolled_on_floor_m(turned: NDArray[np.float64], floor: Floor, cap_radius_m: float) -> NDArray[np.float64]:
+    """Return (2,), the way r E (phi x n) that the centre of a cap rolls when the body turns by phi."""
+    return np.asarray(cap_radius_m * floor.axes @ np.cross(turned, floor.normal))

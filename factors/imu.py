@@ -1,0 +1,144 @@
+"""Inertial sensors on rods: they tell how rods turn, how the robot is accelerated, and where gravity is.
+
+A sensor has the attitude Q in the world, its rod the direction a + B m in the sensor's axes, with the axis a as told,
+B two directions across it, and the misalignment m. It may be turned about the rod by any angle, and the rod may spin in
+the structure. With a shape whose rod has the direction u in body axes, and the pose R,
+
+    Q (a + B m) = R u                                  direction of the rod
+    Q (f - b_f) = g z                                  gravity, in slow motion, with the specific force f
+
+Over a frame dt, with the mean rate w and its bias b_w, the sensor turns by exp((w - b_w) dt). The body turns by phi in
+the same time, across each rod as the sensors say to within the rate of deformation, else as before.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.values.aids import Imu, ImuReading
+from ..models.pose.placed import PlacedShape, Rows
+from ..models.pose.settings import PoseSettings
+from ..models.pose.state import PoseState
+from ..models.structure.floor import UP
+from ..models.structure.support import GRAVITY_M_PER_S2
+from ..models.values.rotations import cross_matrix
+
+
+FAST_FORCE = 10.0
+"""Growth of the sigma of gravity with the difference between the specific force and g."""
+FAST_RATE_M_PER_S = 20.0
+"""Growth of the same sigma with the rate of the rod."""
+SLOW_M_PER_S2 = 1.5
+"""Sigma above which the specific force says nothing of gravity."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuSamples:
+    """The mean of the samples of each sensor over one frame."""
+
+    rate_rad_per_s: NDArray[np.float64]
+    """(imus, 3)"""
+    specific_force_m_per_s2: NDArray[np.float64]
+    """(imus, 3)"""
+    count: NDArray[np.int64]
+    """(imus,) number of samples; where it is 0, the rate is that of the frame before, and the force is nan."""
+
+
+class ImuArray:
+    """The inertial sensors of one robot."""
+
+    def __init__(self, imus: Sequence[Imu], rods: NDArray[np.int64]) -> None:
+        self.count = len(imus)
+        self.axis = np.array([imu.axis for imu in imus]).reshape(-1, 3)
+        self.ends = np.array([rods[imu.rod] for imu in imus], dtype=np.int64).reshape(-1, 2)
+        self._fraction = np.array([imu.fraction for imu in imus]).reshape(-1, 1)
+        self.across = np.linalg.svd(self.axis[:, :, None])[0][:, :, 1:] if imus else np.zeros((0, 3, 2))
+        """(imus, 3, 2) B"""
+
+    def mean(self, readings: Sequence[ImuReading], before: ImuSamples | None) -> ImuSamples:
+        """Return the mean of the readings of one frame."""
+        total = np.zeros((self.count, 2, 3))
+        count = np.zeros(self.count, dtype=np.int64)
+        for reading in readings:
+            total[reading.imu, 0] += reading.rate_rad_per_s
+            total[reading.imu, 1] += reading.specific_force_m_per_s2
+            count[reading.imu] += 1
+        seen = (count > 0)[:, None]
+        mean = total / np.maximum(count, 1)[:, None, None]
+        last = np.zeros((self.count, 3)) if before is None else before.rate_rad_per_s
+        return ImuSamples(np.where(seen, mean[:, 0], last), np.where(seen, mean[:, 1], np.nan), count)
+
+    def direction(self, state: PoseState) -> NDArray[np.float64]:
+        """Return (imus, 3), the direction of each sensor's rod in the world, as its attitude says."""
+        in_sensor = self.axis + np.einsum("iab,ib->ia", self.across, state.misalignment)
+        return np.asarray(np.einsum("iab,ib->ia", state.imu_turn, in_sensor))
+
+    def arm_m(self, arm_m: NDArray[np.float64], imus: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return (3,), the mean place of some sensors, from (nodes, 3) places of the nodes."""
+        first, second = self.ends[imus].T
+        share = self._fraction[imus]
+        return np.asarray(((1 - share) * arm_m[first] + share * arm_m[second]).mean(axis=0))
+
+    def attitude_at_rest(self, rod_direction: NDArray[np.float64], specific_force: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (imus, 3, 3) Q, from (imus, 3) directions of the rods in the world and specific forces at rest."""
+        return np.array(
+            [
+                _frame(direction, UP) @ _frame(axis, force).T
+                for direction, axis, force in zip(rod_direction, self.axis, specific_force, strict=True)
+            ]
+        ).reshape(-1, 3, 3)
+
+    def direction_rows(self, placed: PlacedShape, repeats: float) -> Rows:
+        """Return two rows for each sensor: the direction of its rod in the shape, across the rod.
+
+        Args:
+            placed: the shape in the world.
+            repeats: number of frames for which the error of the shape lasts.
+        """
+        at = placed.state.layout
+        first, second = self.ends.T
+        along = placed.arm_m[second] - placed.arm_m[first]
+        length = np.linalg.norm(along, axis=1)
+        u = along / length[:, None]
+        d = self.direction(placed.state)
+        across = np.swapaxes(np.linalg.svd(u[:, :, None])[0][:, :, 1:], 1, 2)
+        jacobian = np.zeros((self.count, 2, at.size))
+        jacobian[:, :, at.turn] = across @ cross_matrix(u)
+        by_turn = across @ cross_matrix(d)
+        by_misalignment = across @ placed.state.imu_turn @ self.across
+        for i in range(self.count):
+            jacobian[i, :, at.imu_turn.start + 3 * i : at.imu_turn.start + 3 * i + 3] = -by_turn[i]
+            jacobian[i, :, at.misalignment.start + 2 * i : at.misalignment.start + 2 * i + 2] = by_misalignment[i]
+        c = placed.covariance_m2
+        of_ends = c[first, first] + c[second, second] - c[first, second] - c[second, first]
+        variance = np.einsum("iab,ibc,iac->ia", across, of_ends, across) / length[:, None] ** 2
+        error = np.einsum("iab,ib->ia", across, u - d)
+        return Rows(error.ravel(), jacobian.reshape(-1, at.size), repeats * variance.ravel() + 1e-6)
+
+    def gravity_rows(self, state: PoseState, samples: ImuSamples, settings: PoseSettings) -> Rows:
+        """Return three rows for each sensor that moves slowly: its specific force is against gravity."""
+        at = state.layout
+        excess = np.abs(np.linalg.norm(samples.specific_force_m_per_s2, axis=1) - GRAVITY_M_PER_S2)
+        rate = np.linalg.norm(samples.rate_rad_per_s - state.rate_bias_rad_per_s, axis=1)
+        sigma = settings.force_m_per_s2 + FAST_FORCE * excess + FAST_RATE_M_PER_S * rate
+        slow = np.flatnonzero(np.nan_to_num(sigma, nan=np.inf) < SLOW_M_PER_S2)
+        turn = state.imu_turn[slow]
+        force = np.einsum("iab,ib->ia", turn, samples.specific_force_m_per_s2[slow] - state.force_bias_m_per_s2[slow])
+        jacobian = np.zeros((len(slow), 3, at.size))
+        by_turn = -cross_matrix(force)
+        for row, i in enumerate(slow):
+            jacobian[row, :, at.imu_turn.start + 3 * i : at.imu_turn.start + 3 * i + 3] = by_turn[row]
+            jacobian[row, :, at.force_bias.start + 3 * i : at.force_bias.start + 3 * i + 3] = -turn[row]
+        error = GRAVITY_M_PER_S2 * UP - force
+        return Rows(error.ravel(), jacobian.reshape(-1, at.size), np.repeat(sigma[slow] ** 2, 3))
+
+
+def _frame(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (3, 3), a right-handed frame with a first axis, and a second axis as near as possible to another vector."""
+    second = second - first * (first @ second)
+    if np.linalg.norm(second) < 1e-3 * np.linalg.norm(first):
+        second = np.cross(first, np.eye(3)[np.argmin(np.abs(first))])
+    second = second / np.linalg.norm(second)
+    return np.stack([first, second, np.cross(first, second)], axis=1)

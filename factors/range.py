@@ -1,0 +1,54 @@
+"""Ranges: the distance between a beacon and a node, with an offset o that each pair keeps.
+
+    y = |x - b| + o + noise
+
+A range that a wall has reflected is too long. Its weight is that of Huber's kernel, and beyond `OUTLIER` it has none.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.values.aids import RangeReading
+from ..models.pose.placed import PlacedShape, Rows
+
+HUBER = 1.345
+"""Studentised error from which a range loses weight, which keeps 95 % efficiency on Gaussian noise."""
+OUTLIER = 5.0
+"""Studentised error from which a range is left out."""
+
+
+def range_rows(
+    placed: PlacedShape,
+    readings: Sequence[RangeReading],
+    number_of_pair: Mapping[tuple[int, int, int], int],
+    covariance: NDArray[np.float64],
+    sigma_m: float,
+) -> Rows:
+    """Return one row for each range that is no outlier.
+
+    Args:
+        placed: the shape in the world.
+        readings: the ranges of one frame.
+        number_of_pair: the place of each pair among the offsets of the state.
+        covariance: (size, size) of the errors of the state.
+        sigma_m: standard deviation of a range.
+    """
+    size = placed.state.layout.size
+    rows = []
+    for reading in readings:
+        pair = number_of_pair[reading.pair]
+        difference = placed.node_position_m[reading.node] - reading.beacon_position_m
+        distance = float(np.linalg.norm(difference))
+        jacobian = difference / distance @ placed.jacobian[reading.node]
+        jacobian[placed.state.layout.range_offset.start + pair] = 1.0
+        error = reading.range_m - distance - placed.state.range_offset_m[pair]
+        studentised = abs(error) / np.sqrt(jacobian @ covariance @ jacobian + sigma_m**2)
+        if studentised < OUTLIER:
+            rows.append((error, jacobian, sigma_m**2 * max(studentised / HUBER, 1.0)))
+    return Rows(
+        np.array([row[0] for row in rows]),
+        np.array([row[1] for row in rows]).reshape(-1, size),
+        np.array([row[2] for row in rows]),
+    )

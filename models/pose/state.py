@@ -1,0 +1,99 @@
+"""The state of the pose filter: where a free-standing structure is, and what its sensors are wrong by.
+
+Nodes have body coordinates s, in the frame in which the shape fits the rest shape best. In the world a node is at
+
+    x = p + R (s - c),    with c the centroid of the rest shape in body coordinates.
+
+Errors of the state are vectors: rotations have errors in world axes, R_true = exp(d) R, all else is added.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..values.rotations import rotation, rotation_vector
+
+
+class ErrorLayout:
+    """The place of each part of the state in its vector of errors."""
+
+    def __init__(self, nodes: int, imus: int, ranges: int) -> None:
+        self.turn = slice(0, 3)
+        self.position = slice(3, 6)
+        self.rate = slice(6, 9)
+        self.velocity = slice(9, 12)
+        self.foothold = slice(12, 12 + 2 * nodes)
+        ends = self.foothold.stop + np.cumsum([0, 3 * imus, 3 * imus, 3 * imus, 2 * imus, ranges])
+        self.imu_turn, self.rate_bias, self.force_bias, self.misalignment, self.range_offset = (
+            slice(int(start), int(stop)) for start, stop in zip(ends[:-1], ends[1:], strict=True)
+        )
+        self.size = int(ends[-1])
+        self.pose = slice(0, 6)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseState:
+    """Pose, motion, footholds, and errors of the sensors at one time."""
+
+    turn: NDArray[np.float64]
+    """(3, 3) R, from body to world."""
+    position_m: NDArray[np.float64]
+    """(3,) p, in the world."""
+    rate_rad_per_s: NDArray[np.float64]
+    """(3,) angular rate, in the world."""
+    velocity_m_per_s: NDArray[np.float64]
+    """(3,) of p, in the world."""
+    foothold_m: NDArray[np.float64]
+    """(nodes, 2) where each node stands, in coordinates of the floor; without meaning for nodes that do not stand."""
+    imu_turn: NDArray[np.float64]
+    """(imus, 3, 3) Q, from each sensor's axes to the world."""
+    rate_bias_rad_per_s: NDArray[np.float64]
+    """(imus, 3) in the sensor's axes."""
+    force_bias_m_per_s2: NDArray[np.float64]
+    """(imus, 3) in the sensor's axes."""
+    misalignment: NDArray[np.float64]
+    """(imus, 2) of the rod's direction in the sensor's axes, across it, in rad."""
+    range_offset_m: NDArray[np.float64]
+    """(pairs,) of each pair of beacon and node."""
+
+    @cached_property
+    def layout(self) -> ErrorLayout:
+        """The place of each part in a vector of errors."""
+        return ErrorLayout(len(self.foothold_m), len(self.imu_turn), len(self.range_offset_m))
+
+    def moved(self, error: NDArray[np.float64]) -> "PoseState":
+        """Return the state with (size,) errors added."""
+        at = self.layout
+        turned = rotation(np.concatenate([error[at.turn], error[at.imu_turn]]).reshape(-1, 3))
+        return replace(
+            self,
+            turn=turned[0] @ self.turn,
+            position_m=self.position_m + error[at.position],
+            rate_rad_per_s=self.rate_rad_per_s + error[at.rate],
+            velocity_m_per_s=self.velocity_m_per_s + error[at.velocity],
+            foothold_m=self.foothold_m + error[at.foothold].reshape(-1, 2),
+            imu_turn=turned[1:] @ self.imu_turn,
+            rate_bias_rad_per_s=self.rate_bias_rad_per_s + error[at.rate_bias].reshape(-1, 3),
+            force_bias_m_per_s2=self.force_bias_m_per_s2 + error[at.force_bias].reshape(-1, 3),
+            misalignment=self.misalignment + error[at.misalignment].reshape(-1, 2),
+            range_offset_m=self.range_offset_m + error[at.range_offset],
+        )
+
+    def errors_to(self, other: "PoseState") -> NDArray[np.float64]:
+        """Return the (size,) errors that, added to this state, give the other."""
+        turns = np.concatenate([(other.turn @ self.turn.T)[None], other.imu_turn @ np.swapaxes(self.imu_turn, 1, 2)])
+        vectors = rotation_vector(turns)
+        parts = {"turn": vectors[0], "imu_turn": vectors[1:]}
+        order = ("turn", "position_m", "rate_rad_per_s", "velocity_m_per_s", "foothold_m", "imu_turn")
+        order += ("rate_bias_rad_per_s", "force_bias_m_per_s2", "misalignment", "range_offset_m")
+        return np.concatenate(
+            [(parts[name] if name in parts else getattr(other, name) - getattr(self, name)).ravel() for name in order]
+        )
+
+    def world_m(self, arm_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., 3) positions in the world, from (..., 3) body coordinates relative to c."""
+        return np.asarray(self.position_m + arm_m @ self.turn.T)
+
+

@@ -1,0 +1,100 @@
+"""The support of a structure: what gravity and the floor do to its nodes, as far as they are known.
+
+A rod of mass m pulls each of its ends down with m g / 2. The floor carries the nodes that stand on it: without other
+loads three of them carry the weight W like a table with three legs,
+
+    sum N_k = W,   sum N_k x_k = W x_c    (across the direction of gravity, with the centroid x_c)
+
+and what a hand adds, and friction, is unknown.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .structure import Structure
+
+GRAVITY_M_PER_S2 = 9.81
+FRICTION = 0.5
+"""Ratio of the standard deviation of friction to the load that a node carries: rubber or plastic on a floor."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Support:
+    """The expected force of gravity and floor at each node, with its covariance."""
+
+    force_n: NDArray[np.float64]
+    """(nodes, 3)"""
+    covariance_n2: NDArray[np.float64]
+    """(nodes, 3, 3)"""
+
+
+def weight_n(structure: Structure, rod_mass_kg: float) -> NDArray[np.float64]:
+    """Return (nodes,) the weight at each node: half that of its rod."""
+    weight = np.zeros(structure.node_count)
+    np.add.at(weight, structure.rods.ravel(), 0.5 * rod_mass_kg * GRAVITY_M_PER_S2)
+    return weight
+
+
+def hung_up(structure: Structure, rod_mass_kg: float) -> Support:
+    """Return the support of a structure in the anchors' frame: gravity along -z, and no floor."""
+    count = structure.node_count
+    force_n = weight_n(structure, rod_mass_kg)[:, None] * np.array([0.0, 0.0, -1.0])
+    return Support(force_n, np.zeros((count, 3, 3)))
+
+
+def weightless(structure: Structure, rod_mass_kg: float) -> Support:
+    """Return the support of a structure that may be turned and carried in any way: a force of unknown direction."""
+    variance = weight_n(structure, rod_mass_kg) ** 2 / 3
+    return Support(np.zeros((structure.node_count, 3)), variance[:, None, None] * np.eye(3))
+
+
+def standing(
+    structure: Structure,
+    rod_mass_kg: float,
+    node_position_m: NDArray[np.float64],
+    up: NDArray[np.float64],
+    up_sigma: float,
+    carried: NDArray[np.float64],
+) -> Support:
+    """Return the support of a structure that stands on a floor.
+
+    Args:
+        structure: the structure.
+        rod_mass_kg: mass of each rod.
+        node_position_m: (nodes, 3) in any coordinate frame.
+        up: (3,) unit vector against gravity in the same frame.
+        up_sigma: standard deviation of this direction, in rad.
+        carried: (nodes,) probability that the floor carries each node.
+    """
+    weight = weight_n(structure, rod_mass_kg)
+    carried_n, spread_n = _legs(weight, node_position_m, up, carried)
+    force_n = (carried_n - weight)[:, None] * up
+    upward = np.outer(up, up)
+    level = np.eye(3) - upward
+    along = spread_n**2
+    across = (FRICTION * carried_n) ** 2 + 0.5 * (weight * np.minimum(up_sigma, 1.0)) ** 2
+    covariance = along[:, None, None] * upward + across[:, None, None] * level
+    return Support(force_n, covariance)
+
+
+def _legs(
+    weight_n: NDArray[np.float64], x: NDArray[np.float64], up: NDArray[np.float64], carried: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (nodes,) the load that the floor carries at each node, and its standard deviation.
+
+    The loads are those of least squares about equal shares, in proportion to the probability of being carried.
+    """
+    total = weight_n.sum()
+    share = carried / max(carried.sum(), 1.0)
+    level = x - np.outer(x @ up, up)
+    level = level - weight_n @ level / total
+    rows = np.vstack([np.ones(len(x)), level.T / np.sqrt(np.mean(level**2))])
+    prior = share * total
+    scale = np.sqrt(share) * total
+    gap = np.concatenate([[total], np.zeros(3)]) - rows @ prior
+    loads = prior + scale * (np.linalg.pinv(rows * scale, rcond=1e-3) @ gap)
+    loads = np.clip(loads, 0.0, total)
+    doubtful = carried * (1 - carried)
+    return carried * loads, np.sqrt(carried * (0.3 * total / 3) ** 2 + doubtful * loads**2)
