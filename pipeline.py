@@ -1,5 +1,6 @@
 """The pipeline from counts to resistance, strain, length and shape; here io and the estimators meet."""
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -9,12 +10,14 @@ import numpy as np
 
 from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
+from .estimator.free_standing import FreeStandingOptimizer, FreeStandingSmoother
 from .estimator.least_squares import LeastSquares
 from .estimator.rest_step import rest_step
 from .estimator.smoother import LiveSmoother
 from .io.model_file import read_sensor_model
 from .io.result import result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
+from .models.pose.robot import FreeStandingRobot
 from .models.sensor.frames import FrameAssembler
 from .models.sensor.front_end import FrontEnd
 from .models.sensor.reference_drift import ReferenceTendons
@@ -25,6 +28,7 @@ from .models.structure.rest_shape import RestShape
 from .models.structure.shape import Shape
 from .models.structure.structure import Structure
 from .models.trial_description import TrialDescription
+from .models.values.aids import AidReading
 from .models.values.errors import InputError
 from .models.values.readings import BoardReading, ResistanceReading, TendonLengths
 
@@ -55,13 +59,21 @@ ESTIMATORS: dict[str, Callable[[Structure, RestShape, Settings], Estimator]] = {
 `reconstruct`, `stream` and the comparison of methods can use it in this process."""
 
 
+FREE_STANDING: dict[str, Callable[[Structure, RestShape, FreeStandingRobot, Settings], Estimator]] = {
+    "batch": FreeStandingOptimizer,
+    "live": FreeStandingSmoother,
+}
+"""The estimator of each method for a structure without anchors, which stands on a floor."""
+
+
 class Pipeline:
     """The processing from the readings of one trial to its shapes, set up once from the trial's description."""
 
     def __init__(self, trial: TrialDescription, settings: Settings, model: SensorModel) -> None:
         self.trial = trial
         self.settings = settings
-        rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, trial.geometry, settings.rest, trial.floor)
+        floor = trial.robot.floor if trial.robot else None
+        rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, trial.geometry, settings.rest, floor)
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
         tendons = len(trial.structure.tendons)
@@ -94,19 +106,36 @@ class Pipeline:
         """
         if method not in ESTIMATORS:
             raise InputError(f"method '{method}': expected one of {', '.join(ESTIMATORS)}")
+        if self.rest.structure.is_free_standing:
+            return self._free_standing(method).estimate(frames)
         return ESTIMATORS[method](self.rest.structure, self.rest, self.settings).estimate(frames)
+
+    def _free_standing(self, method: str) -> Estimator:
+        """Return the estimator of a structure without anchors, on a floor or in body coordinates."""
+        structure, rest, settings = self.rest.structure, self.rest, self.settings
+        if method not in FREE_STANDING:
+            raise InputError(
+                f"method '{method}': expected one of {', '.join(FREE_STANDING)} for a structure without anchors"
+            )
+        if self.trial.robot is None:
+            return ESTIMATORS[method](structure, rest, settings)
+        return FREE_STANDING[method](structure, rest, self.trial.robot, settings)
 
     def lengths(self, readings: Iterable[Reading]) -> Iterator[TendonLengths]:
         """Yield the lengths of all tendons in every frame."""
+        aids: list[AidReading] = []
         for reading in readings:  # each is one row of one board, in order of arrival
+            if isinstance(reading, AidReading):
+                aids.append(reading)
+                continue
             if isinstance(reading, TendonLengths):
-                yield self._with_sigma(reading)
+                yield _with_aids(self._with_sigma(reading), aids)
                 continue
             resistance = self._resistance(reading)  # eq. (1), at its time on the host clock
             for frame in self._frames.add(resistance) if resistance else ():  # all sensors at one instant
-                yield self.front_end.step(frame)  # strain and length, eqs. (2)-(4)
+                yield _with_aids(self.front_end.step(frame), aids)  # strain and length, eqs. (2)-(4)
         for frame in self._frames.finish():
-            yield self.front_end.step(frame)
+            yield _with_aids(self.front_end.step(frame), aids)
 
     def _resistance(self, reading: BoardReading | ResistanceReading) -> ResistanceReading | None:
         if isinstance(reading, ResistanceReading):
@@ -117,6 +146,15 @@ class Pipeline:
     def _with_sigma(self, lengths: TendonLengths) -> TendonLengths:
         sigma_m = np.where(np.isnan(lengths.sigma_m), self.settings.noise.unstated_m, lengths.sigma_m)
         return replace(lengths, sigma_m=np.where(np.isnan(lengths.length_m), np.inf, sigma_m))
+
+
+def _with_aids(lengths: TendonLengths, aids: list[AidReading]) -> TendonLengths:
+    """Return the lengths with the readings of other sensors up to their time, which are taken from the list."""
+    if not aids:
+        return lengths
+    until = bisect_right(aids, lengths.t_s, key=lambda reading: reading.t_s)
+    taken, aids[:] = tuple(aids[:until]), aids[until:]
+    return replace(lengths, aids=taken)
 
 
 def reconstruct(

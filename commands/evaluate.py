@@ -6,6 +6,7 @@ from typing import Any
 
 from ..estimator.rest_step import rest_step
 from ..io.figures.evaluation_figures import write_errors_figure, write_heights_figure, write_loads_figure
+from ..io.figures.track_figure import write_followed_figure
 from ..io.positions import read_positions
 from ..io.reports.evaluation_tables import ScoredResult, as_text
 from ..io.reports.terminal import Terminal
@@ -66,6 +67,11 @@ def write_score(score: ScoredResult, path: Path) -> None:
         (directory / EVALUATION_FILE).write_text(as_text(score.as_json()), encoding="utf-8")
         write_heights_figure(score.evaluation, score.title(), directory / "heights.png")
         write_errors_figure(score.evaluation, score.title(), directory / "errors.png")
+        frames = score.evaluation.compared
+        if score.evaluation.pose:
+            write_followed_figure(
+                frames.t_s, frames.estimated_m, frames.true_m, frames.contacts, score.title(), directory / "track.png"
+            )
         if score.evaluation.loads:
             write_loads_figure(score.evaluation, score.title(), directory / "loads.png")
 
@@ -87,7 +93,8 @@ def score_result(path: Path, truth: Path | None, trial: Path | None, *, align: b
     known = _truth_of(opened, truth)
     settings = parse_table(Settings, run.get("settings", {}), str(path / RUN_FILE))
     d = opened.description
-    rest_m = rest_step(d.structure, d.mechanics, d.rest_position_m, d.geometry, settings.rest).node_position_m
+    floor = d.robot.floor if d.robot else None
+    rest_m = rest_step(d.structure, d.mechanics, d.rest_position_m, d.geometry, settings.rest, floor).node_position_m
     estimate = read_estimate(path, d.structure)
     threshold_n = settings.load_threshold_n
     try:

@@ -187,7 +187,10 @@ def without_lag(frames: list[TendonLengths]) -> list[TendonLengths]:
     after = np.minimum(np.searchsorted(t_s, shown_s), len(t_s) - 1)
     before = np.maximum(after - 1, 0)
     nearest = np.where(shown_s - t_s[before] < t_s[after] - shown_s, before, after)
-    return [replace(frames[later], t_s=lengths.t_s, aids=lengths.aids) for lengths, later in zip(frames, nearest, strict=True)]
+    return [
+        replace(frames[later], t_s=lengths.t_s, aids=lengths.aids)
+        for lengths, later in zip(frames, nearest, strict=True)
+    ]
 
 
 def _optimize(

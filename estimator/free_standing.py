@@ -77,9 +77,7 @@ class FreeStandingSmoother:
         looked = self._look(shape)
         measured = self._measured.observe(lengths)
         stands = self._faces.standing if self._faces and not measured else None
-        step = self._poses.step(
-            lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands
-        )
+        step = self._poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands)
         self._last_m = shape.node_position_m
         self._stand_on(step.state, step.covariance, step.standing)
         if self.kept is not None:
@@ -190,7 +188,7 @@ class MeasuredAttitude:
 
 
 def heights_between(aids: Sequence[AidReading], floor: Floor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return (pairs, 2) of nodes whose positions are measured, and (pairs,) the second's height above the first in m."""
+    """Return (pairs, 2) of nodes with measured positions, and (pairs,) the second's height above the first."""
     measured = {reading.node: reading.position_m for reading in aids if isinstance(reading, PositionReading)}
     pairs = list(combinations(measured, 2))
     height_m = [float((measured[b] - measured[a]) @ floor.normal) for a, b in pairs]

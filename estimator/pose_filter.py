@@ -19,16 +19,15 @@ from ..factors.floor import foothold_rows, height_rows, rolled_on_floor_m
 from ..factors.imu import ImuArray, ImuSamples
 from ..factors.position import position_rows
 from ..factors.range import range_rows
-from ..models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from ..models.pose.placed import PlacedShape, Rows, stacked
 from ..models.pose.robot import FreeStandingRobot
 from ..models.pose.settings import PoseSettings
 from ..models.pose.state import PoseState
-from ..models.structure.floor import UP
 from ..models.structure.rest_shape import RestShape
-from ..models.structure.support import GRAVITY_M_PER_S2
-from ..models.values.rotations import cross_matrix, rotation, rotation_vector, shortest_rotation
+from ..models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
+from ..models.values.rotations import rotation_vector, shortest_rotation
 from .contacts import ContactsByHeight, Standing
+from .pose_motion import PoseMotion
 
 STILL = 1e-3
 """Standard deviation of all motion while the structure stands at rest at the start, in rad and m and per second."""
@@ -76,6 +75,7 @@ class PoseFilter:
         self._rest = rest
         self._rest_seconds = robot.rest_seconds
         self._imus = ImuArray(robot.imus, rest.structure.rods)
+        self._motion = PoseMotion(self._imus, settings)
         self._number_of_pair = {pair: number for number, pair in enumerate(robot.range_pairs)}
         self.centre_m = rest.node_position_m.mean(axis=0)
         """(3,) c, the origin of body coordinates."""
@@ -126,9 +126,7 @@ class PoseFilter:
         self._body_before_m = body_m
         self._samples = samples
         self._last_s = t_s
-        return PoseStep(
-            t_s, transition, *predicted, self.state, self.covariance, standing, slipped
-        )
+        return PoseStep(t_s, transition, *predicted, self.state, self.covariance, standing, slipped)
 
     @property
     def standing(self) -> Standing:
@@ -177,119 +175,16 @@ class PoseFilter:
     ) -> tuple[NDArray[np.float64], PoseState, NDArray[np.float64]]:
         """Return the transition F, and the state and its covariance after a time step."""
         settings, at, before = self._settings, self.state.layout, self.state
-        F = np.eye(at.size)
-        noise = np.zeros((at.size, at.size))
-        diagonal = np.zeros(at.size)
-        holds_s = settings.motion_holds_s
-        turning = 2 * settings.turn_rad_per_s**2 / holds_s
-        moving = 2 * settings.motion_m_per_s**2 / holds_s
-        slowed = np.exp(-step_s / holds_s)
-        C = turning * step_s**3 / 3 * np.eye(3)
-        phi = before.rate_rad_per_s * step_s
-        by_rate = step_s * np.eye(3)
-        rate_cross = turning * step_s**2 / 2 * np.eye(3)
-        rate_noise = turning * step_s * np.eye(3)
-        imu_turn = before.imu_turn
-        if samples is not None:
-            w = (samples.rate_rad_per_s - before.rate_bias_rad_per_s) * step_s
-            imu_turn = before.imu_turn @ rotation(w)
-            middle = 0.5 * (before.imu_turn + imu_turn)
-            d = self._imus.direction(replace(before, imu_turn=middle))
-            along = d[:, :, None] * d[:, None, :]
-            across = np.eye(3) - along + (settings.deformation_rad_per_s / settings.spin_rad_per_s) ** 2 * along
-            weight = np.where(samples.count > 0, (settings.deformation_rad_per_s * step_s) ** -2, 0.0)
-            prior = np.linalg.inv(C)
-            C = np.linalg.inv(prior + np.einsum("i,iab->ab", weight, across))
-            turned = np.einsum("iab,ib->ia", middle, w)
-            phi = C @ (prior @ phi + np.einsum("i,iab,ib->a", weight, across, turned))
-            by_rate = C @ prior * step_s
-            by_bias = -step_s * middle
-            for i in range(self._imus.count):
-                q = slice(at.imu_turn.start + 3 * i, at.imu_turn.start + 3 * i + 3)
-                b = slice(at.rate_bias.start + 3 * i, at.rate_bias.start + 3 * i + 3)
-                F[q, b] = by_bias[i]
-                F[at.turn, b] = weight[i] * C @ across[i] @ by_bias[i]
-                F[at.rate, b] = F[at.turn, b] / step_s
-            # the rate at the end is the mean rate and half a step of white acceleration
-            rate_cross = C / step_s
-            rate_noise = C / step_s**2 + turning * step_s / 3 * np.eye(3)
-            unseen = np.where(samples.count > 0, 0.0, turning * step_s**3)
-            per_imu = settings.rate_rad_per_s**2 * step_s**2 / np.maximum(samples.count, 1) + unseen
-            per_imu += (settings.rate_scale * np.linalg.norm(w, axis=1)) ** 2
-            diagonal[at.imu_turn] = np.repeat(per_imu, 3)
-            diagonal[at.rate_bias] = settings.rate_bias_rad_per_s15**2 * step_s
-            diagonal[at.force_bias] = settings.force_bias_m_per_s25**2 * step_s
-        turn_step = rotation(phi)
-        turn = turn_step @ before.turn
-        rate = slowed * phi / step_s
-        F[at.turn, at.turn] = turn_step
-        F[at.turn, at.rate] = by_rate
-        F[at.rate, at.rate] = slowed * by_rate / step_s
-        noise[at.turn, at.turn] = C
-        noise[at.turn, at.rate] = noise[at.rate, at.turn] = rate_cross
-        noise[at.rate, at.rate] = rate_noise
-        forced = np.flatnonzero(samples.count) if samples is not None else np.zeros(0, dtype=np.int64)
-        if samples is None or not len(forced):
-            velocity = slowed * before.velocity_m_per_s
-            position = before.position_m + before.velocity_m_per_s * step_s
-            F[at.velocity, at.velocity] = slowed * np.eye(3)
-            F[at.position, at.velocity] = step_s * np.eye(3)
-            noise[at.position, at.position] = moving * step_s**3 / 3 * np.eye(3)
-            noise[at.position, at.velocity] = noise[at.velocity, at.position] = moving * step_s**2 / 2 * np.eye(3)
-            noise[at.velocity, at.velocity] = moving * step_s * np.eye(3)
-        else:
-            force = np.einsum(
-                "iab,ib->ia", middle[forced], samples.specific_force_m_per_s2[forced] - before.force_bias_m_per_s2[forced]
-            )
-            acceleration = force.mean(axis=0) - GRAVITY_M_PER_S2 * UP
-            arm = self._imus.arm_m(self._body_before_m @ before.turn.T, forced)
-            arm_after = self._imus.arm_m(body_m @ turn.T, forced)
-            velocity = before.velocity_m_per_s + np.cross(before.rate_rad_per_s, arm) + acceleration * step_s
-            velocity = velocity - np.cross(rate, arm_after)
-            position = before.position_m + 0.5 * step_s * (before.velocity_m_per_s + velocity)
-            by_rate_after = cross_matrix(arm_after)
-            rows = np.zeros((3, at.size))
-            rows[:, at.velocity] = np.eye(3)
-            rows[:, at.rate] = -cross_matrix(arm)
-            share = step_s / len(forced)
-            for i, f in zip(forced, force, strict=True):
-                rows[:, at.imu_turn.start + 3 * i : at.imu_turn.start + 3 * i + 3] = -share * cross_matrix(f)
-                rows[:, at.force_bias.start + 3 * i : at.force_bias.start + 3 * i + 3] = -share * middle[i]
-            rows += by_rate_after @ F[at.rate]
-            F[at.velocity] = rows
-            F[at.position] += 0.5 * step_s * rows
-            F[at.position, at.velocity] += 0.5 * step_s * np.eye(3)
-            excess = np.abs(np.linalg.norm(samples.specific_force_m_per_s2[forced], axis=1) - GRAVITY_M_PER_S2).mean()
-            sigma = settings.force_m_per_s2 / np.sqrt(len(forced)) + settings.force_share * excess
-            by_noise = np.zeros((6, 6))  # of turn and rate, on velocity and position
-            both = np.concatenate([noise[at.turn, :], noise[at.rate, :]])[:, [*range(0, 3), *range(6, 9)]]
-            by_noise[:3, 3:] = by_rate_after
-            by_noise[3:, 3:] = 0.5 * step_s * by_rate_after
-            moved = [*range(6, 12)]
-            del moved
-            vp = [*range(at.velocity.start, at.velocity.stop), *range(at.position.start, at.position.stop)]
-            tr = [*range(at.turn.start, at.turn.stop), *range(at.rate.start, at.rate.stop)]
-            noise[np.ix_(vp, tr)] = by_noise @ both
-            noise[np.ix_(tr, vp)] = noise[np.ix_(vp, tr)].T
-            own = np.kron(np.array([[1, 0.5 * step_s], [0.5 * step_s, 0.25 * step_s**2]]), np.eye(3))
-            noise[np.ix_(vp, vp)] = by_noise @ both @ by_noise.T + (sigma * step_s) ** 2 * own
-        rolled_m = rolled_on_floor_m(
-            rotation_vector(before.turn @ self._turn_before.T), self._floor, settings.cap_radius_m
-        )
-        standing = self._standing
-        walk = settings.creep_m_per_s05**2 * step_s + settings.slip_m_per_rad05**2 * np.linalg.norm(phi)
-        diagonal[at.foothold] = np.repeat(np.where(standing, walk, 0.0), 2)
-        state = replace(
-            before,
-            turn=turn,
-            position_m=position,
-            rate_rad_per_s=rate,
-            velocity_m_per_s=velocity,
-            foothold_m=before.foothold_m + np.where(standing[:, None], rolled_m, 0.0),
-            imu_turn=imu_turn,
-        )
-        covariance = F @ self.covariance @ F.T + noise
-        covariance[np.diag_indices(at.size)] += diagonal
+        motion = self._motion.after(before, step_s, samples, (self._body_before_m, body_m))
+        turned = rotation_vector(before.turn @ self._turn_before.T)
+        rolled_m = rolled_on_floor_m(turned, self._floor, settings.cap_radius_m)
+        state = replace(motion.state, foothold_m=before.foothold_m + np.where(self._standing[:, None], rolled_m, 0.0))
+        F = motion.transition
+        covariance = F @ self.covariance @ F.T + motion.noise
+        turning = float(np.linalg.norm(rotation_vector(state.turn @ before.turn.T)))
+        walk = settings.creep_m_per_s05**2 * step_s + settings.slip_m_per_rad05**2 * turning
+        here = np.arange(at.foothold.start, at.foothold.stop)
+        covariance[here, here] += np.repeat(np.where(self._standing, walk, 0.0), 2)
         return F, state, covariance
 
     def _landed(self, placed: PlacedShape, nodes: NDArray[np.bool_]) -> bool:
@@ -355,16 +250,14 @@ class PoseFilter:
         F = np.eye(at.size)
         noise = np.zeros(at.size)
         for node in np.flatnonzero(nodes):
-            place = slice(at.foothold.start + 2 * node, at.foothold.start + 2 * node + 2)
+            place = at.of_foothold(int(node))
             F[place] = axes @ placed.jacobian[node]
             of_shape = np.einsum("ai,ij,aj->a", axes, placed.node_covariance_m2[node], axes)
             noise[place] = of_shape + self._settings.floor_m**2
         foothold_m = np.where(nodes[:, None], placed.node_position_m @ axes.T, placed.state.foothold_m)
         covariance = F @ covariance @ F.T
         covariance[np.diag_indices(at.size)] += noise
-        placed = PlacedShape(
-            replace(placed.state, foothold_m=foothold_m), placed.body_m, placed.body_covariance_m2
-        )
+        placed = PlacedShape(replace(placed.state, foothold_m=foothold_m), placed.body_m, placed.body_covariance_m2)
         return F @ transition, placed, covariance
 
     def _rows(
@@ -445,9 +338,7 @@ def tipping(
     return shortest_rotation(up / np.linalg.norm(up), normal), pivot_m
 
 
-def _corrected(
-    state: PoseState, covariance: NDArray[np.float64], rows: Rows
-) -> tuple[PoseState, NDArray[np.float64]]:
+def _corrected(state: PoseState, covariance: NDArray[np.float64], rows: Rows) -> tuple[PoseState, NDArray[np.float64]]:
     """Return state and covariance after the correction by rows."""
     by_rows = covariance @ rows.jacobian.T
     S = rows.jacobian @ by_rows

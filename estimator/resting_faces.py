@@ -53,7 +53,10 @@ class Balance:
 
 
 def balance_of(
-    frame: LinearFrame, outer_jacobian: NDArray[np.float64], outer_n: NDArray[np.float64], variance_n2: NDArray[np.float64]
+    frame: LinearFrame,
+    outer_jacobian: NDArray[np.float64],
+    outer_n: NDArray[np.float64],
+    variance_n2: NDArray[np.float64],
 ) -> Balance:
     """Return the balance of one frame.
 
@@ -91,14 +94,12 @@ class RestingFaces:
         faces = [tuple(sorted(face)) for face in hull.simplices.tolist()]
         edges = sorted({pair for a, b, c in faces for pair in ((a, b), (a, c), (b, c))})
         self._faces = np.array(faces)
-        self._outward = np.sign(
-            np.einsum("fi,fi->f", hull.equations[:, :3], _normals(rest_position_m, self._faces))
-        )
+        self._outward = np.sign(np.einsum("fi,fi->f", hull.equations[:, :3], _normals(rest_position_m, self._faces)))
         self._beside = np.array([[f for f, face in enumerate(faces) if set(edge) <= set(face)] for edge in edges])
         self._carried = np.zeros((len(faces) + len(edges), structure.node_count))
         for row, nodes in enumerate([*faces, *edges]):
             self._carried[row, list(nodes)] = 1.0
-        self._leave = self._transition(faces, edges)
+        self._leave = self._transition(len(faces), len(edges))
         self._stay_s = np.repeat([REST_S, TIP_S], [len(faces), len(edges)])
         start = np.full(len(self._carried), 1e-4)
         start[int(np.argmax(self._carried[: len(faces)] @ standing_nodes))] = 1.0
@@ -213,9 +214,9 @@ class RestingFaces:
         ]
         return np.asarray(logsumexp(np.concatenate(terms, axis=1), axis=1))
 
-    def _transition(self, faces: list[tuple[int, ...]], edges: list[tuple[int, ...]]) -> NDArray[np.float64]:
-        leave = np.zeros((len(faces) + len(edges), len(faces) + len(edges)))
-        for row, beside in enumerate(self._beside, start=len(faces)):
+    def _transition(self, faces: int, edges: int) -> NDArray[np.float64]:
+        leave = np.zeros((faces + edges, faces + edges))
+        for row, beside in enumerate(self._beside, start=faces):
             leave[row, beside] = 1 / len(beside)
             leave[beside, row] = 1 / 3
         return leave

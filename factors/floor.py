@@ -16,9 +16,7 @@ from ..models.structure.floor import Floor
 from ..models.values.rotations import cross_matrix
 
 
-def height_rows(
-    placed: PlacedShape, floor: Floor, nodes: NDArray[np.int64], sigma_m: float, repeats: float
-) -> Rows:
+def height_rows(placed: PlacedShape, floor: Floor, nodes: NDArray[np.int64], sigma_m: float, repeats: float) -> Rows:
     """Return one row for each of the nodes that are at the height of the floor.
 
     Args:
@@ -63,8 +61,7 @@ def foothold_rows(
     jacobian = floor.axes @ placed.jacobian[nodes]
     jacobian[:, :, at.turn] += cap_radius_m * floor.axes @ cross_matrix(floor.normal)  # d(phi x n) = -n x d(phi)
     for row, node in enumerate(nodes):
-        start = at.foothold.start + 2 * node
-        jacobian[row, :, start : start + 2] -= np.eye(2)
+        jacobian[row, :, at.of_foothold(int(node))] -= np.eye(2)
     of_shape = np.einsum("ai,kij,aj->ka", floor.axes, placed.node_covariance_m2[nodes], floor.axes)
     return Rows(error.ravel(), jacobian.reshape(-1, at.size), (repeats * (sigma_m**2 + of_shape)).ravel())
 

@@ -7,8 +7,7 @@ the structure. With a shape whose rod has the direction u in body axes, and the 
     Q (a + B m) = R u                                  direction of the rod
     Q (f - b_f) = g z                                  gravity, in slow motion, with the specific force f
 
-Over a frame dt, with the mean rate w and its bias b_w, the sensor turns by exp((w - b_w) dt). The body turns by phi in
-the same time, across each rod as the sensors say to within the rate of deformation, else as before.
+How sensors and body turn and move between frames is in `estimator.pose_motion`.
 """
 
 from collections.abc import Sequence
@@ -17,14 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.values.aids import Imu, ImuReading
 from ..models.pose.placed import PlacedShape, Rows
 from ..models.pose.settings import PoseSettings
 from ..models.pose.state import PoseState
 from ..models.structure.floor import UP
 from ..models.structure.support import GRAVITY_M_PER_S2
+from ..models.values.aids import Imu, ImuReading
 from ..models.values.rotations import cross_matrix
-
 
 FAST_FORCE = 10.0
 """Growth of the sigma of gravity with the difference between the specific force and g."""
@@ -81,7 +79,9 @@ class ImuArray:
         share = self._fraction[imus]
         return np.asarray(((1 - share) * arm_m[first] + share * arm_m[second]).mean(axis=0))
 
-    def attitude_at_rest(self, rod_direction: NDArray[np.float64], specific_force: NDArray[np.float64]) -> NDArray[np.float64]:
+    def attitude_at_rest(
+        self, rod_direction: NDArray[np.float64], specific_force: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """Return (imus, 3, 3) Q, from (imus, 3) directions of the rods in the world and specific forces at rest."""
         return np.array(
             [
@@ -109,7 +109,7 @@ class ImuArray:
         by_turn = across @ cross_matrix(d)
         by_misalignment = across @ placed.state.imu_turn @ self.across
         for i in range(self.count):
-            jacobian[i, :, at.imu_turn.start + 3 * i : at.imu_turn.start + 3 * i + 3] = -by_turn[i]
+            jacobian[i, :, at.of_imu(at.imu_turn, i)] = -by_turn[i]
             jacobian[i, :, at.misalignment.start + 2 * i : at.misalignment.start + 2 * i + 2] = by_misalignment[i]
         c = placed.covariance_m2
         of_ends = c[first, first] + c[second, second] - c[first, second] - c[second, first]
@@ -129,14 +129,14 @@ class ImuArray:
         jacobian = np.zeros((len(slow), 3, at.size))
         by_turn = -cross_matrix(force)
         for row, i in enumerate(slow):
-            jacobian[row, :, at.imu_turn.start + 3 * i : at.imu_turn.start + 3 * i + 3] = by_turn[row]
-            jacobian[row, :, at.force_bias.start + 3 * i : at.force_bias.start + 3 * i + 3] = -turn[row]
+            jacobian[row, :, at.of_imu(at.imu_turn, int(i))] = by_turn[row]
+            jacobian[row, :, at.of_imu(at.force_bias, int(i))] = -turn[row]
         error = GRAVITY_M_PER_S2 * UP - force
         return Rows(error.ravel(), jacobian.reshape(-1, at.size), np.repeat(sigma[slow] ** 2, 3))
 
 
 def _frame(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (3, 3), a right-handed frame with a first axis, and a second axis as near as possible to another vector."""
+    """Return (3, 3), a right-handed frame with a first axis, and a second axis near another vector."""
     second = second - first * (first @ second)
     if np.linalg.norm(second) < 1e-3 * np.linalg.norm(first):
         second = np.cross(first, np.eye(3)[np.argmin(np.abs(first))])

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..models.values.aids import PositionReading
 from ..models.pose.placed import PlacedShape, Rows
+from ..models.values.aids import PositionReading
 
 
 def position_rows(placed: PlacedShape, readings: Sequence[PositionReading], sigma_m: float) -> Rows:

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.values.aids import RangeReading
 from ..models.pose.placed import PlacedShape, Rows
+from ..models.values.aids import RangeReading
 
 HUBER = 1.345
 """Studentised error from which a range loses weight, which keeps 95 % efficiency on Gaussian noise."""

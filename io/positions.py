@@ -21,6 +21,26 @@ def force_columns(node_count: int) -> list[str]:
     return [f"n{node}_f{axis}_n" for node in range(node_count) for axis in "xyz"]
 
 
+def contact_columns(node_count: int) -> list[str]:
+    """Return the names of the columns after t_s of a file of contacts."""
+    return [f"c{node}" for node in range(node_count)]
+
+
+def read_contacts(path: Path, node_count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (times,) stamps and (times, nodes) probabilities that the floor carries each node.
+
+    Raises:
+        InputError: see `read_positions`; and for what is no probability.
+    """
+    columns = contact_columns(node_count)
+    rows = np.array(list(CsvFile(path, ["t_s", *columns])))
+    if len(rows) < 2:
+        raise InputError(f"{path}: expected at least two rows, got {len(rows)}")
+    if (rows[:, 1:] < 0).any() or (rows[:, 1:] > 1).any():
+        raise InputError(f"{path}: expected probabilities from 0 to 1 in {columns[0]} to {columns[-1]}")
+    return rows[:, 0], rows[:, 1:]
+
+
 def read_positions(path: Path, node_count: int) -> StampedPositions:
     """Return the positions in a file; nan where a cell is blank or a node has no columns.
 

@@ -4,8 +4,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator
 
-from ..models.values.readings import BoardReading, TendonLengths
-from .trial_directory import Reading
+from .trial_directory import Reading, arrival_s
 
 
 class Replay:
@@ -46,10 +45,3 @@ class Replay:
     def stop(self) -> None:
         """Stop yielding."""
         self._stopped.set()
-
-
-def arrival_s(reading: Reading) -> float:
-    """Return when a reading reached the host."""
-    if isinstance(reading, BoardReading):
-        return reading.host_s
-    return reading.t_s if isinstance(reading, TendonLengths) else reading.arrival_s

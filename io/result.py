@@ -17,13 +17,15 @@ from ..models.structure.structure import Structure
 from ..models.values.errors import InputError
 from ..models.values.readings import Flag, Mode
 from .csv import CsvFile
-from .positions import position_columns, read_positions
+from .positions import contact_columns, position_columns, read_contacts, read_positions
 from .toml import read_toml
 from .whole import check_replaceable, written_whole
 
 RUN_FILE = "run.toml"
 LOADS_FILE = "estimated_loads.csv"
 DRIFT_FILE = "sensor_drift.csv"
+CONTACTS_FILE = "contacts.csv"
+TRACK_FILE = "track.csv"
 COVARIANCE_COLUMNS = ("cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2")
 """The upper triangle, row by row; ten digits, because the inverse for a long, thin ellipsoid loses seven."""
 
@@ -60,6 +62,9 @@ def write_tables(reconstruction: Reconstruction, probability: float, directory: 
         _append(
             directory / DRIFT_FILE, _drift_rows(reconstruction.t_s, reconstruction.drift, reconstruction.drift_sigma)
         )
+    if reconstruction.contacts is not None:
+        _append(directory / CONTACTS_FILE, _contact_rows(reconstruction.t_s, reconstruction.contacts))
+        _append(directory / TRACK_FILE, _track_rows(reconstruction))
     if reconstruction.loads:
         _append(directory / LOADS_FILE, _load_rows(reconstruction, reconstruction.loads))
 
@@ -115,7 +120,17 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
         flags=flags.astype(np.int64),
         innovation_sigma_m=innovation_sigma_m,
         loads=_read_loads(directory / LOADS_FILE, structure, t_s),
+        contacts=_read_contacts(directory / CONTACTS_FILE, structure, t_s),
     )
+
+
+def _read_contacts(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    if not path.is_file():
+        return None
+    contacts_s, probability = read_contacts(path, structure.node_count)
+    if not np.array_equal(contacts_s, t_s):
+        raise InputError(f"{path}: expected one row for each row of shape.csv")
+    return probability
 
 
 def _read_loads(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> ExternalLoads | None:
@@ -215,6 +230,20 @@ def _load_rows(r: Reconstruction, loads: ExternalLoads) -> Iterator[str]:
         for node in r.structure.free_nodes:
             values = ",".join(f"{value:.4f}" for value in (*force[node], sigma[node]))
             yield f"{t_s:.4f},{node},{values},{observable[node]}"
+
+
+def _contact_rows(t_s: NDArray[np.float64], contacts: NDArray[np.float64]) -> Iterator[str]:
+    yield ",".join(["t_s", *contact_columns(contacts.shape[1])])
+    for frame_t_s, probability in zip(t_s, contacts, strict=True):
+        yield f"{frame_t_s:.4f}," + ",".join(f"{value:.3f}" for value in probability)
+
+
+def _track_rows(r: Reconstruction) -> Iterator[str]:
+    yield ",".join(["t_s", "x_m", "y_m", "z_m", *COVARIANCE_COLUMNS])
+    row, column = np.triu_indices(3)
+    for t_s, position, covariance in zip(r.t_s, r.centroid_m, r.centroid_covariance_m2, strict=True):
+        numbers = [*(f"{value:.6f}" for value in position), *(f"{value:.9e}" for value in covariance[row, column])]
+        yield f"{t_s:.4f}," + ",".join(numbers)
 
 
 def _drift_rows(t_s: NDArray[np.float64], drift: NDArray[np.float64], sigma: NDArray[np.float64]) -> Iterator[str]:

@@ -10,17 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from ..models.evaluation.truth import Fault, TrueLoads, Truth, known_faults
+from ..models.evaluation.truth import Fault, TrueContacts, TrueLoads, Truth, known_faults
 from ..models.trial_description import TrialDescription, TrialTable, describe_trial
+from ..models.values.aids import AidReading
 from ..models.values.errors import InputError
 from ..models.values.readings import BoardReading, Flag, Mode, ResistanceReading, TendonLengths
 from ..models.values.stamped_positions import StampedPositions
+from .aid_files import imu_readings, position_readings, range_readings
 from .csv import CsvFile
-from .positions import read_forces, read_positions
+from .positions import read_contacts, read_forces, read_positions
 from .toml import read_toml
 
-Reading = BoardReading | ResistanceReading | TendonLengths
-"""One measurement of a trial: a row of counts, a reading of resistance, or lengths."""
+Reading = BoardReading | ResistanceReading | TendonLengths | AidReading
+"""One measurement of a trial: a row of counts, a reading of resistance, lengths, or what another sensor read."""
 
 
 @dataclass(slots=True, eq=False)
@@ -50,17 +52,16 @@ class Trial:
         """
         sources: dict[str, Callable[[], Iterator[Reading]]]
         sources = {"counts": self._rows, "resistance": self._resistances, "lengths": self._lengths}
-        count = 0
-        for reading in sources[self.description.source]():
-            count += 1
-            yield reading
-        if count == 0:
-            raise InputError(f"{self.path}: holds no readings: expected at least one row in {', '.join(self.files())}")
+        tendons = _counted(sources[self.description.source](), self)
+        yield from heapq.merge(tendons, *self._aids(), key=arrival_s)
 
     def files(self) -> list[str]:
         """Return the names of the files with measurements."""
         stand_in = self.table.resistance or self.table.lengths
-        return [stand_in.file] if stand_in else [board.file for board in self.table.board]
+        tendons = [stand_in.file] if stand_in else [board.file for board in self.table.board]
+        imus = [imu.file for imu in self.table.imu]
+        others = [other.file for other in self.table.range] + [other.file for other in self.table.position]
+        return tendons + imus + others
 
     def row_count(self) -> int:
         """Return the approximate number of readings, for a progress bar."""
@@ -86,6 +87,13 @@ class Trial:
             return None
         return read_forces(self.path / self.table.truth.loads, self.description.structure.node_count)
 
+    def true_contacts(self) -> TrueContacts | None:
+        """Return which nodes the floor is known to carry, if the trial tells it. Evaluation only."""
+        if self.table.truth is None or self.table.truth.contacts is None:
+            return None
+        t_s, standing = read_contacts(self.path / self.table.truth.contacts, self.description.structure.node_count)
+        return TrueContacts(t_s, standing > 0.5)
+
     def faults(self) -> tuple[Fault, ...]:
         """Return the true faults, if the trial has them. Evaluation only."""
         if self.table.truth is None:
@@ -100,7 +108,17 @@ class Trial:
             rest_seconds=self.description.rest_seconds,
             faults=self.faults(),
             loads=loads,
+            contacts=self.true_contacts(),
         )
+
+    def _aids(self) -> list[Iterator[AidReading]]:
+        """Return the readings of each sensor beside the tendons."""
+        table, path = self.table, self.path
+        return [
+            *(imu_readings(path / imu.file, number) for number, imu in enumerate(table.imu)),
+            *(range_readings(path / ranges.file, k, self.description) for k, ranges in enumerate(table.range)),
+            *(position_readings(path / positions.file, self.description) for positions in table.position),
+        ]
 
     def _rows(self) -> Iterator[BoardReading]:
         return heapq.merge(*(self._board(b) for b in range(len(self.table.board))), key=lambda row: row.host_s)
@@ -174,6 +192,23 @@ class Trial:
             else:
                 self.dropped_rows += 1
         self.half_lines += file.half_lines
+
+
+def arrival_s(reading: Reading) -> float:
+    """Return when a reading reached the host."""
+    if isinstance(reading, BoardReading):
+        return reading.host_s
+    return reading.arrival_s if isinstance(reading, ResistanceReading) else reading.t_s
+
+
+def _counted(readings: Iterator[Reading], trial: Trial) -> Iterator[Reading]:
+    """Yield the readings of tendons, of which there is at least one."""
+    count = 0
+    for reading in readings:
+        count += 1
+        yield reading
+    if count == 0:
+        raise InputError(f"{trial.path}: holds no readings: expected at least one row in {', '.join(trial.files())}")
 
 
 def open_trial(path: str | Path) -> Trial:

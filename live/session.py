@@ -13,9 +13,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from ..io.provenance import relative_path, versions
-from ..io.replay import arrival_s
 from ..io.result import result_directory, write_run, write_tables
-from ..io.trial_directory import Reading
+from ..io.trial_directory import Reading, arrival_s
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.shape import Shape

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from .pose.robot import FreeStandingRobot
 from .sensor.clock import ClockSettings
 from .sensor.divider import Divider
 from .sensor.resistance import Boards
@@ -243,10 +244,8 @@ class TrialDescription:
     the numbers after those of the tendons."""
     reference_strips: int
     """Number of the strips that are tied to no tendon and keep their length: what they read is drift."""
-    floor: Floor | None
-    """The floor that the structure stands on; None where it is anchored, or carried in a hand."""
-    imus: tuple[Imu, ...]
-    """The inertial sensors, in the order of their numbers."""
+    robot: FreeStandingRobot | None
+    """The floor that the structure stands on, and what it carries; None where it is anchored, or held in a hand."""
     beacon_position_m: tuple[NDArray[np.float64], ...]
     """(beacons, 3) for each recording of distances."""
     ignored_keys: tuple[str, ...]
@@ -306,11 +305,33 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
         divider=_divider(table) if source == "counts" else None,
         tendons_of_board=tendons_of_board,
         reference_strips=sum(int(np.sum(tendons >= len(structure.tendons))) for tendons in tendons_of_board),
-        floor=table.ground.floor() if table.ground else None,
-        imus=tuple(_imu(number, imu, structure) for number, imu in enumerate(table.imu)),
+        robot=_robot(table, structure),
         beacon_position_m=tuple(_beacons(number, ranges) for number, ranges in enumerate(table.range)),
         ignored_keys=ignored_keys,
     )
+
+
+def _robot(table: TrialTable, structure: Structure) -> FreeStandingRobot | None:
+    imus = tuple(_imu(number, imu, structure) for number, imu in enumerate(table.imu))
+    pairs = [
+        (recording, beacon, node)
+        for recording, ranges in enumerate(table.range)
+        for beacon in range(len(ranges.beacon_position_m))
+        for node in range(structure.node_count)
+    ]
+    if not structure.is_free_standing:
+        return None
+    if table.ground is None:
+        aids = [name for name in ("imu", "range", "position") if getattr(table, name)]
+        if aids:
+            raise InputError(f"[[{aids[0]}]]: expected [ground], the floor on which a robot that carries it stands")
+        return None
+    if table.rest.node_position_m is None or table.rest.seconds <= 0:
+        raise InputError(
+            "rest: expected seconds above 0 and node_position_m with [ground]: a structure without anchors is where "
+            "it stands at the start"
+        )
+    return FreeStandingRobot(table.ground.floor(), imus, tuple(pairs), table.rest.seconds)
 
 
 def _imu(number: int, table: ImuTable, structure: Structure) -> Imu:

@@ -32,6 +32,7 @@ from .style import (
     structure_handles,
     tendon_style,
 )
+from .track_figure import write_track_figure
 
 LOAD_MM_PER_N = 30.0
 """Length of the arrow of a load."""
@@ -40,11 +41,13 @@ SURE = 2.0
 
 
 def write_figures(r: Reconstruction, settings: Settings, title: str, directory: Path) -> None:
-    """Draw lengths.png and shape.png of a result, and sensor_drift.png where drift is known."""
+    """Draw lengths.png and shape.png of a result, sensor_drift.png where drift is known, track.png on a floor."""
     write_lengths_figure(r, title, directory / "lengths.png")
     write_shape_figure(r, settings.probability, settings.load_threshold_n, title, directory / "shape.png")
     if r.drift is not None and r.drift_sigma is not None:
         write_drift_figure(r, r.drift, r.drift_sigma, title, directory / "sensor_drift.png")
+    if r.contacts is not None:
+        write_track_figure(r, settings.probability, title, directory / "track.png")
 
 
 def write_lengths_figure(r: Reconstruction, title: str, path: Path) -> None:
@@ -148,7 +151,7 @@ def write_shape_figure(r: Reconstruction, probability: float, load_threshold_n: 
     handles = [
         *structure_handles(),
         Patch(color=RED, alpha=0.4, label="ellipsoid"),
-        anchor_handle(),
+        *([anchor_handle()] if len(r.structure.anchors) else []),
         Line2D([], [], color=GREY, lw=1, label="at the start"),
         *([Line2D([], [], color=PURPLE, lw=2, label=load_label)] if r.loads else []),
     ]

@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Group
 from rich.table import Table
 
-from ...models.evaluation.evaluation import Consistency, Errors, Evaluation, FaultScore, Regime
+from ...models.evaluation.evaluation import Consistency, Errors, Evaluation, FaultScore, PoseScore, Regime
 from ...models.evaluation.load_score import CLEAR_LOAD_N
 from .cells import or_dash
 
@@ -72,10 +72,39 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
         rows.append(("truth aligned", f"turned by {e.rotation_deg:.2f} degrees"))
     if e.wrong_branch_frames is not None:
         rows.append(("on the wrong branch", f"{e.wrong_branch_frames} frames"))
+    rows += _pose_facts(e.pose) if e.pose else []
     rows += _consistency_facts(e.consistency)
     rows += _load_facts(e)
     rows += [(f"fault: {fault.kind}, {fault.where}", _seen(fault)) for fault in e.faults]
     rows.append(("false alarms", f"{e.false_alarm_share:.2%} of the healthy readings"))
+    return rows
+
+
+def _pose_facts(p: PoseScore) -> list[tuple[str, str]]:
+    rows = [
+        (
+            "shape alone (best rigid fit)",
+            f"RMSE {1e3 * p.shape_rmse_m:.2f} mm, {p.shape_rmse_m / p.held_rmse_m:.2f} of holding the rest shape",
+        ),
+        ("shape and tilt (best turn about z)", f"RMSE {1e3 * p.level_rmse_m:.2f} mm"),
+        (
+            "tilt",
+            f"{p.tilt_rms_deg:.2f} degrees rms, {or_dash(p.still_tilt_rms_deg, '{:.2f}')} while still",
+        ),
+        (
+            "centroid",
+            f"RMSE {1e3 * p.centroid_rmse_m:.1f} mm; at the end {or_dash(100 * p.drift_share, '{:.2f} %')} "
+            f"of a path of {p.path_m:.2f} m, heading {p.heading_error_deg:+.1f} degrees",
+        ),
+    ]
+    if p.contacts is not None:
+        c = p.contacts
+        for name, precision, recall in (
+            ("contacts told, and true", c.precision, c.recall),
+            ("  while still", c.still_precision, c.still_recall),
+            ("  while moving", c.moving_precision, c.moving_recall),
+        ):
+            rows.append((name, f"{or_dash(precision, '{:.1%}')}; true, and told {or_dash(recall, '{:.1%}')}"))
     return rows
 
 

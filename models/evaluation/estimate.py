@@ -31,6 +31,8 @@ class Estimate:
     """(frames, tendons) sigma of measured minus predicted length; nan for a method without covariance."""
     loads: ExternalLoads | None = None
     """Estimated loads in all frames; None for a method without loads."""
+    contacts: NDArray[np.float64] | None = None
+    """(frames, nodes) probability that the floor carries each node; None where there is no floor."""
 
     @classmethod
     def of(cls, reconstruction: Reconstruction) -> "Estimate":
@@ -45,4 +47,5 @@ class Estimate:
             flags=reconstruction.flags,
             innovation_sigma_m=reconstruction.innovation_sigma_m,
             loads=reconstruction.loads,
+            contacts=reconstruction.contacts,
         )

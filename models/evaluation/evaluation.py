@@ -121,6 +121,47 @@ class FaultScore:
     """Time from the start of the fault until all of its tendons had been detected; None when one was not detected."""
 
 
+@dataclass(frozen=True, slots=True)
+class ContactScore:
+    """The contacts that were told, a probability above a half, against the true ones; nan where there are none."""
+
+    precision: float
+    """Share of the told contacts that are true, over pairs of frame and node."""
+    recall: float
+    """Share of the true contacts that are told."""
+    still_precision: float
+    """Precision while the structure is still."""
+    still_recall: float
+    moving_precision: float
+    """Precision while it moves."""
+    moving_recall: float
+
+
+@dataclass(frozen=True, slots=True)
+class PoseScore:
+    """The comparison of a free-standing structure with the truth."""
+
+    shape_rmse_m: float
+    """RMSE of the nodes after the best rigid motion of each frame: the error of the shape alone."""
+    held_rmse_m: float
+    """The same for the rest shape, held in all frames."""
+    level_rmse_m: float
+    """RMSE of the nodes after the best turn about the vertical and the best shift of each frame."""
+    tilt_rms_deg: float
+    """Root mean square of the angle by which the vertical is wrong."""
+    still_tilt_rms_deg: float
+    """The same while the structure is still."""
+    heading_error_deg: float
+    """Turn about the vertical in the last frame, estimated minus true."""
+    path_m: float
+    """Length of the true path of the centroid."""
+    drift_share: float
+    """Error of the centroid in the last frame, in proportion to the path."""
+    centroid_rmse_m: float
+    contacts: ContactScore | None
+    """None when contacts were not estimated, or the true ones are not known."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ComparedFrames:
     """The values of each compared frame from which an evaluation is computed, for figures and for pooling trials."""
@@ -149,6 +190,8 @@ class ComparedFrames:
     """(frames, free nodes, 3); None when loads were not estimated, or true loads are not known."""
     true_load_n: NDArray[np.float64] | None
     """(frames, free nodes, 3) observable part of the true loads; None when they are not known."""
+    contacts: tuple[NDArray[np.float64], NDArray[np.bool_]] | None = None
+    """(frames, nodes) estimated probabilities and true contacts; None where they are not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,5 +227,7 @@ class Evaluation:
     faults: tuple[FaultScore, ...]
     false_alarm_share: float
     """Share of the readings (frame, tendon) without a fault that were flagged as faulty or left out."""
+    pose: PoseScore | None
+    """None for a structure with anchors."""
     structure: Structure
     compared: ComparedFrames

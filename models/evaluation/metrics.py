@@ -16,8 +16,9 @@ from .estimate import Estimate
 from .evaluation import ComparedFrames, Errors, Evaluation, Regime, ShapeErrors
 from .fault_score import false_alarm_share, score_fault
 from .load_score import score_loads
+from .pose_score import score_pose
 from .statistics import mean_over_frames, of_known
-from .truth import TrueLoads, Truth
+from .truth import Truth
 
 GOOD_M = 0.005
 """Largest error of a frame with a good shape; above it a different sign of det J means the wrong branch."""
@@ -63,7 +64,8 @@ def evaluate(
         rotation_deg = float(np.rad2deg(rotation.magnitude()))
     rest = (estimate.t_s <= estimate.t_s[0] + truth.rest_seconds) & (truth.rest_seconds > 0)
     rest_error_m = rest_position_m - mean_over_frames(true_m[rest])
-    compared = compare_frames(structure, estimate, true_m, known, truth.loads)
+    compared = compare_frames(structure, estimate, true_m, known, truth)
+    pose = score_pose(compared, rest_position_m) if structure.is_free_standing else None
     node_rmse_m = np.sqrt(mean_over_frames((compared.node_error_m**2).sum(axis=-1)))
     node_height_rmse_m = np.sqrt(mean_over_frames(compared.node_error_m[..., 2] ** 2))
     good = np.flatnonzero(compared.frame_error_m <= GOOD_M)
@@ -83,6 +85,7 @@ def evaluate(
         wrong_branch_frames=int(compared.wrong_branch.sum()) if structure.is_square else None,
         faults=tuple(score_fault(fault, estimate) for fault in truth.faults),
         false_alarm_share=false_alarm_share(truth.faults, estimate),
+        pose=pose,
         structure=structure,
         compared=compared,
     )
@@ -108,7 +111,7 @@ def compare_frames(
     estimate: Estimate,
     true_m: NDArray[np.float64],
     known: NDArray[np.bool_],
-    loads: TrueLoads | None = None,
+    truth: Truth | None = None,
 ) -> ComparedFrames:
     """Return the errors and other values of each compared frame.
 
@@ -117,8 +120,12 @@ def compare_frames(
         estimate: the estimate in all frames of the run.
         true_m: (frames, nodes, 3) true positions at the times of these frames.
         known: (frames,) which frames to compare.
-        loads: the true loads; None when they are not known.
+        truth: true loads and contacts, where they are known.
     """
+    loads = truth.loads if truth else None
+    contacts = None
+    if truth and truth.contacts and estimate.contacts is not None:
+        contacts = estimate.contacts[known], truth.contacts.at(estimate.t_s[known])
     free = structure.free_nodes
     estimated_m = estimate.node_position_m[known]
     true_m = true_m[known]
@@ -146,6 +153,7 @@ def compare_frames(
         wrong_branch=other_sign & (frame_error_m > GOOD_M),
         estimated_load_n=estimated_load_n,
         true_load_n=true_load_n,
+        contacts=contacts,
     )
 
 

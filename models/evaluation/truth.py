@@ -37,6 +37,22 @@ class TrueLoads:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TrueContacts:
+    """Which nodes the floor is known to carry."""
+
+    t_s: NDArray[np.float64]
+    """(times,) increasing, host clock."""
+    standing: NDArray[np.bool_]
+    """(times, nodes)"""
+
+    def at(self, t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return (frames, nodes) the contacts at the nearest known times."""
+        after = np.clip(np.searchsorted(self.t_s, t_s), 1, len(self.t_s) - 1)
+        nearest = np.where(t_s - self.t_s[after - 1] < self.t_s[after] - t_s, after - 1, after)
+        return np.asarray(self.standing[nearest])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Truth:
     """The true node positions, from an independent measurement, with known loads and faults."""
 
@@ -48,6 +64,7 @@ class Truth:
     """How long the structure stood at its rest shape, from the first frame of the estimate on."""
     faults: tuple[Fault, ...] = ()
     loads: TrueLoads | None = None
+    contacts: TrueContacts | None = None
 
 
 def known_faults(truth: TruthTable, trial: TrialDescription, where: str) -> tuple[Fault, ...]:

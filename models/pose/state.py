@@ -9,6 +9,7 @@ Errors of the state are vectors: rotations have errors in world axes, R_true = e
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +28,18 @@ class ErrorLayout:
         self.foothold = slice(12, 12 + 2 * nodes)
         ends = self.foothold.stop + np.cumsum([0, 3 * imus, 3 * imus, 3 * imus, 2 * imus, ranges])
         self.imu_turn, self.rate_bias, self.force_bias, self.misalignment, self.range_offset = (
-            slice(int(start), int(stop)) for start, stop in zip(ends[:-1], ends[1:], strict=True)
+            slice(int(start), int(stop)) for start, stop in pairwise(ends)
         )
         self.size = int(ends[-1])
         self.pose = slice(0, 6)
+
+    def of_foothold(self, node: int) -> slice:
+        """Return the place of the foothold of one node."""
+        return slice(self.foothold.start + 2 * node, self.foothold.start + 2 * node + 2)
+
+    def of_imu(self, part: slice, imu: int) -> slice:
+        """Return the place of three numbers of one inertial sensor, in one of the parts that have three for each."""
+        return slice(part.start + 3 * imu, part.start + 3 * imu + 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,15 +94,21 @@ class PoseState:
         """Return the (size,) errors that, added to this state, give the other."""
         turns = np.concatenate([(other.turn @ self.turn.T)[None], other.imu_turn @ np.swapaxes(self.imu_turn, 1, 2)])
         vectors = rotation_vector(turns)
-        parts = {"turn": vectors[0], "imu_turn": vectors[1:]}
-        order = ("turn", "position_m", "rate_rad_per_s", "velocity_m_per_s", "foothold_m", "imu_turn")
-        order += ("rate_bias_rad_per_s", "force_bias_m_per_s2", "misalignment", "range_offset_m")
         return np.concatenate(
-            [(parts[name] if name in parts else getattr(other, name) - getattr(self, name)).ravel() for name in order]
+            [
+                vectors[0],
+                other.position_m - self.position_m,
+                other.rate_rad_per_s - self.rate_rad_per_s,
+                other.velocity_m_per_s - self.velocity_m_per_s,
+                (other.foothold_m - self.foothold_m).ravel(),
+                vectors[1:].ravel(),
+                (other.rate_bias_rad_per_s - self.rate_bias_rad_per_s).ravel(),
+                (other.force_bias_m_per_s2 - self.force_bias_m_per_s2).ravel(),
+                (other.misalignment - self.misalignment).ravel(),
+                other.range_offset_m - self.range_offset_m,
+            ]
         )
 
     def world_m(self, arm_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., 3) positions in the world, from (..., 3) body coordinates relative to c."""
         return np.asarray(self.position_m + arm_m @ self.turn.T)
-
-

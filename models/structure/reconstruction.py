@@ -18,7 +18,7 @@ from .structure import Structure
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """The shapes of all frames of one run, in the coordinate frame of the anchors."""
+    """The shapes of all frames of one run, in one coordinate frame, see `Shape`."""
 
     structure: Structure
     t_s: NDArray[np.float64]
@@ -47,6 +47,8 @@ class Reconstruction:
     """(frames, tendons) drift that was taken off each resistance, relative to it; None where nothing shows drift."""
     drift_sigma: NDArray[np.float64] | None = None
     """(frames, tendons) standard deviation of `drift`."""
+    contacts: NDArray[np.float64] | None = None
+    """(frames, nodes) probability that the floor carries each node; None where there is no floor."""
 
     @classmethod
     def of(cls, structure: Structure, shapes: Iterable[Shape]) -> "Reconstruction":
@@ -66,6 +68,7 @@ class Reconstruction:
         drifts = [shape.lengths.drift for shape in collected]
         observed = [drift for drift in drifts if drift is not None and drift.references]
         drift_is_known = len(observed) == len(collected)
+        contacts = [shape.contacts for shape in collected if shape.contacts is not None]
         return cls(
             structure=structure,
             t_s=np.array([shape.t_s for shape in collected]),
@@ -81,6 +84,7 @@ class Reconstruction:
             doubts=tuple(shape.doubt for shape in collected),
             drift=np.array([drift.change for drift in observed]) if drift_is_known else None,
             drift_sigma=np.array([drift.sigma for drift in observed]) if drift_is_known else None,
+            contacts=np.array(contacts) if contacts else None,
         )
 
     def __len__(self) -> int:
@@ -105,12 +109,25 @@ class Reconstruction:
                 loads=loads,
                 other=self.others[k],
                 doubt=self.doubts[k],
+                contacts=self.contacts[k] if self.contacts is not None else None,
             )
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:
         """(frames, nodes, 3, 3) covariance of each node."""
         return node_blocks(self.covariance_m2)
+
+    @property
+    def centroid_m(self) -> NDArray[np.float64]:
+        """(frames, 3) mean of all nodes: the track of a free-standing robot."""
+        return np.asarray(self.node_position_m.mean(axis=1))
+
+    @property
+    def centroid_covariance_m2(self) -> NDArray[np.float64]:
+        """(frames, 3, 3) covariance of `centroid_m`."""
+        nodes = self.structure.node_count
+        blocks = self.covariance_m2.reshape(len(self), nodes, 3, nodes, 3)
+        return np.asarray(blocks.sum(axis=(1, 3)) / nodes**2)
 
     @property
     def node_sigma_m(self) -> NDArray[np.float64]:

@@ -54,7 +54,7 @@ def best_rotation(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.
 def shortest_rotation(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (3, 3) rotation that turns the unit vector u into the unit vector v by the smallest angle."""
     axis = np.cross(u, v)
-    sine, cosine = np.linalg.norm(axis), float(u @ v)
+    sine, cosine = float(np.linalg.norm(axis)), float(u @ v)
     if sine < SMALL_RAD:
         axis, sine = np.cross(u, np.eye(3)[np.argmin(np.abs(u))]), 1.0
         axis = axis / np.linalg.norm(axis)

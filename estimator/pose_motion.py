@@ -1,0 +1,205 @@
+"""How the state of a pose changes over a frame: its transition F, and the noise that is added.
+
+The body turns by phi and its rate decays; without inertial sensors phi is the present rate times the step, with
+
+    C = 2 sigma^2 / tau dt^3 / 3
+
+as its covariance, for a rate of standard deviation sigma that lasts for tau. Each inertial sensor i, on a rod of
+direction d_i, tells phi across its rod to within the rate of deformation and along it to within that of the rod's spin:
+
+    phi = C (C_0^-1 phi_0 + sum_i M_i Q_i (w_i - b_i) dt),   C = (C_0^-1 + sum_i M_i)^-1
+    M_i = (1 - d d^T) / (s_deformation dt)^2 + d d^T / (s_spin dt)^2
+
+The mean point of the sensors, at the arm a from the centroid, is accelerated by their mean specific force and gravity,
+and the centroid's velocity is v = u - w x a, with the velocity u of this point.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..factors.imu import ImuArray, ImuSamples
+from ..models.pose.settings import PoseSettings
+from ..models.pose.state import PoseState
+from ..models.structure.floor import UP
+from ..models.structure.support import GRAVITY_M_PER_S2
+from ..models.values.rotations import cross_matrix, rotation
+
+EYE = np.eye(3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """The state after a time step, and what it is made of."""
+
+    state: PoseState
+    transition: NDArray[np.float64]
+    """(size, size) F, the derivative of its errors by those of the state before."""
+    noise: NDArray[np.float64]
+    """(size, size) covariance that the time step adds."""
+
+
+class PoseMotion:
+    """Predicts the state of a pose over one frame after another."""
+
+    def __init__(self, imus: ImuArray, settings: PoseSettings) -> None:
+        self._imus = imus
+        self._settings = settings
+
+    def after(
+        self, before: PoseState, step_s: float, samples: ImuSamples | None, arms_m: tuple[NDArray[np.float64], ...]
+    ) -> Motion:
+        """Return the state after a time step.
+
+        Args:
+            before: the state before.
+            step_s: the time step.
+            samples: of the inertial sensors in this step; None without such sensors.
+            arms_m: two arrays (nodes, 3) of the nodes in body coordinates, before and after the step.
+        """
+        at = before.layout
+        F = np.eye(at.size)
+        noise = np.zeros((at.size, at.size))
+        state = self._turned(before, step_s, F, noise)
+        if samples is not None:
+            state = self._turned_by_imus(before, step_s, samples, F, noise)
+        forced = np.flatnonzero(samples.count) if samples is not None else np.zeros(0, dtype=np.int64)
+        if samples is None or not len(forced):
+            return Motion(self._moved(state, step_s, F, noise), F, noise)
+        return Motion(self._moved_by_imus(before, state, step_s, samples, forced, arms_m, F, noise), F, noise)
+
+    def _turned(
+        self, before: PoseState, step_s: float, F: NDArray[np.float64], noise: NDArray[np.float64]
+    ) -> PoseState:
+        """Return the state with the body turned at its present rate, which decays."""
+        at = before.layout
+        density, slowed = self._density(self._settings.turn_rad_per_s, step_s)
+        turn = rotation(before.rate_rad_per_s * step_s)
+        F[at.turn, at.turn] = turn
+        F[at.turn, at.rate] = step_s * EYE
+        F[at.rate, at.rate] = slowed * EYE
+        _add_integrated(noise, at.turn, at.rate, density, step_s)
+        return replace(before, turn=turn @ before.turn, rate_rad_per_s=slowed * before.rate_rad_per_s)
+
+    def _turned_by_imus(
+        self,
+        before: PoseState,
+        step_s: float,
+        samples: ImuSamples,
+        F: NDArray[np.float64],
+        noise: NDArray[np.float64],
+    ) -> PoseState:
+        """Return the state with sensors and body turned as the sensors say."""
+        settings, at = self._settings, before.layout
+        w = (samples.rate_rad_per_s - before.rate_bias_rad_per_s) * step_s
+        imu_turn = before.imu_turn @ rotation(w)
+        middle = 0.5 * (before.imu_turn + imu_turn)
+        d = self._imus.direction(replace(before, imu_turn=middle))
+        along = d[:, :, None] * d[:, None, :]
+        M = (EYE - along) / settings.deformation_rad_per_s**2 + along / settings.spin_rad_per_s**2
+        M *= np.where(samples.count > 0, step_s**-2, 0.0)[:, None, None]
+        density, slowed = self._density(settings.turn_rad_per_s, step_s)
+        known = 3 / (density * step_s**3) * EYE
+        C = np.linalg.inv(known + M.sum(axis=0))
+        turned = np.einsum("iab,ib->ia", middle, w)
+        phi = C @ (known @ before.rate_rad_per_s * step_s + np.einsum("iab,ib->a", M, turned))
+        turn = rotation(phi)
+        F[at.turn, at.turn] = turn
+        F[at.turn, at.rate] = C @ known * step_s
+        for i in range(self._imus.count):
+            bias = at.of_imu(at.rate_bias, i)
+            F[at.of_imu(at.imu_turn, i), bias] = -step_s * middle[i]
+            F[at.turn, bias] = -step_s * C @ M[i] @ middle[i]
+        F[at.rate] = slowed / step_s * F[at.turn]
+        F[at.rate, at.turn] = 0.0
+        noise[at.turn, at.turn] = C
+        noise[at.turn, at.rate] = noise[at.rate, at.turn] = slowed / step_s * C
+        noise[at.rate, at.rate] = (slowed / step_s) ** 2 * C + density * step_s / 3 * EYE
+        unseen = np.where(samples.count > 0, 0.0, density * step_s**3)
+        white = settings.rate_rad_per_s**2 * step_s**2 / np.maximum(samples.count, 1)
+        scale = (settings.rate_scale * np.linalg.norm(w, axis=1)) ** 2
+        _add_diagonal(noise, at.imu_turn, np.repeat(white + scale + unseen, 3))
+        _add_diagonal(noise, at.rate_bias, settings.rate_bias_rad_per_s15**2 * step_s)
+        _add_diagonal(noise, at.force_bias, settings.force_bias_m_per_s25**2 * step_s)
+        return replace(before, turn=turn @ before.turn, rate_rad_per_s=slowed / step_s * phi, imu_turn=imu_turn)
+
+    def _moved(self, state: PoseState, step_s: float, F: NDArray[np.float64], noise: NDArray[np.float64]) -> PoseState:
+        """Return the state with the centroid moved at its present velocity, which decays."""
+        at = state.layout
+        density, slowed = self._density(self._settings.motion_m_per_s, step_s)
+        F[at.position, at.velocity] = step_s * EYE
+        F[at.velocity, at.velocity] = slowed * EYE
+        _add_integrated(noise, at.position, at.velocity, density, step_s)
+        return replace(
+            state,
+            position_m=state.position_m + step_s * state.velocity_m_per_s,
+            velocity_m_per_s=slowed * state.velocity_m_per_s,
+        )
+
+    def _moved_by_imus(
+        self,
+        before: PoseState,
+        after: PoseState,
+        step_s: float,
+        samples: ImuSamples,
+        forced: NDArray[np.int64],
+        arms_m: tuple[NDArray[np.float64], ...],
+        F: NDArray[np.float64],
+        noise: NDArray[np.float64],
+    ) -> PoseState:
+        """Return the state with the centroid moved as the mean specific force of some sensors says."""
+        settings, at = self._settings, before.layout
+        middle = 0.5 * (before.imu_turn + after.imu_turn)[forced]
+        force = np.einsum(
+            "iab,ib->ia", middle, samples.specific_force_m_per_s2[forced] - before.force_bias_m_per_s2[forced]
+        )
+        arm_before = self._imus.arm_m(arms_m[0] @ before.turn.T, forced)
+        arm_after = self._imus.arm_m(arms_m[1] @ after.turn.T, forced)
+        accelerated = (force.mean(axis=0) - GRAVITY_M_PER_S2 * UP) * step_s
+        point = before.velocity_m_per_s + np.cross(before.rate_rad_per_s, arm_before) + accelerated
+        velocity = point - np.cross(after.rate_rad_per_s, arm_after)
+        rows = np.zeros((3, at.size))
+        rows[:, at.velocity] = EYE
+        rows[:, at.rate] = -cross_matrix(arm_before)
+        share = step_s / len(forced)
+        for k, i in enumerate(forced):
+            rows[:, at.of_imu(at.imu_turn, i)] = -share * cross_matrix(force[k])
+            rows[:, at.of_imu(at.force_bias, i)] = -share * middle[k]
+        F[at.velocity] = rows + cross_matrix(arm_after) @ F[at.rate]
+        F[at.position] += 0.5 * step_s * F[at.velocity]
+        F[at.position, at.velocity] += 0.5 * step_s * EYE
+        excess = np.abs(np.linalg.norm(samples.specific_force_m_per_s2[forced], axis=1) - GRAVITY_M_PER_S2).mean()
+        sigma = settings.force_m_per_s2 / np.sqrt(len(forced)) + settings.force_share * excess
+        _carry_noise(noise, at.rate, at.velocity, cross_matrix(arm_after))
+        noise[at.velocity, at.velocity] += (sigma * step_s) ** 2 * EYE
+        _carry_noise(noise, at.velocity, at.position, 0.5 * step_s * EYE)
+        return replace(
+            after,
+            position_m=before.position_m + 0.5 * step_s * (before.velocity_m_per_s + velocity),
+            velocity_m_per_s=velocity,
+        )
+
+    def _density(self, sigma: float, step_s: float) -> tuple[float, float]:
+        """Return the power density of the white noise that keeps a rate at sigma, and its decay over a step."""
+        holds_s = self._settings.motion_holds_s
+        return 2 * sigma**2 / holds_s, float(np.exp(-step_s / holds_s))
+
+
+def _add_integrated(noise: NDArray[np.float64], value: slice, rate: slice, density: float, step_s: float) -> None:
+    """Add the covariance of white noise that is integrated once in a rate, and twice in its value."""
+    noise[value, value] += density * step_s**3 / 3 * EYE
+    noise[value, rate] += density * step_s**2 / 2 * EYE
+    noise[rate, value] += density * step_s**2 / 2 * EYE
+    noise[rate, rate] += density * step_s * EYE
+
+
+def _add_diagonal(noise: NDArray[np.float64], part: slice, variance: NDArray[np.float64] | float) -> None:
+    here = np.arange(part.start, part.stop)
+    noise[here, here] += variance
+
+
+def _carry_noise(noise: NDArray[np.float64], part: slice, onto: slice, by: NDArray[np.float64]) -> None:
+    """Add the noise of one part of the state, times a matrix, to another part, which has none yet."""
+    noise[onto] = by @ noise[part]
+    noise[:, onto] = noise[:, part] @ by.T

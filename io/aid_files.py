@@ -1,0 +1,68 @@
+"""The files of what a free-standing robot carries beside its tendons: inertial sensors, ranges, positions."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ..models.trial_description import TrialDescription
+from ..models.values.aids import ImuReading, PositionReading, RangeReading
+from ..models.values.errors import InputError
+from .csv import CsvFile
+
+IMU_COLUMNS = ("gx_rad_per_s", "gy_rad_per_s", "gz_rad_per_s", "ax_m_per_s2", "ay_m_per_s2", "az_m_per_s2")
+
+
+def imu_readings(path: Path, imu: int) -> Iterator[ImuReading]:
+    """Yield the samples of one inertial sensor.
+
+    Raises:
+        InputError: at the first row that cannot be read, or whose stamp is not later than the last.
+    """
+    for t_s, *values in _forward(CsvFile(path, ["t_s", *IMU_COLUMNS])):
+        yield ImuReading(imu, t_s, np.array(values[:3]), np.array(values[3:]))
+
+
+def range_readings(path: Path, recording: int, trial: TrialDescription) -> Iterator[RangeReading]:
+    """Yield the ranges of one recording.
+
+    Raises:
+        InputError: see `imu_readings`; and for a beacon or a node that does not exist, or a range that is not positive.
+    """
+    beacon_position_m = trial.beacon_position_m[recording]
+    file = CsvFile(path, ["t_s", "beacon", "node", "range_m"])
+    for row, (t_s, beacon, node, range_m) in enumerate(_forward(file, strictly=False), start=file.head().first_row):
+        here = f"{path}: row {row}"
+        _check_number(here, "beacon", beacon, len(beacon_position_m))
+        _check_number(here, "node", node, trial.structure.node_count)
+        if range_m <= 0:
+            raise InputError(f"{here}, column range_m: expected a positive distance, got {range_m}")
+        yield RangeReading(t_s, beacon_position_m[int(beacon)], (recording, int(beacon), int(node)), range_m)
+
+
+def position_readings(path: Path, trial: TrialDescription) -> Iterator[PositionReading]:
+    """Yield the positions of one recording.
+
+    Raises:
+        InputError: see `imu_readings`; and for a node that does not exist.
+    """
+    file = CsvFile(path, ["t_s", "node", "x_m", "y_m", "z_m"])
+    for row, (t_s, node, *position_m) in enumerate(_forward(file, strictly=False), start=file.head().first_row):
+        _check_number(f"{path}: row {row}", "node", node, trial.structure.node_count)
+        yield PositionReading(t_s, int(node), np.array(position_m))
+
+
+def _forward(file: CsvFile, *, strictly: bool = True) -> Iterator[list[float]]:
+    """Yield the rows, whose stamps must increase, or at least not go back."""
+    latest_s = -np.inf
+    for row, values in enumerate(file, start=file.head().first_row):
+        if values[0] < latest_s or (strictly and values[0] == latest_s):
+            word = "later than" if strictly else "not before"
+            raise InputError(f"{file.path}: row {row}, column t_s: expected a stamp {word} {latest_s}, got {values[0]}")
+        latest_s = values[0]
+        yield values
+
+
+def _check_number(here: str, name: str, value: float, count: int) -> None:
+    if value != int(value) or not 0 <= value < count:
+        raise InputError(f"{here}, column {name}: expected an integer from 0 to {count - 1}, got {value:g}")

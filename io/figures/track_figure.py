@@ -1,0 +1,115 @@
+"""The track of a free-standing structure from above, and the nodes that the floor carries over time."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse, Patch
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from ...models.structure.reconstruction import Reconstruction
+from .style import BLACK, BLUE, GREY, RED, add_grid, add_legend_below, save_figure
+
+ELLIPSES = 12
+"""Number of ellipses along a track."""
+
+
+def write_track_figure(r: Reconstruction, probability: float, title: str, path: Path) -> None:
+    """Draw the centroid from above with ellipses, and the probability that the floor carries each node over time.
+
+    Args:
+        r: all frames, in the world.
+        probability: of the ellipses.
+        title: what was reconstructed.
+        path: of the PNG.
+    """
+    figure, track, bars = _panels()
+    centroid_mm = 1e3 * r.centroid_m
+    _draw_ellipses(track, centroid_mm, 1e6 * r.centroid_covariance_m2[:, :2, :2], probability)
+    track.plot(*centroid_mm[:, :2].T, color=BLUE, lw=1.2)
+    track.plot(*centroid_mm[0, :2], color=BLACK, marker="o", ms=5, ls="")
+    if r.contacts is not None:
+        _draw_bars(bars, r.t_s, r.contacts, 0.0, 0.8, BLUE)
+    figure.suptitle(f"{title}: track of the centroid from above, and nodes on the floor")
+    handles = [
+        Line2D([], [], color=BLUE, label="centroid"),
+        Line2D([], [], color=BLACK, marker="o", ls="", label="start"),
+        Patch(color=RED, alpha=0.3, label=f"{100 * probability:g} % ellipse"),
+        Patch(color=BLUE, label="carried by the floor (paler: less probable)"),
+    ]
+    add_legend_below(figure, handles, 4)
+    save_figure(figure, path)
+
+
+def write_followed_figure(
+    t_s: NDArray[np.float64],
+    estimated_m: NDArray[np.float64],
+    true_m: NDArray[np.float64],
+    contacts: tuple[NDArray[np.float64], NDArray[np.bool_]] | None,
+    title: str,
+    path: Path,
+) -> None:
+    """Draw the estimated and the true track from above, and the estimated and the true contacts over time.
+
+    Args:
+        t_s: (frames,)
+        estimated_m: (frames, nodes, 3) in the world.
+        true_m: (frames, nodes, 3) in the world; nan where unknown.
+        contacts: (frames, nodes) the estimated probabilities and the true contacts; None where they are not known.
+        title: what was evaluated.
+        path: of the PNG.
+    """
+    figure, track, bars = _panels()
+    track.plot(*(1e3 * true_m.mean(axis=1)[:, :2]).T, color=BLACK, lw=2.5, alpha=0.5)
+    track.plot(*(1e3 * estimated_m.mean(axis=1)[:, :2]).T, color=BLUE, lw=1.2)
+    if contacts is not None:
+        _draw_bars(bars, t_s, contacts[0], 0.05, 0.4, BLUE)
+        _draw_bars(bars, t_s, contacts[1].astype(np.float64), 0.45, 0.4, BLACK)
+    figure.suptitle(f"{title}: track of the centroid from above, and nodes on the floor")
+    handles = [Line2D([], [], color=BLUE, lw=3, label="estimated"), Line2D([], [], color=BLACK, lw=3, label="true")]
+    add_legend_below(figure, handles, 2)
+    save_figure(figure, path)
+
+
+def _panels() -> tuple[Figure, Axes, Axes]:
+    figure = Figure(figsize=(12, 5.5), layout="constrained")
+    track, bars = figure.subplots(1, 2, width_ratios=[1, 1.3])
+    track.set_xlabel("x [mm]")
+    track.set_ylabel("y [mm]")
+    track.set_aspect("equal", adjustable="datalim")
+    bars.set_xlabel("time [s]")
+    bars.set_ylabel("node")
+    add_grid(track)
+    return figure, track, bars
+
+
+def _draw_ellipses(
+    axis: Axes, centroid_mm: NDArray[np.float64], covariance_mm2: NDArray[np.float64], probability: float
+) -> None:
+    for k in np.unique(np.linspace(0, len(centroid_mm) - 1, ELLIPSES).astype(int)):
+        variance, axes = np.linalg.eigh(covariance_mm2[k])
+        diameter_mm = 2 * np.sqrt(chi2.ppf(probability, 2) * np.maximum(variance, 0))
+        angle = float(np.rad2deg(np.arctan2(axes[1, 1], axes[0, 1])))
+        axis.add_patch(
+            Ellipse(tuple(centroid_mm[k, :2]), diameter_mm[1], diameter_mm[0], angle=angle, color=RED, alpha=0.3, lw=0)
+        )
+
+
+def _draw_bars(
+    axis: Axes, t_s: NDArray[np.float64], contacts: NDArray[np.float64], bottom: float, height: float, color: str
+) -> None:
+    """Draw a row for each node, whose darkness at each time is the probability."""
+    nodes = contacts.shape[1]
+    for node in range(nodes):
+        low = node - 0.45 + bottom
+        extent = (float(t_s[0]), float(t_s[-1]), low, low + height)
+        shade = np.zeros((1, len(t_s), 4))
+        shade[..., :3] = [int(color[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+        shade[0, :, 3] = contacts[:, node]
+        axis.imshow(shade, extent=extent, aspect="auto", interpolation="nearest", origin="lower")
+        axis.axhline(node - 0.5, color=GREY, lw=0.3)
+    axis.set_ylim(-0.5, nodes - 0.5)
+    axis.set_yticks(range(nodes))
