@@ -2,7 +2,8 @@
 
 Where inertial sensors on two rods or more tell how the structure is turned, heights tell it: each node is a hidden
 Markov model of two regimes. A node that stands is at the height of the lowest one, within the uncertainty of pose and
-shape; one that does not is above it by `lifted_m` on average. The lowest node stands, because a robot does not fly.
+shape; one that does not is above it by `lifted_m` on average. The lowest node stands, unless it is far above the floor: then somebody lifts the
+robot.
 
 Elsewhere the balance of forces tells it, see `estimator.resting_faces`.
 """
@@ -20,6 +21,10 @@ STANDING_SHARE = 0.25
 """Share of the nodes that stand."""
 CERTAIN = 1e-3
 """Least probability of standing or not."""
+LIFTED_SIGMA = 5.0
+"""Height of the lowest node, in standard deviations, above which the whole robot is lifted."""
+LIFTED_M = 0.01
+"""Least such height."""
 HYSTERESIS = 0.2
 """A node is put on the floor above, and lifted below, the probability of a half by this difference."""
 
@@ -62,9 +67,15 @@ class ContactsByHeight:
         of_shape = np.diag(heights) + heights[lowest, lowest] - 2 * heights[lowest]
         variance = np.einsum("ki,ij,kj->k", by_turn, covariance[at, at], by_turn) + of_shape
         sigma_m = np.sqrt(variance + self._settings.floor_m**2)
-        return self._update(clearance_m - clearance_m[lowest], sigma_m, step_s)
+        at_pose = placed.state.layout.pose
+        by_pose = n @ placed.jacobian[lowest, :, at_pose]
+        lowest_sigma_m = np.sqrt(by_pose @ covariance[at_pose, at_pose] @ by_pose + heights[lowest, lowest])
+        in_the_air = clearance_m[lowest] > max(LIFTED_SIGMA * float(lowest_sigma_m), LIFTED_M)
+        return self._update(clearance_m - clearance_m[lowest], sigma_m, step_s, in_the_air=bool(in_the_air))
 
-    def _update(self, height_m: NDArray[np.float64], sigma_m: NDArray[np.float64], step_s: float) -> Standing:
+    def _update(
+        self, height_m: NDArray[np.float64], sigma_m: NDArray[np.float64], step_s: float, *, in_the_air: bool
+    ) -> Standing:
         settings = self._settings
         stay = np.exp(-settings.steps_per_s * step_s)
         before = stay * self._probability + (1 - stay) * STANDING_SHARE
@@ -74,4 +85,7 @@ class ContactsByHeight:
         self._probability = np.clip(after, CERTAIN, 1 - CERTAIN)
         self._standing = self._probability > 0.5 + np.where(self._standing, -HYSTERESIS, HYSTERESIS)
         self._standing[np.argmin(height_m)] = True
+        if in_the_air:
+            self._standing = np.zeros_like(self._standing)
+            self._probability = np.full_like(self._probability, CERTAIN)
         return Standing(self._standing, self._probability)

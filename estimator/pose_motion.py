@@ -103,26 +103,27 @@ class PoseMotion:
         known = 3 / (density * step_s**3) * EYE
         C = np.linalg.inv(known + M.sum(axis=0))
         turned = np.einsum("iab,ib->ia", middle, w)
-        phi = C @ (known @ before.rate_rad_per_s * step_s + np.einsum("iab,ib->a", M, turned))
+        phi = C @ (known @ before.rate_rad_per_s * slowed * step_s + np.einsum("iab,ib->a", M, turned))
         turn = rotation(phi)
         F[at.turn, at.turn] = turn
-        F[at.turn, at.rate] = C @ known * step_s
+        F[at.turn, at.rate] = C @ known * slowed * step_s
         for i in range(self._imus.count):
             bias = at.of_imu(at.rate_bias, i)
             F[at.of_imu(at.imu_turn, i), bias] = -step_s * middle[i]
             F[at.turn, bias] = -step_s * C @ M[i] @ middle[i]
-        F[at.rate] = slowed / step_s * F[at.turn]
+            F[at.turn, at.of_imu(at.imu_turn, i)] = -C @ M[i] @ cross_matrix(turned[i])
+        F[at.rate] = F[at.turn] / step_s
         F[at.rate, at.turn] = 0.0
         noise[at.turn, at.turn] = C
-        noise[at.turn, at.rate] = noise[at.rate, at.turn] = slowed / step_s * C
-        noise[at.rate, at.rate] = (slowed / step_s) ** 2 * C + density * step_s / 3 * EYE
+        noise[at.turn, at.rate] = noise[at.rate, at.turn] = C / step_s
+        noise[at.rate, at.rate] = C / step_s**2 + density * step_s / 3 * EYE
         unseen = np.where(samples.count > 0, 0.0, density * step_s**3)
         white = settings.rate_rad_per_s**2 * step_s**2 / np.maximum(samples.count, 1)
         scale = (settings.rate_scale * np.linalg.norm(w, axis=1)) ** 2
         _add_diagonal(noise, at.imu_turn, np.repeat(white + scale + unseen, 3))
         _add_diagonal(noise, at.rate_bias, settings.rate_bias_rad_per_s15**2 * step_s)
         _add_diagonal(noise, at.force_bias, settings.force_bias_m_per_s25**2 * step_s)
-        return replace(before, turn=turn @ before.turn, rate_rad_per_s=slowed / step_s * phi, imu_turn=imu_turn)
+        return replace(before, turn=turn @ before.turn, rate_rad_per_s=phi / step_s, imu_turn=imu_turn)
 
     def _moved(self, state: PoseState, step_s: float, F: NDArray[np.float64], noise: NDArray[np.float64]) -> PoseState:
         """Return the state with the centroid moved at its present velocity, which decays."""
@@ -166,7 +167,9 @@ class PoseMotion:
         for k, i in enumerate(forced):
             rows[:, at.of_imu(at.imu_turn, i)] = -share * cross_matrix(force[k])
             rows[:, at.of_imu(at.force_bias, i)] = -share * middle[k]
-        F[at.velocity] = rows + cross_matrix(arm_after) @ F[at.rate]
+        rows[:, at.turn] = -cross_matrix(before.rate_rad_per_s) @ cross_matrix(arm_before)
+        by_turn_after = cross_matrix(after.rate_rad_per_s) @ cross_matrix(arm_after)
+        F[at.velocity] = rows + cross_matrix(arm_after) @ F[at.rate] + by_turn_after @ F[at.turn]
         F[at.position] += 0.5 * step_s * F[at.velocity]
         F[at.position, at.velocity] += 0.5 * step_s * EYE
         excess = np.abs(np.linalg.norm(samples.specific_force_m_per_s2[forced], axis=1) - GRAVITY_M_PER_S2).mean()

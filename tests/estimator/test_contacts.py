@@ -1,0 +1,40 @@
+"""Which nodes the floor carries, by their heights."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from poses import any_state
+from tensegraph.estimator.contacts import ContactsByHeight
+from tensegraph.models.pose.placed import PlacedShape
+from tensegraph.models.pose.settings import PoseSettings
+from tensegraph.models.structure.floor import UP, Floor
+
+
+def observe(contacts: ContactsByHeight, height_m: np.ndarray, frames: int = 1) -> np.ndarray:
+    """Return which nodes stand after some frames with the nodes at these heights."""
+    state = replace(any_state(0, 0), turn=np.eye(3), position_m=np.zeros(3))
+    body_m = np.column_stack([np.arange(12) * 0.02, np.zeros(12), height_m])
+    placed = PlacedShape(state, body_m, 1e-8 * np.eye(36))
+    covariance = 1e-6 * np.eye(state.layout.size)
+    for _ in range(frames):
+        standing = contacts.observe(placed, covariance, 0.02)
+    return np.flatnonzero(standing.nodes)
+
+
+def test_a_node_that_rises_is_lifted_and_one_that_lands_stands() -> None:
+    start = np.arange(12) < 3
+    contacts = ContactsByHeight(Floor(0.0, UP), start, PoseSettings())
+    height_m = np.where(start, 0.0, 0.1)
+    assert observe(contacts, height_m, 5).tolist() == [0, 1, 2]
+    height_m[0] = 0.03
+    assert observe(contacts, height_m, 5).tolist() == [1, 2]
+    height_m[7] = 0.0
+    assert observe(contacts, height_m, 5).tolist() == [1, 2, 7]
+
+
+def test_the_lowest_node_stands_unless_the_robot_is_lifted() -> None:
+    """4 mm above the floor the lowest node is taken to stand; 50 mm above it nothing does."""
+    contacts = ContactsByHeight(Floor(0.0, UP), np.arange(12) < 3, PoseSettings())
+    assert observe(contacts, 0.004 + 0.02 * np.arange(12.0), 20).tolist() == [0]
+    assert observe(contacts, 0.05 + 0.02 * np.arange(12.0), 20).tolist() == []

@@ -1,0 +1,87 @@
+"""A free-standing structure: twelve seconds in which a robot with one inertial sensor is tipped onto other faces."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tensegraph import InputError, open_trial, reconstruct
+from tensegraph.models.evaluation.estimate import Estimate
+from tensegraph.models.evaluation.metrics import evaluate
+
+ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
+
+
+@pytest.fixture(scope="module", params=["live", "batch"])
+def rolled(request):
+    """The reconstruction of the shipped trial, and its evaluation."""
+    trial = open_trial(ROLL)
+    reconstruction = reconstruct(trial, request.param)
+    d = trial.description
+    truth = trial.truth_of(trial.truth(), trial.true_loads())
+    return reconstruction, evaluate(d.structure, d.rest_position_m, Estimate.of(reconstruction), truth)
+
+
+def test_the_robot_is_followed(rolled) -> None:
+    """What the README promises, with room for another trial: two tips over a third of a metre."""
+    _, evaluation = rolled
+    pose = evaluation.pose
+    assert pose.path_m > 0.3
+    assert pose.shape_rmse_m < 0.7 * pose.held_rmse_m
+    assert pose.still_tilt_rms_deg < 0.5
+    assert pose.tilt_rms_deg < 2.5
+    assert pose.drift_share < 0.05
+    assert pose.contacts.precision > 0.9
+    assert pose.contacts.recall > 0.95
+    assert evaluation.consistency.coverage_95 > 0.85
+
+
+def test_rods_keep_their_length_and_nothing_sinks(rolled) -> None:
+    reconstruction, _ = rolled
+    a, b = reconstruction.structure.rods.T
+    x = reconstruction.node_position_m
+    assert np.linalg.norm(x[:, a] - x[:, b], axis=2) == pytest.approx(0.3, abs=0.001)
+    assert x[..., 2].min() > 0.0
+
+
+def test_the_track_starts_sure_and_grows_unsure(rolled) -> None:
+    reconstruction, _ = rolled
+    sigma_m = np.sqrt(np.trace(reconstruction.centroid_covariance_m2[:, :2, :2], axis1=1, axis2=2))
+    assert sigma_m[:50].max() < 0.003
+    assert sigma_m[-1] > 2 * sigma_m[:50].max()
+    assert np.linalg.eigvalsh(reconstruction.node_covariance_m2).min() > 0
+
+
+def without(folder: Path, *tables: str) -> Path:
+    """Return a copy of the trial without some tables of trial.toml."""
+    shutil.copytree(ROLL, folder)
+    parts = (folder / "trial.toml").read_text().split("\n[")
+    kept = [part for part in parts if not part.lstrip("[").startswith(tables)]
+    (folder / "trial.toml").write_text("\n[".join(kept))
+    return folder
+
+
+def test_without_a_floor_the_shape_is_described_in_body_coordinates(tmp_path) -> None:
+    """Held in a hand: the frame is that of the rest shape, and the covariance is that of the shape alone."""
+    body = reconstruct(without(tmp_path / "hand", "ground", "imu"), "live")
+    assert body.contacts is None
+    assert np.abs(body.centroid_m - body.centroid_m[0]).max() < 0.005
+    assert np.median(body.node_sigma_m) < 0.004
+
+
+def test_without_any_aid_it_is_followed_too(tmp_path) -> None:
+    trial = open_trial(without(tmp_path / "bare", "imu"))
+    reconstruction = reconstruct(trial, "batch")
+    truth = trial.truth_of(trial.truth())
+    d = trial.description
+    pose = evaluate(d.structure, d.rest_position_m, Estimate.of(reconstruction), truth).pose
+    assert pose.contacts.still_precision > 0.95
+    assert pose.still_tilt_rms_deg < 2.0
+    assert pose.drift_share < 0.06
+
+
+@pytest.mark.parametrize("method", ["frame", "least-squares", "ukf"])
+def test_methods_for_anchored_structures_are_refused(method) -> None:
+    with pytest.raises(InputError, match="expected one of batch, live for a structure without anchors"):
+        reconstruct(ROLL, method)

@@ -1,0 +1,66 @@
+"""The pose filter and its smoother."""
+
+import numpy as np
+import pytest
+
+from tensegraph.estimator.pose_filter import PoseFilter, smoothed, tipping
+from tensegraph.models.pose.robot import FreeStandingRobot
+from tensegraph.models.pose.settings import PoseSettings
+from tensegraph.models.structure.floor import UP, Floor
+from tensegraph.models.values.aids import PositionReading
+from tensegraph.models.values.rotations import rotation
+
+EXACT_M2 = 1e-10 * np.eye(36)
+
+
+@pytest.fixture
+def robot(balanced) -> FreeStandingRobot:
+    return FreeStandingRobot(Floor(float(balanced.node_position_m[0, 2]), UP), (), (), 0.2)
+
+
+def test_a_structure_that_stands_still_stays(balanced, robot) -> None:
+    poses = PoseFilter(balanced, robot, PoseSettings())
+    for k in range(100):
+        step = poses.step(0.02 * k, balanced.node_position_m, EXACT_M2, ())
+    assert step.state.turn == pytest.approx(np.eye(3), abs=1e-4)
+    assert step.state.position_m == pytest.approx(poses.centre_m, abs=1e-4)
+    assert np.flatnonzero(step.standing.nodes).tolist() == [0, 1, 2]
+
+
+def test_positions_of_three_nodes_move_it(balanced, robot) -> None:
+    """Noiseless recovery: it is carried through the air, and found to within a millimetre and a third of a degree."""
+    turn, shift_m = rotation(np.array([0.2, -0.1, 0.5])), np.array([0.3, -0.2, 0.1])
+    poses = PoseFilter(balanced, robot, PoseSettings())
+    x = balanced.node_position_m
+    for k in range(150):
+        share = min(max((k - 20) / 80, 0.0), 1.0)
+        true_m = (
+            (x - poses.centre_m) @ rotation(share * np.array([0.2, -0.1, 0.5])).T + poses.centre_m + share * shift_m
+        )
+        aids = [PositionReading(0.02 * k, node, true_m[node]) for node in (3, 5, 8, 11)]
+        step = poses.step(0.02 * k, x, EXACT_M2, aids)
+    assert step.state.world_m(x - poses.centre_m) == pytest.approx(true_m, abs=1e-3)
+    assert step.state.turn == pytest.approx(turn, abs=0.006)
+
+
+def test_the_smoother_is_no_less_certain_than_the_filter(balanced, robot) -> None:
+    poses = PoseFilter(balanced, robot, PoseSettings())
+    x = balanced.node_position_m
+    steps = [poses.step(0.02 * k, x, EXACT_M2, ()) for k in range(60)]
+    states = smoothed(steps)
+    assert states[-1][0] is steps[-1].state
+    for step, (_, covariance) in zip(steps, states, strict=True):
+        assert (np.diag(covariance)[:6] <= np.diag(step.covariance)[:6] * 1.001).all()
+
+
+def test_tipping_puts_a_face_on_the_floor(balanced) -> None:
+    """The face 0, 2 and another node beside the base comes to lie level; 0 and 2 stay on the floor."""
+    x = balanced.node_position_m
+    stands, stayed = np.zeros(12, dtype=bool), np.zeros(12, dtype=bool)
+    stands[[0, 2, 4]] = True
+    stayed[[0, 2]] = True
+    turn, pivot_m = tipping(x, stands, stayed, UP)
+    after = (x - pivot_m) @ turn.T + pivot_m
+    assert np.ptp(after[stands, 2]) == pytest.approx(0, abs=1e-9)
+    assert after[stands, 2].mean() < after[~stands, 2].min()
+    assert after[[0, 2]].mean(axis=0) == pytest.approx(x[[0, 2]].mean(axis=0))

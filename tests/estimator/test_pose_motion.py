@@ -1,0 +1,72 @@
+"""How a pose changes over a frame."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poses import any_state
+from tensegraph.estimator.pose_motion import PoseMotion
+from tensegraph.factors.imu import ImuArray, ImuSamples
+from tensegraph.models.pose.settings import PoseSettings
+from tensegraph.models.structure.floor import UP
+from tensegraph.models.values.aids import Imu
+from tensegraph.models.values.rotations import rotation
+
+RODS = np.array([[0, 3], [4, 5], [1, 6], [7, 8], [2, 9], [10, 11]])
+IMUS = ImuArray([Imu(0, 0.5, np.array([0.0, 0, 1])), Imu(3, 0.2, np.array([0.6, 0, 0.8]))], RODS)
+BODY_M = 0.15 * np.random.default_rng(5).standard_normal((12, 3))
+STEP_S = 0.02
+
+
+def samples_of(state, rate_rad_per_s: np.ndarray) -> ImuSamples:
+    """Return the samples of sensors that turn at a rate, given in the world, and are accelerated a little."""
+    in_sensor = np.einsum("iba,b->ia", state.imu_turn, rate_rad_per_s) + state.rate_bias_rad_per_s
+    force = np.einsum("iba,b->ia", state.imu_turn, 9.81 * UP + np.array([0.3, -0.2, 0.1]))
+    return ImuSamples(in_sensor, force + state.force_bias_m_per_s2, np.array([2, 2]))
+
+
+@pytest.mark.parametrize("with_imus", [False, True])
+def test_the_transition_is_the_derivative_of_the_motion(with_imus, check_jacobian) -> None:
+    """To first order in the time step: the rows leave out that the weights of the sensors turn with their rods."""
+    state = any_state(imus=2, pairs=1)
+    samples = samples_of(state, state.rate_rad_per_s) if with_imus else None
+    motion = PoseMotion(IMUS, PoseSettings())
+    after = motion.after(state, STEP_S, samples, (BODY_M, BODY_M))
+
+    def errors_after(d):
+        return after.state.errors_to(motion.after(state.moved(d), STEP_S, samples, (BODY_M, BODY_M)).state)
+
+    check_jacobian(errors_after, after.transition, np.zeros(state.layout.size), tolerance=0.1)
+
+
+def test_a_body_without_sensors_turns_on_and_slows_down() -> None:
+    """By hand: 1 rad/s about z for 20 ms."""
+    state = any_state(imus=0, pairs=0)
+    state = replace(state, rate_rad_per_s=np.array([0, 0, 1.0]))
+    motion = PoseMotion(ImuArray([], RODS), PoseSettings(motion_holds_s=0.1))
+    after = motion.after(state, STEP_S, None, (BODY_M, BODY_M)).state
+    assert after.turn == pytest.approx(rotation(np.array([0, 0, 0.02])) @ state.turn)
+    assert after.rate_rad_per_s == pytest.approx([0, 0, np.exp(-0.2)])
+    assert after.position_m == pytest.approx(state.position_m + STEP_S * state.velocity_m_per_s)
+
+
+def test_two_sensors_turn_the_body_as_they_turn() -> None:
+    """Both sensors turn with the body at 2 rad/s about an axis of the world: so does the body, to within 2 %."""
+    rate = np.array([0.8, -1.2, 1.4])
+    state = any_state(imus=2, pairs=0)
+    samples = samples_of(state, rate)
+    after = PoseMotion(IMUS, PoseSettings(spin_rad_per_s=0.1)).after(state, STEP_S, samples, (BODY_M, BODY_M)).state
+    assert after.turn == pytest.approx(rotation(rate * STEP_S) @ state.turn, abs=0.02 * 2 * STEP_S)
+    assert after.rate_rad_per_s == pytest.approx(rate, abs=0.05)
+
+
+def test_the_noise_is_a_covariance() -> None:
+    state = any_state(imus=2, pairs=1)
+    noise = (
+        PoseMotion(IMUS, PoseSettings())
+        .after(state, STEP_S, samples_of(state, state.rate_rad_per_s), (BODY_M, BODY_M))
+        .noise
+    )
+    assert noise == pytest.approx(noise.T)
+    assert np.linalg.eigvalsh(noise).min() > -1e-12

@@ -1,0 +1,133 @@
+"""The rows of each aid: errors worked by hand, and Jacobians against finite differences."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from poses import any_state
+from tensegraph.factors.floor import foothold_rows, height_rows
+from tensegraph.factors.imu import ImuArray, ImuSamples
+from tensegraph.factors.position import position_rows
+from tensegraph.factors.range import range_rows
+from tensegraph.models.pose.placed import PlacedShape, Rows
+from tensegraph.models.pose.settings import PoseSettings
+from tensegraph.models.structure.floor import UP, Floor
+from tensegraph.models.values.aids import Imu, PositionReading, RangeReading
+from tensegraph.models.values.rotations import rotation_vector
+
+STATE = any_state(imus=2, pairs=2)
+SIZE = STATE.layout.size
+BODY_M = 0.15 * np.random.default_rng(5).standard_normal((12, 3))
+FLOOR = Floor(0.01, np.array([0.1, 0.0, 1.0]) / np.sqrt(1.01))
+RODS = np.array([[0, 3], [4, 5], [1, 6], [7, 8], [2, 9], [10, 11]])
+IMUS = ImuArray([Imu(0, 0.5, np.array([0.0, 0, 1])), Imu(3, 0.2, np.array([0.6, 0, 0.8]))], RODS)
+BEFORE = STATE.turn @ np.linalg.inv(any_state(0, 0).turn)
+NODES = np.array([2, 5, 6])
+
+
+def placed(state=STATE) -> PlacedShape:
+    return PlacedShape(state, BODY_M, 1e-6 * np.eye(36))
+
+
+def slow_samples() -> ImuSamples:
+    force = np.einsum("iba,b->ia", STATE.imu_turn, 9.81 * UP) + STATE.force_bias_m_per_s2
+    return ImuSamples(STATE.rate_bias_rad_per_s, force + 0.01, np.array([2, 2]))
+
+
+def direction_in_the_first_axes(state) -> Rows:
+    """The rows of directions, whose axes across the rods are those at STATE: others have the same length only."""
+    rows = IMUS.direction_rows(placed(state), 1.0)
+    first, second = IMUS.ends.T
+
+    def across(at):
+        along = (BODY_M[second] - BODY_M[first]) @ at.turn.T
+        u = along / np.linalg.norm(along, axis=1)[:, None]
+        return u, np.swapaxes(np.linalg.svd(u[:, :, None])[0][:, :, 1:], 1, 2)
+
+    u, _ = across(state)
+    _, fixed = across(STATE)
+    error = np.einsum("iab,ib->ia", fixed, u - IMUS.direction(state))
+    return Rows(error.ravel(), rows.jacobian, rows.variance)
+
+
+ROWS: dict[str, Callable[..., Rows]] = {
+    "height": lambda state: height_rows(placed(state), FLOOR, NODES, 5e-4, 1.0),
+    "foothold": lambda state: foothold_rows(
+        placed(state), FLOOR, NODES, rotation_vector(state.turn @ STATE.turn.T), 0.01, 5e-4, 1.0
+    ),
+    "direction": direction_in_the_first_axes,
+    "gravity": lambda state: IMUS.gravity_rows(state, slow_samples(), PoseSettings()),
+    "range": lambda state: range_rows(
+        placed(state),
+        [RangeReading(0.0, np.array([2.0, 1, 1]), (0, 0, 4), 2.4)],
+        {(0, 0, 4): 1},
+        np.eye(SIZE),
+        0.05,
+    ),
+    "position": lambda state: position_rows(placed(state), [PositionReading(0.0, 3, np.array([0.1, 0.2, 0.3]))], 5e-4),
+}
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_the_jacobian_is_that_of_the_predicted_value(name, check_jacobian) -> None:
+    """error = measured - predicted, so that its derivative is minus the Jacobian."""
+    rows = ROWS[name](STATE)
+    assert len(rows.error) == len(rows.variance) > 0
+    check_jacobian(
+        lambda d: -ROWS[name](STATE.moved(d)).error, rows.jacobian, np.zeros(SIZE), step=1e-6, tolerance=2e-5
+    )
+
+
+def test_a_node_on_the_floor_has_no_error_of_height() -> None:
+    """By hand: raised by 3 mm along the normal, its row says -3 mm."""
+    lowest = int(np.argmin(placed().node_position_m @ FLOOR.normal))
+    floor = Floor(float(placed().node_position_m[lowest] @ FLOOR.normal) - 0.003, FLOOR.normal)
+    rows = height_rows(placed(), floor, np.array([lowest]), 5e-4, 1.0)
+    assert rows.error == pytest.approx([-0.003])
+
+
+def test_a_cap_rolls_by_its_radius_times_the_turn(check_jacobian) -> None:
+    """By hand: turned by 0.1 rad about y on level ground, the centre of a cap of 10 mm moves by 1 mm along x."""
+    floor = Floor(0.0, UP)
+    at = placed().node_position_m[NODES] @ floor.axes.T
+    state = any_state(2, 2)
+    moved_m = np.array([0.001, 0.0, 0.0]) @ floor.axes.T
+    foothold_m = state.foothold_m.copy()
+    foothold_m[NODES] = at - moved_m
+    from dataclasses import replace
+
+    rows = foothold_rows(
+        placed(replace(state, foothold_m=foothold_m)), floor, NODES, np.array([0, 0.1, 0]), 0.01, 5e-4, 1.0
+    )
+    assert rows.error == pytest.approx(0, abs=1e-12)
+
+
+def test_a_range_that_a_wall_reflects_is_left_out() -> None:
+    reading = RangeReading(0.0, np.array([2.0, 1, 1]), (0, 0, 4), 9.0)
+    rows = range_rows(placed(), [reading], {(0, 0, 4): 1}, 1e-4 * np.eye(SIZE), 0.05)
+    assert len(rows.error) == 0
+
+
+def test_the_attitude_at_rest_points_the_rod_and_gravity() -> None:
+    """The turn about the rod, which nobody tells, comes from the specific force."""
+    direction = np.array([[0.6, 0, 0.8], [0, 0.6, 0.8]])
+    turn = np.array([np.eye(3), np.eye(3)])
+    force = np.array([[3.0, 1.0, 9.0], [2.0, 0.5, 9.0]])
+    turn = IMUS.attitude_at_rest(direction, force)
+    assert np.einsum("iab,ib->ia", turn, IMUS.axis) == pytest.approx(direction)
+    sideways = np.einsum("iab,ib->ia", turn, force)
+    across = sideways - direction * np.sum(sideways * direction, axis=1)[:, None]
+    up = UP - direction * direction[:, 2:]
+    assert np.cross(across, up) == pytest.approx(0, abs=1e-9)
+    assert (np.sum(across * up, axis=1) > 0).all()
+
+
+def test_samples_of_a_frame_are_averaged() -> None:
+    from tensegraph.models.values.aids import ImuReading
+
+    readings = [ImuReading(1, 0.01 * k, np.full(3, float(k)), np.full(3, 2.0 * k)) for k in (1, 2, 3)]
+    samples = IMUS.mean(readings, None)
+    assert samples.count.tolist() == [0, 3]
+    assert samples.rate_rad_per_s[1] == pytest.approx([2, 2, 2])
+    assert np.isnan(samples.specific_force_m_per_s2[0]).all()

@@ -1,0 +1,94 @@
+"""The files of inertial sensors, ranges and positions, and what is refused in them and in trial.toml."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tensegraph import InputError, open_trial
+from tensegraph.models.values.aids import ImuReading, PositionReading, RangeReading
+
+ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
+
+RANGES = "t_s,beacon,node,range_m\n0.0,0,3,2.5\n0.1,1,4,2.6\n"
+POSITIONS = "t_s,node,x_m,y_m,z_m\n0.0,3,0.1,0.2,0.3\n0.0,4,0.1,0.2,0.3\n"
+BEACONS = '\n[[range]]\nfile = "ranges.csv"\nbeacon_position_m = [[0, 0, 2], [2, 0, 2]]\n'
+
+
+@pytest.fixture
+def trial(tmp_path):
+    """Makes a copy of the trial with text added to trial.toml, and with files."""
+
+    def make(toml: str = "", edit=lambda text: text, **files: str) -> Path:
+        path = tmp_path / "trial"
+        shutil.copytree(ROLL, path)
+        text = edit((path / "trial.toml").read_text())
+        (path / "trial.toml").write_text(text + toml)
+        for name, content in files.items():
+            (path / f"{name}.csv").write_text(content)
+        return path
+
+    return make
+
+
+def aids(path: Path) -> list:
+    return [
+        reading for reading in open_trial(path).readings() if hasattr(reading, "t_s") and not hasattr(reading, "seq")
+    ]
+
+
+def test_readings_of_all_sensors_are_merged_by_time(trial) -> None:
+    path = trial(BEACONS + '[[position]]\nfile = "positions.csv"\n', ranges=RANGES, positions=POSITIONS)
+    read = aids(path)
+    kinds = {type(reading) for reading in read}
+    assert kinds == {ImuReading, RangeReading, PositionReading}
+    assert [reading.t_s for reading in read] == sorted(reading.t_s for reading in read)
+    far = next(reading for reading in read if isinstance(reading, RangeReading) and reading.t_s > 0)
+    assert far.pair == (0, 1, 4)
+    assert far.beacon_position_m.tolist() == [2, 0, 2]
+
+
+REFUSED_ROWS = {
+    "row 3, column node: expected an integer from 0 to 11, got 40": RANGES.replace("1,4,", "1,40,"),
+    "row 3, column beacon: expected an integer from 0 to 1, got 7": RANGES.replace("1,4,", "7,4,"),
+    "row 3, column range_m: expected a positive distance": RANGES.replace("2.6", "-2.6"),
+    "row 3, column t_s: expected a stamp not before 0.0": RANGES.replace("0.1,1", "-0.1,1"),
+    "column 'range_m' is missing": RANGES.replace("range_m", "metres"),
+}
+
+
+@pytest.mark.parametrize("message", REFUSED_ROWS)
+def test_a_row_that_cannot_be_is_refused(message, trial) -> None:
+    path = trial(BEACONS, ranges=REFUSED_ROWS[message])
+    with pytest.raises(InputError, match=r"ranges\.csv") as refused:
+        aids(path)
+    assert message in str(refused.value)
+
+
+REFUSED_TABLES = {
+    "ground.normal: expected a unit vector upward": lambda text: text.replace(
+        "[mechanics]", "normal = [0.0, 0.0, -1.0]\n\n[mechanics]"
+    ),
+    "imu[0].rod: expected a rod from 0 to 5": lambda text: text.replace("rod = 0", "rod = 9"),
+    "imu[0].axis: expected a unit vector": lambda text: text.replace("axis = [0, 0, 1]", "axis = [0, 0, 3]"),
+    "imu[0].fraction: expected a number from 0 to 1": lambda text: text.replace("fraction = 0.5", "fraction = 50"),
+    "[[imu]]: expected [ground]": lambda text: text.replace("[ground]", "[grounds]"),
+    "rest: expected seconds above 0 and node_position_m with [ground]": lambda text: text.replace(
+        "seconds = 2.0", "seconds = 0.0"
+    ),
+}
+
+
+@pytest.mark.parametrize("message", REFUSED_TABLES)
+def test_a_table_that_cannot_be_is_refused(message, trial) -> None:
+    path = trial(edit=REFUSED_TABLES[message])
+    with pytest.raises(InputError) as refused:
+        open_trial(path)
+    assert message in str(refused.value)
+
+
+def test_a_missing_file_is_named(trial) -> None:
+    path = trial()
+    (path / "imu0.csv").unlink()
+    with pytest.raises(InputError, match=r"imu0\.csv: no such file"):
+        open_trial(path)

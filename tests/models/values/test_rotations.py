@@ -1,0 +1,51 @@
+"""Rotations and rotation vectors."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from tensegraph.models.values.rotations import (
+    best_rotation,
+    cross_matrix,
+    rotation,
+    rotation_vector,
+    shortest_rotation,
+)
+
+VECTORS = arrays(np.float64, 3, elements=st.floats(-1.7, 1.7, allow_subnormal=False))
+
+
+def test_a_quarter_turn_about_z_turns_x_into_y() -> None:
+    turn = rotation(np.array([0, 0, np.pi / 2]))
+    assert turn @ [1.0, 0, 0] == pytest.approx([0, 1, 0], abs=1e-12)
+    assert rotation_vector(turn) == pytest.approx([0, 0, np.pi / 2])
+
+
+@given(VECTORS)
+def test_the_vector_of_a_rotation_is_the_vector_it_was_made_of(w) -> None:
+    turn = rotation(w)
+    assert turn @ turn.T == pytest.approx(np.eye(3), abs=1e-12)
+    assert rotation_vector(turn) == pytest.approx(w, abs=1e-7)
+
+
+@given(VECTORS, VECTORS)
+def test_the_cross_matrix_gives_the_cross_product(v, u) -> None:
+    assert cross_matrix(v) @ u == pytest.approx(np.cross(v, u), abs=1e-12)
+
+
+@given(VECTORS)
+def test_the_best_rotation_is_found_again(w) -> None:
+    points = np.random.default_rng(1).standard_normal((5, 3))
+    points -= points.mean(axis=0)
+    assert best_rotation(points, points @ rotation(w).T) == pytest.approx(rotation(w), abs=1e-9)
+
+
+def test_the_shortest_rotation_turns_by_the_angle_between() -> None:
+    u, v = np.array([0, 0, 1.0]), np.array([0.6, 0, 0.8])
+    turn = shortest_rotation(u, v)
+    assert turn @ u == pytest.approx(v)
+    assert np.linalg.norm(rotation_vector(turn)) == pytest.approx(np.arccos(0.8))
+    assert shortest_rotation(u, -u) @ u == pytest.approx(-u)
+    assert shortest_rotation(u, u) == pytest.approx(np.eye(3))
