@@ -10,7 +10,7 @@ import numpy as np
 
 from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
-from .estimator.free_standing import FreeStandingOptimizer, FreeStandingSmoother
+from .estimator.free_standing.estimators import FreeStandingOptimizer, FreeStandingSmoother
 from .estimator.least_squares import LeastSquares
 from .estimator.rest_step import rest_step
 from .estimator.smoother import LiveSmoother

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.anchor import anchor_factors
+from ..factors.body_frame import body_frame_factor
 from ..factors.equilibrium import equilibrium_factor, squared_norms
-from ..factors.gauge import gauge_factor
 from ..factors.keys import frame_keys
 from ..factors.motion import constant_velocity_factors, still_factors
 from ..factors.noise import WeightedLengths
@@ -77,8 +77,8 @@ class GraphBuilder:
         self._add_support(self.statics)
 
     @property
-    def gauge(self) -> NDArray[np.float64]:
-        """(6, 3 nodes) rigid motions that the gauge fixes; no rows where nodes are anchored."""
+    def fixed_motions(self) -> NDArray[np.float64]:
+        """(6, 3 nodes) rigid motions that are fixed; no rows where nodes are anchored."""
         return np.zeros((0, 3 * self.node_count)) if self._motions is None else self._motions.T
 
     def stand_on(self, support: Support) -> None:
@@ -117,7 +117,7 @@ class GraphBuilder:
         ):
             _add(graph, factors)
         if self._motions is not None:
-            graph.add(gauge_factor(keys, self._motions, self.rest.node_position_m))
+            graph.add(body_frame_factor(keys, self._motions, self.rest.node_position_m))
         if self.statics:
             graph.add(equilibrium_factor(self.statics, keys, self.force_sigma_n))
 
@@ -167,7 +167,8 @@ class GraphBuilder:
             return None
         members = np.concatenate([self.structure.rods, self.structure.tendons[lengths.usable]])
         jacobian = length_jacobian(self.rest.node_position_m, members, self.structure.free_coordinates)
-        _, singular_value, motion = np.linalg.svd(np.concatenate([jacobian, self.gauge]))
+        fixed = self.fixed_motions[:, self.structure.free_coordinates]
+        _, singular_value, motion = np.linalg.svd(np.concatenate([jacobian, fixed]))
         rank = int((singular_value > SINGULAR).sum())
         if rank == jacobian.shape[1]:
             return None

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..factors.body_frame import BODY_FRAME_M
 from ..factors.equilibrium import squared_norms
-from ..factors.gauge import GAUGE_M
 from ..factors.noise import WeightedLengths
 from ..models.structure.lengths import member_length_m
 from ..models.structure.rigidity import free_length_jacobian
@@ -40,8 +40,8 @@ class LinearFrame:
     """(free,) coordinates minus those of the rest shape, about which the shape prior is."""
     prior_m: float
     """Standard deviation of the shape prior."""
-    gauge: NDArray[np.float64]
-    """(6, free) rigid motions that the gauge fixes; no rows where nodes are anchored."""
+    fixed_motions: NDArray[np.float64]
+    """(6, free) rigid motions that are fixed; no rows where nodes are anchored."""
 
     def without_forces(self, share: float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (free, free) the information of lengths and shape prior, and (free,) the gradient of their error.
@@ -52,9 +52,9 @@ class LinearFrame:
         error, lengths = self.weighted_lengths
         information = share * (lengths.T @ lengths) + np.eye(len(self.from_prior_m)) / self.prior_m**2
         gradient = share * (lengths.T @ error) + self.from_prior_m / self.prior_m**2
-        if len(self.gauge):
-            information += self.gauge.T @ self.gauge / GAUGE_M**2
-            gradient += self.gauge.T @ (self.gauge @ self.from_prior_m) / GAUGE_M**2
+        if len(self.fixed_motions):
+            information += self.fixed_motions.T @ self.fixed_motions / BODY_FRAME_M**2
+            gradient += self.fixed_motions.T @ (self.fixed_motions @ self.from_prior_m) / BODY_FRAME_M**2
         return information, gradient
 
     def with_forces(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -115,5 +115,5 @@ def linearised(builder: GraphBuilder, node_position_m: NDArray[np.float64], meas
         force_sigma_n=builder.force_sigma_n,
         from_prior_m=(node_position_m - builder.rest.node_position_m).ravel()[free],
         prior_m=builder.noise.shape_prior_m,
-        gauge=builder.gauge[:, free],
+        fixed_motions=builder.fixed_motions[:, free],
     )

@@ -7,7 +7,7 @@ the structure. With a shape whose rod has the direction u in body axes, and the 
     Q (a + B m) = R u                                  direction of the rod
     Q (f - b_f) = g z                                  gravity, in slow motion, with the specific force f
 
-How sensors and body turn and move between frames is in `estimator.pose_motion`.
+How sensors and body turn and move between frames is in `estimator.free_standing.pose_motion`.
 """
 
 from collections.abc import Sequence
@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.pose.placed import PlacedShape, Rows
-from ..models.pose.settings import PoseSettings
-from ..models.pose.state import PoseState
+from ..models.pose.pose_settings import PoseSettings
+from ..models.pose.pose_state import PoseState
 from ..models.structure.floor import UP
 from ..models.structure.support import GRAVITY_M_PER_S2
 from ..models.values.aids import Imu, ImuReading

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from .estimation import BranchSettings, DoubtSettings, HealthSettings, NoiseSettings, SmootherSettings
-from .pose.settings import PoseSettings
+from .pose.pose_settings import PoseSettings
 from .sensor.clock import ClockSettings
 from .sensor.frames import FrameSettings
 from .sensor.front_end import FrontEndSettings

@@ -25,16 +25,17 @@ from import_graph import (
 ROOT = Path(__file__).parents[1]
 MOST_MODULES = 15
 BASIS = {"models.values", "models.structure", "models.sensor"}
-RUNNING = BASIS | {"models.trial_description", "models.settings", "models.estimation"}
+RUNNING = BASIS | {"models.pose", "models.trial_description", "models.settings", "models.estimation"}
 """What of models/ runs with every trial; sensors are calibrated, simulated and evaluated beside it."""
 
 MODELS_MAY_IMPORT = {
     "models.values": set(),
     "models.structure": {"models.values"},
     "models.sensor": {"models.values"},
-    "models.trial_description": BASIS,
+    "models.pose": {"models.values", "models.structure"},
+    "models.trial_description": BASIS | {"models.pose"},
     "models.estimation": BASIS,
-    "models.settings": BASIS | {"models.estimation"},
+    "models.settings": BASIS | {"models.pose", "models.estimation"},
     "models.calibration": BASIS,
     "models.twin": RUNNING,
     "models.evaluation": RUNNING,

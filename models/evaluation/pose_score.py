@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from ..values.rotations import best_rotation, rotation_vector
 from .evaluation import ComparedFrames, ContactScore, PoseScore
@@ -77,7 +78,7 @@ def _still(t_s: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.bool_
         return np.ones(len(t_s), dtype=np.bool_)
     speed = np.linalg.norm(np.diff(x, axis=0), axis=2).max(axis=1) / np.diff(t_s)
     width = max(round(STILL_S / float(np.median(np.diff(t_s)))), 1)
-    averaged = np.convolve(np.concatenate([[0.0], speed]), np.ones(width) / width, mode="same")
+    averaged = uniform_filter1d(np.concatenate([[0.0], speed]), width, mode="nearest")
     return np.asarray(averaged < STILL_M_PER_S)
 
 

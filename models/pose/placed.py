@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..structure.shape import node_blocks
 from ..values.rotations import cross_matrix
-from .state import PoseState
+from .pose_state import PoseState
 
 
 @dataclass(frozen=True, eq=False)

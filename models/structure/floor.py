@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 UP = np.array([0.0, 0.0, 1.0])
 """(3,) against gravity, in the world."""
-NEAR_M = 0.005
+STANDS_WITHIN_M = 0.005
 """Height above the floor below which a node of the rest shape stands on it."""
 
 
@@ -35,4 +35,4 @@ class Floor:
     def carries_at_rest(self, node_position_m: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return (nodes,) which nodes stand on the floor in the rest shape: those near it, or the lowest three."""
         clearance_m = self.clearance_m(node_position_m)
-        return np.asarray(clearance_m <= max(NEAR_M, float(np.sort(clearance_m)[2])))
+        return np.asarray(clearance_m <= max(STANDS_WITHIN_M, float(np.sort(clearance_m)[2])))

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from poses import any_state
-from tensegraph.factors.floor import foothold_rows, height_rows
+from tensegraph.factors.ground import foothold_rows, height_rows
 from tensegraph.factors.imu import ImuArray, ImuSamples
 from tensegraph.factors.position import position_rows
 from tensegraph.factors.range import range_rows
 from tensegraph.models.pose.placed import PlacedShape, Rows
-from tensegraph.models.pose.settings import PoseSettings
+from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.structure.floor import UP, Floor
 from tensegraph.models.values.aids import Imu, PositionReading, RangeReading
 from tensegraph.models.values.rotations import rotation_vector

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tensegraph.models.pose.state import PoseState
+from tensegraph.models.pose.pose_state import PoseState
 from tensegraph.models.values.rotations import rotation
 
 

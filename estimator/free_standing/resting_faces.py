@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from scipy.special import logsumexp
 
-from ..models.estimation import DoubtSettings
-from ..models.structure.structure import Structure
-from ..models.structure.support import standing
+from ...models.estimation import DoubtSettings
+from ...models.structure.structure import Structure
+from ...models.structure.support import standing
+from ..linear_frame import LinearFrame
 from .contacts import Standing
-from .linear_frame import LinearFrame
 
 REST_S = 1.0
 """Time for which a structure rests on a face."""

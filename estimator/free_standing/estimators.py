@@ -13,23 +13,23 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.pose.placed import PlacedShape
-from ..models.pose.robot import FreeStandingRobot
-from ..models.pose.state import PoseState
-from ..models.settings import Settings
-from ..models.structure.external_loads import ExternalLoads
-from ..models.structure.floor import UP, Floor
-from ..models.structure.rest_shape import RestShape
-from ..models.structure.shape import Shape
-from ..models.structure.structure import Structure
-from ..models.structure.support import Support, standing, weightless
-from ..models.values.aids import AidReading, PositionReading
-from ..models.values.readings import TendonLengths
-from .batch import BatchOptimizer, without_lag
+from ...models.pose.placed import PlacedShape
+from ...models.pose.pose_state import PoseState
+from ...models.pose.robot import FreeStandingRobot
+from ...models.settings import Settings
+from ...models.structure.external_loads import ExternalLoads
+from ...models.structure.floor import UP, Floor
+from ...models.structure.rest_shape import RestShape
+from ...models.structure.shape import Shape
+from ...models.structure.structure import Structure
+from ...models.structure.support import Support, standing, weightless
+from ...models.values.aids import AidReading, PositionReading
+from ...models.values.readings import TendonLengths
+from ..batch import BatchOptimizer, without_lag
+from ..smoother import LiveSmoother
 from .contacts import Standing
 from .pose_filter import PoseFilter, PoseStep, smoothed, tipping
 from .resting_faces import RestingFaces, balance_of
-from .smoother import LiveSmoother
 
 FACES_EVERY_S = 0.2
 """Shortest time between two looks at the faces, each of which takes as long as several frames."""

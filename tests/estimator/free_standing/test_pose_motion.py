@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from poses import any_state
-from tensegraph.estimator.pose_motion import PoseMotion
+from tensegraph.estimator.free_standing.pose_motion import PoseMotion
 from tensegraph.factors.imu import ImuArray, ImuSamples
-from tensegraph.models.pose.settings import PoseSettings
+from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.structure.floor import UP
 from tensegraph.models.values.aids import Imu
 from tensegraph.models.values.rotations import rotation

@@ -1,4 +1,4 @@
-"""Gauge: where no node is anchored, the shape is described in the frame in which it fits the rest shape best.
+"""The body frame: where no node is anchored, the shape is described in the frame in which it fits the rest shape best.
 
 With the six rigid motions G of the rest shape x_0, (3 nodes, 6) with orthonormal columns,
 
@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 
 from .noise import unit
 
-GAUGE_M = 1e-5
+BODY_FRAME_M = 1e-5
 """Standard deviation of a rigid motion: nothing beside the errors of any sensor, and enough for the arithmetic."""
 
 
-def gauge_factor(
+def body_frame_factor(
     keys: Sequence[int], motions: NDArray[np.float64], rest_position_m: NDArray[np.float64]
 ) -> gtsam.CustomFactor:
     """Return the factor of one frame, with (3 nodes, 6) orthonormal rigid motions."""
     keys = list(keys)
-    weighted = motions.T / GAUGE_M
+    weighted = motions.T / BODY_FRAME_M
     by_node = [weighted[:, 3 * n : 3 * n + 3].copy() for n in range(len(keys))]
 
     def error(

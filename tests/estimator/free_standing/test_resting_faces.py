@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from balance import pressed
-from tensegraph.estimator.resting_faces import Balance, RestingFaces, balance_of
+from tensegraph.estimator.free_standing.resting_faces import Balance, RestingFaces, balance_of
 from tensegraph.models.estimation import DoubtSettings
 from tensegraph.models.structure.support import standing
 

@@ -15,17 +15,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..factors.floor import foothold_rows, height_rows, rolled_on_floor_m
-from ..factors.imu import ImuArray, ImuSamples
-from ..factors.position import position_rows
-from ..factors.range import range_rows
-from ..models.pose.placed import PlacedShape, Rows, stacked
-from ..models.pose.robot import FreeStandingRobot
-from ..models.pose.settings import PoseSettings
-from ..models.pose.state import PoseState
-from ..models.structure.rest_shape import RestShape
-from ..models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
-from ..models.values.rotations import rotation_vector, shortest_rotation
+from ...factors.ground import foothold_rows, height_rows, rolled_on_floor_m
+from ...factors.imu import ImuArray, ImuSamples
+from ...factors.position import position_rows
+from ...factors.range import range_rows
+from ...models.pose.placed import PlacedShape, Rows, stacked
+from ...models.pose.pose_settings import PoseSettings
+from ...models.pose.pose_state import PoseState
+from ...models.pose.robot import FreeStandingRobot
+from ...models.structure.rest_shape import RestShape
+from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
+from ...models.values.rotations import rotation_vector, shortest_rotation
 from .contacts import ContactsByHeight, Standing
 from .pose_motion import PoseMotion
 

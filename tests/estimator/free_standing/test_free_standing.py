@@ -10,7 +10,7 @@ from tensegraph import InputError, open_trial, reconstruct
 from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
 
-ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
+ROLL = Path(__file__).parents[3] / "examples" / "roll_02"
 
 
 @pytest.fixture(scope="module", params=["live", "batch"])

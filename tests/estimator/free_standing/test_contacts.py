@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from poses import any_state
-from tensegraph.estimator.contacts import ContactsByHeight
+from tensegraph.estimator.free_standing.contacts import ContactsByHeight
 from tensegraph.models.pose.placed import PlacedShape
-from tensegraph.models.pose.settings import PoseSettings
+from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.structure.floor import UP, Floor
 
 

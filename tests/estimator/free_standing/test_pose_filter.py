@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tensegraph.estimator.pose_filter import PoseFilter, smoothed, tipping
+from tensegraph.estimator.free_standing.pose_filter import PoseFilter, smoothed, tipping
+from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.pose.robot import FreeStandingRobot
-from tensegraph.models.pose.settings import PoseSettings
 from tensegraph.models.structure.floor import UP, Floor
 from tensegraph.models.values.aids import PositionReading
 from tensegraph.models.values.rotations import rotation

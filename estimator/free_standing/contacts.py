@@ -1,11 +1,11 @@
 """Which nodes the floor carries.
 
-Where inertial sensors on two rods or more tell how the structure is turned, heights tell it: each node is a hidden
-Markov model of two regimes. A node that stands is at the height of the lowest one, within the uncertainty of pose and
-shape; one that does not is above it by `lifted_m` on average. The lowest node stands, unless it is far above the floor: then somebody lifts the
-robot.
+Where inertial sensors tell how the structure is turned, heights tell it: each node is a hidden Markov model of two
+regimes. A node that stands is at the height of the lowest one, within the uncertainty of pose and shape; one that does
+not is above it by `lifted_m` on average. The lowest node stands, unless it is far above the floor: then somebody lifts
+the robot.
 
-Elsewhere the balance of forces tells it, see `estimator.resting_faces`.
+Elsewhere the balance of forces tells it, see `estimator.free_standing.resting_faces`.
 """
 
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.pose.placed import PlacedShape
-from ..models.pose.settings import PoseSettings
-from ..models.structure.floor import Floor
+from ...models.pose.placed import PlacedShape
+from ...models.pose.pose_settings import PoseSettings
+from ...models.structure.floor import Floor
 
 STANDING_SHARE = 0.25
 """Share of the nodes that stand."""

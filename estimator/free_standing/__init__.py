@@ -1,0 +1,1 @@
+"""Shape, pose and contacts of a structure that stands free on a floor."""
