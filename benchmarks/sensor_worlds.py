@@ -16,7 +16,7 @@ from tensegraph.io.model_file import read_sensor_model
 PLAN = Path(__file__).parents[1] / "examples" / "plans" / "press.toml"
 WORLDS = {
     "another gauge curve (slopes of 0.4 and 5 instead of 0.8 and 2.1)": (
-        ("body_frame_factor = [0.823, 2.11,", "body_frame_factor = [0.4, 5.0,"),
+        ("gauge_factor = [0.823, 2.11,", "gauge_factor = [0.4, 5.0,"),
         ("strain = [0.111", "strain = [0.08"),
     ),
     "three times the hysteresis": (("hysteresis_gain = [0.215, 0.188, 0.118]", "hysteresis_gain = [0.6, 0.5, 0.3]"),),

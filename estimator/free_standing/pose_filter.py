@@ -37,6 +37,8 @@ LANDING_RAD = 0.1
 """Standard deviation of the turn, beside the shortest one onto the face that stands."""
 LANDING_M = 0.01
 """Standard deviation of the motion, beside that turn about the nodes that have stayed."""
+UNSEEN_SLIP = 4.0
+"""Factor of the variance by which nodes slip while the structure tips unseen: the way of its caps is unknown."""
 LEAP_M = 0.1
 """Standard deviation of the motion when no node has stayed."""
 BELOW_M = 0.001
@@ -174,7 +176,7 @@ class PoseFilter:
         self, step_s: float, samples: ImuSamples | None, body_m: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], PoseState, NDArray[np.float64]]:
         """Return the transition F, and the state and its covariance after a time step."""
-        settings, at, before = self._settings, self.state.layout, self.state
+        settings, before = self._settings, self.state
         motion = self._motion.after(before, step_s, samples, (self._body_before_m, body_m))
         turned = rotation_vector(before.turn @ self._turn_before.T)
         rolled_m = rolled_on_floor_m(turned, self._floor, settings.cap_radius_m)
@@ -182,10 +184,17 @@ class PoseFilter:
         F = motion.transition
         covariance = F @ self.covariance @ F.T + motion.noise
         turning = float(np.linalg.norm(rotation_vector(state.turn @ before.turn.T)))
-        walk = settings.creep_m_per_s05**2 * step_s + settings.slip_m_per_rad05**2 * turning
-        here = np.arange(at.foothold.start, at.foothold.stop)
-        covariance[here, here] += np.repeat(np.where(self._standing, walk, 0.0), 2)
+        self._let_slip(covariance, self._standing, turning, step_s)
         return F, state, covariance
+
+    def _let_slip(
+        self, covariance: NDArray[np.float64], stands: NDArray[np.bool_], turned_rad: float, step_s: float
+    ) -> None:
+        """Add the random walk of the footholds to a covariance, for a turn of the body and a time step."""
+        settings, at = self._settings, self.state.layout
+        walk = settings.creep_m_per_s05**2 * step_s + settings.slip_m_per_rad05**2 * turned_rad
+        here = np.arange(at.foothold.start, at.foothold.stop)
+        covariance[here, here] += np.repeat(np.where(stands, walk, 0.0), 2)
 
     def _landed(self, placed: PlacedShape, nodes: NDArray[np.bool_]) -> bool:
         """Return whether one of the nodes, which stand now, was predicted to be far above the floor."""
@@ -217,6 +226,7 @@ class PoseFilter:
         sigma = np.repeat([LANDING_RAD, moved_m, settings.turn_rad_per_s, settings.motion_m_per_s], 3)
         covariance = F @ covariance @ F.T
         covariance[np.diag_indices(12)] += sigma**2
+        self._let_slip(covariance, stayed, UNSEEN_SLIP * float(np.linalg.norm(rotation_vector(turn))), 0.0)
         return F @ transition, PlacedShape(state, placed.body_m, placed.body_covariance_m2), covariance
 
     def _slipped(

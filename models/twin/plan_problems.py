@@ -68,7 +68,7 @@ def _problems_of_time(plan: Plan) -> Iterator[tuple[str, str]]:
 def _problems_of_sensors(sensors: SensorPhysics) -> Iterator[tuple[str, str]]:
     corners = sensors.gauge_corner_strain
     for key, expected, got in (
-        ("gauge_corner_strain", len(sensors.body_frame_factor) - 1, len(corners)),
+        ("gauge_corner_strain", len(sensors.gauge_factor) - 1, len(corners)),
         ("overstress_time_s", len(sensors.overstress_gain), len(sensors.overstress_time_s)),
         ("hysteresis_strain", len(sensors.hysteresis_gain), len(sensors.hysteresis_strain)),
     ):

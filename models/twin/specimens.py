@@ -46,7 +46,7 @@ class SensorPhysics:
     """Relative, of the R0 that is measured before mounting and stands in trial.toml."""
     gain_spread: NotNegative
     """Standard deviation of G over specimens."""
-    body_frame_factor: list[float]
+    gauge_factor: list[float]
     """GF1, GF2, ..."""
     gauge_corner_strain: list[Positive]
     """Between them, rising; one fewer."""
@@ -81,9 +81,9 @@ class SensorPhysics:
 
     def gauge(self, strain: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return g at a strain >= 0."""
-        change: NDArray[np.float64] = self.body_frame_factor[0] * strain
+        change: NDArray[np.float64] = self.gauge_factor[0] * strain
         width = self.gauge_corner_width
-        for corner, step in zip(self.gauge_corner_strain, np.diff(self.body_frame_factor), strict=True):
+        for corner, step in zip(self.gauge_corner_strain, np.diff(self.gauge_factor), strict=True):
             at_zero = np.logaddexp(0.0, -corner / width)
             change = change + step * width * (np.logaddexp(0.0, (strain - corner) / width) - at_zero)
         return change

@@ -20,7 +20,7 @@ REFUSED = [
     ("rod_mass_kg = 0.030", "rod_mass_kg = -1", r"mechanics.rod_mass_kg: .*greater than 0, got -1"),
     ("rod_mass_kg = 0.030", "rod_mas_kg = 0.030", r"mechanics.rod_mas_kg: is no key of a plan"),
     ("rod_mass_kg = 0.030", "rod_mass_kg = inf", r"mechanics.rod_mass_kg: expected a finite number, got inf"),
-    ("body_frame_factor = [0.823, 2.11, 4.28]", "body_frame_factor = [0.823, 'x', 4.28]", r"sensors.body_frame_factor\[1\]: .*got 'x'"),
+    ("gauge_factor = [0.823, 2.11, 4.28]", "gauge_factor = [0.823, 'x', 4.28]", r"sensors.gauge_factor\[1\]: .*got 'x'"),
     ("gauge_corner_strain = [0.111, 0.494]", "gauge_corner_strain = [0.111]", r"expected 2 numbers, got 1"),
     ("gauge_corner_strain = [0.111, 0.494]", "gauge_corner_strain = [0.5, 0.4]", r"expected rising strains"),
     ("overstress_time_s = [0.39, 5.4]", "overstress_time_s = [0.39]", r"overstress_time_s: expected 2 numbers, got 1"),
@@ -179,11 +179,11 @@ def above(below: Path, text: str) -> Path:
 
 
 def test_tables_are_added_to_and_lists_replaced(below) -> None:
-    text = "[mechanics]\nrod_mass_kg = 0.05\n[load]\nrandom = []\n[sensors]\nbody_frame_factor = [1, 2, 3]\n"
+    text = "[mechanics]\nrod_mass_kg = 0.05\n[load]\nrandom = []\n[sensors]\ngauge_factor = [1, 2, 3]\n"
     plan, base = read_plan(above(below, text)), read_plan(below)
     assert plan.load == replace(base.load, random=[])
     assert plan.mechanics == replace(base.mechanics, rod_mass_kg=0.05)
-    assert plan.sensors == replace(base.sensors, body_frame_factor=[1, 2, 3])
+    assert plan.sensors == replace(base.sensors, gauge_factor=[1, 2, 3])
     assert plan.boards == base.boards
 
 

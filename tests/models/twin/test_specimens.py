@@ -15,7 +15,7 @@ PLAIN = SensorPhysics(
     natural_resistance_spread=0.0,
     natural_resistance_error=0.0,
     gain_spread=0.0,
-    body_frame_factor=[1.0],
+    gauge_factor=[1.0],
     gauge_corner_strain=[],
     gauge_corner_width=0.01,
     overstress_gain=[],
@@ -41,7 +41,7 @@ def response(physics: SensorPhysics, strain, step_s: float = 0.01) -> np.ndarray
 
 
 def test_the_gauge_curve_has_its_slopes_and_starts_at_zero() -> None:
-    physics = replace(PLAIN, body_frame_factor=[1.0, 3.0], gauge_corner_strain=[0.2], gauge_corner_width=0.01)
+    physics = replace(PLAIN, gauge_factor=[1.0, 3.0], gauge_corner_strain=[0.2], gauge_corner_width=0.01)
     strain = np.array([0.0, 0.1, 0.3, 0.4])
     np.testing.assert_allclose(physics.gauge(strain), [0, 0.1, 0.2 + 3 * 0.1, 0.2 + 3 * 0.2], atol=1e-5)
 
