@@ -12,6 +12,7 @@ from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
 from .estimator.free_standing.estimators import FreeStandingOptimizer, FreeStandingSmoother
 from .estimator.least_squares import LeastSquares
+from .estimator.moving_base import MovingBase
 from .estimator.rest_step import rest_step
 from .estimator.smoother import LiveSmoother
 from .io.model_file import read_sensor_model
@@ -108,7 +109,10 @@ class Pipeline:
             raise InputError(f"method '{method}': expected one of {', '.join(ESTIMATORS)}")
         if self.rest.structure.is_free_standing:
             return self._free_standing(method).estimate(frames)
-        return ESTIMATORS[method](self.rest.structure, self.rest, self.settings).estimate(frames)
+        shapes = ESTIMATORS[method](self.rest.structure, self.rest, self.settings).estimate(frames)
+        if self.trial.imus and self.trial.rest_seconds > 0:
+            return map(MovingBase(self.rest, self.trial.imus, self.trial.rest_seconds).observe, shapes)
+        return shapes
 
     def _free_standing(self, method: str) -> Estimator:
         """Return the estimator of a structure without anchors, on a floor or in body coordinates."""

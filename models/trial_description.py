@@ -244,6 +244,8 @@ class TrialDescription:
     the numbers after those of the tendons."""
     reference_strips: int
     """Number of the strips that are tied to no tendon and keep their length: what they read is drift."""
+    imus: tuple[Imu, ...]
+    """The inertial sensors, in the order of their numbers."""
     robot: FreeStandingRobot | None
     """The floor that the structure stands on, and what it carries; None where it is anchored, or held in a hand."""
     beacon_position_m: tuple[NDArray[np.float64], ...]
@@ -287,6 +289,7 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
     source: Literal["counts", "resistance", "lengths"] = "counts"
     if table.resistance or table.lengths:
         source = "resistance" if table.resistance else "lengths"
+    imus = tuple(_imu(number, imu, structure) for number, imu in enumerate(table.imu))
     tendons_of_board = _wiring(table.board, len(structure.tendons)) if source == "counts" else ()
     return TrialDescription(
         structure=structure,
@@ -305,14 +308,14 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
         divider=_divider(table) if source == "counts" else None,
         tendons_of_board=tendons_of_board,
         reference_strips=sum(int(np.sum(tendons >= len(structure.tendons))) for tendons in tendons_of_board),
-        robot=_robot(table, structure),
+        imus=imus,
+        robot=_robot(table, structure, imus),
         beacon_position_m=tuple(_beacons(number, ranges) for number, ranges in enumerate(table.range)),
         ignored_keys=ignored_keys,
     )
 
 
-def _robot(table: TrialTable, structure: Structure) -> FreeStandingRobot | None:
-    imus = tuple(_imu(number, imu, structure) for number, imu in enumerate(table.imu))
+def _robot(table: TrialTable, structure: Structure, imus: tuple[Imu, ...]) -> FreeStandingRobot | None:
     pairs = [
         (recording, beacon, node)
         for recording, ranges in enumerate(table.range)

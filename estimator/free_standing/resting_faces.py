@@ -167,18 +167,16 @@ class RestingFaces:
         """
         M = balance.information
         size = len(M)
-        supports = [
-            standing(self._structure, self._rod_mass_kg, node_position_m, up, 0.0, carried)
-            for up, carried in zip(self.up(node_position_m), self._carried, strict=True)
-        ]
-        F = np.array([support.force_n.ravel() for support in supports])
+        support = standing(
+            self._structure, self._rod_mass_kg, node_position_m, self.up(node_position_m), 0.0, self._carried
+        )
+        F = support.force_n.reshape(len(self._carried), -1)
         B = np.zeros((len(F), size, 9))
-        for row, (support, carried) in enumerate(zip(supports, self._carried, strict=True)):
-            for column, node in enumerate(np.flatnonzero(carried)):
-                here = slice(3 * node, 3 * node + 3)
-                B[row, here, 3 * column : 3 * column + 3] = np.linalg.cholesky(
-                    support.covariance_n2[node] + 1e-9 * np.eye(3)
-                )
+        rows, nodes = np.nonzero(self._carried)
+        columns = (np.cumsum(self._carried, axis=1).astype(np.int64) - 1)[rows, nodes]
+        root = np.linalg.cholesky(support.covariance_n2[rows, nodes] + 1e-9 * np.eye(3))
+        here = np.arange(3)
+        B[rows[:, None, None], 3 * nodes[:, None, None] + here[:, None], 3 * columns[:, None, None] + here] = root
         e = balance.gradient + F @ M
         log_l = -0.5 * np.sum(F * (e + balance.gradient), axis=1)
         gain, e, M_after = _marginalised(B, np.broadcast_to(M, (len(B), size, size)), e)

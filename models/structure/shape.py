@@ -44,6 +44,7 @@ class Reason(StrEnum):
     MOTION = "motion"
     LOADS = "many_loads"
     GEOMETRY = "geometry"
+    BASE = "base"
 
     @property
     def advice(self) -> str:
@@ -56,6 +57,7 @@ REASON_ADVICE = {
     Reason.MOTION: "the robot is shaken faster than its sensors follow: move it slower",
     Reason.LOADS: "many nodes are loaded at once, of which lengths say little: trust the ellipsoids, not the centres",
     Reason.GEOMETRY: "the geometry in trial.toml contradicts the balance of forces at rest: measure it again",
+    Reason.BASE: "the rods turn otherwise than the anchors allow: fix the base, or describe it as free-standing",
 }
 
 

@@ -58,43 +58,42 @@ def standing(
     up_sigma: float,
     carried: NDArray[np.float64],
 ) -> Support:
-    """Return the support of a structure that stands on a floor.
+    """Return the support of a structure that stands on a floor; up and carried may have leading axes.
 
     Args:
         structure: the structure.
         rod_mass_kg: mass of each rod.
         node_position_m: (nodes, 3) in any coordinate frame.
-        up: (3,) unit vector against gravity in the same frame.
+        up: (..., 3) unit vector against gravity in the same frame.
         up_sigma: standard deviation of this direction, in rad.
-        carried: (nodes,) probability that the floor carries each node.
+        carried: (..., nodes) probability that the floor carries each node.
     """
     weight = weight_n(structure, rod_mass_kg)
     carried_n, spread_n = _legs(weight, node_position_m, up, carried)
-    force_n = (carried_n - weight)[:, None] * up
-    upward = np.outer(up, up)
-    level = np.eye(3) - upward
+    force_n = (carried_n - weight)[..., None] * up[..., None, :]
+    upward = up[..., None, :, None] * up[..., None, None, :]
     along = spread_n**2
     across = (FRICTION * carried_n) ** 2 + 0.5 * (weight * np.minimum(up_sigma, 1.0)) ** 2
-    covariance = along[:, None, None] * upward + across[:, None, None] * level
+    covariance = along[..., None, None] * upward + across[..., None, None] * (np.eye(3) - upward)
     return Support(force_n, covariance)
 
 
 def _legs(
     weight_n: NDArray[np.float64], x: NDArray[np.float64], up: NDArray[np.float64], carried: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (nodes,) the load that the floor carries at each node, and its standard deviation.
+    """Return (..., nodes) the load that the floor carries at each node, and its standard deviation.
 
     The loads are those of least squares about equal shares, in proportion to the probability of being carried.
     """
     total = weight_n.sum()
-    share = carried / max(carried.sum(), 1.0)
-    level = x - np.outer(x @ up, up)
-    level = level - weight_n @ level / total
-    rows = np.vstack([np.ones(len(x)), level.T / np.sqrt(np.mean(level**2))])
-    prior = share * total
+    share = carried / np.maximum(carried.sum(axis=-1, keepdims=True), 1.0)
+    centred = x - weight_n @ x / total
+    level = centred - (centred @ up[..., None]) * up[..., None, :]
+    scaled = np.swapaxes(level, -1, -2) / np.sqrt(np.mean(level**2, axis=(-2, -1), keepdims=True))
+    rows = np.concatenate([np.ones((*scaled.shape[:-2], 1, len(x))), scaled], axis=-2)
     scale = np.sqrt(share) * total
-    gap = np.concatenate([[total], np.zeros(3)]) - rows @ prior
-    loads = prior + scale * (np.linalg.pinv(rows * scale, rcond=1e-3) @ gap)
-    loads = np.clip(loads, 0.0, total)
+    gap = total * np.eye(4)[0] - (rows @ (share * total)[..., None])[..., 0]
+    step = np.linalg.pinv(rows * scale[..., None, :], rcond=1e-3) @ gap[..., None]
+    loads = np.clip(share * total + scale * step[..., 0], 0.0, total)
     doubtful = carried * (1 - carried)
     return carried * loads, np.sqrt(carried * (0.3 * total / 3) ** 2 + doubtful * loads**2)

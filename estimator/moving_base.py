@@ -1,0 +1,83 @@
+"""Whether the base of an anchored structure moves although its anchors are told to stand still.
+
+Lengths do not see where a structure is. An inertial sensor on a rod does: its attitude follows its rate from the rest
+on, Q <- Q exp((w - b) dt), with the bias b of the seconds at rest, and gives the direction Q a of its rod. When this
+and the direction in the estimated shape part by more than sensors and deformation explain, for most of the sensors,
+the base has turned. A base that slides without turning is not seen.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..factors.imu import ImuArray
+from ..models.structure.rest_shape import RestShape
+from ..models.structure.shape import Reason, Shape, Status
+from ..models.values.aids import Imu, ImuReading
+from ..models.values.rotations import rotation
+
+APART_RAD = 0.03
+"""Standard deviation of the angle between both directions: misalignment, and errors of the shape."""
+DRIFT_RAD_PER_S = 2e-4
+"""Growth of this standard deviation with time: what is left of the bias."""
+APART_SIGMA = 4.0
+"""Angle in standard deviations beyond which the base has turned."""
+
+
+class MovingBase:
+    """Compares the rods of one shape after another with what inertial sensors say of them."""
+
+    def __init__(self, rest: RestShape, imus: Sequence[Imu], rest_seconds: float) -> None:
+        self._imus = ImuArray(imus, rest.structure.rods)
+        self._size_m = float(rest.structure.rod_length_m.mean())
+        self._free = rest.structure.free_coordinates
+        self._rest_seconds = rest_seconds
+        self._at_rest: list[ImuReading] = []
+        self._turn: NDArray[np.float64] | None = None
+        self._bias = np.zeros((len(imus), 3))
+        self._latest_s = np.full(len(imus), np.nan)
+        self._start_s = np.nan
+
+    def observe(self, shape: Shape) -> Shape:
+        """Return a shape of one more frame, with doubt and a wide covariance if the base has turned."""
+        readings = [reading for reading in shape.lengths.aids if isinstance(reading, ImuReading)]
+        if self._turn is None:
+            self._at_rest += readings
+            self._start(shape)
+            return shape
+        for reading in readings:
+            step_s = reading.t_s - self._latest_s[reading.imu]
+            rate = reading.rate_rad_per_s - self._bias[reading.imu]
+            self._turn[reading.imu] = self._turn[reading.imu] @ rotation(rate * step_s)
+            self._latest_s[reading.imu] = reading.t_s
+        sigma = np.hypot(APART_RAD, DRIFT_RAD_PER_S * (shape.t_s - self._start_s))
+        if np.median(self._angle(self._turn, shape)) < APART_SIGMA * sigma:
+            return shape
+        covariance = shape.covariance_m2.copy()
+        covariance[self._free, self._free] += self._size_m**2
+        return replace(shape, status=Status.DOUBT, doubt=Reason.BASE, covariance_m2=covariance)
+
+    def _start(self, shape: Shape) -> None:
+        """Find biases and attitudes at the end of the rest, if every sensor was read."""
+        samples = self._imus.mean(self._at_rest, None)
+        if shape.t_s < self._rest_seconds or not samples.count.all():
+            return
+        self._start_s = shape.t_s
+        self._bias = samples.rate_rad_per_s
+        self._turn = self._imus.attitude_at_rest(self._direction(shape), samples.specific_force_m_per_s2)
+        for reading in self._at_rest:
+            self._latest_s[reading.imu] = reading.t_s
+        self._at_rest = []
+
+    def _direction(self, shape: Shape) -> NDArray[np.float64]:
+        """Return (imus, 3) the directions of the rods with sensors in a shape."""
+        first, second = self._imus.ends.T
+        along = shape.node_position_m[second] - shape.node_position_m[first]
+        return np.asarray(along / np.linalg.norm(along, axis=1, keepdims=True))
+
+    def _angle(self, turn: NDArray[np.float64], shape: Shape) -> NDArray[np.float64]:
+        """Return (imus,) the angles between the directions of the rods by the sensors and in a shape."""
+        by_sensor = np.einsum("iab,ib->ia", turn, self._imus.axis)
+        return np.asarray(np.arccos(np.clip(np.sum(by_sensor * self._direction(shape), axis=1), -1, 1)))
