@@ -41,7 +41,7 @@ class PoseSettings:
     """Random walk of this bias."""
     deformation_rad_per_s: Positive = 0.1
     """Rate at which a rod turns against the body, because the structure deforms."""
-    spin_rad_per_s: Positive = 1.0
+    spin_rad_per_s: Positive = 0.3
     """Rate at which a rod spins about itself against the body, in which tendons hold it loosely."""
     force_m_per_s2: Positive = 0.1
     """Noise of the specific force over a frame, in slow motion."""
