@@ -18,6 +18,7 @@ from .estimator.smoother import LiveSmoother
 from .io.model_file import read_sensor_model
 from .io.result import result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
+from .models.pose.imu_gate import ImuGate
 from .models.pose.robot import FreeStandingRobot
 from .models.sensor.frames import FrameAssembler
 from .models.sensor.front_end import FrontEnd
@@ -29,7 +30,7 @@ from .models.structure.rest_shape import RestShape
 from .models.structure.shape import Shape
 from .models.structure.structure import Structure
 from .models.trial_description import TrialDescription
-from .models.values.aids import AidReading
+from .models.values.aids import AidReading, ImuReading
 from .models.values.errors import InputError
 from .models.values.readings import BoardReading, ResistanceReading, TendonLengths
 
@@ -76,6 +77,7 @@ class Pipeline:
         floor = trial.robot.floor if trial.robot else None
         rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, trial.geometry, settings.rest, floor)
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
+        self.imu_gate = ImuGate(len(trial.imus))
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
         tendons = len(trial.structure.tendons)
         strips = np.arange(tendons, tendons + trial.reference_strips)
@@ -130,7 +132,8 @@ class Pipeline:
         aids: list[AidReading] = []
         for reading in readings:  # each is one row of one board, in order of arrival
             if isinstance(reading, AidReading):
-                aids.append(reading)
+                if not isinstance(reading, ImuReading) or self.imu_gate.passes(reading):
+                    aids.append(reading)
                 continue
             if isinstance(reading, TendonLengths):
                 yield _with_aids(self._with_sigma(reading), aids)

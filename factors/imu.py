@@ -90,27 +90,28 @@ class ImuArray:
             ]
         ).reshape(-1, 3, 3)
 
-    def direction_rows(self, placed: PlacedShape, repeats: float) -> Rows:
-        """Return two rows for each sensor: the direction of its rod in the shape, across the rod.
+    def direction_rows(self, placed: PlacedShape, repeats: float, imus: NDArray[np.int64]) -> Rows:
+        """Return two rows for each of some sensors: the direction of its rod in the shape, across the rod.
 
         Args:
             placed: the shape in the world.
             repeats: number of frames for which the error of the shape lasts.
+            imus: the numbers of these sensors.
         """
         at = placed.state.layout
-        first, second = self.ends.T
+        first, second = self.ends[imus].T
         along = placed.arm_m[second] - placed.arm_m[first]
         length = np.linalg.norm(along, axis=1)
         u = along / length[:, None]
-        d = self.direction(placed.state)
+        d = self.direction(placed.state)[imus]
         across = np.swapaxes(np.linalg.svd(u[:, :, None])[0][:, :, 1:], 1, 2)
-        jacobian = np.zeros((self.count, 2, at.size))
+        jacobian = np.zeros((len(imus), 2, at.size))
         jacobian[:, :, at.turn] = across @ cross_matrix(u)
         by_turn = across @ cross_matrix(d)
-        by_misalignment = across @ placed.state.imu_turn @ self.across
-        for i in range(self.count):
-            jacobian[i, :, at.of_imu(at.imu_turn, i)] = -by_turn[i]
-            jacobian[i, :, at.misalignment.start + 2 * i : at.misalignment.start + 2 * i + 2] = by_misalignment[i]
+        by_misalignment = across @ placed.state.imu_turn[imus] @ self.across[imus]
+        for row, i in enumerate(imus.tolist()):
+            jacobian[row, :, at.of_imu(at.imu_turn, i)] = -by_turn[row]
+            jacobian[row, :, at.misalignment.start + 2 * i : at.misalignment.start + 2 * i + 2] = by_misalignment[row]
         c = placed.covariance_m2
         of_ends = c[first, first] + c[second, second] - c[first, second] - c[second, first]
         variance = np.einsum("iab,ibc,iac->ia", across, of_ends, across) / length[:, None] ** 2
@@ -123,7 +124,8 @@ class ImuArray:
         excess = np.abs(np.linalg.norm(samples.specific_force_m_per_s2, axis=1) - GRAVITY_M_PER_S2)
         rate = np.linalg.norm(samples.rate_rad_per_s - state.rate_bias_rad_per_s, axis=1)
         sigma = settings.force_m_per_s2 + FAST_FORCE * excess + FAST_RATE_M_PER_S * rate
-        slow = np.flatnonzero(np.nan_to_num(sigma, nan=np.inf) < SLOW_M_PER_S2)
+        sigma = np.where(samples.count > 0, np.nan_to_num(sigma, nan=np.inf), np.inf)
+        slow = np.flatnonzero(sigma < SLOW_M_PER_S2)
         turn = state.imu_turn[slow]
         force = np.einsum("iab,ib->ia", turn, samples.specific_force_m_per_s2[slow] - state.force_bias_m_per_s2[slow])
         jacobian = np.zeros((len(slow), 3, at.size))

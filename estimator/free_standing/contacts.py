@@ -2,8 +2,8 @@
 
 Where inertial sensors tell how the structure is turned, heights tell it: each node is a hidden Markov model of two
 regimes. A node that stands is at the height of the lowest one, within the uncertainty of pose and shape; one that does
-not is above it by `lifted_m` on average. The lowest node stands, unless it is far above the floor: then somebody lifts
-the robot.
+not is above it by `lifted_m` on average. The lowest node stands, unless positions or ranges tell that it is far above
+the floor: then somebody lifts the robot.
 
 Elsewhere the balance of forces tells it, see `estimator.free_standing.resting_faces`.
 """
@@ -50,13 +50,16 @@ class ContactsByHeight:
         self._standing = standing
         self._probability = np.clip(standing.astype(np.float64), CERTAIN, 1 - CERTAIN)
 
-    def observe(self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float) -> Standing:
+    def observe(
+        self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float, *, is_located: bool = False
+    ) -> Standing:
         """Return which nodes stand in one more frame.
 
         Args:
             placed: the shape in the world, as predicted.
             covariance: (size, size) of the errors of its state.
             step_s: time since the frame before.
+            is_located: whether positions or ranges tell where the robot is, so that it can be seen to be lifted.
         """
         n = self._floor.normal
         clearance_m = self._floor.clearance_m(placed.node_position_m)
@@ -70,7 +73,7 @@ class ContactsByHeight:
         at_pose = placed.state.layout.pose
         by_pose = n @ placed.jacobian[lowest, :, at_pose]
         lowest_sigma_m = np.sqrt(by_pose @ covariance[at_pose, at_pose] @ by_pose + heights[lowest, lowest])
-        in_the_air = clearance_m[lowest] > max(LIFTED_SIGMA * float(lowest_sigma_m), LIFTED_M)
+        in_the_air = is_located and clearance_m[lowest] > max(LIFTED_SIGMA * float(lowest_sigma_m), LIFTED_M)
         return self._update(clearance_m - clearance_m[lowest], sigma_m, step_s, in_the_air=bool(in_the_air))
 
     def _update(

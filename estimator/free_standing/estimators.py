@@ -20,10 +20,10 @@ from ...models.settings import Settings
 from ...models.structure.external_loads import ExternalLoads
 from ...models.structure.floor import UP, Floor
 from ...models.structure.rest_shape import RestShape
-from ...models.structure.shape import Shape
+from ...models.structure.shape import Reason, Shape, Status
 from ...models.structure.structure import Structure
 from ...models.structure.support import Support, standing, weightless
-from ...models.values.aids import AidReading, PositionReading
+from ...models.values.aids import AidReading, ImuReading, PositionReading
 from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
 from ..smoother import LiveSmoother
@@ -34,8 +34,8 @@ from .resting_faces import RestingFaces, balance_of
 FACES_EVERY_S = 0.2
 """Shortest time between two looks at the faces, each of which takes as long as several frames."""
 
-POSITIONS_HOLD_S = 0.2
-"""Time after which positions do not tell any more how the robot is turned."""
+ATTITUDE_HOLDS_S = 0.2
+"""Time after which readings do not tell any more how the robot is turned."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +43,8 @@ class _Kept:
     """What the live pass has learned of one frame, as the batch estimate needs it."""
 
     pose: PoseStep
+    by_faces: bool
+    """Whether faces told which nodes stand."""
     faces: NDArray[np.float64] | None
     """(faces + edges,) probabilities, after an update of them."""
 
@@ -69,19 +71,22 @@ class FreeStandingSmoother:
         """Yield a shape in the world for each frame, as soon as the frame arrives."""
         for lengths in frames:
             shape, step = self.update(lengths)
-            yield in_world(shape, self._rest, self._robot.floor, step.state, step.covariance, step.standing)
+            yield in_world(shape, self._rest, self._robot.floor, step.state, step.covariance, step)
 
     def update(self, lengths: TendonLengths) -> tuple[Shape, PoseStep]:
         """Return the shape in one more frame, in body coordinates, and its pose."""
         shape = self.shapes.update(lengths)
-        looked = self._look(shape)
-        measured = self._measured.observe(lengths)
+        measured = self._measured.observe(lengths, self._poses.trusted_imus)
+        looked = not measured and self._look(shape)
         stands = self._faces.standing if self._faces and not measured else None
         step = self._poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands)
+        if measured and self._faces:
+            self._faces.stand_on(step.standing.nodes)
         self._last_m = shape.node_position_m
         self._stand_on(step.state, step.covariance, step.standing)
         if self.kept is not None:
-            self.kept.append(_Kept(step, self._faces.probability if self._faces and looked else None))
+            probability = self._faces.probability if self._faces and looked else None
+            self.kept.append(_Kept(step, stands is not None, probability))
         return shape, step
 
     def _look(self, shape: Shape) -> bool:
@@ -100,9 +105,10 @@ class FreeStandingSmoother:
         return True
 
     def _stand_on(self, state: PoseState, covariance: NDArray[np.float64], stands: Standing) -> None:
-        self.shapes.builder.stand_on(
-            support_of(self._structure, self._rest, self._last_m, state, covariance, stands.probability)
-        )
+        if self._rest.mechanics is not None:
+            probability = stands.probability
+            support = support_of(self._structure, self._rest, self._last_m, state, covariance, probability)
+            self.shapes.builder.stand_on(support)
 
 
 class FreeStandingOptimizer:
@@ -134,22 +140,27 @@ class FreeStandingOptimizer:
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports))
         for shape, (state, covariance, step) in zip(shapes, self._poses(frames, shapes, contacts), strict=True):
-            yield in_world(shape, self._rest, self._robot.floor, state, covariance, step.standing)
+            yield in_world(shape, self._rest, self._robot.floor, state, covariance, step)
 
     def _contacts(self, live: FreeStandingSmoother, frames: Sequence[TendonLengths]) -> list[Standing | None]:
         """Return which nodes stand in each frame by the faces of the whole trial; None where heights tell it."""
         assert live.kept is not None, "the live pass keeps what it learns"
-        looks = [k for k, kept in enumerate(live.kept) if kept.faces is not None]
+        kept = live.kept
         faces = resting_faces(self._structure, self._rest, self._robot, self._settings)
-        if faces is None or not looks:
-            return [None] * len(frames)
-        smoothed_faces = faces.smoothed(FACES_EVERY_S, np.array([live.kept[k].faces for k in looks]))
-        nearest = np.searchsorted(looks, np.arange(len(frames)) + FACES_EVERY_S)
-        measured = MeasuredAttitude()
-        return [
-            None if measured.observe(lengths) else smoothed_faces[min(k, len(looks) - 1)]
-            for k, lengths in zip(nearest, frames, strict=True)
-        ]
+        contacts: list[Standing | None] = [None] * len(frames)
+        looked = [k for k, one in enumerate(kept) if one.faces is not None]
+        if faces is None or not looked:
+            return contacts
+        # in each stretch in which faces were looked at, those of the whole stretch; heights tell it elsewhere
+        for stretch in _stretches(looked, [lengths.t_s for lengths in frames]):
+            smoothed_faces = faces.smoothed(FACES_EVERY_S, np.array([kept[k].faces for k in stretch]))
+            end = stretch[-1] + 1
+            while end < len(frames) and kept[end].by_faces:
+                end += 1
+            for k in range(stretch[0], end):
+                nearest = np.argmin(np.abs(np.array(stretch) - k))
+                contacts[k] = smoothed_faces[int(nearest)] if kept[k].by_faces else None
+        return contacts
 
     def _poses(
         self, frames: Sequence[TendonLengths], shapes: Sequence[Shape], contacts: Sequence[Standing | None]
@@ -163,28 +174,48 @@ class FreeStandingOptimizer:
         return [(state, covariance, step) for (state, covariance), step in zip(smoothed(steps), steps, strict=True)]
 
 
+def _stretches(looked: Sequence[int], t_s: Sequence[float]) -> list[list[int]]:
+    """Return the numbers of frames in lists, each without a hole of two looks."""
+    stretches: list[list[int]] = []
+    for k in looked:
+        if stretches and t_s[k] - t_s[stretches[-1][-1]] < 2 * FACES_EVERY_S:
+            stretches[-1].append(k)
+        else:
+            stretches.append([k])
+    return stretches
+
+
 def resting_faces(
     structure: Structure, rest: RestShape, robot: FreeStandingRobot, settings: Settings
 ) -> RestingFaces | None:
-    """Return the filter of faces; None where inertial sensors tell how the robot turns, or forces are unknown."""
-    if rest.mechanics is None or robot.imus:
+    """Return the filter of faces; None where forces are unknown."""
+    if rest.mechanics is None or rest.mechanics.rod_mass_kg == 0:
         return None
     stands = robot.floor.carries_at_rest(rest.node_position_m)
     return RestingFaces(structure, rest.mechanics.rod_mass_kg, rest.node_position_m, stands, settings.doubt)
 
 
 class MeasuredAttitude:
-    """Tells whether the positions of two nodes or more were measured in the last moments."""
+    """Tells whether an inertial sensor, or the positions of two nodes or more, were read in the last moments."""
 
     def __init__(self) -> None:
-        self._latest_s: dict[int, float] = {}
+        self._imu_s = -np.inf
+        self._node_s: dict[int, float] = {}
 
-    def observe(self, lengths: TendonLengths) -> bool:
-        """Return whether they were, in one more frame."""
+    def observe(self, lengths: TendonLengths, trusted_imus: NDArray[np.bool_]) -> bool:
+        """Return whether they were, in one more frame.
+
+        Args:
+            lengths: with the readings of other sensors.
+            trusted_imus: (imus,) which inertial sensors count.
+        """
         for reading in lengths.aids:
             if isinstance(reading, PositionReading):
-                self._latest_s[reading.node] = reading.t_s
-        return sum(lengths.t_s - latest_s < POSITIONS_HOLD_S for latest_s in self._latest_s.values()) > 1
+                self._node_s[reading.node] = reading.t_s
+            elif isinstance(reading, ImuReading) and trusted_imus[reading.imu]:
+                self._imu_s = reading.t_s
+        located = sum(lengths.t_s - latest_s < ATTITUDE_HOLDS_S for latest_s in self._node_s.values())
+        return lengths.t_s - self._imu_s < ATTITUDE_HOLDS_S or located > 1
 
 
 def heights_between(aids: Sequence[AidReading], floor: Floor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -217,7 +248,7 @@ def in_world(
     floor: Floor,
     state: PoseState,
     covariance: NDArray[np.float64],
-    stands: Standing,
+    step: PoseStep,
 ) -> Shape:
     """Return a shape of body coordinates in the world.
 
@@ -229,8 +260,9 @@ def in_world(
         floor: the floor.
         state: the pose.
         covariance: (size, size) of its errors.
-        stands: which nodes stand.
+        step: of the filter, which tells which nodes stand.
     """
+    stands = step.standing
     placed = PlacedShape(state, shape.node_position_m - rest.node_position_m.mean(axis=0), shape.covariance_m2)
     x = placed.node_position_m
     total = placed.total_covariance_m2(covariance)
@@ -241,4 +273,6 @@ def in_world(
     loads = shape.loads
     if loads is not None:
         loads = ExternalLoads(loads.force_n @ state.turn.T, loads.sigma_n)
+    if not step.trusts_imus and shape.doubt is None:
+        shape = replace(shape, status=Status.DOUBT, doubt=Reason.IMU)
     return replace(shape, node_position_m=x, covariance_m2=total, loads=loads, contacts=stands.probability)

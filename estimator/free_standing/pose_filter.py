@@ -27,6 +27,7 @@ from ...models.structure.rest_shape import RestShape
 from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from ...models.values.rotations import rotation_vector, shortest_rotation
 from .contacts import ContactsByHeight, Standing
+from .imu_trust import ImuTrust
 from .pose_motion import PoseMotion
 
 STILL = 1e-3
@@ -41,6 +42,8 @@ UNSEEN_SLIP = 4.0
 """Factor of the variance by which nodes slip while the structure tips unseen: the way of its caps is unknown."""
 LEAP_M = 0.1
 """Standard deviation of the motion when no node has stayed."""
+LOCATED_S = 0.2
+"""Time for which a position or a range tells where the robot is."""
 BELOW_M = 0.001
 """Depth below the floor at which a node that does not stand is lifted to it."""
 
@@ -61,6 +64,8 @@ class PoseStep:
     """Which nodes stand."""
     slipped: NDArray[np.bool_]
     """(nodes,) which nodes have slipped since the step before."""
+    trusts_imus: bool
+    """Whether all inertial sensors agree with the inclination of their rods."""
 
 
 class PoseFilter:
@@ -89,6 +94,8 @@ class PoseFilter:
         self._turn_before = self.state.turn
         self._body_before_m = rest.node_position_m - self.centre_m
         self._last_s = np.nan
+        self._located_s = -np.inf
+        self._trust = ImuTrust(self._imus.count)
 
     def step(
         self,
@@ -113,7 +120,10 @@ class PoseFilter:
         transition, state, covariance = self._predict(step_s, samples, body_m)
         placed = PlacedShape(state, body_m, body_covariance_m2)
         if standing is None:
-            standing = self._contacts.observe(placed, covariance, step_s)
+            located = any(isinstance(reading, PositionReading | RangeReading) for reading in aids)
+            self._located_s = t_s if located else self._located_s
+            is_located = t_s - self._located_s < LOCATED_S
+            standing = self._contacts.observe(placed, covariance, step_s, is_located=is_located)
         stood, self._standing = self._standing, standing.nodes
         kept = standing.nodes & stood
         if self._landed(placed, standing.nodes & ~stood):
@@ -128,12 +138,18 @@ class PoseFilter:
         self._body_before_m = body_m
         self._samples = samples
         self._last_s = t_s
-        return PoseStep(t_s, transition, *predicted, self.state, self.covariance, standing, slipped)
+        trusts_imus = bool(self._trust.is_trusted.all())
+        return PoseStep(t_s, transition, *predicted, self.state, self.covariance, standing, slipped, trusts_imus)
 
     @property
     def standing(self) -> Standing:
         """Which nodes stand in the last frame."""
         return Standing(self._standing, self._standing.astype(np.float64))
+
+    @property
+    def trusted_imus(self) -> NDArray[np.bool_]:
+        """(imus,) which inertial sensors agree with the attitude of their rods."""
+        return self._trust.is_trusted
 
     def _start(self, imus: int, pairs: int) -> PoseState:
         return PoseState(
@@ -170,7 +186,7 @@ class PoseFilter:
             direction = along / np.linalg.norm(along, axis=1, keepdims=True)
             turn = self._imus.attitude_at_rest(direction, samples.specific_force_m_per_s2)
             self.state = replace(self.state, imu_turn=turn)
-        return samples
+        return self._trust.trusted(samples)
 
     def _predict(
         self, step_s: float, samples: ImuSamples | None, body_m: NDArray[np.float64]
@@ -290,7 +306,8 @@ class PoseFilter:
             self._foothold_rows(placed, np.flatnonzero(kept), repeats),
         ]
         if samples is not None:
-            rows.append(self._imus.direction_rows(placed, repeats))
+            self._trust.observe(self._imus, placed, samples, step_s)
+            rows.append(self._imus.direction_rows(placed, repeats, np.flatnonzero(self._trust.is_trusted)))
             rows.append(self._imus.gravity_rows(placed.state, samples, settings))
         positions = [reading for reading in aids if isinstance(reading, PositionReading)]
         ranges = [reading for reading in aids if isinstance(reading, RangeReading)]

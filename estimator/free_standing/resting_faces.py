@@ -124,6 +124,13 @@ class RestingFaces:
         likelihood = np.exp(min(step_s / SAME_S, 1.0) * ratio + of_heights)
         self.probability = self.probability * likelihood / (self.probability @ likelihood)
 
+    def stand_on(self, nodes: NDArray[np.bool_]) -> None:
+        """Take it as known which nodes stand."""
+        likeness = self._carried @ np.where(nodes, 1.0, -0.5) - 0.1 * self._carried.sum(axis=1)
+        self.probability = np.full(len(likeness), 1e-4)
+        self.probability[int(np.argmax(likeness))] = 1.0
+        self.probability /= self.probability.sum()
+
     @property
     def standing(self) -> Standing:
         """Which nodes stand: those of the most probable face or edge."""

@@ -45,6 +45,7 @@ class Reason(StrEnum):
     LOADS = "many_loads"
     GEOMETRY = "geometry"
     BASE = "base"
+    IMU = "imu"
 
     @property
     def advice(self) -> str:
@@ -58,6 +59,7 @@ REASON_ADVICE = {
     Reason.LOADS: "many nodes are loaded at once, of which lengths say little: trust the ellipsoids, not the centres",
     Reason.GEOMETRY: "the geometry in trial.toml contradicts the balance of forces at rest: measure it again",
     Reason.BASE: "the rods turn otherwise than the anchors allow: fix the base, or describe it as free-standing",
+    Reason.IMU: "an inertial sensor contradicts the inclination of its rod and is left out: is its axis told right?",
 }
 
 

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from .structure import Structure
 
 GRAVITY_M_PER_S2 = 9.81
+LEAST_N = 1e-6
+"""Least weight of a structure, so that one without mass can stand, too."""
 FRICTION = 0.5
 """Ratio of the standard deviation of friction to the load that a node carries: rubber or plastic on a floor."""
 
@@ -85,7 +87,7 @@ def _legs(
 
     The loads are those of least squares about equal shares, in proportion to the probability of being carried.
     """
-    total = weight_n.sum()
+    total = max(float(weight_n.sum()), LEAST_N)
     share = carried / np.maximum(carried.sum(axis=-1, keepdims=True), 1.0)
     centred = x - weight_n @ x / total
     level = centred - (centred @ up[..., None]) * up[..., None, :]

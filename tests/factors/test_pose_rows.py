@@ -37,7 +37,7 @@ def slow_samples() -> ImuSamples:
 
 def direction_in_the_first_axes(state) -> Rows:
     """The rows of directions, whose axes across the rods are those at STATE: others have the same length only."""
-    rows = IMUS.direction_rows(placed(state), 1.0)
+    rows = IMUS.direction_rows(placed(state), 1.0, np.arange(2))
     first, second = IMUS.ends.T
 
     def across(at):

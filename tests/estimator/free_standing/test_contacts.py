@@ -11,14 +11,14 @@ from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.structure.floor import UP, Floor
 
 
-def observe(contacts: ContactsByHeight, height_m: np.ndarray, frames: int = 1) -> np.ndarray:
+def observe(contacts: ContactsByHeight, height_m: np.ndarray, frames: int = 1, is_located: bool = False) -> np.ndarray:
     """Return which nodes stand after some frames with the nodes at these heights."""
     state = replace(any_state(0, 0), turn=np.eye(3), position_m=np.zeros(3))
     body_m = np.column_stack([np.arange(12) * 0.02, np.zeros(12), height_m])
     placed = PlacedShape(state, body_m, 1e-8 * np.eye(36))
     covariance = 1e-6 * np.eye(state.layout.size)
     for _ in range(frames):
-        standing = contacts.observe(placed, covariance, 0.02)
+        standing = contacts.observe(placed, covariance, 0.02, is_located=is_located)
     return np.flatnonzero(standing.nodes)
 
 
@@ -33,8 +33,9 @@ def test_a_node_that_rises_is_lifted_and_one_that_lands_stands() -> None:
     assert observe(contacts, height_m, 5).tolist() == [1, 2, 7]
 
 
-def test_the_lowest_node_stands_unless_the_robot_is_lifted() -> None:
-    """4 mm above the floor the lowest node is taken to stand; 50 mm above it nothing does."""
+def test_the_lowest_node_stands_unless_the_robot_is_seen_to_be_lifted() -> None:
+    """50 mm above the floor nothing stands, if positions tell where the robot is; else the pose is wrong by as much."""
     contacts = ContactsByHeight(Floor(0.0, UP), np.arange(12) < 3, PoseSettings())
-    assert observe(contacts, 0.004 + 0.02 * np.arange(12.0), 20).tolist() == [0]
-    assert observe(contacts, 0.05 + 0.02 * np.arange(12.0), 20).tolist() == []
+    assert observe(contacts, 0.05 + 0.02 * np.arange(12.0), 20).tolist() == [0]
+    assert observe(contacts, 0.05 + 0.02 * np.arange(12.0), 20, is_located=True).tolist() == []
+    assert observe(contacts, 0.004 + 0.02 * np.arange(12.0), 20, is_located=True).tolist() == [0]

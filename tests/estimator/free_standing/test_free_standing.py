@@ -9,6 +9,7 @@ import pytest
 from tensegraph import InputError, open_trial, reconstruct
 from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
+from tensegraph.models.structure.shape import Reason
 
 ROLL = Path(__file__).parents[3] / "examples" / "roll_02"
 
@@ -85,3 +86,53 @@ def test_without_any_aid_it_is_followed_too(tmp_path) -> None:
 def test_methods_for_anchored_structures_are_refused(method) -> None:
     with pytest.raises(InputError, match="expected one of batch, live for a structure without anchors"):
         reconstruct(ROLL, method)
+
+
+def edited(folder: Path, edit=lambda text: text, **rows) -> Path:
+    """Return a copy of the trial with trial.toml edited, and the lines of files."""
+    shutil.copytree(ROLL, folder)
+    (folder / "trial.toml").write_text(edit((folder / "trial.toml").read_text()))
+    for name, change in rows.items():
+        path = folder / f"{name}.csv"
+        path.write_text("".join(change(path.read_text().splitlines(keepends=True))))
+    return folder
+
+
+def test_a_sensor_told_the_wrong_way_round_is_named_and_left_out(tmp_path) -> None:
+    path = edited(tmp_path / "wrong", lambda text: text.replace("axis = [0, 0, 1]", "axis = [0, 0, -1]"))
+    result = reconstruct(path, "live")
+    assert np.mean([doubt is Reason.IMU for doubt in result.doubts]) > 0.5
+    assert np.isfinite(result.node_position_m).all()
+    assert np.abs(result.centroid_m).max() < 1.0
+
+
+def stuck(lines: list[str]) -> list[str]:
+    """Return the lines of a sensor that repeats one sample from the third second on."""
+    values = lines[300].split(",", 1)[1]
+    return lines[:300] + [f"{line.split(',')[0]},{values}" for line in lines[300:]]
+
+
+@pytest.mark.parametrize("fault", [stuck, lambda lines: lines[:300]], ids=["stuck", "ended"])
+def test_without_its_sensor_the_robot_is_followed_by_the_balance_of_forces(fault, tmp_path) -> None:
+    """The sensor fails after three seconds, before the first tip."""
+    path = edited(tmp_path / "failed", imu0=fault)
+    trial = open_trial(path)
+    truth = trial.truth_of(trial.truth())
+    result = reconstruct(trial, "live")
+    d = trial.description
+    pose = evaluate(d.structure, d.rest_position_m, Estimate.of(result), truth).pose
+    assert pose.still_tilt_rms_deg < 2.0
+    assert pose.contacts.still_precision > 0.9
+
+
+def test_without_mechanics_contacts_are_told_by_heights(tmp_path) -> None:
+    path = without(tmp_path / "no_mechanics", "mechanics")
+    trial = open_trial(path)
+    result = reconstruct(trial, "live")
+    pose = evaluate(
+        trial.description.structure,
+        trial.description.rest_position_m,
+        Estimate.of(result),
+        trial.truth_of(trial.truth()),
+    ).pose
+    assert pose.still_tilt_rms_deg < 3.0

@@ -1,0 +1,48 @@
+"""The plausibility of samples of inertial sensors: absurd ones and those of a sensor that is stuck are left out."""
+
+import numpy as np
+
+from ..values.aids import ImuReading
+
+MOST_RATE_RAD_PER_S = 70.0
+"""Rate beyond the range of every small sensor: 4000 degrees per second."""
+MOST_FORCE_M_PER_S2 = 400.0
+"""Specific force beyond the range of every small sensor: 40 g."""
+STUCK_SAMPLES = 5
+"""Number of successive samples, all six values the same, from which a sensor is stuck: a live one is never so quiet."""
+
+
+class ImuGate:
+    """Decides which samples to use, and counts the others."""
+
+    def __init__(self, imus: int) -> None:
+        self._last: list[ImuReading | None] = [None] * imus
+        self._same = np.zeros(imus, dtype=np.int64)
+        self.absurd = np.zeros(imus, dtype=np.int64)
+        """(imus,) number of samples that no sensor can have measured."""
+        self.stuck = np.zeros(imus, dtype=np.int64)
+        """(imus,) number of samples that only repeat those before."""
+
+    def passes(self, reading: ImuReading) -> bool:
+        """Return whether a sample is to be used."""
+        last, self._last[reading.imu] = self._last[reading.imu], reading
+        same = last is not None and (
+            np.array_equal(last.rate_rad_per_s, reading.rate_rad_per_s)
+            and np.array_equal(last.specific_force_m_per_s2, reading.specific_force_m_per_s2)
+        )
+        self._same[reading.imu] = self._same[reading.imu] + 1 if same else 0
+        if not (
+            np.abs(reading.rate_rad_per_s).max() < MOST_RATE_RAD_PER_S
+            and np.abs(reading.specific_force_m_per_s2).max() < MOST_FORCE_M_PER_S2
+        ):
+            self.absurd[reading.imu] += 1
+            return False
+        if self._same[reading.imu] >= STUCK_SAMPLES - 1:
+            self.stuck[reading.imu] += 1
+            return False
+        return True
+
+    def counts(self) -> dict[str, int]:
+        """Return the number of samples that were left out, by sensor and cause."""
+        counts = {f"imu {i}: absurd samples": int(n) for i, n in enumerate(self.absurd)}
+        return counts | {f"imu {i}: stuck samples": int(n) for i, n in enumerate(self.stuck)}

@@ -1,0 +1,26 @@
+"""Samples of inertial sensors that are absurd, or stuck."""
+
+import numpy as np
+
+from tensegraph.models.pose.imu_gate import ImuGate
+from tensegraph.models.values.aids import ImuReading
+
+
+def sample(k: int, rate: float = 0.1, force: float = 9.8) -> ImuReading:
+    return ImuReading(0, 0.01 * k, np.array([rate, 0, 0]), np.array([0, 0, force]))
+
+
+def test_what_no_sensor_can_measure_is_left_out() -> None:
+    gate = ImuGate(1)
+    passed = [gate.passes(reading) for reading in (sample(0), sample(1, rate=900), sample(2, force=-5000), sample(3))]
+    assert passed == [True, False, False, True]
+    assert gate.counts()["imu 0: absurd samples"] == 2
+
+
+def test_a_sensor_that_repeats_itself_is_stuck_until_it_moves() -> None:
+    """Four equal samples may be chance; the fifth and all that follow are left out."""
+    gate = ImuGate(1)
+    passed = [gate.passes(sample(k)) for k in range(8)]
+    assert passed == [True] * 4 + [False] * 4
+    assert gate.passes(sample(9, rate=0.2))
+    assert gate.counts()["imu 0: stuck samples"] == 4
