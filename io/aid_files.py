@@ -1,12 +1,12 @@
 """The files of what a free-standing robot carries beside its tendons: inertial sensors, ranges, positions."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ..models.trial_description import TrialDescription
-from ..models.values.aids import ImuReading, PositionReading, RangeReading
+from ..models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from ..models.values.errors import InputError
 from .csv import CsvFile
 
@@ -50,6 +50,28 @@ def position_readings(path: Path, trial: TrialDescription) -> Iterator[PositionR
     for row, (t_s, node, *position_m) in enumerate(_forward(file, strictly=False), start=file.head().first_row):
         _check_number(f"{path}: row {row}", "node", node, trial.structure.node_count)
         yield PositionReading(t_s, int(node), np.array(position_m))
+
+
+def write_aids(path: Path, readings: Sequence[AidReading]) -> None:
+    """Write the readings of one sensor, which are of one kind."""
+    with path.open("w", encoding="utf-8", newline="\r\n") as file:
+        match readings[0]:
+            case ImuReading():
+                file.write(",".join(["t_s", *IMU_COLUMNS]) + "\n")
+            case RangeReading():
+                file.write("t_s,beacon,node,range_m\n")
+            case _:
+                file.write("t_s,node,x_m,y_m,z_m\n")
+        for reading in readings:
+            match reading:
+                case ImuReading():
+                    values = [*reading.rate_rad_per_s, *reading.specific_force_m_per_s2]
+                    cells = [f"{value:.4f}" for value in values]
+                case RangeReading():
+                    cells = [str(reading.pair[1]), str(reading.node), f"{reading.range_m:.3f}"]
+                case PositionReading():
+                    cells = [str(reading.node), *(f"{value:.5f}" for value in reading.position_m)]
+            file.write(",".join([f"{reading.t_s:.4f}", *cells]) + "\n")
 
 
 def _forward(file: CsvFile, *, strictly: bool = True) -> Iterator[list[float]]:

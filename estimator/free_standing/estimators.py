@@ -12,6 +12,7 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_state import PoseState
@@ -34,6 +35,8 @@ from .resting_faces import RestingFaces, balance_of
 FACES_EVERY_S = 0.2
 """Shortest time between two looks at the faces, each of which takes as long as several frames."""
 
+LESS_QUIET_N = (0.1, 0.3)
+"""Other standard deviations of the balance at a node without load, each as probable: sensors may be worse than told."""
 ATTITUDE_HOLDS_S = 0.2
 """Time after which readings do not tell any more how the robot is turned."""
 
@@ -97,11 +100,15 @@ class FreeStandingSmoother:
             return False
         self._looked_s = shape.t_s
         builder, x = self.shapes.builder, shape.node_position_m
-        variance = builder.internal_variance_n2 + self._settings.doubt.quiet_n**2
-        balance = balance_of(frame, statics.outer_force_jacobian(x), statics.outer_force_n, variance)
+        outer = statics.outer_force_jacobian(x)
+        evidence = []
+        for quiet_n in (self._settings.doubt.quiet_n, *LESS_QUIET_N):
+            variance = builder.internal_variance_n2 + quiet_n**2
+            balance = balance_of(frame, outer, statics.outer_force_n, variance)
+            evidence.append(self._faces.log_evidence(balance, x))
         of_positions = self._faces.log_evidence_of_heights(x, *heights_between(shape.lengths.aids, self._robot.floor))
         self._faces.predict(step_s)
-        self._faces.update(self._faces.log_evidence(balance, x), of_positions, step_s)
+        self._faces.update(np.asarray(logsumexp(evidence, axis=0)), of_positions, step_s)
         return True
 
     def _stand_on(self, state: PoseState, covariance: NDArray[np.float64], stands: Standing) -> None:

@@ -40,7 +40,9 @@ LANDING_M = 0.01
 """Standard deviation of the motion, beside that turn about the nodes that have stayed."""
 UNSEEN_SLIP = 4.0
 """Factor of the variance by which nodes slip while the structure tips unseen: the way of its caps is unknown."""
-LEAP_M = 0.1
+LEAP_RAD = 0.8
+"""Standard deviation of the turn when no node has stayed: the robot has rolled over several faces."""
+LEAP_M = 0.25
 """Standard deviation of the motion when no node has stayed."""
 LOCATED_S = 0.2
 """Time for which a position or a range tells where the robot is."""
@@ -238,8 +240,8 @@ class PoseFilter:
         F = np.eye(at.size)
         F[at.turn, at.turn] = F[at.position, at.position] = turn
         F[at.rate] = F[at.velocity] = 0.0
-        moved_m = LANDING_M if stayed.any() else LEAP_M
-        sigma = np.repeat([LANDING_RAD, moved_m, settings.turn_rad_per_s, settings.motion_m_per_s], 3)
+        turned_rad, moved_m = (LANDING_RAD, LANDING_M) if stayed.any() else (LEAP_RAD, LEAP_M)
+        sigma = np.repeat([turned_rad, moved_m, settings.turn_rad_per_s, settings.motion_m_per_s], 3)
         covariance = F @ covariance @ F.T
         covariance[np.diag_indices(12)] += sigma**2
         self._let_slip(covariance, stayed, UNSEEN_SLIP * float(np.linalg.norm(rotation_vector(turn))), 0.0)

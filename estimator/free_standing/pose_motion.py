@@ -5,7 +5,8 @@ The body turns by phi and its rate decays; without inertial sensors phi is the p
     C = 2 sigma^2 / tau dt^3 / 3
 
 as its covariance, for a rate of standard deviation sigma that lasts for tau. Each inertial sensor i, on a rod of
-direction d_i, tells phi across its rod to within the rate of deformation and along it to within that of the rod's spin:
+direction d_i, tells phi across its rod to within the rate of deformation and along it to within that of the
+rod's spin, which counts only where all sensors are on parallel rods:
 
     phi = C (C_0^-1 phi_0 + sum_i M_i Q_i (w_i - b_i) dt),   C = (C_0^-1 + sum_i M_i)^-1
     M_i = (1 - d d^T) / (s_deformation dt)^2 + d d^T / (s_spin dt)^2
@@ -27,6 +28,8 @@ from ...models.structure.support import GRAVITY_M_PER_S2
 from ...models.values.rotations import cross_matrix, rotation
 
 EYE = np.eye(3)
+LEAST_TOLD = 0.2
+"""Least eigenvalue of sum (1 - d d^T), from which sensors on rods of different directions tell every turn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,8 +100,10 @@ class PoseMotion:
         middle = 0.5 * (before.imu_turn + imu_turn)
         d = self._imus.direction(replace(before, imu_turn=middle))
         along = d[:, :, None] * d[:, None, :]
-        M = (EYE - along) / settings.deformation_rad_per_s**2 + along / settings.spin_rad_per_s**2
-        M *= np.where(samples.count > 0, step_s**-2, 0.0)[:, None, None]
+        counted = (samples.count > 0)[:, None, None]
+        spread = np.linalg.eigvalsh(np.sum(counted * (EYE - along), axis=0))[0]
+        by_spin = 0.0 if spread > LEAST_TOLD else settings.spin_rad_per_s**-2
+        M = counted * ((EYE - along) / settings.deformation_rad_per_s**2 + by_spin * along) / step_s**2
         density, slowed = self._density(settings.turn_rad_per_s, step_s)
         known = 3 / (density * step_s**3) * EYE
         C = np.linalg.inv(known + M.sum(axis=0))

@@ -12,7 +12,7 @@ the covariance B B^T of what the floor does at the nodes that stand, so that
     log L_h = -1/2 F_h^T M F_h - v^T F_h + 1/2 g^T G^-1 g - 1/2 log |G|,   G = 1 + B^T M B,  g = -B^T (v + M F_h)
 
 and a hand is a further block of B. The hypotheses form a hidden Markov model: from a face the structure tips over one
-of its edges, and from an edge it lands on one of the two faces beside it.
+of its edges, and from an edge it lands on one of the two faces beside it; seldom it rolls on, onto any face.
 """
 
 from dataclasses import dataclass
@@ -30,6 +30,8 @@ from .contacts import Standing
 
 REST_S = 1.0
 """Time for which a structure rests on a face."""
+LEAPS_PER_S = 0.03
+"""Rate at which it rolls over several faces at once, faster than they can be told, onto any."""
 TIP_S = 0.3
 """Time for which it tips over an edge."""
 SAME_S = 1.0
@@ -50,6 +52,8 @@ class Balance:
     """(3 nodes, 3 nodes) M"""
     gradient: NDArray[np.float64]
     """(3 nodes,) v"""
+    log_density: float
+    """log p at F = 0, up to a constant."""
 
 
 def balance_of(
@@ -73,7 +77,8 @@ def balance_of(
     covariance = by_shape @ solved[:, :-1]
     covariance[np.diag_indices(len(r))] += variance_n2
     weighted = np.linalg.solve(covariance, np.column_stack([outer_jacobian, r]))
-    return Balance(outer_jacobian.T @ weighted[:, :-1], outer_jacobian.T @ weighted[:, -1])
+    log_density = -0.5 * float(r @ weighted[:, -1]) - 0.5 * float(np.linalg.slogdet(covariance)[1])
+    return Balance(outer_jacobian.T @ weighted[:, :-1], outer_jacobian.T @ weighted[:, -1], log_density)
 
 
 class RestingFaces:
@@ -187,7 +192,7 @@ class RestingFaces:
         e = balance.gradient + F @ M
         log_l = -0.5 * np.sum(F * (e + balance.gradient), axis=1)
         gain, e, M_after = _marginalised(B, np.broadcast_to(M, (len(B), size, size)), e)
-        return np.asarray(log_l + gain + self._of_hands(e, M_after))
+        return np.asarray(balance.log_density + log_l + gain + self._of_hands(e, M_after))
 
     def _standing(self, probability: NDArray[np.float64]) -> Standing:
         likeliest = int(np.argmax(probability))
@@ -228,7 +233,10 @@ class RestingFaces:
 
     def _step(self, step_s: float) -> NDArray[np.float64]:
         stay = np.exp(-step_s / self._stay_s)
-        return np.asarray(np.diag(stay) + (1 - stay)[:, None] * self._leave)
+        over_edges = np.diag(stay) + (1 - stay)[:, None] * self._leave
+        leap = 1 - np.exp(-step_s * LEAPS_PER_S)
+        faces = np.arange(len(stay)) < len(self._faces)
+        return np.asarray((1 - leap) * over_edges + leap * faces / len(self._faces))
 
 
 def _normals(x: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:

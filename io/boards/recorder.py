@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ...models.values.errors import InputError, RecordingError
 from ...models.values.readings import BoardReading
 from ...models.values.stamped_positions import StampedPositions
-from ..positions import force_columns, position_columns
+from ..positions import contact_columns, force_columns, position_columns
 from ..whole import check_vacant, written_whole
 
 COMMENTS = {
@@ -107,18 +107,23 @@ class Recorder:
         except OSError as error:
             raise RecordingError(f"{self._path}: the recording ended: {error.strerror}") from error
 
-    def add_truth(self, truth: StampedPositions, load_n: NDArray[np.float64]) -> None:
+    def add_truth(
+        self, truth: StampedPositions, load_n: NDArray[np.float64], standing: NDArray[np.bool_] | None = None
+    ) -> None:
         """Write the files that `[truth]` names.
 
         Args:
             truth: positions of all nodes at all times.
             load_n: (times, nodes, 3) external forces on the nodes.
+            standing: (times, nodes) which nodes the floor carries, where `[truth]` names a file of contacts.
         """
         count = truth.node_position_m.shape[1]
         tables = {
             "file": (position_columns(count), truth.node_position_m, ".6f"),
             "loads": (force_columns(count), load_n, ".4f"),
         }
+        if standing is not None and "contacts" in self._metadata["truth"]:
+            tables["contacts"] = (contact_columns(count), standing.astype(np.float64), ".0f")
         for key, (columns, values, digits) in tables.items():
             with (self._path / self._metadata["truth"][key]).open("w", encoding="utf-8", newline="\r\n") as file:
                 file.write(",".join(["t_s", *columns]) + "\n")

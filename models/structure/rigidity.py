@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.spatial import ConvexHull
 
 from ..values.errors import IndeterminateError
+from ..values.rotations import shortest_rotation
 from .lengths import length_jacobian, member_length_m
 from .structure import Structure
 
@@ -90,12 +92,15 @@ def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
 
     The shape minimises sum (l - L0)^2 over the tendons: the prestress of the tendons selects one stiff shape, which the
     lengths alone do not determine. Of the two mirror images about the plane of the anchors, the one above the plane
-    (towards +z) is returned. Loads and differences in stiffness are ignored.
+    (towards +z) is returned. Loads and differences in stiffness are ignored. Without anchors one of the two mirror
+    images is returned as it stands on its broadest face, in the plane z = 0, with the centroid above the origin.
 
     Raises:
         IndeterminateError: when no start leads to a shape that keeps the rods' lengths.
     """
     energy = _TendonEnergy(structure)
+    if structure.is_free_standing:
+        return _stood_up(_free_shape(structure, energy))
     base = structure.anchor_position_m
     scale = float(structure.rod_length_m.mean())
     free = structure.free_nodes
@@ -113,6 +118,39 @@ def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
             "the structure has no rest shape with these rod, tendon and anchor lengths: check their units"
         )
     return min(shapes, key=lambda shape: shape[0])[1]
+
+
+def _free_shape(structure: Structure, energy: "_TendonEnergy") -> NDArray[np.float64]:
+    """Return (nodes, 3), the shape of least energy without anchors, anywhere."""
+    scale = float(structure.rod_length_m.mean())
+    rng = np.random.default_rng(0)
+    shapes = []
+    for _ in range(STARTS):
+        start = scale * rng.uniform(-0.6, 0.6, 3 * structure.node_count)
+        solution = least_squares(energy.residual, start, energy.jacobian, method="trf", xtol=1e-10, ftol=1e-12)
+        position = structure.position_m(solution.x)
+        rod_error = np.abs(member_length_m(position, structure.rods) / structure.rod_length_m - 1)
+        if rod_error.max() < 1e-2:
+            shapes.append((solution.cost, position))
+    if not shapes:
+        raise IndeterminateError("the structure has no rest shape with these rod and tendon lengths: check their units")
+    return min(shapes, key=lambda shape: shape[0])[1]
+
+
+def _stood_up(node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (nodes, 3) the same shape as it stands on the face of its hull that holds it most broadly."""
+    x = node_position_m - node_position_m.mean(axis=0)
+    hull = ConvexHull(x)
+    margins = []
+    for face, outward in zip(hull.simplices, hull.equations[:, :3], strict=True):
+        corners = x[face] - np.outer(x[face] @ outward, outward)
+        edges = np.roll(corners, -1, axis=0) - corners
+        inward = np.cross(outward, edges) / np.linalg.norm(edges, axis=1)[:, None]
+        inward *= np.sign(np.sum(inward * (corners.mean(axis=0) - corners), axis=1))[:, None]
+        margins.append(np.min(-np.sum(inward * corners, axis=1)))
+    down = hull.equations[int(np.argmax(margins)), :3]
+    stood = x @ shortest_rotation(down, np.array([0.0, 0.0, -1.0])).T
+    return np.asarray(stood - np.array([0.0, 0.0, stood[:, 2].min()]))
 
 
 class _TendonEnergy:

@@ -30,6 +30,8 @@ class TwinMotion:
     """(steps, nodes, 3) external force at each node, gravity and the ground's left out."""
     tendon_length_m: NDArray[np.float64]
     """(steps, tendons) between the two ends of a tendon, which are its nodes if there are no hubs."""
+    rod_turn: NDArray[np.float64] | None = None
+    """(steps, rods, 3, 3) from each rod's axes to the world, z along the rod; None where it was not asked for."""
 
 
 class Twin:
@@ -52,6 +54,7 @@ class Twin:
         self._data = mujoco.MjData(self._model)
         self._site = np.array([self._model.site(f"n{node}").id for node in range(body.structure.node_count)])
         self._body = self._model.site_bodyid[self._site]
+        self._rod_body = self._body[body.structure.rods[:, 0]]
         tendons = range(len(body.structure.tendons))
         names = [[body.end_site(tendon, end) for end in (0, 1)] for tendon in tendons]
         self._end = np.array([[self._model.site(name).id for name in pair] for pair in names])
@@ -88,19 +91,22 @@ class Twin:
         self._data.qvel[:] = 0.0
         self._engine.mj_forward(self._model, self._data)
 
-    def run(self, loads: Loads, steps: int) -> TwinMotion:
-        """Return what happens under the loads from now on, which is t = 0."""
+    def run(self, loads: Loads, steps: int, *, with_turns: bool = False) -> TwinMotion:
+        """Return what happens under the loads from now on, which is t = 0, with the turns of the rods if asked for."""
         position_m = np.empty((steps, len(self._site), 3))
         load_n = np.empty_like(position_m)
         length_m = np.empty((steps, len(self._end)))
+        turn = np.empty((steps, len(self._rod_body), 3, 3)) if with_turns else None
         for k in range(steps):
             position_m[k] = self.node_position_m
             length_m[k] = self.tendon_length_m
+            if turn is not None:
+                turn[k] = self._data.xmat[self._rod_body].reshape(-1, 3, 3)
             load_n[k] = loads.force_n(k * self._step_s, position_m[k])
             self._push(load_n[k], position_m[k])
             self._engine.mj_step(self._model, self._data)
         self._check_stable()
-        return TwinMotion(self._step_s * np.arange(steps, dtype=np.float64), position_m, load_n, length_m)
+        return TwinMotion(self._step_s * np.arange(steps, dtype=np.float64), position_m, load_n, length_m, turn)
 
     def _check_stable(self) -> None:
         """Refuse what the engine would only log: it starts anew when the numbers run away.

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from ..structure.structure import Structure
 from .loads import Hold, Press, RandomPresses, RandomTimes, Squeeze
 from .plan import Plan
-from .spread_loads import RandomHugs, RandomShakes, WindPlan
+from .spread_loads import RandomHugs, RandomShakes, RandomTips, WindPlan
 
 STEPS_A_CYCLE = 20
 """Fewest steps of the integration in one cycle of a shake."""
-Load = Press | Squeeze | Hold | RandomPresses | RandomHugs | RandomShakes | WindPlan
+Load = Press | Squeeze | Hold | RandomPresses | RandomHugs | RandomShakes | RandomTips | WindPlan
 
 
 def problems_of_loads(plan: Plan, structure: Structure) -> Iterator[tuple[str, str]]:

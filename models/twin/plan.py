@@ -8,12 +8,13 @@ from annotated_types import Ge
 
 from ..trial_description import AdcTable, StructureTable
 from ..values.tables import NotNegative, Positive
+from .carried_sensors import ImuPlan, PositionPlan, RangePlan
 from .emulated_boards import BoardPhysics, Faults
 from .geometry_error import GeometryError
 from .loads import Hold, Press, RandomPresses, Squeeze
 from .slow_drift import DriftPlan
 from .specimens import HysteresisPlan, SensorPhysics
-from .spread_loads import RandomHugs, RandomShakes, WindPlan
+from .spread_loads import RandomHugs, RandomShakes, RandomTips, WindPlan
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +69,7 @@ class LoadPlan:
     hug: Sequence[RandomHugs] = ()
     shake: Sequence[RandomShakes] = ()
     wind: Sequence[WindPlan] = ()
+    tip: Sequence[RandomTips] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +99,9 @@ class Plan:
     truth: TruthPlan
     format: Literal[1] = 1
     ground: GroundPlan | None = None
+    imu: list[ImuPlan] = field(default_factory=list)
+    range: list[RangePlan] = field(default_factory=list)
+    position: list[PositionPlan] = field(default_factory=list)
     load: LoadPlan = field(default_factory=LoadPlan)
     fault: Faults = field(default_factory=Faults)
     drift: DriftPlan | None = None

@@ -1,4 +1,4 @@
-"""Loads on many nodes at once, and loads that swing: hugs, shakes and wind."""
+"""Loads on many nodes at once, and loads that swing or follow the nodes: hugs, tips, shakes and wind."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -71,6 +71,43 @@ class Hug:
         direction /= np.linalg.norm(direction, axis=1, keepdims=True) + np.finfo(np.float64).tiny
         full_n = np.zeros_like(node_position_m)
         full_n[self.nodes] = (has_direction * self.force_n)[:, None] * direction
+        return full_n
+
+
+@dataclass(frozen=True, slots=True)
+class RandomTips(RandomTimes):
+    """`[[load.tip]]`: a hand pushes the highest nodes sideways, so that a free-standing structure tips."""
+
+    nodes: list[int]
+    """Those that may be pushed."""
+    force_n: tuple[Positive, Positive]
+    """Least and largest force of a push, over all pushed nodes."""
+
+    def draw(self, rng: np.random.Generator) -> list["Tip"]:
+        """Return the pushes that one seed draws."""
+        tips = []
+        for when in self.windows(rng):
+            heading = rng.uniform(0, 2 * np.pi)
+            direction = np.array([np.cos(heading), np.sin(heading), 0.0])
+            tips.append(Tip(when, np.array(self.nodes), rng.uniform(*self.force_n) * direction))
+        return tips
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tip:
+    """One push."""
+
+    when: Window
+    nodes: NDArray[np.int64]
+    """(nodes,) those that may be pushed."""
+    force_n: NDArray[np.float64]
+    """(3,) over all pushed nodes."""
+
+    def full_n(self, t_s: float, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (nodes, 3) forces at the two highest nodes."""
+        highest = self.nodes[np.argsort(node_position_m[self.nodes, 2])[-2:]]
+        full_n = np.zeros_like(node_position_m)
+        full_n[highest] = self.force_n / len(highest)
         return full_n
 
 

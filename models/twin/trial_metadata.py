@@ -76,6 +76,8 @@ def trial_metadata(
             "rod_mass_kg": plan.mechanics.rod_mass_kg,
         },
         "rest": told["rest"],
+        **_ground(plan, told),
+        **_carried(plan),
         "adc": _adc(plan),
         "sensors": {"natural_resistance_ohm": [round(value) for value in specimens.measured_resistance_ohm.tolist()]},
         "board": [
@@ -84,6 +86,28 @@ def trial_metadata(
         ],
         "truth": _truth(plan),
     }
+
+
+def _ground(plan: Plan, told: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Return `ground` of trial.toml, for a structure that stands free on it."""
+    if plan.ground is None or told["structure"]["anchors"]:
+        return {}
+    return {"ground": {"height_m": plan.mechanics.rod_radius_m}}
+
+
+def _carried(plan: Plan) -> dict[str, Any]:
+    """Return `imu`, `range` and `position` of trial.toml."""
+    imus = [
+        {"file": f"imu{number}.csv", "rod": imu.rod, "fraction": imu.fraction, "axis": [0, 0, 1]}
+        for number, imu in enumerate(plan.imu)
+    ]
+    ranges = [
+        {"file": f"ranges{number}.csv", "beacon_position_m": [list(beacon) for beacon in ranges.beacon_position_m]}
+        for number, ranges in enumerate(plan.range)
+    ]
+    positions = [{"file": f"positions{number}.csv"} for number in range(len(plan.position))]
+    tables = {"imu": imus, "range": ranges, "position": positions}
+    return {name: table for name, table in tables.items() if table}
 
 
 def _adc(plan: Plan) -> dict[str, Any]:
@@ -99,7 +123,8 @@ def _adc(plan: Plan) -> dict[str, Any]:
 def _truth(plan: Plan) -> dict[str, Any]:
     """Return what only a twin knows."""
     faults = plan.fault.as_truth()
-    return {"file": "truth.csv", "loads": "loads.csv", **({"fault": faults} if faults else {})}
+    contacts = {"contacts": "contacts.csv"} if plan.ground and not plan.structure.anchors else {}
+    return {"file": "truth.csv", "loads": "loads.csv", **contacts, **({"fault": faults} if faults else {})}
 
 
 def _rounded(value_m: NDArray[np.float64]) -> list[Any]:

@@ -1,7 +1,7 @@
 """A whole trial of the twin: from a plan to what the boards send, and what was true."""
 
 import heapq
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..structure.rigidity import find_rest_shape
 from ..structure.structure import Structure
+from ..values.aids import AidReading
 from ..values.readings import BoardReading
 from .emulated_boards import Signal, board_rows
 from .engine import Twin, TwinMotion
@@ -19,6 +20,9 @@ from .mjcf import Body
 from .plan import Plan
 from .specimens import Sensors, Specimens, drift
 from .trial_metadata import told_geometry, trial_metadata
+
+TOUCHING_M = 2e-4
+"""Height of a node above one that stands, below which it stands too: the ground is as soft as the engine's step."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +39,10 @@ class VirtualTrial:
     """(rows, nodes, 3)"""
     load_n: NDArray[np.float64]
     """(rows, nodes, 3)"""
+    carried: Mapping[str, Sequence[AidReading]]
+    """The readings of each further sensor, by the name of its file."""
+    standing: NDArray[np.bool_] | None
+    """(rows, nodes) which nodes stand on the ground; None without ground."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +73,9 @@ class RandomStreams:
     hugs: np.random.Generator
     shakes: np.random.Generator
     wind: np.random.Generator
+    tips: np.random.Generator
+    carried: np.random.Generator
+    """For inertial sensors, ranges and positions."""
 
     @classmethod
     def of(cls, seed: int, boards: int) -> "RandomStreams":
@@ -75,7 +86,7 @@ class RandomStreams:
         """
         root = np.random.SeedSequence(seed)
         body, loads, rest, specimens, of_drift, *of_boards = map(np.random.default_rng, root.spawn(5 + boards))
-        hubs, told, slow_drift, hugs, shakes, wind = map(np.random.default_rng, root.spawn(6))
+        hubs, told, slow_drift, hugs, shakes, wind, tips, carried = map(np.random.default_rng, root.spawn(8))
         return cls(
             body=body,
             loads=loads,
@@ -89,6 +100,8 @@ class RandomStreams:
             hugs=hugs,
             shakes=shakes,
             wind=wind,
+            tips=tips,
+            carried=carried,
         )
 
 
@@ -108,7 +121,7 @@ def simulate(plan: Plan, provenance: str) -> VirtualTrial:
     structure = body.structure
     twin = Twin(body, plan.mechanics.step_s, start_m)
     twin.settle()
-    motion = twin.run(_loads(plan, structure.node_count, streams), plan.steps)
+    motion = twin.run(_loads(plan, structure.node_count, streams), plan.steps, with_turns=bool(plan.imu))
     specimens = Specimens.draw(plan.sensors, len(structure.tendons), streams.specimens)
     told = told_geometry(plan, structure, motion.node_position_m[0], streams.rest, streams.told)
     every = round(1 / plan.truth.rate_hz / plan.mechanics.step_s)
@@ -118,6 +131,8 @@ def simulate(plan: Plan, provenance: str) -> VirtualTrial:
         t_s=motion.t_s[::every],
         node_position_m=motion.node_position_m[::every],
         load_n=motion.load_n[::every],
+        carried=_carried(plan, structure, motion, streams.carried),
+        standing=_standing(plan, motion)[::every] if plan.ground else None,
     )
 
 
@@ -130,6 +145,8 @@ def _body(plan: Plan, streams: RandomStreams) -> tuple[Body, NDArray[np.float64]
     share = np.maximum(1 + mechanics.tendon_stiffness_spread * streams.body.normal(size=count), 0.1)
     structure = replace(structure, natural_length_m=natural_m)
     start_m = find_rest_shape(structure)
+    if structure.is_free_standing:  # its caps on the plane z = 0
+        start_m = start_m + np.array([0.0, 0.0, mechanics.rod_radius_m])
     offset_m = None
     if plan.geometry_error.hub_radius_m is not None:
         offset_m = hub_offset_m(structure, start_m, plan.geometry_error.hub_radius_m, streams.hubs)
@@ -150,12 +167,30 @@ def _body(plan: Plan, streams: RandomStreams) -> tuple[Body, NDArray[np.float64]
     return body, start_m
 
 
+def _carried(
+    plan: Plan, structure: Structure, motion: TwinMotion, rng: np.random.Generator
+) -> dict[str, list[AidReading]]:
+    """Return the readings of inertial sensors, ranges and positions, by the names of their files."""
+    imus = [imu.readings(number, motion, structure, rng) for number, imu in enumerate(plan.imu)]
+    ranges = [ranges.readings(number, motion, rng) for number, ranges in enumerate(plan.range)]
+    positions = [position.readings(motion, rng) for position in plan.position]
+    kinds = {"imu": imus, "ranges": ranges, "positions": positions}
+    return {f"{kind}{number}.csv": found for kind, all_found in kinds.items() for number, found in enumerate(all_found)}
+
+
+def _standing(plan: Plan, motion: TwinMotion) -> NDArray[np.bool_]:
+    """Return (steps, nodes) which nodes touch the ground, which is below the lowest node at the start."""
+    height_m = motion.node_position_m[0, :, 2].min()
+    return np.asarray(motion.node_position_m[..., 2] < height_m + TOUCHING_M)
+
+
 def _loads(plan: Plan, node_count: int, streams: RandomStreams) -> Loads:
     """Draw the loads that the seed decides."""
     random = [press for load in plan.load.random for press in load.draw(streams.loads)]
     spread: list[SpreadLoad] = [hug for load in plan.load.hug for hug in load.draw(streams.hugs)]
     spread += [shake for load in plan.load.shake for shake in load.draw(streams.shakes)]
     spread += [load.draw(streams.wind) for load in plan.load.wind]
+    spread += [tip for load in plan.load.tip for tip in load.draw(streams.tips)]
     return Loads([*plan.load.press, *plan.load.squeeze, *plan.load.hold, *random], node_count, spread)
 
 

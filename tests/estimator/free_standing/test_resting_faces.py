@@ -34,7 +34,7 @@ def exact_balance(faces, balanced, structure, hypothesis: int, hand_n: np.ndarra
     carried = faces._carried[hypothesis]
     support = standing(structure, balanced.mechanics.rod_mass_kg, x, faces.up(x)[hypothesis], 0.0, carried)
     information = np.eye(36) / 0.02**2
-    return Balance(information, -information @ (support.force_n + hand_n).ravel())
+    return Balance(information, -information @ (support.force_n + hand_n).ravel(), 0.0)
 
 
 @pytest.mark.parametrize("hypothesis", [0, 7, 19])

@@ -1,0 +1,113 @@
+"""What a virtual robot carries: a plan of a robot that is tipped, and what its sensors say against the truth."""
+
+import numpy as np
+import pytest
+
+from plan_edits import PLANS, replaced
+from tensegraph import open_trial, reconstruct, simulate
+from tensegraph.models.evaluation.estimate import Estimate
+from tensegraph.models.evaluation.metrics import evaluate
+from tensegraph.models.twin.carried_sensors import ImuPlan, PositionPlan, RangePlan
+from tensegraph.models.twin.engine import TwinMotion
+from tensegraph.models.values.aids import ImuReading
+from tensegraph.models.values.rotations import rotation
+
+
+@pytest.fixture(scope="module")
+def rolled(tmp_path_factory):
+    """Nine seconds of the plan, with one push or two."""
+    folder = tmp_path_factory.mktemp("plans")
+    (folder / "press.toml").write_text(PLANS["press"].read_text())
+    short = (("duration_s = 24.0", "duration_s = 9.0"), ("until_s = 23.0", "until_s = 9.0"))
+    (folder / "roll.toml").write_text(replaced(PLANS["roll"].read_text(), *short))
+    return simulate(folder / "roll.toml", folder / "roll_01")
+
+
+def test_the_robot_stands_on_caps_and_tips(rolled) -> None:
+    d = rolled.description
+    assert d.structure.is_free_standing
+    assert d.robot.floor.height_m == pytest.approx(0.01)
+    truth, contacts = rolled.truth(), rolled.true_contacts()
+    assert contacts.standing[0].sum() == 3
+    assert truth.node_position_m[0][contacts.standing[0], 2] == pytest.approx(0.01, abs=3e-4)
+    assert truth.node_position_m[..., 2].min() > 0.008
+    assert not np.array_equal(contacts.standing[0], contacts.standing[-1])
+    path = np.linalg.norm(np.diff(truth.node_position_m.mean(axis=1), axis=0), axis=1).sum()
+    assert path > 0.1
+
+
+def test_the_estimate_follows_it(rolled) -> None:
+    """A trial that nothing was tuned on."""
+    result = reconstruct(rolled, "live")
+    d = rolled.description
+    truth = rolled.truth_of(rolled.truth())
+    evaluation = evaluate(d.structure, d.rest_position_m, Estimate.of(result), truth)
+    assert evaluation.pose.tilt_rms_deg < 2.0
+    assert evaluation.pose.contacts.precision > 0.9
+    assert evaluation.pose.contacts.recall > 0.9
+    assert evaluation.consistency.coverage_95 > 0.85
+
+
+EXACT = {
+    "rate_noise_rad_per_s": 0.0,
+    "force_noise_m_per_s2": 0.0,
+    "rate_bias_rad_per_s": 0.0,
+    "force_bias_m_per_s2": 0.0,
+    "misalignment_rad": 0.0,
+}
+
+
+def turning(structure, rate: np.ndarray) -> TwinMotion:
+    """Return a second in which the whole structure turns about the origin at a rate."""
+    t_s = 0.001 * np.arange(1001)
+    x = np.random.default_rng(1).standard_normal((structure.node_count, 3))
+    turns = rotation(t_s[:, None] * rate)
+    position_m = np.einsum("tij,nj->tni", turns, x)
+    first, second = structure.rods.T
+    along = x[second] - x[first]
+    frames = []
+    for direction in along / np.linalg.norm(along, axis=1)[:, None]:
+        aside = np.cross(direction, [0.3, 0.5, 0.8])
+        aside /= np.linalg.norm(aside)
+        frames.append(np.stack([aside, np.cross(direction, aside), direction], axis=1))
+    rod_turn = np.einsum("tij,rjk->trik", turns, np.array(frames))
+    nothing = np.zeros((len(t_s), structure.node_count, 3))
+    return TwinMotion(t_s, position_m, nothing, nothing[..., 0], rod_turn)
+
+
+def test_an_exact_sensor_measures_rate_and_centripetal_force(structure) -> None:
+    """By hand: |w| is that of the body; the specific force is -w^2 r, and gravity."""
+    rate = np.array([0.0, 0.0, 2.0])
+    motion = turning(structure, rate)
+    plan = ImuPlan(rod=2, fraction=0.5, rate_hz=100.0, range_m_per_s2=100.0, **EXACT)
+    readings = plan.readings(0, motion, structure, np.random.default_rng(2))
+    a, b = structure.rods[2]
+    middle_m = motion.node_position_m[0, [a, b]].mean(axis=0)
+    expected = np.hypot(4.0 * np.hypot(*middle_m[:2]), 9.81)
+    for reading in readings[5:90:20]:
+        assert isinstance(reading, ImuReading)
+        assert np.linalg.norm(reading.rate_rad_per_s) == pytest.approx(2.0, rel=1e-3)
+        assert np.linalg.norm(reading.specific_force_m_per_s2) == pytest.approx(expected, rel=1e-3)
+        along = motion.rod_turn[0, 2, :, 2] @ [0, 0, 1]
+        assert reading.rate_rad_per_s[2] == pytest.approx(2.0 * along, abs=1e-3)
+
+
+def test_ranges_have_offsets_and_positions_gaps(structure) -> None:
+    motion = turning(structure, np.array([0.0, 0.0, 0.5]))
+    rng = np.random.default_rng(3)
+    ranges = RangePlan([(2.0, 0, 0), (0, 2.0, 0)], 100.0, 0.0, 0.05, 0.0, 0.0).readings(0, motion, rng)
+    off = [r.range_m - np.linalg.norm(_at(motion, r.t_s, r.node) - r.beacon_position_m) for r in ranges]
+    assert 0.02 < np.std(off) < 0.1
+    positions = PositionPlan([1, 4], 50.0, 0.0, 0.2, 0.2).readings(motion, rng)
+    assert 10 < len(positions) < 90
+    for reading in positions:
+        assert reading.position_m == pytest.approx(_at(motion, reading.t_s, reading.node))
+
+
+def _at(motion: TwinMotion, t_s: float, node: int) -> np.ndarray:
+    return motion.node_position_m[np.searchsorted(motion.t_s, t_s), node]
+
+
+def test_the_shipped_trial_is_of_the_same_format(rolled) -> None:
+    shipped = open_trial(PLANS["press"].parents[1] / "roll_02")
+    assert set(shipped.toml) == set(rolled.toml)
