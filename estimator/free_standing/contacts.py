@@ -39,6 +39,13 @@ class Standing:
     """(nodes,) that the floor carries each node."""
     others: tuple[tuple[float, NDArray[np.bool_]], ...] = ()
     """Other sets of (nodes,) that may stand instead, each with its probability."""
+    contradicted: bool = False
+    """Whether the balance of forces tells that others stand."""
+
+    def probability_of(self, nodes: NDArray[np.bool_]) -> float:
+        """Return the probability that these nodes stand, as a face, an edge, or a part of one."""
+        alternatives = sum(p for p, other in self.others if not np.any(nodes & ~other))
+        return alternatives + (1 - sum(p for p, _ in self.others) if not np.any(nodes & ~self.nodes) else 0.0)
 
 
 class ContactsByHeight:
@@ -49,6 +56,11 @@ class ContactsByHeight:
         self._settings = settings
         self._standing = standing
         self._probability = np.clip(standing.astype(np.float64), CERTAIN, 1 - CERTAIN)
+
+    def stand_on(self, nodes: NDArray[np.bool_]) -> None:
+        """Take it as known which nodes stand."""
+        self._standing = nodes
+        self._probability = np.clip(nodes.astype(np.float64), CERTAIN, 1 - CERTAIN)
 
     def observe(
         self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float, *, is_located: bool = False

@@ -37,6 +37,14 @@ FACES_EVERY_S = 0.2
 
 LESS_QUIET_N = (0.1, 0.3)
 """Other standard deviations of the balance at a node without load, each as probable: sensors may be worse than told."""
+LEAST_TOLD = 0.02
+"""Probability of the face on which the robot stands by heights, below which forces contradict it."""
+SURE = 0.8
+"""Probability of a face that the balance of forces tells, above which it may contradict heights."""
+CONTRADICTS_S = 0.8
+"""Time for which it has to."""
+PARALLEL = 0.95
+"""Cosine of the angle below which rods have different directions."""
 ATTITUDE_HOLDS_S = 0.2
 """Time after which readings do not tell any more how the robot is turned."""
 
@@ -64,6 +72,8 @@ class FreeStandingSmoother:
         self._poses = PoseFilter(rest, robot, settings.pose)
         self._faces = resting_faces(structure, rest, robot, settings)
         self._measured = MeasuredAttitude()
+        self._one_direction = are_parallel([imu.rod for imu in robot.imus], rest)
+        self._agreed_s = -np.inf
         self._looked_s = -np.inf
         self._last_m = rest.node_position_m
         self._stand_on(self._poses.state, self._poses.covariance, self._poses.standing)
@@ -80,17 +90,43 @@ class FreeStandingSmoother:
         """Return the shape in one more frame, in body coordinates, and its pose."""
         shape = self.shapes.update(lengths)
         measured = self._measured.observe(lengths, self._poses.trusted_imus)
-        looked = not measured and self._look(shape)
-        stands = self._faces.standing if self._faces and not measured else None
+        looked = (not measured or self._one_direction) and self._look(shape)
+        by_faces = not measured or (self._one_direction and self._contradicts(lengths.t_s))
+        stands = self._faces.standing if self._faces and by_faces else None
         step = self._poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands)
         if measured and self._faces:
-            self._faces.stand_on(step.standing.nodes)
+            if self._one_direction:
+                step = self._with_doubt(step)
+            else:
+                self._faces.stand_on(step.standing.nodes)
         self._last_m = shape.node_position_m
         self._stand_on(step.state, step.covariance, step.standing)
         if self.kept is not None:
             probability = self._faces.probability if self._faces and looked else None
             self.kept.append(_Kept(step, stands is not None, probability))
         return shape, step
+
+    def _with_doubt(self, step: PoseStep) -> PoseStep:
+        """Return the step with the faces that forces tell beside its own, if they do not tell its own."""
+        assert self._faces is not None, "faces tell it"
+        told = self._faces.standing
+        if told.probability_of(step.standing.nodes) > LEAST_TOLD:
+            return step
+        others = (*told.others, (float(self._faces.probability.max()), told.nodes))
+        return replace(step, standing=replace(step.standing, others=others, contradicted=True))
+
+    def _contradicts(self, t_s: float) -> bool:
+        """Return whether the balance of forces has told another face than heights for some time.
+
+        Inertial sensors on parallel rods do not tell the turn about these rods, so that heights may be wrong.
+        """
+        if self._faces is None:
+            return False
+        stands = self._faces.standing
+        sure = self._faces.probability.max() > SURE and stands.nodes.sum() > 2
+        if not sure or np.array_equal(stands.nodes, self._poses.standing.nodes):
+            self._agreed_s = t_s
+        return t_s - self._agreed_s > CONTRADICTS_S
 
     def _look(self, shape: Shape) -> bool:
         """Look at the balance of forces, if faces are told by it and the last look is long ago."""
@@ -106,9 +142,12 @@ class FreeStandingSmoother:
             variance = builder.internal_variance_n2 + quiet_n**2
             balance = balance_of(frame, outer, statics.outer_force_n, variance)
             evidence.append(self._faces.log_evidence(balance, x))
-        of_positions = self._faces.log_evidence_of_heights(x, *heights_between(shape.lengths.aids, self._robot.floor))
+        pairs, height_m = heights_between(shape.lengths.aids, self._robot.floor)
+        rods, rod_height_m = self._poses.rod_heights()
+        pairs, height_m = np.concatenate([pairs, rods]), np.concatenate([height_m, rod_height_m])
+        of_heights = self._faces.log_evidence_of_heights(x, pairs, height_m)
         self._faces.predict(step_s)
-        self._faces.update(np.asarray(logsumexp(evidence, axis=0)), of_positions, step_s)
+        self._faces.update(np.asarray(logsumexp(evidence, axis=0)), of_heights, step_s)
         return True
 
     def _stand_on(self, state: PoseState, covariance: NDArray[np.float64], stands: Standing) -> None:
@@ -146,7 +185,11 @@ class FreeStandingOptimizer:
         ]
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports))
-        for shape, (state, covariance, step) in zip(shapes, self._poses(frames, shapes, contacts), strict=True):
+        poses = self._poses(frames, shapes, contacts)
+        for shape, (state, covariance, step), kept in zip(shapes, poses, live.kept, strict=True):
+            told = kept.pose.standing
+            if told.contradicted:
+                step = replace(step, standing=replace(step.standing, others=told.others, contradicted=True))
             yield in_world(shape, self._rest, self._robot.floor, state, covariance, step)
 
     def _contacts(self, live: FreeStandingSmoother, frames: Sequence[TendonLengths]) -> list[Standing | None]:
@@ -233,6 +276,14 @@ def heights_between(aids: Sequence[AidReading], floor: Floor) -> tuple[NDArray[n
     return np.array(pairs, dtype=np.int64).reshape(-1, 2), np.array(height_m)
 
 
+def are_parallel(rods: Sequence[int], rest: RestShape) -> bool:
+    """Return whether some rods, at least one, all have one direction in the rest shape."""
+    a, b = rest.structure.rods[list(rods)].reshape(-1, 2).T
+    along = rest.node_position_m[b] - rest.node_position_m[a]
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    return len(along) > 0 and bool((np.abs(along @ along[0]) > PARALLEL).all())
+
+
 def support_of(
     structure: Structure,
     rest: RestShape,
@@ -280,6 +331,8 @@ def in_world(
     loads = shape.loads
     if loads is not None:
         loads = ExternalLoads(loads.force_n @ state.turn.T, loads.sigma_n)
+    if stands.contradicted and shape.doubt is None:
+        shape = replace(shape, status=Status.DOUBT, doubt=Reason.CONTACTS)
     if not step.trusts_imus and shape.doubt is None:
         shape = replace(shape, status=Status.DOUBT, doubt=Reason.IMU)
     return replace(shape, node_position_m=x, covariance_m2=total, loads=loads, contacts=stands.probability)

@@ -25,7 +25,7 @@ from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import FreeStandingRobot
 from ...models.structure.rest_shape import RestShape
 from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
-from ...models.values.rotations import rotation_vector, shortest_rotation
+from ...models.values.rotations import rotation, rotation_vector, shortest_rotation
 from .contacts import ContactsByHeight, Standing
 from .imu_trust import ImuTrust
 from .pose_motion import PoseMotion
@@ -40,6 +40,8 @@ LANDING_M = 0.01
 """Standard deviation of the motion, beside that turn about the nodes that have stayed."""
 UNSEEN_SLIP = 4.0
 """Factor of the variance by which nodes slip while the structure tips unseen: the way of its caps is unknown."""
+MISSED_RAD = 0.3
+"""Heading that the shortest turn misses, above which the pose before it was wrong."""
 LEAP_RAD = 0.8
 """Standard deviation of the turn when no node has stayed: the robot has rolled over several faces."""
 LEAP_M = 0.25
@@ -126,6 +128,8 @@ class PoseFilter:
             self._located_s = t_s if located else self._located_s
             is_located = t_s - self._located_s < LOCATED_S
             standing = self._contacts.observe(placed, covariance, step_s, is_located=is_located)
+        else:
+            self._contacts.stand_on(standing.nodes)
         stood, self._standing = self._standing, standing.nodes
         kept = standing.nodes & stood
         if self._landed(placed, standing.nodes & ~stood):
@@ -229,6 +233,10 @@ class PoseFilter:
     ) -> tuple[NDArray[np.float64], PlacedShape, NDArray[np.float64]]:
         """Return the shape tipped onto the nodes that stand, by the shortest turn about those that have stayed."""
         turn, pivot_m = tipping(placed.node_position_m, stands, stayed, self._floor.normal)
+        heading = self._heading_missed(placed, turn)
+        if abs(heading) > MISSED_RAD:  # the pose before was wrong, and so are its footholds
+            stayed = np.zeros_like(stayed)
+        turn = rotation(heading * self._floor.normal) @ turn
         state = replace(
             placed.state,
             turn=turn @ placed.state.turn,
@@ -246,6 +254,31 @@ class PoseFilter:
         covariance[np.diag_indices(12)] += sigma**2
         self._let_slip(covariance, stayed, UNSEEN_SLIP * float(np.linalg.norm(rotation_vector(turn))), 0.0)
         return F @ transition, PlacedShape(state, placed.body_m, placed.body_covariance_m2), covariance
+
+    def rod_heights(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return (known, 2) ends of rods with trusted sensors, and (known,) the second's height above the first."""
+        if self._samples is None:
+            return np.zeros((0, 2), dtype=np.int64), np.zeros(0)
+        trusted = np.flatnonzero(self._trust.is_trusted)
+        ends = self._imus.ends[trusted]
+        length_m = np.linalg.norm(self._body_before_m[ends[:, 1]] - self._body_before_m[ends[:, 0]], axis=1)
+        return ends, length_m * (self._imus.direction(self.state)[trusted] @ self._floor.normal)
+
+    def _heading_missed(self, placed: PlacedShape, turn: NDArray[np.float64]) -> float:
+        """Return the angle about the floor's normal by which rods with sensors still miss their directions, in rad.
+
+        Args:
+            placed: the shape before it tipped.
+            turn: (3, 3) by which it has tipped.
+        """
+        trusted = np.flatnonzero(self._trust.is_trusted)
+        if self._samples is None or not len(trusted):
+            return 0.0
+        first, second = self._imus.ends[trusted].T
+        along = (placed.arm_m[second] - placed.arm_m[first]) @ turn.T @ self._floor.axes.T
+        told = self._imus.direction(placed.state)[trusted] @ self._floor.axes.T
+        sine = np.sum(along[:, 0] * told[:, 1] - along[:, 1] * told[:, 0])
+        return float(np.arctan2(sine, np.sum(along * told)))
 
     def _slipped(
         self, placed: PlacedShape, covariance: NDArray[np.float64], stands: NDArray[np.bool_]

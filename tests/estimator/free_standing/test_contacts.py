@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from poses import any_state
-from tensegraph.estimator.free_standing.contacts import ContactsByHeight
+from tensegraph.estimator.free_standing.contacts import ContactsByHeight, Standing
 from tensegraph.models.pose.placed import PlacedShape
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.structure.floor import UP, Floor
@@ -39,3 +39,12 @@ def test_the_lowest_node_stands_unless_the_robot_is_seen_to_be_lifted() -> None:
     assert observe(contacts, 0.05 + 0.02 * np.arange(12.0), 20).tolist() == [0]
     assert observe(contacts, 0.05 + 0.02 * np.arange(12.0), 20, is_located=True).tolist() == []
     assert observe(contacts, 0.004 + 0.02 * np.arange(12.0), 20, is_located=True).tolist() == [0]
+
+
+def test_the_probability_of_nodes_is_that_of_the_faces_that_have_them() -> None:
+    """Of three faces, 0 1 2 with 0.5, 0 1 3 with 0.3 and 4 5 6 with 0.2: 0 1 stand with 0.8, 0 4 with none."""
+    faces = [np.isin(np.arange(12), nodes) for nodes in ([0, 1, 2], [0, 1, 3], [4, 5, 6])]
+    standing = Standing(faces[0], np.zeros(12), ((0.3, faces[1]), (0.2, faces[2])))
+    assert abs(standing.probability_of(np.isin(np.arange(12), [0, 1])) - 0.8) < 1e-12
+    assert abs(standing.probability_of(faces[2]) - 0.2) < 1e-12
+    assert standing.probability_of(np.isin(np.arange(12), [0, 4])) == 0.0
