@@ -37,9 +37,9 @@ FACES_EVERY_S = 0.2
 
 LESS_QUIET_N = (0.1, 0.3)
 """Other standard deviations of the balance at a node without load, each as probable: sensors may be worse than told."""
-LEAST_TOLD = 0.02
+LEAST_LIKELY = 0.02
 """Probability of the face on which the robot stands by heights, below which forces contradict it."""
-SURE = 0.8
+SURE_FACE = 0.8
 """Probability of a face that the balance of forces tells, above which it may contradict heights."""
 CONTRADICTS_S = 0.8
 """Time for which it has to."""
@@ -110,7 +110,7 @@ class FreeStandingSmoother:
         """Return the step with the faces that forces tell beside its own, if they do not tell its own."""
         assert self._faces is not None, "faces tell it"
         told = self._faces.standing
-        if told.probability_of(step.standing.nodes) > LEAST_TOLD:
+        if told.probability_of(step.standing.nodes) > LEAST_LIKELY:
             return step
         others = (*told.others, (float(self._faces.probability.max()), told.nodes))
         return replace(step, standing=replace(step.standing, others=others, contradicted=True))
@@ -123,7 +123,7 @@ class FreeStandingSmoother:
         if self._faces is None:
             return False
         stands = self._faces.standing
-        sure = self._faces.probability.max() > SURE and stands.nodes.sum() > 2
+        sure = self._faces.probability.max() > SURE_FACE and stands.nodes.sum() > 2
         if not sure or np.array_equal(stands.nodes, self._poses.standing.nodes):
             self._agreed_s = t_s
         return t_s - self._agreed_s > CONTRADICTS_S
