@@ -19,7 +19,7 @@ def imu_readings(path: Path, imu: int) -> Iterator[ImuReading]:
     Raises:
         InputError: at the first row that cannot be read, or whose stamp is not later than the last.
     """
-    for t_s, *values in _forward(CsvFile(path, ["t_s", *IMU_COLUMNS])):
+    for _, (t_s, *values) in _forward(CsvFile(path, ["t_s", *IMU_COLUMNS])):
         yield ImuReading(imu, t_s, np.array(values[:3]), np.array(values[3:]))
 
 
@@ -31,7 +31,7 @@ def range_readings(path: Path, recording: int, trial: TrialDescription) -> Itera
     """
     beacon_position_m = trial.beacon_position_m[recording]
     file = CsvFile(path, ["t_s", "beacon", "node", "range_m"])
-    for row, (t_s, beacon, node, range_m) in enumerate(_forward(file, strictly=False), start=file.head().first_row):
+    for row, (t_s, beacon, node, range_m) in _forward(file, strictly=False):
         here = f"{path}: row {row}"
         _check_number(here, "beacon", beacon, len(beacon_position_m))
         _check_number(here, "node", node, trial.structure.node_count)
@@ -47,7 +47,7 @@ def position_readings(path: Path, trial: TrialDescription) -> Iterator[PositionR
         InputError: see `imu_readings`; and for a node that does not exist.
     """
     file = CsvFile(path, ["t_s", "node", "x_m", "y_m", "z_m"])
-    for row, (t_s, node, *position_m) in enumerate(_forward(file, strictly=False), start=file.head().first_row):
+    for row, (t_s, node, *position_m) in _forward(file, strictly=False):
         _check_number(f"{path}: row {row}", "node", node, trial.structure.node_count)
         yield PositionReading(t_s, int(node), np.array(position_m))
 
@@ -74,15 +74,15 @@ def write_aids(path: Path, readings: Sequence[AidReading]) -> None:
             file.write(",".join([f"{reading.t_s:.4f}", *cells]) + "\n")
 
 
-def _forward(file: CsvFile, *, strictly: bool = True) -> Iterator[list[float]]:
-    """Yield the rows, whose stamps must increase, or at least not go back."""
+def _forward(file: CsvFile, *, strictly: bool = True) -> Iterator[tuple[int, list[float]]]:
+    """Yield the number and the values of each row, whose stamps must increase, or at least not go back."""
     latest_s = -np.inf
     for row, values in enumerate(file, start=file.head().first_row):
         if values[0] < latest_s or (strictly and values[0] == latest_s):
             word = "later than" if strictly else "not before"
             raise InputError(f"{file.path}: row {row}, column t_s: expected a stamp {word} {latest_s}, got {values[0]}")
         latest_s = values[0]
-        yield values
+        yield row, values
 
 
 def _check_number(here: str, name: str, value: float, count: int) -> None:
