@@ -56,7 +56,10 @@ class GraphBuilder:
         self.node_count = structure.node_count
         self._free = structure.free_nodes.tolist()
         self.statics = Statics(structure, rest.mechanics) if rest.mechanics else None
-        self._motions = rigid_motions(rest.node_position_m) if structure.is_free_standing else None
+        self.fixed_motions = (
+            rigid_motions(rest.node_position_m).T if structure.is_free_standing else np.zeros((0, 3 * self.node_count))
+        )
+        """(6, 3 nodes) rigid motions that are fixed; no rows where nodes are anchored."""
         self._near_m = np.full_like(rest.node_position_m, np.inf)
         self.force_sigma_n = np.zeros(0)
         """(rows,) standard deviation of the balance of forces at a node without load, near the present shape."""
@@ -75,11 +78,6 @@ class GraphBuilder:
             variance += squared_norms(np.sqrt(by_row), self.statics) / self.statics.rank_of_row
         self._near_variance = variance
         self._add_support(self.statics)
-
-    @property
-    def fixed_motions(self) -> NDArray[np.float64]:
-        """(6, 3 nodes) rigid motions that are fixed; no rows where nodes are anchored."""
-        return np.zeros((0, 3 * self.node_count)) if self._motions is None else self._motions.T
 
     def stand_on(self, support: Support) -> None:
         """Use another force of gravity and floor from the next frame on."""
@@ -116,8 +114,8 @@ class GraphBuilder:
             shape_prior_factors(self._free, keys, self.rest.node_position_m, self.noise.shape_prior_m),
         ):
             _add(graph, factors)
-        if self._motions is not None:
-            graph.add(body_frame_factor(keys, self._motions, self.rest.node_position_m))
+        if len(self.fixed_motions):
+            graph.add(body_frame_factor(keys, self.fixed_motions.T, self.rest.node_position_m))
         if self.statics:
             graph.add(equilibrium_factor(self.statics, keys, self.force_sigma_n))
 
