@@ -53,7 +53,7 @@ ATTITUDE_HOLDS_S = 0.2
 class _Kept:
     """What the live pass has learned of one frame, as the batch estimate needs it."""
 
-    pose: PoseStep
+    standing: Standing
     by_faces: bool
     """Whether faces told which nodes stand."""
     faces: NDArray[np.float64] | None
@@ -103,7 +103,7 @@ class FreeStandingSmoother:
         self._stand_on(step.state, step.covariance, step.standing)
         if self.kept is not None:
             probability = self._faces.probability if self._faces and looked else None
-            self.kept.append(_Kept(step, stands is not None, probability))
+            self.kept.append(_Kept(step.standing, stands is not None, probability))
         return shape, step
 
     def _with_doubt(self, step: PoseStep) -> PoseStep:
@@ -187,9 +187,9 @@ class FreeStandingOptimizer:
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports))
         poses = self._poses(frames, shapes, contacts)
         for shape, (state, covariance, step), kept in zip(shapes, poses, live.kept, strict=True):
-            told = kept.pose.standing
-            if told.contradicted:
-                step = replace(step, standing=replace(step.standing, others=told.others, contradicted=True))
+            if kept.standing.contradicted:
+                standing = replace(step.standing, others=kept.standing.others, contradicted=True)
+                step = replace(step, standing=standing)
             yield in_world(shape, self._rest, self._robot.floor, state, covariance, step)
 
     def _contacts(self, live: FreeStandingSmoother, frames: Sequence[TendonLengths]) -> list[Standing | None]:

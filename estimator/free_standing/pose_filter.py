@@ -56,7 +56,6 @@ BELOW_M = 0.001
 class PoseStep:
     """One step of the filter, as the smoother needs it."""
 
-    t_s: float
     transition: NDArray[np.float64]
     """(size, size) F, from the errors of the step before."""
     predicted: PoseState
@@ -66,8 +65,6 @@ class PoseStep:
     """(size, size)"""
     standing: Standing
     """Which nodes stand."""
-    slipped: NDArray[np.bool_]
-    """(nodes,) which nodes have slipped since the step before."""
     trusts_imus: bool
     """Whether all inertial sensors agree with the inclination of their rods."""
 
@@ -145,7 +142,7 @@ class PoseFilter:
         self._samples = samples
         self._last_s = t_s
         trusts_imus = bool(self._trust.is_trusted.all())
-        return PoseStep(t_s, transition, *predicted, self.state, self.covariance, standing, slipped, trusts_imus)
+        return PoseStep(transition, *predicted, self.state, self.covariance, standing, trusts_imus)
 
     @property
     def standing(self) -> Standing:

@@ -106,10 +106,9 @@ class RestingFaces:
             self._carried[row, list(nodes)] = 1.0
         self._leave = self._transition(len(faces), len(edges))
         self._stay_s = np.repeat([REST_S, TIP_S], [len(faces), len(edges)])
-        start = np.full(len(self._carried), 1e-4)
-        start[int(np.argmax(self._carried[: len(faces)] @ standing_nodes))] = 1.0
-        self.probability = start / start.sum()
+        self.probability: NDArray[np.float64]
         """(faces + edges,)"""
+        self.stand_on(standing_nodes)
 
     def up(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (faces + edges, 3) the direction against gravity under each hypothesis; on an edge, the middle."""
