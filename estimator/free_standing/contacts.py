@@ -41,6 +41,8 @@ class Standing:
     """Other sets of (nodes,) that may stand instead, each with its probability."""
     contradicted: bool = False
     """Whether the balance of forces tells that others stand."""
+    assumed: bool = False
+    """Whether the shape alone tells it, as if nobody pushed the structure."""
 
     def probability_of(self, nodes: NDArray[np.bool_]) -> float:
         """Return the probability that these nodes stand, as a face, an edge, or a part of one."""

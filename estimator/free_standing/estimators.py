@@ -31,6 +31,7 @@ from ..smoother import LiveSmoother
 from .contacts import Standing
 from .pose_filter import PoseFilter, PoseStep, smoothed, tipping
 from .resting_faces import RestingFaces, balance_of
+from .stable_face import StableFace
 
 FACES_EVERY_S = 0.2
 """Shortest time between two looks at the faces, each of which takes as long as several frames."""
@@ -55,7 +56,7 @@ class _Kept:
 
     standing: Standing
     by_faces: bool
-    """Whether faces told which nodes stand."""
+    """Whether faces told which nodes stand, by the balance of forces or by the shape alone."""
     faces: NDArray[np.float64] | None
     """(faces + edges,) probabilities, after an update of them."""
 
@@ -71,6 +72,7 @@ class FreeStandingSmoother:
         self.shapes = LiveSmoother(structure, rest, settings)
         self._poses = PoseFilter(rest, robot, settings.pose)
         self._faces = resting_faces(structure, rest, robot, settings)
+        self._stable = StableFace(robot.floor) if self._faces is None else None
         self._measured = MeasuredAttitude()
         self._one_direction = are_parallel([imu.rod for imu in robot.imus], rest)
         self._agreed_s = -np.inf
@@ -93,6 +95,8 @@ class FreeStandingSmoother:
         looked = (not measured or self._one_direction) and self._look(shape)
         by_faces = not measured or (self._one_direction and self._contradicts(lengths.t_s))
         stands = self._faces.standing if self._faces and by_faces else None
+        if self._stable and not measured and lengths.t_s >= self._robot.rest_seconds:
+            stands = self._stable.observe(shape)
         step = self._poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands)
         if measured and self._faces:
             if self._one_direction:
@@ -177,29 +181,34 @@ class FreeStandingOptimizer:
         live.kept = []
         frames = without_lag(list(frames))
         shapes = [live.update(lengths)[0] for lengths in frames]
-        contacts = self._contacts(live, frames)
-        poses = self._poses(frames, shapes, contacts)
+        poses = self._poses(frames, shapes, self._contacts(live, frames, shapes))
         supports = [
             support_of(self._structure, self._rest, shape.node_position_m, state, covariance, step.standing.probability)
             for shape, (state, covariance, step) in zip(shapes, poses, strict=True)
         ]
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports))
-        poses = self._poses(frames, shapes, contacts)
+        poses = self._poses(frames, shapes, self._contacts(live, frames, shapes))
         for shape, (state, covariance, step), kept in zip(shapes, poses, live.kept, strict=True):
             if kept.standing.contradicted:
                 standing = replace(step.standing, others=kept.standing.others, contradicted=True)
                 step = replace(step, standing=standing)
             yield in_world(shape, self._rest, self._robot.floor, state, covariance, step)
 
-    def _contacts(self, live: FreeStandingSmoother, frames: Sequence[TendonLengths]) -> list[Standing | None]:
+    def _contacts(
+        self, live: FreeStandingSmoother, frames: Sequence[TendonLengths], shapes: Sequence[Shape]
+    ) -> list[Standing | None]:
         """Return which nodes stand in each frame by the faces of the whole trial; None where heights tell it."""
         assert live.kept is not None, "the live pass keeps what it learns"
         kept = live.kept
         faces = resting_faces(self._structure, self._rest, self._robot, self._settings)
+        if faces is None:
+            stable = StableFace(self._robot.floor)
+            told = [stable.observe(shape) for shape in shapes]
+            return [stands if one.by_faces else None for stands, one in zip(told, kept, strict=True)]
         contacts: list[Standing | None] = [None] * len(frames)
         looked = [k for k, one in enumerate(kept) if one.faces is not None]
-        if faces is None or not looked:
+        if not looked:
             return contacts
         # in each stretch in which faces were looked at, those of the whole stretch; heights tell it elsewhere
         for stretch in _stretches(looked, [lengths.t_s for lengths in frames]):
@@ -335,4 +344,6 @@ def in_world(
         shape = replace(shape, status=Status.DOUBT, doubt=Reason.CONTACTS)
     if not step.trusts_imus and shape.doubt is None:
         shape = replace(shape, status=Status.DOUBT, doubt=Reason.IMU)
+    if stands.assumed and shape.doubt is None:
+        shape = replace(shape, status=Status.DOUBT, doubt=Reason.ATTITUDE)
     return replace(shape, node_position_m=x, covariance_m2=total, loads=loads, contacts=stands.probability)

@@ -19,11 +19,14 @@ from ...factors.ground import foothold_rows, height_rows, rolled_on_floor_m
 from ...factors.imu import ImuArray, ImuSamples
 from ...factors.position import position_rows
 from ...factors.range import range_rows
+from ...factors.sliding import least_friction_slides_m
 from ...models.pose.placed import PlacedShape, Rows, stacked
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import FreeStandingRobot
+from ...models.structure.floor import UP
 from ...models.structure.rest_shape import RestShape
+from ...models.structure.support import legs_n
 from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from ...models.values.rotations import rotation, rotation_vector, shortest_rotation
 from .contacts import ContactsByHeight, Standing
@@ -46,6 +49,8 @@ LEAP_RAD = 0.8
 """Standard deviation of the turn when no node has stayed: the robot has rolled over several faces."""
 LEAP_M = 0.25
 """Standard deviation of the motion when no node has stayed."""
+LEAST_SHARE = 0.05
+"""Least share of the weight on a node that stands: the centre of mass is not quite the centroid."""
 LOCATED_S = 0.2
 """Time for which a position or a range tells where the robot is."""
 BELOW_M = 0.001
@@ -131,6 +136,8 @@ class PoseFilter:
         kept = standing.nodes & stood
         if self._landed(placed, standing.nodes & ~stood):
             transition, placed, covariance = self._tipped(placed, transition, covariance, standing.nodes, kept)
+        if standing.assumed and kept.any():
+            self._let_slide(placed, covariance, standing.nodes, kept)
         slipped = self._slipped(placed, covariance, kept)
         put_down = (standing.nodes & ~stood) | slipped
         transition, placed, covariance = self._put_down(placed, transition, covariance, put_down)
@@ -214,6 +221,28 @@ class PoseFilter:
         walk = settings.creep_m_per_s05**2 * step_s + settings.slip_m_per_rad05**2 * turned_rad
         here = np.arange(at.foothold.start, at.foothold.stop)
         covariance[here, here] += np.repeat(np.where(stands, walk, 0.0), 2)
+
+    def _let_slide(
+        self,
+        placed: PlacedShape,
+        covariance: NDArray[np.float64],
+        stands: NDArray[np.bool_],
+        kept: NDArray[np.bool_],
+    ) -> None:
+        """Add the random walk of the footholds that slide, because the structure deforms, to a covariance.
+
+        In proportion to the way, and inverse to the weight, it makes the motion of least friction the likeliest.
+        """
+        nodes = len(stands)
+        carried, _ = legs_n(np.full(nodes, 1 / nodes), placed.node_position_m, UP, stands.astype(np.float64))
+        share = np.maximum(carried[kept], LEAST_SHARE)
+        along = placed.state.turn.T @ self._floor.axes.T  # the axes of the floor, in the body
+        slide_m = least_friction_slides_m(self._body_before_m[kept] @ along, placed.body_m[kept] @ along, share)
+        walk = np.zeros(nodes)
+        walk[kept] = self._settings.slide_m_per_m05**2 * slide_m / (len(share) * share)
+        at = self.state.layout.foothold
+        here = np.arange(at.start, at.stop)
+        covariance[here, here] += np.repeat(walk, 2)
 
     def _landed(self, placed: PlacedShape, nodes: NDArray[np.bool_]) -> bool:
         """Return whether one of the nodes, which stand now, was predicted to be far above the floor."""

@@ -27,6 +27,9 @@ class PoseSettings:
     """Random walk of a foothold: rubber that creeps on the floor."""
     slip_m_per_rad05: Positive = 0.007
     """Random walk of a foothold with the angle that the body turns: nodes slip a little while the robot tips."""
+    slide_m_per_m05: Positive = 0.1
+    """Random walk of a foothold with the way that its node slides, at a mean share of the weight, where a structure
+    deforms whose attitude nothing measures."""
     slip_sigma: Positive = 4.0
     """Distance from its foothold, in standard deviations, at which a node has slipped."""
     cap_radius_m: NotNegative = 0.01

@@ -47,6 +47,7 @@ class Reason(StrEnum):
     BASE = "base"
     IMU = "imu"
     CONTACTS = "contacts"
+    ATTITUDE = "attitude"
 
     @property
     def advice(self) -> str:
@@ -62,6 +63,7 @@ REASON_ADVICE = {
     Reason.BASE: "the rods turn otherwise than the anchors allow: fix the base, or describe it as free-standing",
     Reason.IMU: "an inertial sensor contradicts the inclination of its rod and is left out: is its axis told right?",
     Reason.CONTACTS: "heights and forces tell different nodes on the floor: fix a sensor on a rod of another direction",
+    Reason.ATTITUDE: "nothing measures how the robot is turned, a push would be missed: add an [[imu]], or [mechanics]",
 }
 
 

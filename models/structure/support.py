@@ -71,7 +71,7 @@ def standing(
         carried: (..., nodes) probability that the floor carries each node.
     """
     weight = weight_n(structure, rod_mass_kg)
-    carried_n, spread_n = _legs(weight, node_position_m, up, carried)
+    carried_n, spread_n = legs_n(weight, node_position_m, up, carried)
     force_n = (carried_n - weight)[..., None] * up[..., None, :]
     upward = up[..., None, :, None] * up[..., None, None, :]
     along = spread_n**2
@@ -80,7 +80,7 @@ def standing(
     return Support(force_n, covariance)
 
 
-def _legs(
+def legs_n(
     weight_n: NDArray[np.float64], x: NDArray[np.float64], up: NDArray[np.float64], carried: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (..., nodes) the load that the floor carries at each node, and its standard deviation.
