@@ -113,6 +113,8 @@ class Run:
             table.add_row(name, str(rows))
         for key in self.trial.description.ignored_keys:
             table.add_row("ignored in trial.toml", key)
+        for k in np.flatnonzero(np.diff(r.t_s) > LONG_S):
+            table.add_row("no readings", f"from {r.t_s[k]:.2f} to {r.t_s[k + 1]:.2f} s")
         for status, frames in Counter(r.status).items():
             table.add_row(f"status {status}", f"{frames} frames: {status.advice}")
         for reason, frames in Counter(filter(None, r.doubts)).items():
@@ -155,16 +157,16 @@ class Run:
 
     def _against_truth(self) -> dict[str, str]:
         """Return the error of this run and that of the rest shape, if the trial has truth."""
-        try:
-            truth = self.trial.truth()
-        except InputError as error:
-            return {"truth": f"not used: {error}"}
-        if truth is None:
-            return {}
         rest_m = np.broadcast_to(self.pipeline.rest.node_position_m, self.reconstruction.node_position_m.shape)
         at_rest = replace(self.reconstruction, node_position_m=rest_m)
-        rmse_m = node_rmse_m(self.reconstruction, truth.t_s, truth.node_position_m)
-        at_rest_rmse_m = node_rmse_m(at_rest, truth.t_s, truth.node_position_m)
+        try:
+            truth = self.trial.truth()
+            if truth is None:
+                return {}
+            rmse_m = node_rmse_m(self.reconstruction, truth.t_s, truth.node_position_m)
+            at_rest_rmse_m = node_rmse_m(at_rest, truth.t_s, truth.node_position_m)
+        except InputError as error:
+            return {"truth": f"not used: {error}"}
         return {
             "node RMSE": f"{1e3 * rmse_m:.2f} mm",
             "  of holding the rest shape": f"{1e3 * at_rest_rmse_m:.2f} mm",

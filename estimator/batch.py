@@ -89,8 +89,8 @@ class BatchOptimizer:
                 self._assessed(positions[k], problem.measured[k], problem.doubts[k], supports[k] if supports else None)
                 for k in range(len(positions))
             ]
-        except RuntimeError as error:
-            raise IndeterminateError(str(error).splitlines()[0]) from error
+        except (RuntimeError, np.linalg.LinAlgError) as error:
+            raise IndeterminateError(" ".join(str(error).split())) from error
         frames = [measured.lengths for measured in problem.measured]
         loads = _averaged_loads([assessment.loads for assessment in assessments], frames)
         branches = OtherBranch(self._builder, self._settings.branch)

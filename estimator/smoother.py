@@ -84,8 +84,8 @@ class LiveSmoother:
             self.doubt.observe(lengths.t_s, frame, scale)
             doubt = self.doubt.about(lengths)
             assessment = self._evidence.assess(frame, position, doubt)
-        except RuntimeError as error:
-            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {str(error).splitlines()[0]}") from error
+        except (RuntimeError, np.linalg.LinAlgError) as error:
+            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {' '.join(str(error).split())}") from error
         self._forget()
         self._frame += 1
         self._positions.append(position)

@@ -7,6 +7,7 @@ from itertools import islice
 from pathlib import Path
 
 from ..models.values.errors import InputError
+from ..models.values.quantities import beyond, largest
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +79,7 @@ class CsvFile:
         index = [header.index(name) if name in header else None for name in (*self.columns, *self.optional)]
         names = (*self.columns, *self.optional)
         may_be_blank = frozenset(self.blank)
+        limits = [largest(name) for name in names]
         with self.path.open(encoding="utf-8-sig", newline="", errors="replace") as file:
             for row, line in enumerate(islice(file, head.first_row - 1, None), start=head.first_row):
                 if not line.endswith("\n"):
@@ -87,11 +89,11 @@ class CsvFile:
                 if len(cells) != len(header):
                     raise InputError(f"{self.path}: row {row}: expected {len(header)} fields, got {len(cells)}")
                 yield [
-                    math.nan if i is None else self._number(cells[i], row, name, name in may_be_blank)
-                    for i, name in zip(index, names, strict=True)
+                    math.nan if i is None else self._number(cells[i], row, name, name in may_be_blank, limit)
+                    for i, name, limit in zip(index, names, limits, strict=True)
                 ]
 
-    def _number(self, cell: str, row: int, column: str, may_be_blank: bool) -> float:
+    def _number(self, cell: str, row: int, column: str, may_be_blank: bool, limit: float) -> float:
         if column in self.words:
             try:
                 return self.words[column](cell)
@@ -101,6 +103,8 @@ class CsvFile:
             value = float(cell) if cell.strip() or not may_be_blank else math.nan
         except ValueError:
             value = math.inf
-        if math.isfinite(value) or (may_be_blank and math.isnan(value)):
+        if abs(value) <= limit or (may_be_blank and math.isnan(value)):
             return value
+        if math.isfinite(value):
+            raise InputError(f"{self.path}: row {row}, column {column}: {beyond(value, limit)}")
         raise InputError(f"{self.path}: row {row}, column {column}: expected a finite number, got '{cell.strip()}'")

@@ -17,10 +17,10 @@ def read_toml(path: Path) -> dict[str, Any]:
         InputError: when it is missing or not TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:  # no text, no TOML, or an integer of thousands of digits
         raise InputError(f"{path}: cannot be read as TOML: {error}") from error
 
 

@@ -21,6 +21,12 @@ from .csv import CsvFile
 from .positions import read_contacts, read_forces, read_positions
 from .toml import read_toml
 
+MOST_STRETCH = 20.0
+"""Ratio of a length to the natural length, or of that to the length, above which no tendon has it."""
+
+LONGEST_STEP_S = 600.0
+"""Time from the first row to the second above which stamps are not in seconds."""
+
 Reading = BoardReading | ResistanceReading | TendonLengths | AidReading
 """One measurement of a trial: a row of counts, a reading of resistance, lengths, or what another sensor read."""
 
@@ -172,10 +178,17 @@ class Trial:
             optional=sigmas,
             blank=[*columns, *sigmas],
         )
-        for row in self._forward(file):
+        for index, row in enumerate(self._forward(file)):
             length_m = np.array(row[1 : 1 + count])
             sigma_m = np.array(row[1 + count :])
-            possible = ~(length_m <= 0) & ~(sigma_m <= 0)
+            impossible = (length_m < natural_m / MOST_STRETCH) | (length_m > natural_m * MOST_STRETCH)
+            told = np.isfinite(length_m)
+            if index == 0 and told.any() and impossible[told].all():
+                raise InputError(
+                    f"{file.path}: row {file.head().first_row}: expected lengths like the natural ones, "
+                    f"{np.median(natural_m):.3g} m, got {np.median(length_m[told]):.3g} m: is the unit right?"
+                )
+            possible = ~impossible & ~(sigma_m <= 0)
             mode = np.where(length_m < natural_m, int(Mode.BENDING), int(Mode.STRETCHING))
             flags = np.where(np.isnan(length_m), int(Flag.MISSING), np.where(possible, 0, int(Flag.OUT_OF_RANGE)))
             yield TendonLengths(
@@ -185,8 +198,13 @@ class Trial:
     def _forward(self, file: CsvFile) -> Iterator[list[float]]:
         """Yield the rows whose stamp is later than all stamps before; count the others."""
         latest_s = -np.inf
-        for row in file:
+        for number, row in enumerate(file, start=file.head().first_row):
             if row[0] > latest_s:
+                if number == file.head().first_row + 1 and row[0] - latest_s > LONGEST_STEP_S:
+                    raise InputError(
+                        f"{file.path}: row {number}, column t_s: expected at most {LONGEST_STEP_S:g} s after "
+                        f"{latest_s:g}, got {row[0]:g}: is the unit right?"
+                    )
                 latest_s = row[0]
                 yield row
             else:

@@ -375,6 +375,7 @@ def _rest_position(rest: RestTable, structure: Structure) -> NDArray[np.float64]
         raise InputError(
             f"rest.node_position_m: expected {structure.node_count} finite rows of x, y, z, got shape {position.shape}"
         )
+    structure.check_unit("rest.node_position_m", position)
     return position
 
 

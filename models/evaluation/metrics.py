@@ -45,16 +45,11 @@ def evaluate(
         load_threshold_n: load above which a node counts as loaded.
 
     Raises:
-        InputError: when the truth covers no frame of the estimate.
+        InputError: when the truth covers no frame of the estimate, or is in another unit.
     """
-    true_m = interpolated(estimate.t_s, truth.t_s, truth.node_position_m)
+    true_m = _true_positions(structure, estimate.t_s, truth.t_s, truth.node_position_m)
     free = structure.free_nodes
     known = np.asarray(np.isfinite(true_m[:, free]).all(axis=-1).any(axis=-1))
-    if not known.any():
-        raise InputError(
-            f"truth from {truth.t_s[0]:.3f} to {truth.t_s[-1]:.3f} s covers no frame of the estimate, "
-            f"{estimate.t_s[0]:.3f} to {estimate.t_s[-1]:.3f} s: expected both on the host clock"
-        )
     rotation_deg = None
     if align:
         rotation, shift_m = rigid_alignment(
@@ -201,10 +196,28 @@ def regimes(compared: ComparedFrames, slack: NDArray[np.bool_], load_threshold_n
 def node_rmse_m(
     reconstruction: Reconstruction, truth_s: NDArray[np.float64], truth_position_m: NDArray[np.float64]
 ) -> float:
-    """Return the square root of the mean of |error|^2 in 3-D over free nodes and all frames that the truth covers."""
-    true_m = interpolated(reconstruction.t_s, truth_s, truth_position_m)
+    """Return the square root of the mean of |error|^2 in 3-D over free nodes and all frames that the truth covers.
+
+    Raises:
+        InputError: see `evaluate`.
+    """
+    true_m = _true_positions(reconstruction.structure, reconstruction.t_s, truth_s, truth_position_m)
     error_m = (reconstruction.node_position_m - true_m)[:, reconstruction.structure.free_nodes]
     return errors_of(error_m.reshape(-1, 3)).rmse_m
+
+
+def _true_positions(
+    structure: Structure, t_s: NDArray[np.float64], truth_s: NDArray[np.float64], truth_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (frames, nodes, 3) the true positions at the times of the frames; nan where they are not known."""
+    structure.check_unit("truth", truth_m)
+    true_m = interpolated(t_s, truth_s, truth_m)
+    if not np.isfinite(true_m[:, structure.free_nodes]).all(axis=-1).any():
+        raise InputError(
+            f"truth from {truth_s[0]:.3f} to {truth_s[-1]:.3f} s covers no frame of the estimate, "
+            f"{t_s[0]:.3f} to {t_s[-1]:.3f} s: expected both on the host clock"
+        )
+    return true_m
 
 
 def slack_frames(structure: Structure, estimate: Estimate) -> NDArray[np.bool_]:

@@ -81,6 +81,7 @@ class BoardClock:
                 self.counts.restarts += 1
                 self._device_s += max(row.host_s - last.host_s, 0.0)
                 self._line.clear()
+                self._host_s = -np.inf  # a line needs its first point, even if the host's clock went back
             else:
                 self.counts.dropped_rows += 1
                 self._suspect = row

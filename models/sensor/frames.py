@@ -10,8 +10,10 @@ noise of dR/R at rest was 0.0022, 0.0018 and 0.0013; the length error about each
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
 from ..values.readings import Flag, ResistanceFrame, ResistanceReading
@@ -23,11 +25,15 @@ from .gate import GateSettings, ReadingGate
 class FrameSettings:
     """The output rate, and the longest gap between readings that is bridged."""
 
-    rate_hz: Positive = 50.0
+    rate_hz: Annotated[float, Interval(ge=0.1, le=1000)] = 50.0
     """Frames per second. The times of the frames are whole multiples of the period on the host clock."""
     max_gap_s: Positive = 0.1
     """Longest time between two readings that is bridged, and longest time to wait for a silent board. After it the
     board's sensors are missing."""
+
+
+LONGEST_SILENCE_S = 60.0
+"""Time without any reading after which no frames are made until the next one: nothing is known by then of the shape."""
 
 
 class _Source:
@@ -136,10 +142,15 @@ class FrameAssembler:
         self._gate = gate
         self._sources: list[_Source | None] = [None] * sources
         self._next: int | None = None
+        self._last_s = np.inf
         self._first_arrival_s = np.nan
 
     def add(self, reading: ResistanceReading) -> Iterator[ResistanceFrame]:
         """Add one reading, and yield the frames that are complete with it."""
+        if reading.t_s - self._last_s > LONGEST_SILENCE_S:
+            yield from self.finish()
+            self._next = round(reading.t_s * self._settings.rate_hz)
+        self._last_s = max(reading.t_s, self._last_s if self._next is not None else reading.t_s)
         source = self._sources[reading.source]
         if source is None:
             source = self._sources[reading.source] = _Source(reading, self._natural_ohm, self._gate)
@@ -152,8 +163,7 @@ class FrameAssembler:
 
     def finish(self) -> Iterator[ResistanceFrame]:
         """Yield the frames up to the last reading."""
-        last_s = max((source.t_s[-1] for source in self._sources if source is not None), default=-np.inf)
-        while self._next is not None and self._next <= round(last_s * self._settings.rate_hz):
+        while self._next is not None and self._next <= round(self._last_s * self._settings.rate_hz):
             yield self._frame()
 
     def _complete(self, now_s: float) -> bool:

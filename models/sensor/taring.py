@@ -5,6 +5,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..values.errors import InputError
+from ..values.quantities import OTHER_UNIT
 from ..values.readings import RestLengths
 from .bending import BendingCurve
 from .gauge import StaticGauge, common_change
@@ -110,8 +112,13 @@ class Taring:
         return self._first_s is not None and t_s - self._first_s < self._rest_s
 
     def common_change(self, t_s: float, change: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (tendons,) dR/R on the common curve; while the structure rests, update gain and offset first."""
+        """Return (tendons,) dR/R on the common curve; while the structure rests, update gain and offset first.
+
+        Raises:
+            InputError: when the first resistances are in another unit than the natural ones.
+        """
         if self._first_s is None:
+            _check_unit(change)
             self._first_s = t_s
         if self.is_resting(t_s):
             self._learn(change)
@@ -176,3 +183,12 @@ class RestShift:
         self._count += resting
         shift = self._rest_strain - self._sum / np.maximum(self._count, 1)
         return strain + np.where((self._count > 0) & np.isfinite(shift), shift, 0.0)
+
+
+def _check_unit(change: NDArray[np.float64]) -> None:
+    ratio = 1 + change[np.isfinite(change)]
+    if len(ratio) and not 1 / OTHER_UNIT < np.median(ratio) < OTHER_UNIT:
+        raise InputError(
+            f"sensors.natural_resistance_ohm: the first readings are {np.median(ratio):.3g} times these: "
+            "are the units of all resistances right?"
+        )

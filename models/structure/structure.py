@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..values.errors import InputError
+from ..values.quantities import OTHER_UNIT
 from .lengths import member_length_m
 
 
@@ -48,6 +49,7 @@ class Structure:
         for name, value in values.items():
             value.setflags(write=False)
             object.__setattr__(self, name, value)
+        _check_sizes(self)
 
     @cached_property
     def node_count(self) -> int:
@@ -109,6 +111,28 @@ class Structure:
     def tendon_length_m(self, node_position_m: ArrayLike) -> NDArray[np.float64]:
         """(..., tendons) tendon lengths at (..., nodes, 3) positions."""
         return member_length_m(node_position_m, self.tendons)
+
+    def check_unit(self, name: str, node_position_m: NDArray[np.float64]) -> None:
+        """Check that positions are in metres, as the rods are.
+
+        Args:
+            name: of the positions, for the error text.
+            node_position_m: (..., nodes, 3), nan where a node was not measured.
+
+        Raises:
+            InputError: when the nodes are a hundred times as far from each other as the rods are long, or as near.
+        """
+        measured = np.isfinite(node_position_m).all(axis=(*range(node_position_m.ndim - 2), -1))
+        if measured.sum() < 2:
+            return
+        position_m = node_position_m[..., measured, :]
+        apart_m = float(np.median(np.ptp(position_m, axis=-2).max(axis=-1)))
+        rod_m = float(np.median(self.rod_length_m))
+        if not rod_m / OTHER_UNIT < apart_m < OTHER_UNIT * rod_m:
+            raise InputError(
+                f"{name}: expected nodes as far apart as rods of {rod_m:g} m hold them, got {apart_m:g} m: "
+                "is the unit right?"
+            )
 
     def with_anchors_placed(self, node_position_m: ArrayLike) -> NDArray[np.float64]:
         """(..., nodes, 3) the same positions, with the anchors moved to their known positions."""
@@ -266,3 +290,19 @@ def _check_topology(rods: NDArray[np.int64], tendons: NDArray[np.int64], anchors
             raise InputError(f"anchors[{index}]: node {node} out of range: expected 0 to {node_count - 1}")
         if node in anchors[:index]:
             raise InputError(f"anchors[{index}]: node {node} is named twice")
+
+
+def _check_sizes(structure: Structure) -> None:
+    """Raise InputError for lengths and positions of which some are in another unit than the others."""
+    rod_m = float(np.median(structure.rod_length_m))
+    sizes = {
+        "rod_length_m": structure.rod_length_m,
+        "natural_length_m": structure.natural_length_m,
+        "anchor_position_m": np.linalg.norm(structure.anchor_position_m[1:] - structure.anchor_position_m[:-1], axis=1),
+    }
+    for name, size_m in sizes.items():
+        for index in np.flatnonzero((size_m > OTHER_UNIT * rod_m) | (size_m < rod_m / OTHER_UNIT))[:1]:
+            raise InputError(
+                f"{name}[{index}]: expected sizes like that of the rods, {rod_m:g} m, got {size_m[index]:g} m: "
+                "is the unit right?"
+            )

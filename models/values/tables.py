@@ -5,11 +5,22 @@ from dataclasses import fields, is_dataclass
 from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
 from annotated_types import Ge, Gt, Interval
-from pydantic import TypeAdapter, ValidationError
+from pydantic import AfterValidator, TypeAdapter, ValidationError
 
 from .errors import InputError
+from .quantities import check_ranges
 
-Positive = Annotated[float, Gt(0)]
+SMALLEST = 1e-12
+"""The smallest positive number: below it, products of a few numbers are lost."""
+
+
+def _not_tiny(value: float) -> float:
+    if value < SMALLEST:
+        raise ValueError(f"expected at least {SMALLEST:g}")
+    return value
+
+
+Positive = Annotated[float, Gt(0), AfterValidator(_not_tiny)]
 """A number above zero; it may be infinite."""
 NotNegative = Annotated[float, Ge(0)]
 """Zero or a positive number."""
@@ -35,7 +46,11 @@ def parse_table(kind: type[T], table: Mapping[str, Any], where: str | Callable[[
         InputError: the text names the file and the key, what was expected, and what it got.
     """
     try:
-        return TypeAdapter(kind).validate_python(dict(table))
+        parsed = TypeAdapter(kind).validate_python(dict(table))
+        check_ranges(table)
+    except InputError as error:
+        key, _, text = str(error).partition(": ")
+        raise InputError(f"{where if isinstance(where, str) else where(key)}: {key}: {text}") from error
     except ValidationError as error:
         first = error.errors()[0]
         key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"])[1:] or "the file"
@@ -43,6 +58,7 @@ def parse_table(kind: type[T], table: Mapping[str, Any], where: str | Callable[[
         if first["type"] == "missing":
             raise InputError(f"{where}: {key}: is missing") from error
         raise InputError(f"{where}: {key}: {first['msg'].lower()}, got {_shortened(first['input'])}") from error
+    return parsed
 
 
 def unknown_keys(kind: type[Any], table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:

@@ -99,3 +99,14 @@ class TestClock:
         clock = BoardClock(ClockSettings())
         error_s = np.array([clock.time_s(row) for row in readings[:500] + moved]) - true_s
         assert np.abs(error_s[250:]).max() < 0.01
+
+
+def test_a_restart_while_the_host_clock_goes_back_has_a_finite_time() -> None:
+    clock = BoardClock(ClockSettings())
+    counts = np.zeros(1, dtype=np.int64)
+    rows = [(10.0, 0, 0), (10.02, 1, 20_000), (5.0, 500, 9_000_000), (5.02, 501, 9_020_000), (5.04, 502, 9_040_000)]
+    times_s = [clock.time_s(BoardReading(0, host_s, seq, us, counts)) for host_s, seq, us in rows]
+    told = np.array([t for t in times_s if t is not None])
+    assert len(told) == 4
+    assert np.isfinite(told).all()
+    assert (np.diff(told) > 0).all()

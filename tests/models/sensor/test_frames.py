@@ -105,3 +105,16 @@ class TestFrames:
         flags = {round(f.t_s, 3): int(f.flags[0]) for f in got}
         assert flags[0.2] == Flag.SATURATED
         assert flags[0.1] == 0
+
+
+@pytest.mark.parametrize("jump_s", [100.0, 1e9])
+def test_a_long_silence_has_no_frames(jump_s: float) -> None:
+    frames = assembler()
+    made = []
+    for k in range(100):
+        made += frames.add(reading(0.02 * k + (jump_s if k >= 50 else 0.0), 1.0))
+    made += frames.finish()
+    t_s = np.array([frame.t_s for frame in made])
+    assert len(made) < 110
+    np.testing.assert_allclose(np.diff(t_s).max(), jump_s, atol=0.5)
+    assert all(np.isfinite(frame.resistance_ohm).all() for frame in made[60:-1])

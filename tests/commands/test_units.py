@@ -1,0 +1,83 @@
+"""Numbers in a wrong unit, files from another editor, stamps that jump: as a user meets them."""
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import tomli_w
+
+from command_line import run
+from trial_edits import replaced
+
+
+def scaled(table: str, key: str, factor: float) -> Callable[[str], str]:
+    def edit(text: str) -> str:
+        content = tomllib.loads(text)
+        value = content[table][key]
+        content[table][key] = [part * factor for part in value] if isinstance(value, list) else value * factor
+        return tomli_w.dumps(content)
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "factor", "place"),
+    [
+        ("structure", "rod_length_m", 1000.0, "natural_length_m[0]"),
+        ("structure", "natural_length_m", 1000.0, "natural_length_m[0]"),
+        ("sensors", "natural_resistance_ohm", 0.001, "sensors.natural_resistance_ohm"),
+        ("mechanics", "tendon_stiffness_n_per_m", 1e17, "mechanics.tendon_stiffness_n_per_m"),
+    ],
+)
+def test_a_wrong_unit_is_refused_by_that_word(
+    trial_copy: Callable[..., Path], table: str, key: str, factor: float, place: str
+) -> None:
+    trial = trial_copy(trial=scaled(table, key, factor))
+    ended = run("reconstruct", trial, "--out", "result", cwd=trial.parent)
+    assert ended.returncode == 2
+    assert place in ended.stderr
+    assert "unit" in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
+    assert not (trial.parent / "result").exists()
+
+
+def test_truth_in_millimetres_is_not_used_and_said(trial_copy: Callable[..., Path]) -> None:
+    def in_millimetres(text: str) -> str:
+        header, *rows = text.splitlines()
+        cells = [row.split(",") for row in rows]
+        return "\n".join([header, *(",".join([t, *(str(1000 * float(c)) for c in rest)]) for t, *rest in cells)]) + "\n"
+
+    trial = trial_copy(truth=in_millimetres)
+    ended = run("reconstruct", trial, "--live", "--no-figures", cwd=trial.parent)
+    assert ended.returncode == 0
+    assert "not used: truth: expected nodes as far apart" in " ".join(ended.stdout.split())
+    assert "nan mm" not in ended.stdout
+
+
+def test_truth_of_another_time_is_told(trial_copy: Callable[..., Path]) -> None:
+    def later(text: str) -> str:
+        header, *rows = text.splitlines()
+        cells = [row.split(",", 1) for row in rows]
+        return "\n".join([header, *(f"{float(t) + 1e4},{rest}" for t, rest in cells)]) + "\n"
+
+    trial = trial_copy(truth=later)
+    ended = run("reconstruct", trial, "--live", "--no-figures", cwd=trial.parent)
+    assert "covers no frame" in " ".join(ended.stdout.split())
+    assert "nan mm" not in ended.stdout
+
+
+def test_toml_with_a_byte_order_mark_is_read(trial_copy: Callable[..., Path]) -> None:
+    trial = trial_copy()
+    file = trial / "trial.toml"
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    assert run("reconstruct", trial, "--live", "--no-figures", cwd=trial.parent).returncode == 0
+
+
+def test_an_integer_of_thousands_of_digits_is_refused(trial_copy: Callable[..., Path]) -> None:
+    trial = trial_copy()
+    file = trial / "trial.toml"
+    file.write_text(replaced("bits = 10", "bits = " + "9" * 5000)(file.read_text()))
+    ended = run("reconstruct", trial, cwd=trial.parent)
+    assert ended.returncode == 2
+    assert "cannot be read as TOML" in ended.stderr
