@@ -25,6 +25,7 @@ from .models.sensor.front_end import FrontEnd
 from .models.sensor.reference_drift import ReferenceTendons
 from .models.sensor.sensor_model import SensorModel
 from .models.settings import Settings
+from .models.structure.possible import PossibleShapes
 from .models.structure.reconstruction import Reconstruction
 from .models.structure.rest_shape import RestShape
 from .models.structure.shape import Shape
@@ -109,6 +110,9 @@ class Pipeline:
         """
         if method not in ESTIMATORS:
             raise InputError(f"method '{method}': expected one of {', '.join(ESTIMATORS)}")
+        return map(PossibleShapes(self.rest).check, self._shapes(frames, method))
+
+    def _shapes(self, frames: Iterable[TendonLengths], method: str) -> Iterator[Shape]:
         if self.rest.structure.is_free_standing:
             return self._free_standing(method).estimate(frames)
         shapes = ESTIMATORS[method](self.rest.structure, self.rest, self.settings).estimate(frames)

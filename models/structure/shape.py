@@ -20,6 +20,7 @@ class Status(StrEnum):
     DOUBT = "doubt"
     PRIOR_ONLY = "prior_only"
     NOT_CONVERGED = "not_converged"
+    FAILED = "failed"
 
     @property
     def advice(self) -> str:
@@ -34,6 +35,7 @@ ADVICE = {
     Status.DOUBT: "the readings fit another explanation better than the model, see the column doubt in status.csv",
     Status.PRIOR_ONLY: "no tendon was measured: the shape is carried on from the frames before and the rest shape",
     Status.NOT_CONVERGED: "the optimiser stopped before its minimum: take this frame with care, or raise noise.*",
+    Status.FAILED: "the estimate was impossible: the rest shape stands in its place, and nothing is known of the nodes",
 }
 
 
