@@ -1,6 +1,6 @@
 """The pipeline from counts to resistance, strain, length and shape; here io and the estimators meet."""
 
-from bisect import bisect_right
+from bisect import bisect_right, insort
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -137,16 +137,16 @@ class Pipeline:
         for reading in readings:  # each is one row of one board, in order of arrival
             if isinstance(reading, AidReading):
                 if not isinstance(reading, ImuReading) or self.imu_gate.passes(reading):
-                    aids.append(reading)
+                    insort(aids, reading, key=lambda aid: aid.t_s)  # boards are not synchronous
                 continue
             if isinstance(reading, TendonLengths):
-                yield _with_aids(self._with_sigma(reading), aids)
+                yield self._with_aids(self._with_sigma(reading), aids)
                 continue
             resistance = self._resistance(reading)  # eq. (1), at its time on the host clock
             for frame in self._frames.add(resistance) if resistance else ():  # all sensors at one instant
-                yield _with_aids(self.front_end.step(frame), aids)  # strain and length, eqs. (2)-(4)
+                yield self._with_aids(self.front_end.step(frame), aids)  # strain and length, eqs. (2)-(4)
         for frame in self._frames.finish():
-            yield _with_aids(self.front_end.step(frame), aids)
+            yield self._with_aids(self.front_end.step(frame), aids)
 
     def _resistance(self, reading: BoardReading | ResistanceReading) -> ResistanceReading | None:
         if isinstance(reading, ResistanceReading):
@@ -158,14 +158,14 @@ class Pipeline:
         sigma_m = np.where(np.isnan(lengths.sigma_m), self.settings.noise.unstated_m, lengths.sigma_m)
         return replace(lengths, sigma_m=np.where(np.isnan(lengths.length_m), np.inf, sigma_m))
 
-
-def _with_aids(lengths: TendonLengths, aids: list[AidReading]) -> TendonLengths:
-    """Return the lengths with the readings of other sensors up to their time, which are taken from the list."""
-    if not aids:
-        return lengths
-    until = bisect_right(aids, lengths.t_s, key=lambda reading: reading.t_s)
-    taken, aids[:] = tuple(aids[:until]), aids[until:]
-    return replace(lengths, aids=taken)
+    def _with_aids(self, lengths: TendonLengths, aids: list[AidReading]) -> TendonLengths:
+        """Return the lengths with the readings of other sensors up to their time, which are taken from the list."""
+        self.imu_gate.count_frame(lengths.t_s)
+        if not aids:
+            return lengths
+        until = bisect_right(aids, lengths.t_s, key=lambda reading: reading.t_s)
+        taken, aids[:] = tuple(aids[:until]), aids[until:]
+        return replace(lengths, aids=taken)
 
 
 def reconstruct(

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from ..io.model_file import read_sensor_model
 from ..io.reports.terminal import Terminal
+from ..io.trial_directory import arrival_s
 from ..io.whole import check_vacant
 from ..live.activity import Activity
 from ..live.feeds import boards_feed
@@ -37,16 +38,16 @@ def record_boards(
     setup = Rig.read(rig)
     settings = Settings()
     boards = setup.description.boards(settings.clock)
-    activity = Activity(len(setup.table.board))
+    activity = Activity.of(len(setup.table.board), len(setup.table.imu))
     operator = OperatorAtTerminal(terminal)
     with boards_feed(setup, ports, out, settings, read_sensor_model(model), operator) as feed:
         panel = Panel(f"recording {out}, Ctrl-C ends it", activity, lambda: boards.counts, feed.state)
         with stopped_by_signals(feed.source), shown(panel, terminal.news):
             for row in feed.rows:
-                assert isinstance(row, BoardReading)
                 activity.count(row, feed.source.late_s())
-                boards.reading(row)  # updates the counts of the clocks
-                if row.host_s > seconds or feed.state().recording_error:
+                if isinstance(row, BoardReading):
+                    boards.reading(row)  # updates the counts of the clocks
+                if arrival_s(row) > seconds or feed.state().recording_error:
                     feed.source.stop()
     report_recording(out, feed.state(), terminal)
 

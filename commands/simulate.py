@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..io.aid_files import write_aids
 from ..io.boards.recorder import Recorder
 from ..io.plan_file import read_plan
 from ..io.provenance import simulation_provenance
@@ -40,9 +39,9 @@ def simulate(plan: str | Path, out: str | Path, seed: int | None = None) -> Tria
     with written_whole(out) as (inside,), Recorder(inside, trial.metadata) as recorder:
         for reading in trial.readings:
             recorder.add(reading)
+        for carried in trial.carried:
+            recorder.add(carried)
         recorder.add_truth(StampedPositions(trial.t_s, trial.node_position_m), trial.load_n, trial.standing)
-        for name, readings in trial.carried.items():
-            write_aids(inside / name, readings)
     return open_trial(out)
 
 

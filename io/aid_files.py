@@ -1,16 +1,18 @@
 """The files of what a free-standing robot carries beside its tendons: inertial sensors, ranges, positions."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from ..models.trial_description import TrialDescription
-from ..models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
+from ..models.values.aids import DECIMALS, AidReading, ImuReading, PositionReading, RangeReading
 from ..models.values.errors import InputError
 from .csv import CsvFile
 
-IMU_COLUMNS = ("gx_rad_per_s", "gy_rad_per_s", "gz_rad_per_s", "ax_m_per_s2", "ay_m_per_s2", "az_m_per_s2")
+IMU_COLUMNS = ("t_s", "gx_rad_per_s", "gy_rad_per_s", "gz_rad_per_s", "ax_m_per_s2", "ay_m_per_s2", "az_m_per_s2")
+RANGE_COLUMNS = ("t_s", "beacon", "node", "range_m")
+POSITION_COLUMNS = ("t_s", "node", "x_m", "y_m", "z_m")
 
 
 def imu_readings(path: Path, imu: int) -> Iterator[ImuReading]:
@@ -19,7 +21,7 @@ def imu_readings(path: Path, imu: int) -> Iterator[ImuReading]:
     Raises:
         InputError: at the first row that cannot be read, or whose stamp is not later than the last.
     """
-    for _, (t_s, *values) in _forward(CsvFile(path, ["t_s", *IMU_COLUMNS])):
+    for _, (t_s, *values) in _forward(CsvFile(path, IMU_COLUMNS)):
         yield ImuReading(imu, t_s, np.array(values[:3]), np.array(values[3:]))
 
 
@@ -30,7 +32,7 @@ def range_readings(path: Path, recording: int, trial: TrialDescription) -> Itera
         InputError: see `imu_readings`; and for a beacon or a node that does not exist, or a range that is not positive.
     """
     beacon_position_m = trial.beacon_position_m[recording]
-    file = CsvFile(path, ["t_s", "beacon", "node", "range_m"])
+    file = CsvFile(path, RANGE_COLUMNS)
     for row, (t_s, beacon, node, range_m) in _forward(file, strictly=False):
         here = f"{path}: row {row}"
         _check_number(here, "beacon", beacon, len(beacon_position_m))
@@ -40,38 +42,29 @@ def range_readings(path: Path, recording: int, trial: TrialDescription) -> Itera
         yield RangeReading(t_s, beacon_position_m[int(beacon)], (recording, int(beacon), int(node)), range_m)
 
 
-def position_readings(path: Path, trial: TrialDescription) -> Iterator[PositionReading]:
+def position_readings(path: Path, recording: int, trial: TrialDescription) -> Iterator[PositionReading]:
     """Yield the positions of one recording.
 
     Raises:
         InputError: see `imu_readings`; and for a node that does not exist.
     """
-    file = CsvFile(path, ["t_s", "node", "x_m", "y_m", "z_m"])
+    file = CsvFile(path, POSITION_COLUMNS)
     for row, (t_s, node, *position_m) in _forward(file, strictly=False):
         _check_number(f"{path}: row {row}", "node", node, trial.structure.node_count)
-        yield PositionReading(t_s, int(node), np.array(position_m))
+        yield PositionReading(t_s, int(node), np.array(position_m), recording)
 
 
-def write_aids(path: Path, readings: Sequence[AidReading]) -> None:
-    """Write the readings of one sensor, which are of one kind."""
-    with path.open("w", encoding="utf-8", newline="\r\n") as file:
-        match readings[0]:
-            case ImuReading():
-                file.write(",".join(["t_s", *IMU_COLUMNS]) + "\n")
-            case RangeReading():
-                file.write("t_s,beacon,node,range_m\n")
-            case _:
-                file.write("t_s,node,x_m,y_m,z_m\n")
-        for reading in readings:
-            match reading:
-                case ImuReading():
-                    values = [*reading.rate_rad_per_s, *reading.specific_force_m_per_s2]
-                    cells = [f"{value:.4f}" for value in values]
-                case RangeReading():
-                    cells = [str(reading.pair[1]), str(reading.node), f"{reading.range_m:.3f}"]
-                case PositionReading():
-                    cells = [str(reading.node), *(f"{value:.5f}" for value in reading.position_m)]
-            file.write(",".join([f"{reading.t_s:.4f}", *cells]) + "\n")
+def aid_row(reading: AidReading) -> str:
+    """Return the row of a reading in the file of its sensor, without the line's end."""
+    match reading:
+        case ImuReading():
+            values = [*reading.rate_rad_per_s, *reading.specific_force_m_per_s2]
+            cells = [f"{value:.{DECIMALS}f}" for value in values]
+        case RangeReading():
+            cells = [str(reading.pair[1]), str(reading.node), f"{reading.range_m:.3f}"]
+        case PositionReading():
+            cells = [str(reading.node), *(f"{value:.5f}" for value in reading.position_m)]
+    return ",".join([f"{reading.t_s:.{DECIMALS}f}", *cells])
 
 
 def _forward(file: CsvFile, *, strictly: bool = True) -> Iterator[tuple[int, list[float]]]:

@@ -62,12 +62,23 @@ class Trial:
         yield from heapq.merge(tendons, *self._aids(), key=arrival_s)
 
     def files(self) -> list[str]:
-        """Return the names of the files with measurements."""
+        """Return the names of the files with measurements.
+
+        Raises:
+            InputError: for an inertial sensor whose file is not named.
+        """
         stand_in = self.table.resistance or self.table.lengths
         tendons = [stand_in.file] if stand_in else [board.file for board in self.table.board]
-        imus = [imu.file for imu in self.table.imu]
         others = [other.file for other in self.table.range] + [other.file for other in self.table.position]
-        return tendons + imus + others
+        return tendons + self._imu_files() + others
+
+    def _imu_files(self) -> list[str]:
+        files: list[str] = []
+        for number, imu in enumerate(self.table.imu):
+            if imu.file is None:
+                raise InputError(f"{self.path / 'trial.toml'}: imu[{number}].file: is missing")
+            files.append(imu.file)
+        return files
 
     def row_count(self) -> int:
         """Return the approximate number of readings, for a progress bar."""
@@ -121,9 +132,9 @@ class Trial:
         """Return the readings of each sensor beside the tendons."""
         table, path = self.table, self.path
         return [
-            *(imu_readings(path / imu.file, number) for number, imu in enumerate(table.imu)),
+            *(imu_readings(path / name, number) for number, name in enumerate(self._imu_files())),
             *(range_readings(path / ranges.file, k, self.description) for k, ranges in enumerate(table.range)),
-            *(position_readings(path / positions.file, self.description) for positions in table.position),
+            *(position_readings(path / other.file, k, self.description) for k, other in enumerate(table.position)),
         ]
 
     def _rows(self) -> Iterator[BoardReading]:

@@ -3,12 +3,14 @@
 import time
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
 from ..io.trial_directory import Reading
 from ..models.structure.shape import Shape
+from ..models.values.aids import AidReading, ImuReading
 from ..models.values.readings import BoardReading, TendonLengths
 from .feeds import Source
 
@@ -20,21 +22,45 @@ is too slow to catch up."""
 LATENCIES = 30_000
 """Number of latest frames in the statistics of the latency: ten minutes at 50 Hz."""
 ARRIVALS = 101
-"""Number of latest rows of a board from which its rate is computed: two seconds at 50 Hz."""
+"""Number of latest readings of a board or sensor from which its rate is computed: two seconds at 50 Hz."""
+SILENT_S = 1.0
+"""Time after its newest reading from which a board or sensor is shown as silent."""
+
+
+class Arrivals:
+    """When the readings of one board or one inertial sensor arrived, on the clock of `time.perf_counter`."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        """Number of readings."""
+        self._latest_s: deque[float] = deque(maxlen=ARRIVALS)
+
+    def add(self, arrival_s: float) -> None:
+        """Add a reading."""
+        self.count += 1
+        self._latest_s.append(arrival_s)
+
+    def rate_hz(self) -> float:
+        """Return the rate of the latest readings; 0 after a second of silence."""
+        if len(self._latest_s) < 2 or self.age_s() > SILENT_S:
+            return 0.0
+        return (len(self._latest_s) - 1) / max(self._latest_s[-1] - self._latest_s[0], 1e-6)
+
+    def age_s(self) -> float:
+        """Return how long ago the newest reading arrived; inf before the first."""
+        return time.perf_counter() - self._latest_s[-1] if self._latest_s else np.inf
 
 
 @dataclass(slots=True)
 class Activity:
     """The counts of a session so far, for the panel and for run.toml."""
 
-    boards: int
-    """Number of boards."""
+    boards: list[Arrivals]
+    imus: list[Arrivals]
     started_s: float = field(default_factory=time.perf_counter)
     """Time at which the session started, on the clock of `time.perf_counter` like all times here."""
     rows: int = 0
-    """Number of readings, of all boards together."""
-    arrivals_s: list[deque[float]] = field(default_factory=list)
-    """Arrival times of the latest rows of each board."""
+    """Number of readings, of all boards and sensors together."""
     frames: int = 0
     skipped_frames: int = 0
     latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES))
@@ -42,26 +68,23 @@ class Activity:
     shape: Shape | None = None
     """The newest shape; None before the first."""
 
-    def __post_init__(self) -> None:
-        self.arrivals_s = [deque(maxlen=ARRIVALS) for _ in range(self.boards)]
+    @classmethod
+    def of(cls, boards: int, imus: int) -> Self:
+        """Return the counts of a session that begins.
+
+        Args:
+            boards: number of boards.
+            imus: number of inertial sensors.
+        """
+        return cls([Arrivals() for _ in range(boards)], [Arrivals() for _ in range(imus)])
 
     def count(self, reading: Reading, late_s: float) -> None:
         """Count a reading that arrived `late_s` ago."""
         self.rows += 1
         if isinstance(reading, BoardReading):
-            self.arrivals_s[reading.board].append(time.perf_counter() - late_s)
-
-    def rate_hz(self, board: int) -> float:
-        """Return the rate of a board's latest rows; 0 of a board that has been silent for a second."""
-        latest = self.arrivals_s[board]
-        if len(latest) < 2 or self.age_s(board) > 1:
-            return 0.0
-        return (len(latest) - 1) / max(latest[-1] - latest[0], 1e-6)
-
-    def age_s(self, board: int) -> float:
-        """Return how long ago the newest row of a board arrived."""
-        latest = self.arrivals_s[board]
-        return time.perf_counter() - latest[-1] if latest else np.inf
+            self.boards[reading.board].add(time.perf_counter() - late_s)
+        elif isinstance(reading, ImuReading):
+            self.imus[reading.imu].add(time.perf_counter() - late_s)
 
     def latency_ms(self) -> tuple[float, float]:
         """Return the latency's median and 99th percentile; nan before the first shape."""
@@ -73,6 +96,8 @@ class Activity:
 
 class NewestFrames:
     """Passes frames on; when they are late, skips to the newest frame and counts the skipped ones.
+
+    The readings of other sensors in skipped frames, such as rates of turn, are those of the next frame.
 
     At the start, frames from the time of the taring still wait. Until these are estimated, only frames later than
     `VERY_LATE_S` are skipped.
@@ -86,10 +111,14 @@ class NewestFrames:
     def select(self, frames: Iterator[TendonLengths]) -> Iterator[TendonLengths]:
         """Yield the frames that are not skipped."""
         behind = False
+        aids: tuple[AidReading, ...] = ()
         for frame in frames:
             waiting = self._source.waiting() > 0
             self.caught_up |= not waiting
             behind = waiting and (behind or self._source.late_s() > (LATE_S if self.caught_up else VERY_LATE_S))
+            if aids:
+                frame = replace(frame, aids=(*aids, *frame.aids))
+            aids = frame.aids if behind else ()
             if behind:
                 self._activity.skipped_frames += 1
             else:

@@ -1,5 +1,6 @@
 """The sources of readings of a live session: the boards of a rig after taring, a replay, or the twin."""
 
+import heapq
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,13 +14,14 @@ from ..io.boards.recorder import Recorder, RecorderThread
 from ..io.plan_file import read_plan
 from ..io.provenance import simulation_provenance
 from ..io.replay import Replay
-from ..io.trial_directory import Reading, open_trial
+from ..io.trial_directory import Reading, arrival_s, open_trial
 from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
 from ..models.trial_description import TrialDescription, describe_trial
 from ..models.twin.virtual_trial import simulate as simulate_plan
+from ..models.values.aids import AidReading
 from ..models.values.errors import InputError
-from ..models.values.link import LinkState, rebased
+from ..models.values.link import LinkReading, LinkState, rebased, stamp_s
 from ..models.values.readings import BoardReading
 from .rig import Rig, TaringRows, tare, wait_for_boards, without_truth
 
@@ -86,7 +88,7 @@ def boards_feed(
     Raises:
         TensegraphError: when no board answers, or the structure does not stand still.
     """
-    plan = rig.plan(ports)
+    plan = rig.plan(ports, settings.clock)
     with SerialLink(plan) as link:
         operator.say("looking for boards ...")
         heard = wait_for_boards(link, len(plan.board_ids), ", ".join(plan.ports) or "any USB serial port")
@@ -141,7 +143,7 @@ def twin_feed(plan: Path, speed: float, record: Path | None) -> Iterator[Feed]:
     """
     parsed = read_plan(plan)
     trial = simulate_plan(parsed, simulation_provenance(plan, parsed.seed))
-    source = Replay(trial.readings, speed)
+    source = Replay(heapq.merge(trial.readings, trial.carried, key=arrival_s), speed)
     _, description = describe_trial(without_truth(trial.metadata), str(plan))
     feed = Feed(
         source=source,
@@ -175,32 +177,34 @@ def _recorded(feed: Feed, metadata: Mapping[str, Any], record: Path | None) -> I
 
 def _recorded_rows(readings: Iterator[Reading], recorder: RecorderThread) -> Iterator[Reading]:
     for reading in readings:
-        assert isinstance(reading, BoardReading), "the recorder takes rows of boards"
+        assert isinstance(reading, BoardReading | AidReading), "the recorder takes what boards and aids measure"
         recorder.add(reading)
         yield reading
 
 
 class TrialOfBoards:
-    """The rows of a trial, starting with those of the taring, with times from the origin of the trial."""
+    """What boards send in a trial, starting with the taring, with times from the origin of the trial."""
 
     def __init__(self, link: SerialLink, taring: TaringRows) -> None:
         self._link = link
         self._origin_s = taring.origin_s
         self._tared = deque(taring.rows)
-        self._latest_s = -1e-6
+        self._latest_s = 0.0
         self.stop = link.stop
 
-    def rows(self) -> Iterator[BoardReading]:
-        """Yield rows until `stop`."""
+    def rows(self) -> Iterator[LinkReading]:
+        """Yield rows and samples until `stop`."""
         while self._tared:
-            row = self._tared.popleft()
-            self._latest_s = row.host_s
-            yield row
+            yield self._seen(self._tared.popleft())
         for raw in self._link.rows():
-            row = rebased(raw, self._origin_s)
-            if row.host_s > self._latest_s:
-                self._latest_s = row.host_s
-                yield row
+            if stamp_s(raw) >= self._origin_s:
+                yield self._seen(rebased(raw, self._origin_s))
+
+    def _seen(self, reading: LinkReading) -> LinkReading:
+        """Return a reading, having noted when it arrived, which is told of rows alone."""
+        if isinstance(reading, BoardReading):
+            self._latest_s = reading.host_s
+        return reading
 
     def waiting(self) -> int:
         """Return how many rows have arrived and were not yet yielded."""

@@ -16,7 +16,7 @@ from ..io.reports.terminal import Terminal
 from ..models.sensor.clock import ClockCounts
 from ..models.values.link import LinkState
 from ..models.values.readings import SENSOR_FLAGS, Flag
-from .activity import Activity
+from .activity import SILENT_S, Activity, Arrivals
 
 
 class Panel:
@@ -40,10 +40,10 @@ class Panel:
         parts: list[RenderableType] = [self._title]
         if activity.boards:
             parts.append(_boards(activity, self._clocks(), state))
+        if activity.imus:
+            parts.append(_imus(activity, state))
         parts.append(_summary(activity, state))
-        complaints = [f"{port.port}: {port.complaint}" for port in state.ports if port.complaint]
-        complaints += [state.recording_error] if state.recording_error else []
-        return Group(*parts, *(Text(complaint, style="red") for complaint in complaints))
+        return Group(*parts, *(Text(complaint, style="red") for complaint in _complaints(activity, state)))
 
 
 @contextmanager
@@ -72,19 +72,47 @@ class OperatorAtTerminal:
         self.say(f"taring for {seconds:g} s: it has to stand still ...")
 
 
+def _complaints(activity: Activity, state: LinkState) -> list[str]:
+    """Return what is wrong with ports, inertial sensors and the recording."""
+    complaints = [f"{port.port}: {port.complaint}" for port in state.ports if port.complaint]
+    for port in state.ports:
+        for sensor in port.unused_sensors:
+            complaints.append(f"{port.port}: inertial sensor {sensor} is not in the rig: its samples are left out")
+    for imu, arrivals in enumerate(activity.imus):
+        if arrivals.age_s() > SILENT_S:
+            complaints.append(f"imu {imu}: no sample {_since(arrivals)}: nothing is taken from it")
+    return complaints + ([state.recording_error] if state.recording_error else [])
+
+
+def _since(arrivals: Arrivals) -> str:
+    return f"for {arrivals.age_s():.0f} s" if arrivals.count else "yet"
+
+
 def _boards(activity: Activity, clocks: Sequence[ClockCounts], state: LinkState) -> Table:
-    table = Table("", *(f"board {board}" for board in range(activity.boards)))
-    ports_of_board = [[port for port in state.ports if port.board == board] for board in range(activity.boards)]
+    boards = activity.boards
+    table = Table("", *(f"board {board}" for board in range(len(boards))))
+    ports_of_board = [[port for port in state.ports if port.board == board] for board in range(len(boards))]
     connected = [", ".join(port.port for port in ports if port.connected) or "-" for ports in ports_of_board]
     if state.ports:
         table.add_row("port", *connected)
-    table.add_row("rate", *(f"{activity.rate_hz(board):.1f} Hz" for board in range(activity.boards)))
-    table.add_row("newest reading", *(_age(activity.age_s(board)) for board in range(activity.boards)))
+    table.add_row("rate", *(f"{arrivals.rate_hz():.1f} Hz" for arrivals in boards))
+    table.add_row("newest reading", *(_age(arrivals.age_s()) for arrivals in boards))
     for name in ("rows", "lost_rows", "dropped_rows", "restarts"):
         table.add_row(name.replace("_", " "), *(str(getattr(clock, name)) for clock in clocks))
     if state.ports:
         table.add_row("bad CRC", *(str(sum(port.counts.bad_crc for port in ports)) for ports in ports_of_board))
         table.add_row("garbage", *(str(sum(port.counts.garbage for port in ports)) for ports in ports_of_board))
+    return table
+
+
+def _imus(activity: Activity, state: LinkState) -> Table:
+    imus = activity.imus
+    table = Table("", *(f"imu {imu}" for imu in range(len(imus))))
+    table.add_row("rate", *(f"{arrivals.rate_hz():.1f} Hz" for arrivals in imus))
+    table.add_row("newest sample", *(_age(arrivals.age_s()) for arrivals in imus))
+    table.add_row("samples", *(str(arrivals.count) for arrivals in imus))
+    for name in ("lost_samples", "dropped_samples") if state.imus else ():
+        table.add_row(name.replace("_", " "), *(str(getattr(counts, name)) for counts in state.imus))
     return table
 
 

@@ -10,12 +10,13 @@ from typing import Any, Self
 from ..io.boards.hub import LinkPlan
 from ..io.boards.process import SerialLink
 from ..io.toml import read_toml
+from ..models.sensor.clock import ClockSettings
 from ..models.sensor.sensor_model import SensorModel
 from ..models.sensor.stillness import SHORTEST_S, RestMotion, StillnessWatch
 from ..models.settings import Settings
 from ..models.trial_description import TrialDescription, TrialTable, describe_trial
 from ..models.values.errors import InputError, TensegraphError
-from ..models.values.link import LinkState, PortState, rebased
+from ..models.values.link import LinkReading, LinkState, PortState, rebased, stamp_s
 from ..models.values.readings import BoardReading
 
 PATIENCE_S = 6.0
@@ -46,6 +47,7 @@ class Rig:
         """
         toml = without_truth(read_toml(path))
         table, description = describe_trial(toml, str(path))
+        _check_sources(table, path)
         if description.source != "counts":
             raise InputError(f"{path}: a rig has boards: expected [[board]], got [{description.source}]")
         if 0 < description.rest_seconds < SHORTEST_S:
@@ -55,8 +57,12 @@ class Rig:
             )
         return cls(path=path, toml=toml, table=table, description=description)
 
-    def plan(self, ports: Sequence[str]) -> LinkPlan:
+    def plan(self, ports: Sequence[str], clock: ClockSettings) -> LinkPlan:
         """Return the boards to read and their ports; if `ports` is empty, those of the rig, or all USB serial ports.
+
+        Args:
+            ports: names of serial ports.
+            clock: settings of the boards' clocks.
 
         Raises:
             InputError: when two boards have the same id, or an id is not a number from 0 to 255.
@@ -75,6 +81,8 @@ class Rig:
             channels=channels,
             ports=tuple(ports or self.table.link.ports),
             baud=self.table.link.baud,
+            imus=tuple((imu.board, imu.sensor) for imu in self.table.imu if imu.board is not None),
+            clock=clock,
         )
 
     def metadata(self, name: str, state: LinkState) -> dict[str, Any]:
@@ -83,8 +91,20 @@ class Rig:
         boards = [
             table | ({"firmware": firmware[b]} if b in firmware else {}) for b, table in enumerate(self.toml["board"])
         ]
+        imus = [{"file": f"imu{number}.csv"} | table for number, table in enumerate(self.toml.get("imu", ()))]
         now = datetime.now(UTC).isoformat(timespec="milliseconds")
-        return self.toml | {"name": name, "recorded_utc": now, "board": boards}
+        described = {"name": name, "recorded_utc": now, "board": boards}
+        return self.toml | described | ({"imu": imus} if imus else {})
+
+
+def _check_sources(table: TrialTable, path: Path) -> None:
+    """Refuse sensors whose readings come from no board."""
+    for number, imu in enumerate(table.imu):
+        if imu.board is None:
+            raise InputError(f"{path}: imu[{number}].board: is missing: a rig reads its inertial sensors from boards")
+    for kind in ("range", "position"):
+        if getattr(table, kind):
+            raise InputError(f"{path}: [[{kind}]]: comes from no board: expected a rig without it")
 
 
 def wait_for_boards(link: SerialLink, count: int, ports: str) -> int:
@@ -119,8 +139,8 @@ class TaringRows:
 
     origin_s: float
     """Start of that time, on the clock of `time.perf_counter`."""
-    rows: list[BoardReading]
-    """The rows, with times from `origin_s`."""
+    rows: list[LinkReading]
+    """The rows, and the samples of inertial sensors, with times from `origin_s`."""
     motion: RestMotion | None
     """Remaining motion of the tendons; None when the rig has no rest."""
 
@@ -153,19 +173,22 @@ def tare(link: SerialLink, rig: Rig, settings: Settings, model: SensorModel, say
 
 def _rows_and_motion(
     link: SerialLink, origin_s: float, trial: TrialDescription, settings: Settings, model: SensorModel
-) -> tuple[list[BoardReading], RestMotion]:
-    """Return the rows of the rest, with times from its start `origin_s`, and the motion that they show."""
-    rows: list[BoardReading] = []
+) -> tuple[list[LinkReading], RestMotion]:
+    """Return the readings of the rest, with times from its start `origin_s`, and the motion that rows show."""
+    rows: list[LinkReading] = []
     boards = trial.boards(settings.clock)
     watch = StillnessWatch(model.gauge, trial.natural_resistance_ohm, trial.structure.natural_length_m)
     for raw in link.rows():
-        if raw.host_s < origin_s:
+        if stamp_s(raw) < origin_s:
             continue
-        rows.append(rebased(raw, origin_s))
-        reading = boards.reading(rows[-1])
+        row = rebased(raw, origin_s)
+        rows.append(row)
+        if not isinstance(row, BoardReading):
+            continue
+        reading = boards.reading(row)
         if reading is not None:
             watch.add(reading)
-        if rows[-1].host_s > trial.rest_seconds:
+        if row.host_s > trial.rest_seconds:
             break
     return rows, watch.motion()
 

@@ -19,6 +19,7 @@ from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.shape import Shape
 from ..models.structure.structure import Structure
+from ..models.values.link import LinkState
 from ..pipeline import Pipeline
 from .activity import Activity, NewestFrames
 from .feeds import Feed, Source
@@ -86,7 +87,7 @@ class Session:
 
     def __init__(self, feed: Feed, pipeline: Pipeline, seconds: float) -> None:
         self.pipeline = pipeline
-        self.activity = Activity(len(pipeline.trial.tendons_of_board))
+        self.activity = Activity.of(len(pipeline.trial.tendons_of_board), len(pipeline.trial.imus))
         self._feed = feed
         self._seconds = seconds
         self._ended = False
@@ -134,11 +135,27 @@ class Session:
             "recorded_rows": state.recorded_rows,
             "versions": versions(),
             "boards": [asdict(counts) for counts in boards.counts] if boards else [],
+            "imus": self._imus(state),
             "ports": {port.port: asdict(port.counts) for port in state.ports},
             "taring": self._feed.taring,
             "latency": {"median_ms": round(median_ms, 3), "p99_ms": round(p99_ms, 3)} if p.latency_s else {},
             "settings": asdict(self.pipeline.settings),
         }
+
+    def _imus(self, state: LinkState) -> list[dict[str, int]]:
+        """Return the counts of each inertial sensor; those of the link where a board reads it."""
+        of_link = [asdict(counts) for counts in state.imus]
+        gate = self.pipeline.imu_gate
+        return [
+            (of_link[imu] if of_link else {})
+            | {
+                "samples": arrivals.count,
+                "absurd_samples": int(gate.absurd[imu]),
+                "stuck_samples": int(gate.stuck[imu]),
+                "silent_frames": int(gate.silent_frames[imu]),
+            }
+            for imu, arrivals in enumerate(self.activity.imus)
+        ]
 
 
 @contextmanager

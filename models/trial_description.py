@@ -101,10 +101,12 @@ class GroundTable:
 class ImuTable:
     """`[[imu]]`, see `Imu`."""
 
-    file: str
     rod: int
     axis: tuple[float, float, float]
     fraction: float = 0.5
+    file: str | None = None
+    board: int | None = None
+    sensor: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,6 +292,7 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
     if table.resistance or table.lengths:
         source = "resistance" if table.resistance else "lengths"
     imus = tuple(_imu(number, imu, structure) for number, imu in enumerate(table.imu))
+    _check_boards_of_imus(table)
     tendons_of_board = _wiring(table.board, len(structure.tendons)) if source == "counts" else ()
     return TrialDescription(
         structure=structure,
@@ -347,6 +350,25 @@ def _imu(number: int, table: ImuTable, structure: Structure) -> Imu:
     if not 0 <= table.fraction <= 1:
         raise InputError(f"imu[{number}].fraction: expected a number from 0 to 1, got {table.fraction}")
     return Imu(table.rod, table.fraction, axis / length)
+
+
+def _check_boards_of_imus(table: TrialTable) -> None:
+    """Refuse an inertial sensor without a source, on a board that does not exist, or that another table names."""
+    places: set[tuple[int, int]] = set()
+    for number, imu in enumerate(table.imu):
+        if imu.board is None:
+            if imu.file is None:
+                raise InputError(f"imu[{number}]: expected file, or the board that reads it, got neither")
+            continue
+        if not 0 <= imu.board < len(table.board):
+            raise InputError(
+                f"imu[{number}].board: expected the number of one of {len(table.board)} boards, got {imu.board}"
+            )
+        if not 0 <= imu.sensor <= 255 or (imu.board, imu.sensor) in places:
+            raise InputError(
+                f"imu[{number}].sensor: expected a number from 0 to 255, each once on a board, got {imu.sensor}"
+            )
+        places.add((imu.board, imu.sensor))
 
 
 def _beacons(number: int, table: RangeTable) -> NDArray[np.float64]:

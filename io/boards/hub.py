@@ -1,28 +1,30 @@
-"""The hub collects the rows of all boards, in order of arrival, for the recorder and the estimator."""
+"""The hub collects what all boards send, in order of arrival, for the recorder and the estimator."""
 
 import threading
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...models.sensor.clock import BoardClock, ClockSettings
 from ...models.values.errors import InputError
-from ...models.values.link import Hello, LinkState, PortState, rebased
+from ...models.values.link import Hello, LinkReading, LinkState, PortState, rebased, stamp_s
 from ...models.values.readings import BoardReading
+from .inertial import BoardImu
 from .port import PortReader, usb_ports
-from .protocol import Message, Row
+from .protocol import Message, Row, Sample
 from .recorder import Recorder, RecorderThread
 
 WAITING_ROWS = 2000
-"""Largest number of rows that wait for the estimator: 20 s of two boards at 50 Hz. Older ones are skipped."""
+"""Largest number of readings that wait for the estimator: 20 s of two boards at 50 Hz. Older ones are skipped."""
 ROWS_BEFORE_TRIAL = 20_000
-"""Largest number of rows that wait, while the sensors are tared, for the recording to begin."""
+"""Largest number of readings that wait, while the sensors are tared, for the recording to begin."""
 STATE_S = 0.2
 """Time between two reports of the state of the ports."""
 OWNER_S = 1.0
@@ -41,6 +43,10 @@ class LinkPlan:
     """Names of serial ports; if empty, all USB serial ports, including those that are connected later."""
     baud: int
     """Baud rate of all ports."""
+    imus: tuple[tuple[int, int], ...] = ()
+    """Index of the board and number on it of each inertial sensor of the rig."""
+    clock: ClockSettings = field(default_factory=ClockSettings)
+    """Settings of the boards' clocks, by which samples of inertial sensors are laid onto the host's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +62,7 @@ class Begin:
 
 
 class Hub:
-    """Collects the rows of all readers, stamps them in order of arrival, and passes them on."""
+    """Collects the rows and samples of all readers, stamps them in order of arrival, and passes them on."""
 
     def __init__(self, plan: LinkPlan) -> None:
         self._plan = plan
@@ -64,8 +70,11 @@ class Hub:
         self._readers: dict[str, PortReader] = {}
         self._owner: dict[int, tuple[PortReader, float]] = {}
         self._changed = threading.Condition()
-        self._outgoing: deque[BoardReading] = deque()
-        self._before_trial: deque[BoardReading] = deque(maxlen=ROWS_BEFORE_TRIAL)
+        self._clocks = [BoardClock(plan.clock) for _ in plan.board_ids]
+        self._imus = {key: BoardImu(imu, self._clocks[key[0]]) for imu, key in enumerate(plan.imus)}
+        self._unused_sensors: dict[int, set[int]] = {}
+        self._outgoing: deque[LinkReading] = deque()
+        self._before_trial: deque[LinkReading] = deque(maxlen=ROWS_BEFORE_TRIAL)
         self._recorder: RecorderThread | None = None
         self._recording_error = ""
         self._last_s = 0.0
@@ -101,21 +110,13 @@ class Hub:
         """Accept the messages that one reader received at one time."""
         with self._changed:
             for message in messages:
-                if isinstance(message, Hello):
-                    reader.hello = message
-                elif (board := self._board(reader, message, now_s)) is not None:
-                    # strictly increasing in microseconds, so that a trial is read back in the same order
-                    self._last_s = max(round(now_s, 6), round(self._last_s + 1e-6, 6))
-                    counts = np.array(message.codes, dtype=np.int64)
-                    row = BoardReading(
-                        board=board,
-                        host_s=self._last_s,
-                        seq=message.seq,
-                        device_us=message.device_us,
-                        counts=counts,
-                        boot=message.boot,
-                    )
-                    self._hand_on(row)
+                match message:
+                    case Hello():
+                        reader.hello = message
+                    case Row():
+                        self._take_row(reader, message, now_s)
+                    case Sample():
+                        self._take_sample(reader, message)
             self._changed.notify()
 
     def send_all(self, pipe: Connection) -> None:
@@ -153,6 +154,32 @@ class Hub:
             self._finished = True
             self._changed.notify()
 
+    def _take_row(self, reader: PortReader, row: Row, now_s: float) -> None:
+        board = self._board(reader, row, now_s)
+        if board is None:
+            return
+        # strictly increasing in microseconds, so that a trial is read back in the same order
+        self._last_s = max(round(now_s, 6), round(self._last_s + 1e-6, 6))
+        counts = np.array(row.codes, dtype=np.int64)
+        reading = BoardReading(
+            board=board, host_s=self._last_s, seq=row.seq, device_us=row.device_us, counts=counts, boot=row.boot
+        )
+        if self._imus:
+            self._clocks[board].time_s(reading)
+        self._hand_on(reading)
+
+    def _take_sample(self, reader: PortReader, sample: Sample) -> None:
+        """Accept a sample from the port from which the rows of its board come."""
+        ids = self._plan.board_ids
+        board = ids.index(sample.board_id) if sample.board_id in ids else None
+        if board is None or self._owner.get(board, (None, 0.0))[0] is not reader:
+            return  # as its rows, which are rejected with a complaint
+        imu = self._imus.get((board, sample.sensor))
+        if imu is None:
+            self._unused_sensors.setdefault(board, set()).add(sample.sensor)
+        elif (reading := imu.reading(sample)) is not None:
+            self._hand_on(reading)
+
     def _board(self, reader: PortReader, row: Row, now_s: float) -> int | None:
         """Return which board of the rig sent a row, or None, with a complaint, if the row is rejected."""
         ids = self._plan.board_ids
@@ -173,19 +200,19 @@ class Hub:
         reader.complaint = ""
         return board
 
-    def _hand_on(self, row: BoardReading) -> None:
+    def _hand_on(self, reading: LinkReading) -> None:
         if np.isinf(self._origin_s):
-            self._before_trial.append(row)
+            self._before_trial.append(reading)
         else:
-            self._record(row)
-        self._outgoing.append(row)
+            self._record(reading)
+        self._outgoing.append(reading)
         if len(self._outgoing) > WAITING_ROWS:
             self._outgoing.popleft()
             self._skipped_rows += 1
 
-    def _record(self, row: BoardReading) -> None:
-        if self._recorder is not None and row.host_s >= self._origin_s:
-            self._recorder.add(rebased(row, self._origin_s))
+    def _record(self, reading: LinkReading) -> None:
+        if self._recorder is not None and stamp_s(reading) >= self._origin_s:
+            self._recorder.add(rebased(reading, self._origin_s))
 
     def _state(self) -> LinkState:
         """Return the state of ports and recording; to be called with the lock held, since readers change it."""
@@ -198,12 +225,14 @@ class Hub:
                 connected=reader.connected,
                 counts=reader.counts,
                 complaint=reader.complaint,
+                unused_sensors=tuple(sorted(self._unused_sensors.get(boards.get(id(reader), -1), ()))),
             )
             for reader in list(self._readers.values())
         )
         recorder = self._recorder
         return LinkState(
             ports=ports,
+            imus=tuple(imu.counts for imu in self._imus.values()),
             skipped_rows=self._skipped_rows,
             recorded_rows=recorder.rows if recorder else 0,
             recording_error=self._recording_error or (recorder.error if recorder else ""),

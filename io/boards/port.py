@@ -57,7 +57,8 @@ def ask(port: str, description: str, baud: int, seconds: float) -> PortAnswer:
                             hello=message,
                             channels=message.channels,
                         )
-                    row = message
+                    if isinstance(message, Row):
+                        row = message
     except _PORT_ERRORS as error:
         return PortAnswer(port, description, error=_reason(error))
     return (

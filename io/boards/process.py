@@ -19,8 +19,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from ...models.values.errors import TensegraphError
-from ...models.values.link import LinkState
-from ...models.values.readings import BoardReading
+from ...models.values.link import LinkReading, LinkState
 from .hub import STATE_S, WAITING_ROWS, Begin, Hub, LinkPlan
 
 SWITCH_S = 0.0002
@@ -28,12 +27,15 @@ SWITCH_S = 0.0002
 
 
 class SerialLink:
-    """The rows of all boards in order of arrival, from the process that reads them; a context manager."""
+    """The rows of all boards and the samples of their inertial sensors, from the process that reads them.
+
+    They come in order of arrival. A context manager.
+    """
 
     def __init__(self, plan: LinkPlan) -> None:
         self.state = LinkState()
         """State of ports and recording, as last reported by the process."""
-        self._rows: deque[BoardReading] = deque()
+        self._rows: deque[LinkReading] = deque()
         self._reads = self._ended = self._stopping = False
         context = multiprocessing.get_context("spawn")  # gtsam's threads do not survive a fork
         self._pipe, theirs = context.Pipe()
@@ -68,7 +70,7 @@ class SerialLink:
         """
         self._pipe.send(Begin(origin_s, path, metadata or {}))
 
-    def rows(self) -> Iterator[BoardReading]:
+    def rows(self) -> Iterator[LinkReading]:
         """Yield rows, with arrival times of `time.perf_counter`, until all rows that came before `stop` are yielded.
 
         Raises:

@@ -3,15 +3,23 @@ r"""The protocols of the boards: messages from a stream of bytes, parts of which
 Frames (version 1), little-endian, COBS-encoded, a zero byte before and after each, so that a damaged frame does not
 damage the next one:
 
-    version u8 = 1, kind u8, board u8, boot u16,                    head of both kinds
+    version u8 = 1, kind u8, board u8, boot u16,                    head of all kinds
     seq u16, device_us u32, n u8, n codes u16,                      kind 1, a row
     device_us u32, rate_hz u16, channels u8, firmware ASCII,        kind 2, a hello, once a second
+    seq u16, device_us u32, sensor u8, rate_unit f32, force_unit f32, 3 rates i16, 3 forces i16,
+                                                                    kind 3, a sample of an inertial sensor
     crc u16                                                         CRC-16, x^16 + x^12 + x^5 + 1, from 0xFFFF
 
-Lines, for a lab's own sketch: `board,seq,device_us,adc0,adc1,...\n`, optionally with `*` and the same CRC of all
-before it in four hex digits. From the first line with a checksum on, every line needs one.
+A sample holds the integers of the sensor's registers and what one digit of them stands for, in rad/s and m/s^2, so that
+it is complete by itself: no other message has to arrive for it to be read. Each sensor has a counter seq of its own.
+Boards without inertial sensors send no frames of kind 3; a host that does not know a kind counts its frames as garbage
+and reads the others.
+
+Lines, for a lab's own sketch, hold rows alone: `board,seq,device_us,adc0,adc1,...\n`, optionally with `*` and the same
+CRC of all before it in four hex digits. From the first line with a checksum on, every line needs one.
 """
 
+import math
 import re
 import struct
 from binascii import crc_hqx
@@ -25,9 +33,11 @@ from ...models.values.link import Hello, LinkCounts
 VERSION = 1
 ROW = 1
 HELLO = 2
+SAMPLE = 3
 _HEAD = struct.Struct("<BBBH")
 _ROW = struct.Struct("<HIB")
 _HELLO = struct.Struct("<IHB")
+_SAMPLE = struct.Struct("<HIBff3h3h")
 _CRC = struct.Struct("<H")
 LONGEST = 254
 """Bytes between two delimiters: COBS adds one byte up to this length, and no message of the protocol is longer."""
@@ -45,7 +55,28 @@ class Row:
     codes: tuple[int, ...]
 
 
-Message = Row | Hello
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One sample of one inertial sensor of a board, as the board sends it."""
+
+    board_id: int
+    boot: int
+    sensor: int
+    """Number of the sensor on its board."""
+    seq: int
+    """Counts the samples of this sensor."""
+    device_us: int
+    rate_unit_rad_per_s: float
+    """Rate that one digit stands for."""
+    force_unit_m_per_s2: float
+    """Specific force that one digit stands for."""
+    rate: tuple[int, int, int]
+    """Angular rate about the sensor's axes, in digits."""
+    force: tuple[int, int, int]
+    """Specific force along the sensor's axes, in digits."""
+
+
+Message = Row | Hello | Sample
 
 
 class DamagedError(ValueError):
@@ -58,13 +89,19 @@ class DamagedError(ValueError):
 
 def frame(message: Message) -> bytes:
     """Return a message as a frame, delimiters before and after."""
-    kind = ROW if isinstance(message, Row) else HELLO
-    payload = _HEAD.pack(VERSION, kind, message.board_id, message.boot)
-    if isinstance(message, Row):
-        payload += _ROW.pack(message.seq, message.device_us, len(message.codes))
-        payload += struct.pack(f"<{len(message.codes)}H", *message.codes)
-    else:
-        payload += _HELLO.pack(message.device_us, message.rate_hz, message.channels) + message.firmware.encode("ascii")
+    match message:
+        case Row():
+            kind = ROW
+            body = _ROW.pack(message.seq, message.device_us, len(message.codes))
+            body += struct.pack(f"<{len(message.codes)}H", *message.codes)
+        case Hello():
+            kind = HELLO
+            body = _HELLO.pack(message.device_us, message.rate_hz, message.channels) + message.firmware.encode("ascii")
+        case Sample():
+            kind = SAMPLE
+            units = (message.rate_unit_rad_per_s, message.force_unit_m_per_s2)
+            body = _SAMPLE.pack(message.seq, message.device_us, message.sensor, *units, *message.rate, *message.force)
+    payload = _HEAD.pack(VERSION, kind, message.board_id, message.boot) + body
     return b"\0%b\0" % cobs.encode(payload + _CRC.pack(crc_hqx(payload, 0xFFFF)))
 
 
@@ -91,6 +128,14 @@ def parse_frame(encoded: bytes) -> Message:
     if crc_hqx(payload, 0xFFFF) != _CRC.unpack(checked[-_CRC.size :])[0]:
         raise DamagedError(bad_crc=True)
     _, kind, board_id, boot = _HEAD.unpack_from(payload)
+    message = _parse_body(kind, board_id, boot, body)
+    if message is None:
+        raise DamagedError(bad_crc=False)
+    return message
+
+
+def _parse_body(kind: int, board_id: int, boot: int, body: bytes) -> Message | None:
+    """Return the message of what stands between head and checksum; None if it does not have the form of its kind."""
     if kind == ROW and len(body) >= _ROW.size and len(body) == _ROW.size + 2 * body[_ROW.size - 1]:
         seq, device_us, n = _ROW.unpack_from(body)
         return Row(board_id, boot, seq, device_us, struct.unpack_from(f"<{n}H", body, _ROW.size))
@@ -104,7 +149,12 @@ def parse_frame(encoded: bytes) -> Message:
             channels=channels,
             firmware=body[_HELLO.size :].decode("ascii"),
         )
-    raise DamagedError(bad_crc=False)
+    if kind == SAMPLE and len(body) == _SAMPLE.size:
+        seq, device_us, sensor, rate_unit, force_unit, *digits = _SAMPLE.unpack(body)
+        if 0 < rate_unit < math.inf and 0 < force_unit < math.inf:
+            rate, force = (digits[0], digits[1], digits[2]), (digits[3], digits[4], digits[5])
+            return Sample(board_id, boot, sensor, seq, device_us, rate_unit, force_unit, rate, force)
+    return None
 
 
 def parse_line(text: bytes, needs_checksum: bool) -> Row:

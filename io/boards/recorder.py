@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
+from io import FileIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -18,9 +19,11 @@ import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
+from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from ...models.values.errors import InputError, RecordingError
 from ...models.values.readings import BoardReading
 from ...models.values.stamped_positions import StampedPositions
+from ..aid_files import IMU_COLUMNS, POSITION_COLUMNS, RANGE_COLUMNS, aid_row
 from ..positions import contact_columns, force_columns, position_columns
 from ..whole import check_vacant, written_whole
 
@@ -44,7 +47,7 @@ class Recorder:
 
     Args:
         path: of the directory, which must not exist yet: a recording is never overwritten.
-        metadata: trial.toml as a mapping, with a `board` table for each file of rows.
+        metadata: trial.toml as a mapping, with a table for each file: of `board`, `imu`, `range` or `position`.
         with_boot: whether the boards count how often they started; a column `boot` then says so.
 
     Raises:
@@ -57,15 +60,15 @@ class Recorder:
         self._metadata = metadata
         self._with_boot = with_boot
         self._files = ExitStack()
-        boards = metadata.get("board", ())
+        kinds = {kind: metadata.get(kind, ()) for kind in ("board", "imu", "range", "position")}
         with written_whole(path) as (inside,):
             inside.mkdir()
             (inside / "trial.toml").write_text(_commented(metadata), encoding="utf-8", newline="\n")
-            for table in boards:
-                (inside / table["file"]).write_bytes(self._header(table))
+            for kind, tables in kinds.items():
+                for table in tables:
+                    (inside / table["file"]).write_bytes(self._header(kind, table))
         try:
-            names = [path / table["file"] for table in boards]
-            self._boards = [self._files.enter_context(name.open("ab", buffering=0)) for name in names]
+            self._opened = {kind: [self._open(table["file"]) for table in tables] for kind, tables in kinds.items()}
         except OSError as error:
             self._files.close()
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
@@ -78,18 +81,17 @@ class Recorder:
     ) -> None:
         self._files.close()
 
-    def add(self, reading: BoardReading) -> None:
-        """Append one row to its board's file.
+    def add(self, reading: BoardReading | AidReading) -> None:
+        """Append one row to the file of its board or sensor.
 
         Raises:
             RecordingError: when it cannot be written; rows before it are kept.
         """
-        counts = ",".join(map(str, reading.counts.tolist()))
-        boot = f",{reading.boot}" if self._with_boot else ""
-        row = f"{reading.host_s:.6f},{reading.seq},{reading.device_us},{counts}{boot}\r\n".encode()
+        text = self._board_row(reading) if isinstance(reading, BoardReading) else aid_row(reading)
+        row, file = f"{text}\r\n".encode(), self._file_of(reading)
         try:
             while row:  # a disk that is nearly full may write only a part
-                row = row[self._boards[reading.board].write(row) or 0 :]
+                row = row[file.write(row) or 0 :]
         except OSError as error:
             raise RecordingError(f"{self._path}: the recording ended: {error.strerror}") from error
 
@@ -100,9 +102,10 @@ class Recorder:
             RecordingError: when they cannot be flushed, or the files were removed.
         """
         try:
-            for file in self._boards:
+            files = [file for opened in self._opened.values() for file in opened]
+            for file in files:
                 os.fsync(file.fileno())
-            if any(os.fstat(file.fileno()).st_nlink == 0 for file in self._boards) or not self._path.is_dir():
+            if any(os.fstat(file.fileno()).st_nlink == 0 for file in files) or not self._path.is_dir():
                 raise RecordingError(f"{self._path}: the recording ended: its files are gone")
         except OSError as error:
             raise RecordingError(f"{self._path}: the recording ended: {error.strerror}") from error
@@ -130,9 +133,30 @@ class Recorder:
                 for t_s, row in zip(truth.t_s, values.reshape(len(truth.t_s), -1), strict=True):
                     file.write(f"{t_s:.4f}," + ",".join(format(value, digits) for value in row) + "\n")
 
-    def _header(self, table: Mapping[str, Any]) -> bytes:
-        channels = [f"adc{c}" for c in range(len(table["tendon_of_channel"]))]
-        columns = ["host_s", "seq", "device_us", *channels, *(["boot"] if self._with_boot else [])]
+    def _open(self, name: str) -> FileIO:
+        return self._files.enter_context((self._path / name).open("ab", buffering=0))
+
+    def _file_of(self, reading: BoardReading | AidReading) -> FileIO:
+        match reading:
+            case BoardReading():
+                return self._opened["board"][reading.board]
+            case ImuReading():
+                return self._opened["imu"][reading.imu]
+            case RangeReading():
+                return self._opened["range"][reading.pair[0]]
+            case PositionReading():
+                return self._opened["position"][reading.recording]
+
+    def _board_row(self, reading: BoardReading) -> str:
+        counts = ",".join(map(str, reading.counts.tolist()))
+        boot = f",{reading.boot}" if self._with_boot else ""
+        return f"{reading.host_s:.6f},{reading.seq},{reading.device_us},{counts}{boot}"
+
+    def _header(self, kind: str, table: Mapping[str, Any]) -> bytes:
+        columns = {"imu": IMU_COLUMNS, "range": RANGE_COLUMNS, "position": POSITION_COLUMNS}.get(kind)
+        if columns is None:
+            channels = [f"adc{c}" for c in range(len(table["tendon_of_channel"]))]
+            columns = ("host_s", "seq", "device_us", *channels, *(["boot"] if self._with_boot else []))
         return f"{','.join(columns)}\r\n".encode()
 
 
@@ -144,7 +168,7 @@ class RecorderThread:
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder
-        self._queue = queue.SimpleQueue[BoardReading | None]()
+        self._queue = queue.SimpleQueue[BoardReading | AidReading | None]()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self.rows = 0
         """Number of rows written so far."""
@@ -161,7 +185,7 @@ class RecorderThread:
         self._queue.put(None)
         self._thread.join()
 
-    def add(self, reading: BoardReading) -> None:
+    def add(self, reading: BoardReading | AidReading) -> None:
         """Add a row to the queue; returns immediately."""
         if not self.error:
             self._queue.put(reading)

@@ -12,8 +12,12 @@ STUCK_SAMPLES = 5
 """Number of successive samples, all six values the same, from which a sensor is stuck: a live one is never so quiet."""
 
 
+NO_SAMPLES_S = 0.2
+"""Time after its last sample from which a sensor is silent: what it said no longer tells how its rod is turned."""
+
+
 class ImuGate:
-    """Decides which samples to use, and counts the others."""
+    """Decides which samples to use, and counts the others and the frames without any."""
 
     def __init__(self, imus: int) -> None:
         self._last: list[ImuReading | None] = [None] * imus
@@ -22,10 +26,19 @@ class ImuGate:
         """(imus,) number of samples that no sensor can have measured."""
         self.stuck = np.zeros(imus, dtype=np.int64)
         """(imus,) number of samples that only repeat those before."""
+        self.silent_frames = np.zeros(imus, dtype=np.int64)
+        """(imus,) number of frames in which the sensor was silent."""
+        self._newest_s = np.full(imus, np.nan)
+
+    def count_frame(self, t_s: float) -> None:
+        """Count in one more frame which sensors are silent."""
+        self._newest_s = np.where(np.isnan(self._newest_s), t_s, self._newest_s)
+        self.silent_frames += t_s - self._newest_s > NO_SAMPLES_S
 
     def passes(self, reading: ImuReading) -> bool:
         """Return whether a sample is to be used."""
         last, self._last[reading.imu] = self._last[reading.imu], reading
+        self._newest_s[reading.imu] = reading.t_s
         same = last is not None and (
             np.array_equal(last.rate_rad_per_s, reading.rate_rad_per_s)
             and np.array_equal(last.specific_force_m_per_s2, reading.specific_force_m_per_s2)
@@ -45,4 +58,5 @@ class ImuGate:
     def counts(self) -> dict[str, int]:
         """Return the number of samples that were left out, by sensor and cause."""
         counts = {f"imu {i}: absurd samples": int(n) for i, n in enumerate(self.absurd)}
-        return counts | {f"imu {i}: stuck samples": int(n) for i, n in enumerate(self.stuck)}
+        counts |= {f"imu {i}: stuck samples": int(n) for i, n in enumerate(self.stuck)}
+        return counts | {f"imu {i}: silent frames": int(n) for i, n in enumerate(self.silent_frames)}

@@ -91,9 +91,30 @@ class BoardClock:
         self._last = row
         self._suspect = None
         self._host_s = max(row.host_s, self._host_s)
-        time_s = self._device_s + self._line.value(self._device_s) - self._minimum_delay_s
-        self._time_s = max(time_s, self._time_s + 1e-6)
+        self._time_s = max(self._on_host_s(self._device_s), self._time_s + 1e-6)
         return self._time_s
+
+    def time_of_stamp_s(self, device_us: int, boot: int) -> float | None:
+        """Return when something else was measured that the board stamped shortly before or after its newest row.
+
+        Args:
+            device_us: the stamp, by the board's clock.
+            boot: how often the board had started.
+
+        Returns:
+            Time on the host clock; None if the board has sent no row since it started, or none within a second.
+        """
+        last = self._last
+        if last is None or boot != last.boot:
+            return None
+        since_us = (device_us - last.device_us + WRAP_US // 2) % WRAP_US - WRAP_US // 2
+        if abs(since_us) > 1e6 * HOST_TOLERANCE_S:
+            return None
+        return self._on_host_s(self._device_s + 1e-6 * since_us)
+
+    def _on_host_s(self, device_s: float) -> float:
+        """Return the time on the host clock of a time on the board's clock."""
+        return device_s + self._line.value(device_s) - self._minimum_delay_s
 
     def _follows(self, row: BoardReading, last: BoardReading) -> bool:
         """Whether both counters of the board continue from `last`, at the row rate or in agreement with the host."""

@@ -106,7 +106,7 @@ class PositionPlan:
     hidden_s: Positive
     """Mean time for which it is hidden."""
 
-    def readings(self, motion: TwinMotion, rng: np.random.Generator) -> list[AidReading]:
+    def readings(self, number: int, motion: TwinMotion, rng: np.random.Generator) -> list[AidReading]:
         """Return the positions."""
         found: list[AidReading] = []
         times_s = np.arange(motion.t_s[0], motion.t_s[-1], 1 / self.rate_hz)
@@ -118,5 +118,5 @@ class PositionPlan:
                     until_s += rng.exponential(self.seen_s if seen else self.hidden_s)
                 if seen:
                     x = motion.node_position_m[np.searchsorted(motion.t_s, t_s), node]
-                    found.append(PositionReading(float(t_s), node, x + self.noise_m * rng.normal(size=3)))
+                    found.append(PositionReading(float(t_s), node, x + self.noise_m * rng.normal(size=3), number))
         return sorted(found, key=lambda reading: reading.t_s)

@@ -1,7 +1,7 @@
 """A whole trial of the twin: from a plan to what the boards send, and what was true."""
 
 import heapq
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -39,8 +39,8 @@ class VirtualTrial:
     """(rows, nodes, 3)"""
     load_n: NDArray[np.float64]
     """(rows, nodes, 3)"""
-    carried: Mapping[str, Sequence[AidReading]]
-    """The readings of each further sensor, by the name of its file."""
+    carried: list[AidReading]
+    """Of all further sensors, in order of time."""
     standing: NDArray[np.bool_] | None
     """(rows, nodes) which nodes stand on the ground; None without ground."""
 
@@ -167,15 +167,14 @@ def _body(plan: Plan, streams: RandomStreams) -> tuple[Body, NDArray[np.float64]
     return body, start_m
 
 
-def _carried(
-    plan: Plan, structure: Structure, motion: TwinMotion, rng: np.random.Generator
-) -> dict[str, list[AidReading]]:
-    """Return the readings of inertial sensors, ranges and positions, by the names of their files."""
-    imus = [imu.readings(number, motion, structure, rng) for number, imu in enumerate(plan.imu)]
-    ranges = [ranges.readings(number, motion, rng) for number, ranges in enumerate(plan.range)]
-    positions = [position.readings(motion, rng) for position in plan.position]
-    kinds = {"imu": imus, "ranges": ranges, "positions": positions}
-    return {f"{kind}{number}.csv": found for kind, all_found in kinds.items() for number, found in enumerate(all_found)}
+def _carried(plan: Plan, structure: Structure, motion: TwinMotion, rng: np.random.Generator) -> list[AidReading]:
+    """Return the readings of inertial sensors, ranges and positions, in order of time."""
+    sensors = [
+        *(imu.readings(number, motion, structure, rng) for number, imu in enumerate(plan.imu)),
+        *(ranges.readings(number, motion, rng) for number, ranges in enumerate(plan.range)),
+        *(position.readings(number, motion, rng) for number, position in enumerate(plan.position)),
+    ]
+    return list(heapq.merge(*sensors, key=lambda reading: reading.t_s))
 
 
 def _standing(plan: Plan, motion: TwinMotion) -> NDArray[np.bool_]:

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+DECIMALS = 4
+"""Decimals of stamps in s, rates in rad/s and specific forces in m/s^2 in the files of a trial."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Imu:
@@ -55,6 +58,8 @@ class PositionReading:
     node: int
     position_m: NDArray[np.float64]
     """(3,)"""
+    recording: int = 0
+    """Number of the recording."""
 
 
 AidReading = ImuReading | RangeReading | PositionReading

@@ -2,7 +2,11 @@
 
 from dataclasses import dataclass, replace
 
+from .aids import DECIMALS, ImuReading
 from .readings import BoardReading
+
+LinkReading = BoardReading | ImuReading
+"""What the link delivers: a row of a board, or a sample of an inertial sensor that a board reads."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +49,27 @@ class PortState:
     counts: LinkCounts = LinkCounts()
     complaint: str = ""
     """Why no rows are taken from this port; empty when they are."""
+    unused_sensors: tuple[int, ...] = ()
+    """Numbers of the board's inertial sensors that the rig does not name."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImuCounts:
+    """Numbers of samples of one inertial sensor that a board reads."""
+
+    samples: int = 0
+    """Samples that were taken."""
+    lost_samples: int = 0
+    """Samples that did not arrive, by the gaps in the sensor's counter."""
+    dropped_samples: int = 0
+    """Samples that were left out because they came twice or late, or could not be laid onto the host's clock."""
+
+    def __add__(self, other: "ImuCounts") -> "ImuCounts":
+        return ImuCounts(
+            self.samples + other.samples,
+            self.lost_samples + other.lost_samples,
+            self.dropped_samples + other.dropped_samples,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +77,21 @@ class LinkState:
     """The process that reads the boards and writes the recording, at one moment."""
 
     ports: tuple[PortState, ...] = ()
+    imus: tuple[ImuCounts, ...] = ()
+    """The inertial sensors of the rig, in the order of their numbers."""
     skipped_rows: int = 0
     """Rows that were recorded but not given to the estimator, because it had fallen too far behind."""
     recorded_rows: int = 0
     recording_error: str = ""
 
 
-def rebased(row: BoardReading, origin_s: float) -> BoardReading:
-    """Return a row whose arrival time counts from an origin, rounded to whole microseconds as in a trial's files."""
-    return replace(row, host_s=round(row.host_s - origin_s, 6))
+def stamp_s(reading: LinkReading) -> float:
+    """Return the time by which a reading belongs to a trial: that of a row's arrival, or of a sample."""
+    return reading.t_s if isinstance(reading, ImuReading) else reading.host_s
+
+
+def rebased(reading: LinkReading, origin_s: float) -> LinkReading:
+    """Return a reading whose time counts from an origin, rounded as in a trial's files."""
+    if isinstance(reading, ImuReading):
+        return replace(reading, t_s=round(reading.t_s - origin_s, DECIMALS))
+    return replace(reading, host_s=round(reading.host_s - origin_s, 6))

@@ -25,7 +25,7 @@ def test_late_frames_are_skipped_until_the_newest() -> None:
     script = [(2.0, 100), (1.0, 50), (0.01, 0), (0.05, 3), (0.15, 8), (0.09, 4), (0.03, 1), (0.01, 0), (0.05, 2)]
     empty = np.empty(0)
     frames = [TendonLengths(float(k), empty, empty, empty, empty) for k in range(len(script))]
-    activity = Activity(boards=2)
+    activity = Activity.of(boards=2, imus=0)
     kept = [frame.t_s for frame in NewestFrames(Backlog(script), activity).select(iter(frames))]
     assert kept == [0, 1, 2, 3, 7, 8]
     assert activity.skipped_frames == 3

@@ -6,7 +6,7 @@ import time
 import tty
 from pathlib import Path
 
-from tensegraph.io.boards.protocol import Row, frame
+from tensegraph.io.boards.protocol import Row, Sample, frame
 from tensegraph.models.values.link import Hello
 
 
@@ -16,6 +16,8 @@ class PtyBoard:
     def __init__(self, port: Path, board_id: int, channels: int = 12) -> None:
         self.port, self.board_id, self.channels = port, board_id, channels
         self.boot, self.seq = 0, 0
+        self.sensors: tuple[int, ...] = ()
+        """Numbers of the inertial sensors that are wired to it, which are read twice for each row."""
         self.interfere: bytes = b""
         """Put on the line once, between two frames."""
         self.sent: list[tuple[int, int]] = []
@@ -42,11 +44,19 @@ class PtyBoard:
             os.close(self._slave)
             self.boot, self.seq = self.boot + 1, 0
 
+    def sample(self, sensor: int, seq: int) -> Sample:
+        """Return a sample of a sensor at rest: 0.001 rad/s a digit, 0.002 m/s^2 a digit, the counter in one axis."""
+        rate, force = (seq % 1000, -3, 5), (0, sensor, 4905)
+        return Sample(
+            self.board_id, self.boot, sensor, seq % 2**16, 10_000 * (seq - 1) % 2**32, 1e-3, 2e-3, rate, force
+        )
+
     def _run(self) -> None:
         start_s = time.perf_counter()
         while not self._stop.wait(max(start_s + 0.02 * self.seq - time.perf_counter(), 0)):
             codes = tuple((self.seq + 31 * c) % 1024 for c in range(self.channels))
-            data = frame(Row(self.board_id, self.boot, self.seq, 20_000 * self.seq, codes))
+            data = b"".join(frame(self.sample(sensor, 2 * self.seq + k)) for sensor in self.sensors for k in (0, 1))
+            data += frame(Row(self.board_id, self.boot, self.seq, 20_000 * self.seq, codes))
             if self.seq % 50 == 0:
                 data += frame(Hello(self.board_id, self.boot, 20_000 * self.seq, 50, self.channels, "pty 1"))
             try:

@@ -98,7 +98,7 @@ def test_ranges_have_offsets_and_positions_gaps(structure) -> None:
     ranges = RangePlan([(2.0, 0, 0), (0, 2.0, 0)], 100.0, 0.0, 0.05, 0.0, 0.0).readings(0, motion, rng)
     off = [r.range_m - np.linalg.norm(_at(motion, r.t_s, r.node) - r.beacon_position_m) for r in ranges]
     assert 0.02 < np.std(off) < 0.1
-    positions = PositionPlan([1, 4], 50.0, 0.0, 0.2, 0.2).readings(motion, rng)
+    positions = PositionPlan([1, 4], 50.0, 0.0, 0.2, 0.2).readings(0, motion, rng)
     assert 10 < len(positions) < 90
     for reading in positions:
         assert reading.position_m == pytest.approx(_at(motion, reading.t_s, reading.node))
