@@ -1,11 +1,12 @@
 /* A Mega 2560 that runs real firmware in simavr, as a serial port: its UART is a pty, its analog inputs follow a file.
  *
- *   board FIRMWARE.elf LINK VOLTAGES.csv [RATE_PPM [EEPROM [LOG]]]
+ *   board FIRMWARE.elf LINK VOLTAGES.csv [RATE_PPM [EEPROM [LOG [SAMPLES.csv]]]]
  *
  * LINK becomes a symbolic link to the pty. VOLTAGES.csv holds t_s and one column of millivolts a channel, no header;
  * it is played by the board's own clock, again from the start at its end. RATE_PPM is how much too fast that clock
  * runs. EEPROM keeps the boot counter from one start to the next. LOG gets a line "sequence monotonic_s" whenever a
- * frame's last byte has left.
+ * frame's last byte has left. SAMPLES.csv puts an MPU-6050 on the I2C bus: it holds t_s, three accelerations, a
+ * temperature and three rates, as in the sensor's registers. SIGUSR1 takes the sensor off the bus, and puts it back.
  *
  * What simavr leaves out, and firmware for megaohm sources has to cope with, is added here: the hold capacitor and the
  * wire share their charge when a channel is chosen, and the wire recovers through the source.
@@ -28,6 +29,7 @@
 #include <simavr/avr_adc.h>
 #include <simavr/avr_eeprom.h>
 #include <simavr/avr_ioport.h>
+#include <simavr/avr_twi.h>
 #include <simavr/avr_uart.h>
 #include <simavr/sim_avr.h>
 #include <simavr/sim_elf.h>
@@ -36,8 +38,12 @@ enum { CHANNELS = 16, EEPROM_BYTES = 4096, SLICE_US = 500, REGISTER_ADCL = 0x78,
        REGISTER_ADCSRB = 0x7B };
 static const double F_CPU_HZ = 16e6, HOLD_F = 14e-12, WIRE_F = 60e-12, SOURCE_OHM = 2.9e6, SUPPLY_MV = 5000.0;
 
-static double *table;
-static int rows, columns;
+typedef struct {
+  double *cells;
+  int rows, columns;
+} table_t;
+
+static table_t voltages, samples;
 static avr_t *avr;
 static double hold_mv, wire_mv[CHANNELS];
 static avr_cycle_count_t settled_cycle[CHANNELS];
@@ -45,9 +51,11 @@ static int chosen = -1;
 static avr_io_read_t read_adcl;
 static unsigned char out[4096];
 static size_t out_length;
-static volatile sig_atomic_t stop;
+static volatile sig_atomic_t stop, sensor_is_off;
 
 static void on_signal(int number) { (void)number; stop = 1; }
+
+static void on_plug(int number) { (void)number; sensor_is_off = !sensor_is_off; }
 
 static double now_s(void) {
   struct timespec t;
@@ -60,33 +68,36 @@ static void die(const char *what) {
   exit(1);
 }
 
-static void read_table(const char *path) {
+static table_t read_table(const char *path) {
+  table_t table = {0};
   FILE *file = fopen(path, "r");
   char line[1024];
   if (!file) die(path);
   while (fgets(line, sizeof line, file)) {
-    columns = 0;
-    for (char *cell = strtok(line, ","); cell; cell = strtok(NULL, ",")) columns++;
-    rows++;
+    table.columns = 0;
+    for (char *cell = strtok(line, ","); cell; cell = strtok(NULL, ",")) table.columns++;
+    table.rows++;
   }
-  table = calloc((size_t)rows * columns, sizeof *table);
+  table.cells = calloc((size_t)table.rows * table.columns, sizeof *table.cells);
   rewind(file);
   for (int k = 0; fgets(line, sizeof line, file); k++) {
     int c = 0;
-    for (char *cell = strtok(line, ","); cell && c < columns; cell = strtok(NULL, ",")) table[k * columns + c++] = atof(cell);
+    for (char *cell = strtok(line, ","); cell && c < table.columns; cell = strtok(NULL, ","))
+      table.cells[k * table.columns + c++] = atof(cell);
   }
   fclose(file);
+  return table;
 }
 
-static double source_mv(int channel) {
-  const double first = table[0], last = table[(rows - 1) * columns];
+static double played(const table_t *table, int column) {
+  const double first = table->cells[0], last = table->cells[(table->rows - 1) * table->columns];
   const double t = first + fmod(avr->cycle / F_CPU_HZ, last - first + 1e-9);
-  int low = 0, high = rows - 1;
+  int low = 0, high = table->rows - 1;
   while (high - low > 1) {
     int middle = (low + high) / 2;
-    if (table[middle * columns] <= t) low = middle; else high = middle;
+    if (table->cells[middle * table->columns] <= t) low = middle; else high = middle;
   }
-  return channel + 1 < columns ? table[low * columns + channel + 1] : 0.0;
+  return column + 1 < table->columns ? table->cells[low * table->columns + column + 1] : 0.0;
 }
 
 static void settle(int channel, double source, double capacitance_f) {
@@ -98,7 +109,7 @@ static void settle(int channel, double source, double capacitance_f) {
 /* Called when firmware reads ADCL, once a conversion: simavr 1.6 knows eight of the sixteen channels, and no charge. */
 static uint8_t on_adcl(avr_t *a, avr_io_addr_t address, void *parameter) {
   const int channel = (a->data[REGISTER_ADMUX] & 7) | (a->data[REGISTER_ADCSRB] & 8);
-  const double source = source_mv(channel);
+  const double source = played(&voltages, channel);
   if (channel != chosen) { /* the hold capacitor brings the last channel's voltage along */
     settle(channel, source, WIRE_F);
     wire_mv[channel] = (wire_mv[channel] * WIRE_F + hold_mv * HOLD_F) / (WIRE_F + HOLD_F);
@@ -120,6 +131,50 @@ static uint8_t on_adcl(avr_t *a, avr_io_addr_t address, void *parameter) {
 static void on_uart(struct avr_irq_t *irq, uint32_t value, void *parameter) {
   (void)irq, (void)parameter;
   if (out_length < sizeof out) out[out_length++] = value;
+}
+
+/* The MPU-6050: its registers, as far as firmware needs them. Off the bus it forgets them, and sleeps when it is back. */
+enum { SENSOR_ADDRESS = 0x68, REGISTER_DATA = 0x3B, DATA_BYTES = 14, REGISTER_POWER = 0x6B, POWER_ASLEEP = 0x40 };
+static uint8_t sensor_register[128] = {[REGISTER_POWER] = POWER_ASLEEP};
+static uint8_t sensor_pointer;
+static int sensor_is_selected, sensor_expects_pointer;
+static struct avr_irq_t *twi_input;
+
+/* A burst holds one sample, as the sensor's shadow registers do. */
+static void latch_sample(void) {
+  for (int k = 0; k < DATA_BYTES / 2; k++) {
+    const int value = sensor_register[REGISTER_POWER] == POWER_ASLEEP ? 0 : (int)played(&samples, k);
+    sensor_register[REGISTER_DATA + 2 * k] = value >> 8 & 0xFF;
+    sensor_register[REGISTER_DATA + 2 * k + 1] = value & 0xFF;
+  }
+}
+
+static void on_twi(struct avr_irq_t *irq, uint32_t value, void *parameter) {
+  (void)irq, (void)parameter;
+  avr_twi_msg_irq_t message = {.u.v = value};
+  const uint8_t kind = message.u.twi.msg;
+  if (kind & TWI_COND_STOP) sensor_is_selected = 0;
+  if (sensor_is_off) {
+    memset(sensor_register, 0, sizeof sensor_register);
+    sensor_register[REGISTER_POWER] = POWER_ASLEEP;
+    sensor_is_selected = 0;
+    return;
+  }
+  if (kind & TWI_COND_START) {
+    sensor_is_selected = message.u.twi.addr >> 1 == SENSOR_ADDRESS;
+    sensor_expects_pointer = 1;
+    if (sensor_is_selected) {
+      latch_sample();
+      avr_raise_irq(twi_input, avr_twi_irq_msg(TWI_COND_ACK, message.u.twi.addr, 1));
+    }
+  } else if (sensor_is_selected && kind & TWI_COND_WRITE) {
+    avr_raise_irq(twi_input, avr_twi_irq_msg(TWI_COND_ACK, message.u.twi.addr, 1));
+    if (sensor_expects_pointer) sensor_pointer = message.u.twi.data & 0x7F;
+    else sensor_register[sensor_pointer++ & 0x7F] = message.u.twi.data;
+    sensor_expects_pointer = 0;
+  } else if (sensor_is_selected && kind & TWI_COND_READ) {
+    avr_raise_irq(twi_input, avr_twi_irq_msg(TWI_COND_READ, message.u.twi.addr, sensor_register[sensor_pointer++ & 0x7F]));
+  }
 }
 
 static void no_sleep(avr_t *a, avr_cycle_count_t cycles) { (void)a, (void)cycles; }
@@ -163,12 +218,12 @@ static void eeprom(const char *path, int load) {
 
 int main(int argc, char **argv) {
   if (argc < 4) {
-    fprintf(stderr, "usage: board FIRMWARE.elf LINK VOLTAGES.csv [RATE_PPM [EEPROM [LOG]]]\n");
+    fprintf(stderr, "usage: board FIRMWARE.elf LINK VOLTAGES.csv [RATE_PPM [EEPROM [LOG [SAMPLES.csv]]]]\n");
     return 2;
   }
   const double speed = F_CPU_HZ * (1 + (argc > 4 ? atof(argv[4]) : 0) * 1e-6);
   FILE *log = argc > 6 ? fopen(argv[6], "w") : NULL;
-  read_table(argv[3]);
+  voltages = read_table(argv[3]);
 
   int master, slave;
   char name[256];
@@ -198,6 +253,13 @@ int main(int argc, char **argv) {
   read_adcl = avr->io[AVR_DATA_TO_IO(REGISTER_ADCL)].r.c;
   avr->io[AVR_DATA_TO_IO(REGISTER_ADCL)].r.c = on_adcl;
 
+  if (argc > 7) {
+    samples = read_table(argv[7]);
+    twi_input = avr_io_getirq(avr, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_INPUT);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_OUTPUT), on_twi, NULL);
+  }
+
+  signal(SIGUSR1, on_plug);
   signal(SIGTERM, on_signal);
   signal(SIGINT, SIG_IGN);
   double origin_s = now_s();

@@ -104,7 +104,7 @@ def test_ctrl_c_leaves_a_whole_result_and_trial(tmp_path, rig, emulated) -> None
     assert "tared: tendons changed by" in out
     live = tomllib.loads((tmp_path / "live" / "run.toml").read_text())
     trial = open_trial(tmp_path / "first")
-    assert [board.firmware for board in trial.table.board] == ["tensegraph_mega 1"] * 2
+    assert [board.firmware for board in trial.table.board] == ["tensegraph_mega 2"] * 2
     rows = list(trial.readings())
     assert len(rows) == live["recorded_rows"]
     for board in (0, 1):

@@ -1,25 +1,39 @@
 """A board that runs the real firmware, emulated."""
 
+import signal
 import subprocess
 import time
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 class EmulatedBoard:
     """A Mega that runs the firmware, its pins at the voltages that gave a trial's codes; on a pty of its own.
 
-    The trial's two seconds of rest come several times over, so that there is time to tare on them.
+    The trial's two seconds of rest come several times over, so that there is time to tare on them. With samples, an
+    inertial sensor is on its bus: (rows, 8) of t_s, three accelerations, a temperature and three rates, in digits.
     """
 
     def __init__(
-        self, firmware: Path, number: int, trial: Path, folder: Path, rate_ppm: float = 0.0, rests: int = 1
+        self,
+        firmware: Path,
+        number: int,
+        trial: Path,
+        folder: Path,
+        rate_ppm: float = 0.0,
+        rests: int = 1,
+        samples: NDArray[np.float64] | None = None,
     ) -> None:
         self.port = folder / f"board{number}"
         self.log = folder / f"board{number}.log"
-        self._command = [firmware / "board", firmware / f"board{number}.elf", self.port, folder / f"mv{number}.csv"]
+        kind = "board" if samples is None else "imu"
+        self._command = [firmware / "board", firmware / f"{kind}{number}.elf", self.port, folder / f"mv{number}.csv"]
         self._command += [rate_ppm, folder / f"board{number}.eeprom", self.log]
+        if samples is not None:
+            self._command.append(folder / f"samples{number}.csv")
+            np.savetxt(self._command[-1], samples, delimiter=",", fmt="%.4f")
         rows = np.loadtxt(trial / f"board{number}.csv", delimiter=",", skiprows=1)
         resting = rows[rows[:, 0] < 2.0]
         rows = np.concatenate([*[resting] * (rests - 1), rows])
@@ -35,6 +49,11 @@ class EmulatedBoard:
         while not self.port.is_symlink():
             assert self._process.poll() is None
             time.sleep(0.01)
+
+    def plug_sensor(self) -> None:
+        """Take the inertial sensor off the bus, or put it back."""
+        assert self._process is not None
+        self._process.send_signal(signal.SIGUSR1)
 
     def unplug(self) -> None:
         """Stop: the port goes, the boot counter stays."""

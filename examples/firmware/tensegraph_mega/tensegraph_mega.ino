@@ -1,4 +1,5 @@
-// tensegraph on an Arduino Mega 2560: twelve strain sensors on A0 to A11, read at a set rate, sent as frames.
+// tensegraph on an Arduino Mega 2560: twelve strain sensors on A0 to A11, read at a set rate, sent as frames; and, with
+// IMU defined, an inertial sensor of the MPU-6050's kind on SDA (pin 20) and SCL (pin 21).
 //
 // Flash each board with its own BOARD_ID. The frames are described in io/boards/protocol.py, the wiring in docs/how-to/rig.md.
 
@@ -16,9 +17,11 @@
 #define SETTLE_US 1000 // between choosing a channel and reading it, see the wiring in docs/how-to/rig.md
 #endif
 
-const char FIRMWARE[] = "tensegraph_mega 1";
+// #define IMU // take the slashes away if the board has an inertial sensor
+
+const char FIRMWARE[] = "tensegraph_mega 2";
 const uint8_t PROTOCOL_VERSION = 1;
-const uint8_t ROW = 1, HELLO = 2;
+const uint8_t ROW = 1, HELLO = 2, SAMPLE = 3;
 const uint8_t CHANNELS = 12;
 const uint32_t BAUD = 500000; // exact with a 16 MHz crystal; 115200 would be off by 2.1 %
 const uint16_t TIMER_TICKS = F_CPU / 64 / RATE_HZ;
@@ -47,14 +50,6 @@ uint16_t count_boot() {
   const uint16_t count = eeprom_read_word(cell) + 1; // an erased cell reads 65535: the first boot is 0
   eeprom_update_word(cell, count);
   return count;
-}
-
-// The first reading only moves the hold capacitor from the last channel's voltage to this one's; what that took from
-// the wire flows back through megaohms while we wait.
-uint16_t read_channel(uint8_t channel) {
-  analogRead(channel);
-  delayMicroseconds(SETTLE_US);
-  return analogRead(channel);
 }
 
 class Frame {
@@ -100,11 +95,43 @@ public:
     Serial.write(encoded, end);
   }
 
+  void put_float(float value) { // IEEE 754, as on the host
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    put32(bits);
+  }
+
 private:
-  uint8_t bytes[5 + 7 + 2 * CHANNELS + sizeof FIRMWARE]; // longer than either kind
+  uint8_t bytes[5 + 7 + 2 * CHANNELS + sizeof FIRMWARE]; // longer than any kind
   uint8_t length = 0;
   uint16_t crc = 0xFFFF;
 };
+
+#ifdef IMU
+#include "imu.h"
+#endif
+
+// While the wire settles there is time for the inertial sensor: the channel is read no later for it.
+void settle() {
+#ifdef IMU
+  const uint32_t begin_us = micros();
+  if (SETTLE_US >= IMU_US) {
+    serve_imu();
+  }
+  while (micros() - begin_us < SETTLE_US) {
+  }
+#else
+  delayMicroseconds(SETTLE_US);
+#endif
+}
+
+// The first reading only moves the hold capacitor from the last channel's voltage to this one's; what that took from
+// the wire flows back through megaohms while we wait.
+uint16_t read_channel(uint8_t channel) {
+  analogRead(channel);
+  settle();
+  return analogRead(channel);
+}
 
 void send_row(uint16_t seq) {
   uint16_t code[CHANNELS];
@@ -146,6 +173,11 @@ void wait_for_tick() {
     sei(); // takes effect after the next instruction: no tick is slept through
     sleep_cpu();
     sleep_disable();
+#ifdef IMU
+    if (!due && TCNT1 < TIMER_TICKS - IMU_TICKS) { // it fits in before the next row
+      serve_imu();
+    }
+#endif
   }
 }
 
@@ -154,6 +186,9 @@ void setup() {
   analogReference(DEFAULT); // the supply that feeds the dividers: codes are ratios
   boots = count_boot();
   send_hello();
+#ifdef IMU
+  begin_imu();
+#endif
   start_timer();
 }
 
@@ -165,5 +200,8 @@ void loop() {
   send_row(seq);
   if (seq % RATE_HZ == 0) {
     send_hello();
+#ifdef IMU
+    wake_imu();
+#endif
   }
 }
