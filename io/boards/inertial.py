@@ -7,7 +7,7 @@ from ...models.values.aids import DECIMALS, ImuReading
 from ...models.values.link import ImuCounts
 from .protocol import Sample
 
-LONG_S = 10.0
+COUNTER_HOLDS_S = 10.0
 """Time after which the counter may have wrapped; samples that come late come sooner."""
 
 
@@ -45,7 +45,7 @@ class BoardImu:
 
     def _follows(self, sample: Sample, time_s: float) -> bool:
         """Whether a sample is later than the last, by its counter or, after a long silence, by its time."""
-        return 0 < self._steps(sample) < SEQ_WRAP // 2 or time_s > self._time_s + LONG_S
+        return 0 < self._steps(sample) < SEQ_WRAP // 2 or time_s > self._time_s + COUNTER_HOLDS_S
 
     def _steps(self, sample: Sample) -> int:
         """Return by how much the sensor's counter has grown; 1 for the first sample since the board started."""

@@ -70,6 +70,19 @@ REFUSED_TABLES = {
     "imu[0].rod: expected a rod from 0 to 5": lambda text: text.replace("rod = 4", "rod = 9"),
     "imu[0].axis: expected a unit vector": lambda text: text.replace("axis = [0, 0, 1]", "axis = [0, 0, 3]"),
     "imu[0].fraction: expected a number from 0 to 1": lambda text: text.replace("fraction = 0.5", "fraction = 50"),
+    "imu[0]: expected file, or the board that reads it, got neither": lambda text: text.replace(
+        'file = "imu0.csv"', ""
+    ),
+    "imu[0].file: is missing": lambda text: text.replace('file = "imu0.csv"', "board = 0"),
+    "imu[0].board: expected the number of one of 2 boards, got 2": lambda text: text.replace(
+        'file = "imu0.csv"', "board = 2"
+    ),
+    "imu[0].sensor: expected a number from 0 to 255, each once on a board, got 256": lambda text: text.replace(
+        'file = "imu0.csv"', "board = 0\nsensor = 256"
+    ),
+    "imu[1].sensor: expected a number from 0 to 255, each once on a board, got 0": lambda text: text.replace(
+        'file = "imu0.csv"', "board = 0\nrod = 1\naxis = [0, 0, 1]\n\n[[imu]]\nboard = 0"
+    ),
     "[[imu]]: expected [ground]": lambda text: text.replace("[ground]", "[grounds]"),
     "rest: expected seconds above 0 and node_position_m with [ground]": lambda text: text.replace(
         "seconds = 2.0", "seconds = 0.0"

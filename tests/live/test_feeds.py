@@ -1,9 +1,12 @@
 """Where live readings come from."""
 
 import pytest
+import tomli_w
 
 import tensegraph
 from tensegraph.live.rig import Rig
+from tensegraph.models.sensor.clock import ClockSettings
+from tensegraph.models.values.link import LinkState
 
 
 def test_a_rig_without_boards_is_refused(rig) -> None:
@@ -19,3 +22,30 @@ def test_a_rest_too_short_to_judge_is_refused(rig) -> None:
         tensegraph.InputError, match=r"\[rest\] seconds: too short .*: expected 0 or at least 1, got 0.5"
     ):
         Rig.read(rig)
+
+
+IMU = "\n[[imu]]\nrod = 0\naxis = [0, 0, 1]\n"
+NOT_FROM_BOARDS = {
+    "imu[0].board: is missing: a rig reads its inertial sensors from boards": IMU + 'file = "imu0.csv"\n',
+    "[[range]]: comes from no board": '\n[[range]]\nfile = "r.csv"\nbeacon_position_m = [[0, 0, 2]]\n',
+    "[[position]]: comes from no board": '\n[[position]]\nfile = "p.csv"\n',
+}
+
+
+@pytest.mark.parametrize("message", NOT_FROM_BOARDS)
+def test_what_no_board_can_read_is_refused(rig, message) -> None:
+    rig.write_text(rig.read_text() + NOT_FROM_BOARDS[message])
+    with pytest.raises(tensegraph.InputError) as refused:
+        Rig.read(rig)
+    assert message in str(refused.value)
+
+
+def test_a_rig_s_sensors_are_told_by_board_and_number(rig) -> None:
+    """And a recording's trial.toml is a rig again."""
+    rig.write_text(rig.read_text() + IMU + "board = 1\nsensor = 2\n" + IMU + 'board = 0\nfile = "hand.csv"\n')
+    described = Rig.read(rig)
+    assert described.plan((), ClockSettings()).imus == ((1, 2), (0, 0))
+    recorded = described.metadata("first", LinkState())
+    assert [table["file"] for table in recorded["imu"]] == ["imu0.csv", "hand.csv"]
+    rig.write_text(tomli_w.dumps(recorded))
+    assert Rig.read(rig).plan((), ClockSettings()).imus == ((1, 2), (0, 0))

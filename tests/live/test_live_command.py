@@ -16,9 +16,12 @@ import numpy as np
 import pytest
 
 import tensegraph
-from tensegraph import open_trial
+from plan_edits import replaced
+from tensegraph import BoardReading, open_trial
 from tensegraph.cli import main
+from tensegraph.io.boards.protocol import frame
 from tensegraph.io.result import write_tables
+from tensegraph.models.values.aids import ImuReading
 
 TABLES = ["shape.csv", "ellipsoids.csv", "lengths.csv", "status.csv"]
 
@@ -86,6 +89,25 @@ def test_a_twin_s_trial_comes_live(tmp_path, example, typed) -> None:
     assert len(list(trial.readings())) > 190
     assert trial.truth() is None
     assert (tmp_path / "out" / "shape.csv").read_text().count("\n") > 95
+
+
+def test_a_twin_rolls_with_its_inertial_sensors(tmp_path, example, typed) -> None:
+    """A push after the rest: what is recorded of it is a trial with both sensors, in which the robot turns."""
+    for name in ("press", "roll"):
+        text = (example.parent / "plans" / f"{name}.toml").read_text()
+        edits = (("duration_s = 24.0", "duration_s = 3.6"), ("until_s = 23.0", "until_s = 3.5"))
+        (tmp_path / f"{name}.toml").write_text(replaced(text, *edits) if name == "roll" else text)
+    arguments = ("--speed", 1000, "--record", "twin", "--out", "out")
+    code, said, error = typed("live", "--twin", "roll.toml", *arguments, cwd=tmp_path)
+    assert code == 0, error
+    live = tomllib.loads((tmp_path / "out" / "run.toml").read_text())
+    assert [imu["samples"] for imu in live["imus"]] == [360, 360]
+    assert [imu["silent_frames"] for imu in live["imus"]] == [0, 0]
+    assert live["skipped_frames"] == 0
+    rates = [r.rate_rad_per_s for r in open_trial(tmp_path / "twin").readings() if isinstance(r, ImuReading)]
+    assert len(rates) == 720
+    assert np.linalg.norm(rates, axis=1).max() > 0.5
+    assert (tmp_path / "out" / "track.csv").read_text().count("\n") > 170
 
 
 def test_ctrl_c_leaves_a_whole_result_and_trial(tmp_path, rig, emulated) -> None:
@@ -166,6 +188,80 @@ def test_record_and_ports(tmp_path, rig, pty_boards, typed) -> None:
     assert len(list(trial.readings())) == rows > 90
     assert trial.name == "first"
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+00:00", trial.table.recorded_utc)
+
+
+SENSORS = """
+[[imu]]
+board = 0
+rod = 0
+axis = [0, 0, 1]
+
+[[imu]]
+board = 1
+sensor = 2
+rod = 2
+axis = [0, 0, 1]
+"""
+
+
+@pytest.fixture
+def with_sensors(rig, pty_boards):
+    """A rig with an inertial sensor on each board; the second board has one more, which the rig does not name."""
+    boards = [pty_boards(name, k) for k, name in enumerate(("zero", "one"))]
+    boards[0].sensors, boards[1].sensors = (0,), (1, 2)
+    text = rig.read_text().replace("seconds = 2.0", "seconds = 0.0")
+    ports = [str(board.port) for board in boards]
+    rig.write_text(text.replace("ports = []", f"ports = {ports}") + SENSORS)
+    return rig, boards
+
+
+def test_record_writes_the_samples_of_inertial_sensors(tmp_path, with_sensors, typed) -> None:
+    """Every sample once, laid onto the host's clock between the rows of its board; one frame is damaged on its way."""
+    rig, boards = with_sensors
+    boards[0].interfere = frame(boards[0].sample(0, 77))[:-3] + b"\0"
+    code, said, error = typed("record", "--rig", rig, "--out", "first", "--seconds", 1, cwd=tmp_path)
+    assert code == 0, error
+    assert re.search(r"│ samples +│ [1-9]\d+ +│ [1-9]\d+", said)
+    assert re.search(r"│ lost samples +│ 0 +│ 0 ", said)
+    assert "inertial sensor 1 is not in the rig: its samples are left out" in " ".join(said.split())
+    trial = open_trial(tmp_path / "first")
+    assert [(imu.file, imu.board, imu.sensor) for imu in trial.table.imu] == [("imu0.csv", 0, 0), ("imu1.csv", 1, 2)]
+    readings = list(trial.readings())
+    for imu, board in enumerate(boards):
+        samples = [r for r in readings if isinstance(r, ImuReading) and r.imu == imu]
+        count = np.round([1e3 * r.rate_rad_per_s[0] for r in samples]).astype(int)  # the sensor's counter
+        assert len(samples) > 80
+        assert (np.diff(count) % 1000 == 1).all()
+        assert [r.specific_force_m_per_s2.tolist() for r in samples[:1]] == [[0.0, 0.002 * board.sensors[-1], 9.81]]
+        rows = {r.seq: r.host_s for r in readings if isinstance(r, BoardReading) and r.board == imu}
+        late_s = [
+            rows[k // 2] + 0.01 * (k % 2 - 1) - r.t_s for k, r in zip(count, samples, strict=True) if k // 2 in rows
+        ]
+        assert len(late_s) > 80
+        assert 0.0 < np.median(late_s) < 0.01  # a row arrives by a delay after the time that is told for it
+
+
+def test_a_silent_inertial_sensor_is_named_and_the_shapes_go_on(tmp_path, with_sensors, typed) -> None:
+    """One of two is unplugged after some rows. The structure is anchored, so that frames are cheap."""
+    rig, boards = with_sensors
+
+    def unplug() -> None:
+        while not (tmp_path / "first" / "imu1.csv").exists():
+            time.sleep(0.02)
+        time.sleep(0.5)
+        boards[1].sensors = ()
+
+    threading.Thread(target=unplug, daemon=True).start()
+    code, said, error = typed("live", "--rig", rig, "--record", "first", "--out", "out", "--seconds", 3, cwd=tmp_path)
+    assert code == 0, error
+    assert re.search(r"imu 1: no sample for \d+ s: nothing is taken from it", said)
+    live = tomllib.loads((tmp_path / "out" / "run.toml").read_text())
+    silent = [imu["silent_frames"] for imu in live["imus"]]
+    assert silent[0] == 0
+    assert silent[1] > 25
+    assert live["frames"] > 60
+    offline = tensegraph.reconstruct(tmp_path / "first", "live")
+    assert live["frames"] + live["skipped_frames"] == len(offline)
 
 
 REFUSED = [

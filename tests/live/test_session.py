@@ -4,6 +4,7 @@ import numpy as np
 
 from tensegraph import TendonLengths
 from tensegraph.live.activity import Activity, NewestFrames
+from tensegraph.models.values.aids import ImuReading
 
 
 class Backlog:
@@ -29,3 +30,13 @@ def test_late_frames_are_skipped_until_the_newest() -> None:
     kept = [frame.t_s for frame in NewestFrames(Backlog(script), activity).select(iter(frames))]
     assert kept == [0, 1, 2, 3, 7, 8]
     assert activity.skipped_frames == 3
+
+
+def test_rates_of_turn_in_skipped_frames_are_not_lost() -> None:
+    """By hand: frames 1 and 2 are skipped; frame 3 has their samples beside its own."""
+    script = [(0.01, 0), (0.15, 8), (0.15, 7), (0.01, 0), (0.01, 0)]
+    empty = np.empty(0)
+    samples = [ImuReading(0, float(k), np.zeros(3), np.zeros(3)) for k in range(len(script))]
+    frames = [TendonLengths(s.t_s, empty, empty, empty, empty, aids=(s,)) for s in samples]
+    kept = NewestFrames(Backlog(script), Activity.of(boards=2, imus=1)).select(iter(frames))
+    assert [[s.t_s for s in frame.aids] for frame in kept] == [[0.0], [1.0, 2.0, 3.0], [4.0]]

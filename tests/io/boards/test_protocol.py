@@ -1,15 +1,17 @@
 """Bytes into messages: by hand, any message there and back, and every way in which a line damages bytes."""
 
 import re
+import struct
 from binascii import crc_hqx
 from pathlib import Path
 
 import numpy as np
 import pytest
+from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tensegraph.io.boards.protocol import VERSION, Decoder, FrameDecoder, LineDecoder, Row, frame, line
+from tensegraph.io.boards.protocol import VERSION, Decoder, FrameDecoder, LineDecoder, Row, Sample, frame, line
 from tensegraph.models.values.link import Hello, LinkCounts
 
 U8, U16, U32 = (st.integers(0, 2**bits - 1) for bits in (8, 16, 32))
@@ -24,6 +26,11 @@ ROWS = st.builds(Row, U8, U16, U16, U32, CODES)
 HELLOS = st.builds(
     Hello, U8, U16, U32, U16, U8, st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=20)
 )
+
+
+F32 = st.floats(min_value=2.0**-40, max_value=1e3, width=32)
+I16 = st.integers(-(2**15), 2**15 - 1)
+SAMPLES = st.builds(Sample, U8, U16, U8, U16, U32, F32, F32, st.tuples(I16, I16, I16), st.tuples(I16, I16, I16))
 
 
 def row(k: int, board_id: int = 0) -> Row:
@@ -44,12 +51,54 @@ def test_a_frame_by_hand() -> None:
     assert encoded == bytes([0, 5, 1, 1, 2, 3, 2, 4, 2, 5, 1, 1, 3, 1, 6, 3, low, high, 0])
 
 
+def framed(payload: bytes) -> bytes:
+    """Return a payload as a frame with the right checksum, whatever it says."""
+    return b"\0" + cobs.encode(payload + struct.pack("<H", crc_hqx(payload, 0xFFFF))) + b"\0"
+
+
+SAMPLE = Sample(
+    board_id=2,
+    boot=3,
+    sensor=1,
+    seq=4,
+    device_us=5,
+    rate_unit_rad_per_s=0.5,
+    force_unit_m_per_s2=2.0,
+    rate=(1, -2, 3),
+    force=(-32768, 0, 32767),
+)
+PAYLOAD = bytes.fromhex("01 03 02 0300 0400 05000000 01 0000003f 00000040 0100 feff 0300 0080 0000 ff7f")
+"""The same by hand: integers little-endian, in two's complement; 0.5 and 2 as IEEE 754 writes them."""
+
+
+def test_a_sample_of_an_inertial_sensor_by_hand() -> None:
+    assert frame(SAMPLE) == framed(PAYLOAD)
+    assert FrameDecoder().feed(framed(PAYLOAD)) == [SAMPLE]
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        PAYLOAD[:-1],
+        PAYLOAD + b"\0",
+        PAYLOAD.replace(bytes.fromhex("0000003f"), bytes.fromhex("0000c07f")),
+        PAYLOAD.replace(bytes.fromhex("00000040"), bytes.fromhex("00000000")),
+        PAYLOAD[:1] + b"\x04" + PAYLOAD[2:],
+    ],
+    ids=["short", "long", "unit nan", "unit 0", "a kind of a later firmware"],
+)
+def test_what_is_no_sample_is_garbage_and_the_next_frame_is_read(payload) -> None:
+    decoder = FrameDecoder()
+    assert decoder.feed(b"\0" + framed(payload) + frame(row(1))) == [row(1)]
+    assert decoder.counts == LinkCounts(messages=1, garbage=1)
+
+
 def test_the_checksum_is_the_well_known_one() -> None:
     """CRC-16 with this polynomial from 0xFFFF gives 0x29B1 for the digits 1 to 9."""
     assert crc_hqx(b"123456789", 0xFFFF) == 0x29B1
 
 
-@given(st.lists(ROWS | HELLOS, max_size=8), st.integers(1, 7))
+@given(st.lists(ROWS | HELLOS | SAMPLES, max_size=8), st.integers(1, 7))
 def test_any_messages_there_and_back(messages, chunk: int) -> None:
     """In pieces of any length."""
     data, decoder, found = b"".join(map(frame, messages)), FrameDecoder(), []
@@ -104,6 +153,13 @@ def test_from_the_first_checksum_on_lines_need_one() -> None:
     assert decoder.counts == LinkCounts(messages=2, bad_crc=1, garbage=1)
 
 
+def message(k: int) -> Row | Sample:
+    """Return a row or, in turn, a sample."""
+    if k % 2 == 0:
+        return row(k)
+    return Sample(0, 1, 0, k % 2**16, 10_000 * k % 2**32, 0.5, 0.25, (k % 300, -k % 77, 0), (0, 5, -(k % 9)))
+
+
 def fuzzed(frames: int, seed: int):
     """Damage a stream of frames; return it in pieces, one for each frame, with whether that piece is whole.
 
@@ -111,7 +167,7 @@ def fuzzed(frames: int, seed: int):
     """
     rng = np.random.default_rng(seed)
     for k in range(frames):
-        good = frame(row(k))
+        good = frame(message(k))
         data, whole, fate = bytearray(good), True, rng.random()
         if fate < 0.03:
             for bit in rng.integers(0, 8 * len(data), rng.integers(1, 5)):
@@ -138,7 +194,7 @@ def check_fuzzed(frames: int, seed: int) -> LinkCounts:
     for k, (data, whole) in enumerate(fuzzed(frames, seed)):
         cut = int(rng.integers(0, len(data) + 1))
         found = decoder.feed(data[:cut]) + decoder.feed(data[cut:])
-        assert all(message == row(k) for message in found), (k, found)
+        assert all(one == message(k) for one in found), (k, found)
         missed_in_a_row = 0 if found else missed_in_a_row + whole
         assert missed_in_a_row < 2, k
     return decoder.counts

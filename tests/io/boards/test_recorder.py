@@ -1,12 +1,16 @@
 """The writer of trials: what it writes is what the reader reads, and nothing is written over."""
 
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tensegraph import InputError, open_trial
+from tensegraph import BoardReading, InputError, open_trial
 from tensegraph.io.boards.recorder import Recorder
+from tensegraph.models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
+
+ROLL = Path(__file__).parents[3] / "examples" / "roll_02"
 
 
 def test_a_recorded_trial_is_the_trial(tmp_path, example) -> None:
@@ -41,3 +45,27 @@ def test_what_can_not_be_written_is_said(tmp_path, example) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         Recorder(tmp_path / "file" / "trial", open_trial(example).toml)
+
+
+def test_readings_of_every_other_sensor_are_recorded_in_its_file(tmp_path) -> None:
+    """Two of each kind; what is read back is what was added, to the decimals of the files."""
+    trial = open_trial(ROLL)
+    beacons = [[0.0, 0.0, 2.0], [2.0, 0.0, 2.0]]
+    imu = {"rod": 1, "axis": [0, 0, 1]}
+    tables = {
+        "imu": [imu | {"file": f"imu{k}.csv"} for k in range(2)],
+        "range": [{"file": f"ranges{k}.csv", "beacon_position_m": beacons} for k in range(2)],
+        "position": [{"file": f"positions{k}.csv"} for k in range(2)],
+    }
+    x = np.array([0.1, -0.25, 0.5])
+    added = [
+        *(ImuReading(k, 0.5 + 0.001 * k, x, -x) for k in range(2)),
+        *(RangeReading(0.6 + 0.001 * k, np.array(beacons[1]), (k, 1, 4), 2.125) for k in range(2)),
+        *(PositionReading(0.7 + 0.001 * k, 3, x, k) for k in range(2)),
+    ]
+    with Recorder(tmp_path / "trial", trial.toml | tables) as recorder:
+        recorder.add(next(reading for reading in trial.readings() if isinstance(reading, BoardReading)))
+        for reading in added:
+            recorder.add(reading)
+    read = [reading for reading in open_trial(tmp_path / "trial").readings() if isinstance(reading, AidReading)]
+    assert [repr(reading) for reading in read] == [repr(reading) for reading in added]

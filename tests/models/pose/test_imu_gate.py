@@ -24,3 +24,14 @@ def test_a_sensor_that_repeats_itself_is_stuck_until_it_moves() -> None:
     assert passed == [True] * 4 + [False] * 4
     assert gate.passes(sample(9, rate=0.2))
     assert gate.counts()["imu 0: stuck samples"] == 4
+
+
+def test_frames_without_samples_are_counted() -> None:
+    """By hand: silent for more than 0.2 s in the frames of 0.3, 0.4 and 0.5 s; another sensor never says anything."""
+    gate = ImuGate(2)
+    for k in range(8):
+        if k not in (1, 2, 3, 4, 5):
+            gate.passes(ImuReading(0, 0.1 * k, np.zeros(3), np.full(3, float(k))))
+        gate.count_frame(0.1 * k)
+    assert gate.counts()["imu 0: silent frames"] == 3
+    assert gate.counts()["imu 1: silent frames"] == 5

@@ -100,6 +100,27 @@ class TestClock:
         error_s = np.array([clock.time_s(row) for row in readings[:500] + moved]) - true_s
         assert np.abs(error_s[250:]).max() < 0.01
 
+    @pytest.mark.parametrize("first_us", [0, 2**32 - 700_000])
+    def test_other_stamps_of_the_board_are_on_the_same_line(self, first_us: int) -> None:
+        """Half a row before and after the newest row, wherever the counter wraps."""
+        readings, true_s = rows(600, device0_us=first_us)
+        clock = BoardClock(ClockSettings())
+        for row in readings:
+            at_s = clock.time_s(row)
+            for half_us in (-10_000, 10_000):
+                other_s = clock.time_of_stamp_s((row.device_us + half_us) % 2**32, row.boot)
+                assert other_s == pytest.approx(at_s + 1e-6 * half_us, abs=2e-4)
+        assert other_s == pytest.approx(true_s[-1] + 0.01, abs=0.001)
+
+    def test_a_stamp_that_no_row_explains_has_no_time(self) -> None:
+        readings, _ = rows(10)
+        clock = BoardClock(ClockSettings())
+        assert clock.time_of_stamp_s(readings[0].device_us, 0) is None
+        for row in readings:
+            clock.time_s(row)
+        newest = readings[-1]
+        assert clock.time_of_stamp_s(newest.device_us, newest.boot + 1) is None
+        assert clock.time_of_stamp_s(newest.device_us + 1_500_000, newest.boot) is None
 
 def test_a_restart_while_the_host_clock_goes_back_has_a_finite_time() -> None:
     clock = BoardClock(ClockSettings())
