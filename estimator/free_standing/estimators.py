@@ -29,6 +29,7 @@ from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
 from ..smoother import LiveSmoother
 from .contacts import Standing
+from .imu_trust import ATTITUDE_HOLDS_S
 from .pose_filter import PoseFilter, PoseStep, smoothed, tipping
 from .resting_faces import RestingFaces, balance_of
 from .stable_face import StableFace
@@ -46,8 +47,6 @@ CONTRADICTS_S = 0.8
 """Time for which it has to."""
 PARALLEL = 0.95
 """Cosine of the angle below which rods have different directions."""
-ATTITUDE_HOLDS_S = 0.2
-"""Time after which readings do not tell any more how the robot is turned."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +73,6 @@ class FreeStandingSmoother:
         self._faces = resting_faces(structure, rest, robot, settings)
         self._stable = StableFace(robot.floor) if self._faces is None else None
         self._measured = MeasuredAttitude()
-        self._one_direction = are_parallel([imu.rod for imu in robot.imus], rest)
         self._agreed_s = -np.inf
         self._looked_s = -np.inf
         self._last_m = rest.node_position_m
@@ -91,15 +89,17 @@ class FreeStandingSmoother:
     def update(self, lengths: TendonLengths) -> tuple[Shape, PoseStep]:
         """Return the shape in one more frame, in body coordinates, and its pose."""
         shape = self.shapes.update(lengths)
-        measured = self._measured.observe(lengths, self._poses.trusted_imus)
-        looked = (not measured or self._one_direction) and self._look(shape)
-        by_faces = not measured or (self._one_direction and self._contradicts(lengths.t_s))
+        used = self._poses.used_imus
+        measured = self._measured.observe(lengths, used)
+        one_direction = are_parallel([self._robot.imus[i].rod for i in np.flatnonzero(used)], self._rest)
+        looked = (not measured or one_direction) and self._look(shape)
+        by_faces = not measured or (one_direction and self._contradicts(lengths.t_s))
         stands = self._faces.standing if self._faces and by_faces else None
         if self._stable and not measured and lengths.t_s >= self._robot.rest_seconds:
             stands = self._stable.observe(shape)
         step = self._poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands)
         if measured and self._faces:
-            if self._one_direction:
+            if one_direction:
                 step = self._with_doubt(step)
             else:
                 self._faces.stand_on(step.standing.nodes)
@@ -261,17 +261,17 @@ class MeasuredAttitude:
         self._imu_s = -np.inf
         self._node_s: dict[int, float] = {}
 
-    def observe(self, lengths: TendonLengths, trusted_imus: NDArray[np.bool_]) -> bool:
+    def observe(self, lengths: TendonLengths, used_imus: NDArray[np.bool_]) -> bool:
         """Return whether they were, in one more frame.
 
         Args:
             lengths: with the readings of other sensors.
-            trusted_imus: (imus,) which inertial sensors count.
+            used_imus: (imus,) which inertial sensors count.
         """
         for reading in lengths.aids:
             if isinstance(reading, PositionReading):
                 self._node_s[reading.node] = reading.t_s
-            elif isinstance(reading, ImuReading) and trusted_imus[reading.imu]:
+            elif isinstance(reading, ImuReading) and used_imus[reading.imu]:
                 self._imu_s = reading.t_s
         located = sum(lengths.t_s - latest_s < ATTITUDE_HOLDS_S for latest_s in self._node_s.values())
         return lengths.t_s - self._imu_s < ATTITUDE_HOLDS_S or located > 1

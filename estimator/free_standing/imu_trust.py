@@ -3,11 +3,15 @@
 In slow motion the specific force f is against gravity, so that its part along the rod's axis a, as told, is the rod's
 inclination: f . a / |f| = (R u) . z. A sensor that is told the wrong way round, sits on another rod, or has failed,
 contradicts it. One that does for longer than a moment is left out.
+
+A sensor that was silent does not know how it has turned meanwhile: it is lost, and left out until it moves slowly and
+agrees with its rod again.
 """
 
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...factors.imu import ImuArray, ImuSamples
 from ...models.pose.placed import PlacedShape
@@ -23,6 +27,8 @@ SLOW_RAD_PER_S = 0.1
 """Rate below which it is slow."""
 TRUST_MEMORY_S = 0.5
 """Time constant of the mean difference."""
+ATTITUDE_HOLDS_S = 0.2
+"""Time after which readings do not tell any more how the robot is turned."""
 
 
 class ImuTrust:
@@ -31,11 +37,37 @@ class ImuTrust:
     def __init__(self, imus: int) -> None:
         self.is_trusted = np.ones(imus, dtype=np.bool_)
         """(imus,)"""
+        self.is_lost = np.zeros(imus, dtype=np.bool_)
+        """(imus,) sensors that were silent, and are not taken on again yet."""
+        self._heard_s = np.full(imus, -np.inf)
         self._apart = np.zeros(imus)
 
-    def trusted(self, samples: ImuSamples) -> ImuSamples:
-        """Return the samples without those of sensors that are not trusted."""
-        return samples if self.is_trusted.all() else replace(samples, count=np.where(self.is_trusted, samples.count, 0))
+    @property
+    def is_used(self) -> NDArray[np.bool_]:
+        """(imus,) sensors that are trusted and not lost."""
+        return self.is_trusted & ~self.is_lost
+
+    def used(self, samples: ImuSamples) -> ImuSamples:
+        """Return the samples without those of sensors that are not used."""
+        return samples if self.is_used.all() else replace(samples, count=np.where(self.is_used, samples.count, 0))
+
+    def hear(self, t_s: float, samples: ImuSamples) -> None:
+        """Learn from a frame which sensors are silent."""
+        self._heard_s[samples.count > 0] = t_s
+        self.is_lost = self.is_lost | (t_s - self._heard_s > ATTITUDE_HOLDS_S)
+
+    def back(self, imus: ImuArray, arm_m: NDArray[np.float64], samples: ImuSamples) -> NDArray[np.int64]:
+        """Return the lost sensors that are back, which are lost no longer: they move slowly and agree with their rods.
+
+        Args:
+            imus: the sensors.
+            arm_m: (nodes, 3) the nodes in world axes.
+            samples: of the sensors in the frame.
+        """
+        slow, apart = _slow_and_apart(imus, arm_m, samples)
+        back = self.is_lost & (samples.count > 0) & slow & (apart < MOST_APART)
+        self.is_lost = self.is_lost & ~back
+        return np.flatnonzero(back)
 
     def observe(self, imus: ImuArray, placed: PlacedShape, samples: ImuSamples, step_s: float) -> None:
         """Learn from a frame.
@@ -46,13 +78,20 @@ class ImuTrust:
             samples: of the sensors in the frame.
             step_s: time since the frame before.
         """
-        force = samples.specific_force_m_per_s2
-        size = np.linalg.norm(force, axis=1)
-        slow = np.abs(size - GRAVITY_M_PER_S2) < SLOW_EXCESS_M_PER_S2
-        slow &= np.linalg.norm(samples.rate_rad_per_s, axis=1) < SLOW_RAD_PER_S
-        along = placed.arm_m[imus.ends[:, 1]] - placed.arm_m[imus.ends[:, 0]]
-        inclination = along @ UP / np.linalg.norm(along, axis=1)
-        apart = np.abs(np.sum(force * imus.axis, axis=1) / size - inclination)
+        slow, apart = _slow_and_apart(imus, placed.arm_m, samples)
         weight = low_pass_weight(step_s, TRUST_MEMORY_S)
-        self._apart += np.where(slow, weight * (np.nan_to_num(apart) - self._apart), 0.0)
+        self._apart += np.where(slow & ~self.is_lost, weight * (np.nan_to_num(apart) - self._apart), 0.0)
         self.is_trusted = self.is_trusted & (self._apart < MOST_APART)
+
+
+def _slow_and_apart(
+    imus: ImuArray, arm_m: NDArray[np.float64], samples: ImuSamples
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Return (imus,) which sensors move slowly, and (imus,) how far they contradict the inclination of their rods."""
+    force = samples.specific_force_m_per_s2
+    size = np.linalg.norm(force, axis=1)
+    slow = np.abs(size - GRAVITY_M_PER_S2) < SLOW_EXCESS_M_PER_S2
+    slow &= np.linalg.norm(samples.rate_rad_per_s, axis=1) < SLOW_RAD_PER_S
+    along = arm_m[imus.ends[:, 1]] - arm_m[imus.ends[:, 0]]
+    inclination = along @ UP / np.linalg.norm(along, axis=1)
+    return slow, np.abs(np.sum(force * imus.axis, axis=1) / size - inclination)

@@ -121,9 +121,12 @@ class PoseFilter:
             standing: which nodes stand; None to tell it from heights.
         """
         step_s = t_s - self._last_s if np.isfinite(self._last_s) else 0.02
-        samples = self._imu_samples(aids)
+        samples = self._imu_samples(t_s, aids)
+        back = self._take_on_again(samples)
         body_m = body_m - self.centre_m
+        samples = samples and self._trust.used(samples)
         transition, state, covariance = self._predict(step_s, samples, body_m)
+        transition = transition @ back
         placed = PlacedShape(state, body_m, body_covariance_m2)
         if standing is None:
             located = any(isinstance(reading, PositionReading | RangeReading) for reading in aids)
@@ -157,9 +160,9 @@ class PoseFilter:
         return Standing(self._standing, self._standing.astype(np.float64))
 
     @property
-    def trusted_imus(self) -> NDArray[np.bool_]:
-        """(imus,) which inertial sensors agree with the attitude of their rods."""
-        return self._trust.is_trusted
+    def used_imus(self) -> NDArray[np.bool_]:
+        """(imus,) which inertial sensors agree with the attitude of their rods and are not silent."""
+        return self._trust.is_used
 
     def _start(self, imus: int, pairs: int) -> PoseState:
         return PoseState(
@@ -185,18 +188,50 @@ class PoseFilter:
         sigma[at.range_offset] = settings.range_offset_m
         return np.diag(sigma**2)
 
-    def _imu_samples(self, aids: Sequence[AidReading]) -> ImuSamples | None:
-        """Return the means of the inertial sensors' samples; None as long as one of them has had none."""
+    def _imu_samples(self, t_s: float, aids: Sequence[AidReading]) -> ImuSamples | None:
+        """Return the means of the inertial sensors' samples; None as long as there has been no sample at all."""
         samples = self._imus.mean([reading for reading in aids if isinstance(reading, ImuReading)], self._samples)
         if self._samples is None:
-            if not self._imus.count or not samples.count.all():
+            heard = samples.count > 0
+            if not heard.any():
                 return None
-            first, second = self._imus.ends.T
-            along = (self._body_before_m[second] - self._body_before_m[first]) @ self.state.turn.T
-            direction = along / np.linalg.norm(along, axis=1, keepdims=True)
-            turn = self._imus.attitude_at_rest(direction, samples.specific_force_m_per_s2)
+            turn = np.where(heard[:, None, None], self._imu_turns(samples), self.state.imu_turn)
             self.state = replace(self.state, imu_turn=turn)
-        return self._trust.trusted(samples)
+        self._trust.hear(t_s, samples)
+        return samples
+
+    def _imu_turns(self, samples: ImuSamples) -> NDArray[np.float64]:
+        """Return (imus, 3, 3), the attitudes of sensors in slow motion, by their rods and by gravity."""
+        first, second = self._imus.ends.T
+        along = (self._body_before_m[second] - self._body_before_m[first]) @ self.state.turn.T
+        direction = along / np.linalg.norm(along, axis=1, keepdims=True)
+        return self._imus.attitude_at_rest(direction, samples.specific_force_m_per_s2)
+
+    def _take_on_again(self, samples: ImuSamples | None) -> NDArray[np.float64]:
+        """Take on sensors that were silent, which are turned now as their rods are.
+
+        Returns:
+            (size, size) the transition of the errors: those of a sensor's attitude become those of the body's.
+        """
+        settings, at = self._settings, self.state.layout
+        F = np.eye(at.size)
+        if samples is None:
+            return F
+        back = self._trust.back(self._imus, self._body_before_m @ self.state.turn.T, samples)
+        if not len(back):
+            return F
+        turn = self.state.imu_turn.copy()
+        turn[back] = self._imu_turns(samples)[back]
+        self.state = replace(self.state, imu_turn=turn)
+        noise = np.zeros(at.size)
+        for imu in map(int, back):
+            place = at.of_imu(at.imu_turn, imu)
+            F[place] = np.eye(3, at.size, at.turn.start)
+            noise[place] = settings.misalignment_rad**2
+            noise[at.of_imu(at.rate_bias, imu)] = settings.rate_bias_rad_per_s**2
+            noise[at.of_imu(at.force_bias, imu)] = settings.force_bias_m_per_s2**2
+        self.covariance = F @ self.covariance @ F.T + np.diag(noise)
+        return F
 
     def _predict(
         self, step_s: float, samples: ImuSamples | None, body_m: NDArray[np.float64]
@@ -282,13 +317,13 @@ class PoseFilter:
         return F @ transition, PlacedShape(state, placed.body_m, placed.body_covariance_m2), covariance
 
     def rod_heights(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return (known, 2) ends of rods with trusted sensors, and (known,) the second's height above the first."""
+        """Return (known, 2) ends of rods whose sensors are used, and (known,) the second's height above the first."""
         if self._samples is None:
             return np.zeros((0, 2), dtype=np.int64), np.zeros(0)
-        trusted = np.flatnonzero(self._trust.is_trusted)
-        ends = self._imus.ends[trusted]
+        used = np.flatnonzero(self._trust.is_used)
+        ends = self._imus.ends[used]
         length_m = np.linalg.norm(self._body_before_m[ends[:, 1]] - self._body_before_m[ends[:, 0]], axis=1)
-        return ends, length_m * (self._imus.direction(self.state)[trusted] @ self._floor.normal)
+        return ends, length_m * (self._imus.direction(self.state)[used] @ self._floor.normal)
 
     def _heading_missed(self, placed: PlacedShape, turn: NDArray[np.float64]) -> float:
         """Return the angle about the floor's normal by which rods with sensors still miss their directions, in rad.
@@ -297,12 +332,12 @@ class PoseFilter:
             placed: the shape before it tipped.
             turn: (3, 3) by which it has tipped.
         """
-        trusted = np.flatnonzero(self._trust.is_trusted)
-        if self._samples is None or not len(trusted):
+        used = np.flatnonzero(self._trust.is_used)
+        if self._samples is None or not len(used):
             return 0.0
-        first, second = self._imus.ends[trusted].T
+        first, second = self._imus.ends[used].T
         along = (placed.arm_m[second] - placed.arm_m[first]) @ turn.T @ self._floor.axes.T
-        told = self._imus.direction(placed.state)[trusted] @ self._floor.axes.T
+        told = self._imus.direction(placed.state)[used] @ self._floor.axes.T
         sine = np.sum(along[:, 0] * told[:, 1] - along[:, 1] * told[:, 0])
         return float(np.arctan2(sine, np.sum(along * told)))
 
@@ -368,7 +403,7 @@ class PoseFilter:
         ]
         if samples is not None:
             self._trust.observe(self._imus, placed, samples, step_s)
-            rows.append(self._imus.direction_rows(placed, repeats, np.flatnonzero(self._trust.is_trusted)))
+            rows.append(self._imus.direction_rows(placed, repeats, np.flatnonzero(self._trust.is_used)))
             rows.append(self._imus.gravity_rows(placed.state, samples, settings))
         positions = [reading for reading in aids if isinstance(reading, PositionReading)]
         ranges = [reading for reading in aids if isinstance(reading, RangeReading)]
