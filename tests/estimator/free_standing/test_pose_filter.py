@@ -1,5 +1,7 @@
 """The pose filter and its smoother."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,9 @@ from tensegraph.estimator.free_standing.pose_filter import PoseFilter, smoothed,
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.pose.robot import FreeStandingRobot
 from tensegraph.models.structure.floor import UP, Floor
-from tensegraph.models.values.aids import PositionReading
-from tensegraph.models.values.rotations import rotation
+from tensegraph.models.structure.support import GRAVITY_M_PER_S2
+from tensegraph.models.values.aids import Imu, ImuReading, PositionReading
+from tensegraph.models.values.rotations import rotation, rotation_vector
 
 EXACT_M2 = 1e-10 * np.eye(36)
 
@@ -64,3 +67,66 @@ def test_tipping_puts_a_face_on_the_floor(balanced) -> None:
     assert np.ptp(after[stands, 2]) == pytest.approx(0, abs=1e-9)
     assert after[stands, 2].mean() < after[~stands, 2].min()
     assert after[[0, 2]].mean(axis=0) == pytest.approx(x[[0, 2]].mean(axis=0))
+
+
+def attitude(direction: np.ndarray) -> np.ndarray:
+    """Return (3, 3) a turn that lays the sensor's third axis along a rod."""
+    aside = np.cross(direction, [0.3, 0.5, 0.8])
+    aside /= np.linalg.norm(aside)
+    return np.stack([aside, np.cross(direction, aside), direction], axis=1)
+
+
+def carried(balanced, robot, silent) -> tuple[PoseFilter, list, np.ndarray]:
+    """Carry a robot with two sensors through the air by a turn of 0.7 rad, as some nodes are seen to move.
+
+    Args:
+        balanced: the rest shape.
+        robot: without sensors.
+        silent: function of frame and sensor that says which samples are missing.
+
+    Returns:
+        The filter, its steps, and (2, 3, 3) the true attitudes of the sensors in the end.
+    """
+    rods = (0, 2)
+    robot = replace(robot, imus=tuple(Imu(rod, 0.5, np.array([0.0, 0.0, 1.0])) for rod in rods))
+    poses, steps, x = PoseFilter(balanced, robot, PoseSettings()), [], balanced.node_position_m
+    a, b = balanced.structure.rods[list(rods)].T
+    mounted = np.array([attitude(along / np.linalg.norm(along)) for along in x[b] - x[a]])
+    vector, before = np.array([0.3, -0.2, 0.6]), np.eye(3)
+    for k in range(130):
+        turn = rotation(min(max((k - 20) / 60, 0.0), 1.0) * vector)
+        rate = rotation_vector(before.T @ turn) / 0.02
+        true_m = (x - poses.centre_m) @ turn.T + poses.centre_m
+        aids = [
+            ImuReading(i, 0.02 * k, mounted[i].T @ rate, GRAVITY_M_PER_S2 * (turn @ mounted[i])[2])
+            for i in range(2)
+            if not silent(k, i)
+        ]
+        aids += [PositionReading(0.02 * k, node, true_m[node]) for node in (3, 5, 8, 11)]
+        steps.append(poses.step(0.02 * k, x, EXACT_M2, aids))
+        before = turn
+    return poses, steps, turn @ mounted
+
+
+def test_a_sensor_that_was_silent_is_taken_on_again_where_it_rests(balanced, robot) -> None:
+    """Both are silent while it is turned: the attitudes that they had before are worth nothing."""
+    poses, steps, true = carried(balanced, robot, lambda k, _: 22 <= k < 78)
+    assert poses.used_imus.all()
+    assert steps[-1].trusts_imus
+    errors = rotation_vector(true @ np.swapaxes(steps[-1].state.imu_turn, 1, 2))
+    assert np.linalg.norm(errors, axis=1).max() < 0.03
+    at = steps[-1].state.layout
+    sigma = np.sqrt(np.diag(steps[-1].covariance)[at.imu_turn])
+    assert (np.abs(errors.ravel()) < 4 * sigma).all()
+    for state, covariance in smoothed(steps):
+        assert np.isfinite(state.imu_turn).all()
+        assert np.linalg.eigvalsh(covariance).min() > -1e-9
+
+
+@pytest.mark.parametrize(("comes_at", "used"), [(100, [True, True]), (1000, [True, False])])
+def test_a_sensor_that_comes_late_or_never_does_not_keep_the_others_waiting(balanced, robot, comes_at, used) -> None:
+    poses, steps, true = carried(balanced, robot, lambda k, imu: imu == 1 and k < comes_at)
+    assert poses.used_imus.tolist() == used
+    assert steps[-1].trusts_imus
+    errors = rotation_vector(true @ np.swapaxes(steps[-1].state.imu_turn, 1, 2))
+    assert np.linalg.norm(errors[used], axis=1).max() < 0.05
