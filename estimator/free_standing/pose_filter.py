@@ -124,7 +124,7 @@ class PoseFilter:
         samples = self._imu_samples(t_s, aids)
         back = self._take_on_again(samples)
         body_m = body_m - self.centre_m
-        samples = samples and self._trust.used(samples)
+        samples = None if samples is None else self._trust.used(samples)
         transition, state, covariance = self._predict(step_s, samples, body_m)
         transition = transition @ back
         placed = PlacedShape(state, body_m, body_covariance_m2)
