@@ -25,6 +25,7 @@ from .models.sensor.front_end import FrontEnd
 from .models.sensor.reference_drift import ReferenceTendons
 from .models.sensor.sensor_model import SensorModel
 from .models.settings import Settings
+from .models.structure.natural_lengths import Winding, strip_length_m
 from .models.structure.possible import PossibleShapes
 from .models.structure.reconstruction import Reconstruction
 from .models.structure.rest_shape import RestShape
@@ -33,7 +34,13 @@ from .models.structure.structure import Structure
 from .models.trial_description import TrialDescription
 from .models.values.aids import AidReading, ImuReading
 from .models.values.errors import InputError
-from .models.values.readings import BoardReading, ResistanceReading, TendonLengths
+from .models.values.readings import (
+    BoardReading,
+    NaturalLengthReading,
+    ResistanceFrame,
+    ResistanceReading,
+    TendonLengths,
+)
 
 
 class Estimator(Protocol):
@@ -85,17 +92,20 @@ class Pipeline:
         natural_ohm = trial.natural_resistance_ohm
         if len(strips):  # a strip of the same make; only the relative change of what it reads counts
             natural_ohm = np.append(natural_ohm, np.full(len(strips), np.median(natural_ohm)))
+        self.winding = Winding(
+            trial.structure, trial.motors, trial.rest_seconds, reads_strips=trial.source != "lengths"
+        )
+        wound = [tendon for motors in trial.motors for tendon in motors.tendons]
+        references = np.setdiff1d(np.flatnonzero(~trial.structure.is_free_tendon), wound)
         self._frames = FrameAssembler(natural_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate)
         self.front_end = FrontEnd(
             model=model,
             natural_resistance_ohm=trial.natural_resistance_ohm,
-            natural_length_m=trial.structure.natural_length_m,
-            rest=self.rest.lengths(trial.rest_seconds) if trial.rest_seconds > 0 else None,
+            natural_length_m=strip_length_m(trial.structure, trial.motors),
+            rest=self.winding.strips(self.rest.lengths(trial.rest_seconds)) if trial.rest_seconds > 0 else None,
             settings=settings.front_end,
             frame_step_s=1 / settings.frames.rate_hz,
-            references=ReferenceTendons(
-                np.concatenate([np.flatnonzero(~trial.structure.is_free_tendon), strips]), settings.drift
-            ),
+            references=ReferenceTendons(np.concatenate([references, strips]), settings.drift),
         )
 
     def estimate(self, readings: Iterable[Reading], method: str = "batch") -> Iterator[Shape]:
@@ -139,14 +149,21 @@ class Pipeline:
                 if not isinstance(reading, ImuReading) or self.imu_gate.passes(reading):
                     insort(aids, reading, key=lambda aid: aid.t_s)  # boards are not synchronous
                 continue
+            if isinstance(reading, NaturalLengthReading):
+                self.winding.add(reading)
+                continue
             if isinstance(reading, TendonLengths):
-                yield self._with_aids(self._with_sigma(reading), aids)
+                yield self._with_aids(self.winding.applied(self._with_sigma(reading)), aids)
                 continue
             resistance = self._resistance(reading)  # eq. (1), at its time on the host clock
             for frame in self._frames.add(resistance) if resistance else ():  # all sensors at one instant
-                yield self._with_aids(self.front_end.step(frame), aids)  # strain and length, eqs. (2)-(4)
+                yield self._with_aids(self._of_tendons(frame), aids)
         for frame in self._frames.finish():
-            yield self._with_aids(self.front_end.step(frame), aids)
+            yield self._with_aids(self._of_tendons(frame), aids)
+
+    def _of_tendons(self, frame: ResistanceFrame) -> TendonLengths:
+        """Return the lengths of whole tendons: those of the strips, and of the strings that motors wind."""
+        return self.winding.applied(self.front_end.step(frame))  # strain and length, eqs. (2)-(4)
 
     def _resistance(self, reading: BoardReading | ResistanceReading) -> ResistanceReading | None:
         if isinstance(reading, ResistanceReading):

@@ -178,7 +178,7 @@ class Run:
         for board, clock in enumerate(self.pipeline.boards.counts if self.pipeline.boards else ()):
             for name, n in asdict(clock).items():
                 counts[f"board {board}: {name.replace('_', ' ')}"] = n if name != "rows" else 0
-        counts |= self.pipeline.imu_gate.counts()
+        counts |= self.pipeline.imu_gate.counts() | self.pipeline.winding.counts()
         counts |= {"half lines": self.trial.half_lines, "dropped rows": self.trial.dropped_rows}
         return {name: n for name, n in counts.items() if n}
 

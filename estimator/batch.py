@@ -113,6 +113,7 @@ class BatchOptimizer:
         """Return the covariance and the loads of one frame."""
         if support is not None:
             self._builder.stand_on(support)
+        self._builder.wind(measured.lengths.natural)
         self._builder.approach(position_m)
         return self._evidence.assess(linearised(self._builder, position_m, measured), position_m, doubt)
 

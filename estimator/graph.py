@@ -25,14 +25,17 @@ from ..models.structure.statics import Statics
 from ..models.structure.structure import Structure
 from ..models.structure.support import Support
 from ..models.values.errors import IndeterminateError
-from ..models.values.readings import TendonLengths
+from ..models.values.readings import NaturalLengths, TendonLengths
 
 MAX_FRAME_ITERATIONS = 100
 ERROR_TOLERANCE = 1e-2
 """Absolute tolerance of a frame's error, which is half a sum of squares: a seventh of one sigma of one length."""
 
 NEAR_M = 0.001
-"""Motion of a node over which the standard deviation of the balance of forces changes by less than a tenth."""
+"""Motion of a node, or winding of a tendon, over which the standard deviation of the balance of forces changes by less
+than a tenth."""
+NEAR_SIGMA_M = 2e-5
+"""Change of the sigma of a natural length over which it does so: 0.008 N at 400 N/m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,20 +67,24 @@ class GraphBuilder:
         self.force_sigma_n = np.zeros(0)
         """(rows,) standard deviation of the balance of forces at a node without load, near the present shape."""
         self._near_variance = np.zeros(0)
+        self._near_natural: NaturalLengths | None = None
         self.approach(rest.node_position_m)
 
     def approach(self, node_position_m: NDArray[np.float64]) -> None:
         """Compute the standard deviation of the balance of forces near a shape, if it is not near the last one."""
-        if self.statics is None or np.abs(node_position_m - self._near_m).max() < NEAR_M:
+        if self.statics is not None and np.abs(node_position_m - self._near_m).max() >= NEAR_M:
+            self._near_m = node_position_m
+            self._spread(self.statics)
+
+    def wind(self, natural: NaturalLengths | None) -> None:
+        """Use other natural lengths from now on, as motors have changed them; none where no motor changes any."""
+        if self.statics is None or self.rest.mechanics is None or natural is None:
             return
-        self._near_m = node_position_m
-        variance = np.full(len(self.statics.group), self.noise.force_n**2 + self.rest.hub_force_n**2)
-        if self.rest.mechanics_covariance is not None:
-            by_mechanics = np.concatenate(self.statics.mechanics_jacobian(node_position_m), axis=-1)
-            by_row = propagated_variance(by_mechanics, self.rest.mechanics_covariance)
-            variance += squared_norms(np.sqrt(by_row), self.statics) / self.statics.rank_of_row
-        self._near_variance = variance
-        self._add_support(self.statics)
+        change_m = natural.length_m - self.structure.natural_length_m
+        self.statics = self.statics.wound(self.rest.mechanics.natural_length_m + change_m)
+        if self._near_natural is None or not _are_near(self._near_natural, natural):
+            self._near_natural = natural
+            self._spread(self.statics)
 
     def stand_on(self, support: Support) -> None:
         """Use another force of gravity and floor from the next frame on."""
@@ -90,6 +97,26 @@ class GraphBuilder:
         """(rows,) variance of the balance of forces near the present shape, by unknown mechanics and hubs."""
         return self._near_variance - self.noise.force_n**2
 
+    def _spread(self, statics: Statics) -> None:
+        """Compute the variance of the balance of forces at the present shape and natural lengths."""
+        variance = np.full(len(statics.group), self.noise.force_n**2 + self.rest.hub_force_n**2)
+        covariance = self._mechanics_covariance
+        if covariance is not None:
+            by_mechanics = np.concatenate(statics.mechanics_jacobian(self._near_m), axis=-1)
+            by_row = propagated_variance(by_mechanics, covariance)
+            variance += squared_norms(np.sqrt(by_row), statics) / statics.rank_of_row
+        self._near_variance = variance
+        self._add_support(statics)
+
+    @property
+    def _mechanics_covariance(self) -> NDArray[np.float64] | None:
+        """(2 tendons, 2 tendons) covariance of log k and of the present L0; None where nothing is uncertain."""
+        covariance, natural = self.rest.mechanics_covariance, self._near_natural
+        if natural is None:
+            return covariance
+        wound = np.diag(np.concatenate([np.zeros(len(natural.sigma_m)), natural.sigma_m**2]))
+        return wound if covariance is None else covariance + wound
+
     def _add_support(self, statics: Statics) -> None:
         self.force_sigma_n = np.sqrt(self._near_variance + statics.support_variance_n2(self._near_m))
 
@@ -100,12 +127,15 @@ class GraphBuilder:
     def add_frame(self, graph: gtsam.NonlinearFactorGraph, frame: int, measured: WeightedLengths) -> None:
         """Add a frame's own factors: anchors, rods, tendons, equilibrium, and the weak shape prior.
 
+        The natural lengths of the frame are used from now on.
+
         Raises:
             IndeterminateError: when these leave some node undetermined.
         """
         missing = self._missing_information(measured.lengths)
         if missing:
             raise IndeterminateError(f"t = {measured.lengths.t_s:.3f} s: {missing}")
+        self.wind(measured.lengths.natural)
         keys = self.keys(frame)
         for factors in (
             anchor_factors(self.structure, keys, self.noise),
@@ -177,6 +207,12 @@ class GraphBuilder:
             f"nodes {nodes}: lengths leave {jacobian.shape[1] - rank} of their motions free (tendons left out: "
             f"{left_out}); a finite noise.shape_prior_m, or [mechanics] in trial.toml, would determine them"
         )
+
+
+def _are_near(one: NaturalLengths, other: NaturalLengths) -> bool:
+    """Return whether the balance of forces has about the same standard deviation at the natural lengths of both."""
+    lengths_are = np.abs(one.length_m - other.length_m).max() < NEAR_M
+    return bool(lengths_are and np.abs(one.sigma_m - other.sigma_m).max() < NEAR_SIGMA_M)
 
 
 def _add(graph: gtsam.NonlinearFactorGraph, factors: Sequence[gtsam.NonlinearFactor]) -> None:

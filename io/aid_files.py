@@ -1,4 +1,4 @@
-"""The files of what a free-standing robot carries beside its tendons: inertial sensors, ranges, positions."""
+"""The files of what a robot carries beside its strips: inertial sensors, ranges, positions, and motors."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,11 +8,13 @@ import numpy as np
 from ..models.trial_description import TrialDescription
 from ..models.values.aids import DECIMALS, AidReading, ImuReading, PositionReading, RangeReading
 from ..models.values.errors import InputError
+from ..models.values.readings import NaturalLengthReading
 from .csv import CsvFile
 
 IMU_COLUMNS = ("t_s", "gx_rad_per_s", "gy_rad_per_s", "gz_rad_per_s", "ax_m_per_s2", "ay_m_per_s2", "az_m_per_s2")
 RANGE_COLUMNS = ("t_s", "beacon", "node", "range_m")
 POSITION_COLUMNS = ("t_s", "node", "x_m", "y_m", "z_m")
+MOTOR_COLUMNS = ("t_s", "tendon", "natural_length_m", "sigma_m")
 
 
 def imu_readings(path: Path, imu: int) -> Iterator[ImuReading]:
@@ -54,7 +56,30 @@ def position_readings(path: Path, recording: int, trial: TrialDescription) -> It
         yield PositionReading(t_s, int(node), np.array(position_m), recording)
 
 
-def aid_row(reading: AidReading) -> str:
+def natural_length_readings(path: Path, recording: int, trial: TrialDescription) -> Iterator[NaturalLengthReading]:
+    """Yield the natural lengths of one recording.
+
+    Raises:
+        InputError: see `imu_readings`, where stamps count for each tendon; for a tendon that the recording's table does
+            not name, and for a length or a sigma that is not positive.
+    """
+    tendons = trial.motors[recording].tendons
+    latest_s: dict[int, float] = {}
+    for row, (t_s, tendon, *values) in _forward(CsvFile(path, MOTOR_COLUMNS), strictly=False):
+        here = f"{path}: row {row}"
+        if tendon not in tendons:
+            expected = ", ".join(map(str, tendons))
+            raise InputError(f"{here}, column tendon: expected one of {expected}, as trial.toml says, got {tendon:g}")
+        if t_s == latest_s.get(int(tendon)):
+            raise InputError(f"{here}, column t_s: expected a stamp later than {t_s}, the last of tendon {tendon:g}")
+        for name, value in zip(MOTOR_COLUMNS[2:], values, strict=True):
+            if value <= 0:
+                raise InputError(f"{here}, column {name}: expected a positive number, got {value}")
+        latest_s[int(tendon)] = t_s
+        yield NaturalLengthReading(t_s, int(tendon), *values)
+
+
+def aid_row(reading: AidReading | NaturalLengthReading) -> str:
     """Return the row of a reading in the file of its sensor, without the line's end."""
     match reading:
         case ImuReading():
@@ -62,6 +87,8 @@ def aid_row(reading: AidReading) -> str:
             cells = [f"{value:.{DECIMALS}f}" for value in values]
         case RangeReading():
             cells = [str(reading.pair[1]), str(reading.node), f"{reading.range_m:.3f}"]
+        case NaturalLengthReading():
+            cells = [str(reading.tendon), f"{reading.natural_length_m:.5f}", f"{reading.sigma_m:.5f}"]
         case PositionReading():
             cells = [str(reading.node), *(f"{value:.5f}" for value in reading.position_m)]
     return ",".join([f"{reading.t_s:.{DECIMALS}f}", *cells])

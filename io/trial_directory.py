@@ -14,9 +14,16 @@ from ..models.evaluation.truth import Fault, TrueContacts, TrueLoads, Truth, kno
 from ..models.trial_description import TrialDescription, TrialTable, describe_trial
 from ..models.values.aids import AidReading
 from ..models.values.errors import InputError
-from ..models.values.readings import BoardReading, Flag, Mode, ResistanceReading, TendonLengths
+from ..models.values.readings import (
+    BoardReading,
+    Flag,
+    Mode,
+    NaturalLengthReading,
+    ResistanceReading,
+    TendonLengths,
+)
 from ..models.values.stamped_positions import StampedPositions
-from .aid_files import imu_readings, position_readings, range_readings
+from .aid_files import imu_readings, natural_length_readings, position_readings, range_readings
 from .csv import CsvFile
 from .positions import read_contacts, read_forces, read_positions
 from .toml import read_toml
@@ -27,8 +34,9 @@ MOST_STRETCH = 20.0
 LONGEST_STEP_S = 600.0
 """Time from the first row to the second above which stamps are not in seconds."""
 
-Reading = BoardReading | ResistanceReading | TendonLengths | AidReading
-"""One measurement of a trial: a row of counts, a reading of resistance, lengths, or what another sensor read."""
+Reading = BoardReading | ResistanceReading | TendonLengths | AidReading | NaturalLengthReading
+"""One measurement of a trial: a row of counts, a reading of resistance, lengths, or what another sensor or a motor
+tells."""
 
 
 @dataclass(slots=True, eq=False)
@@ -59,7 +67,11 @@ class Trial:
         sources: dict[str, Callable[[], Iterator[Reading]]]
         sources = {"counts": self._rows, "resistance": self._resistances, "lengths": self._lengths}
         tendons = _counted(sources[self.description.source](), self)
-        yield from heapq.merge(tendons, *self._aids(), key=arrival_s)
+        motors = [
+            natural_length_readings(self.path / motor.file, number, self.description)
+            for number, motor in enumerate(self.table.motor)
+        ]  # first, so that lengths of the same instant find them
+        yield from heapq.merge(*motors, tendons, *self._aids(), key=arrival_s)
 
     def files(self) -> list[str]:
         """Return the names of the files with measurements.
@@ -70,7 +82,8 @@ class Trial:
         stand_in = self.table.resistance or self.table.lengths
         tendons = [stand_in.file] if stand_in else [board.file for board in self.table.board]
         others = [other.file for other in self.table.range] + [other.file for other in self.table.position]
-        return tendons + self._imu_files() + others
+        motors = [motor.file for motor in self.table.motor]
+        return tendons + self._imu_files() + others + motors
 
     def _imu_files(self) -> list[str]:
         files: list[str] = []

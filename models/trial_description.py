@@ -13,6 +13,7 @@ from .sensor.clock import ClockSettings
 from .sensor.divider import Divider
 from .sensor.resistance import Boards
 from .structure.floor import Floor
+from .structure.natural_lengths import Motors
 from .structure.rest_shape import GeometrySigma
 from .structure.statics import Mechanics
 from .structure.structure import Structure
@@ -125,6 +126,28 @@ class PositionTable:
 
 
 @dataclass(frozen=True, slots=True)
+class MotorTable:
+    """`[[motor]]`: one recording of the natural lengths of tendons that motors wind, see `Motors`."""
+
+    file: str
+    tendons: list[int]
+    strip_length_m: Positive
+
+    def motors(self, number: int, structure: Structure) -> Motors:
+        """Return the motors of the table with this number.
+
+        Raises:
+            InputError: for tendons or a strip that the structure cannot have.
+        """
+        motors = Motors(tuple(self.tendons), self.strip_length_m)
+        try:
+            motors.check(structure)
+        except InputError as error:
+            raise InputError(f"motor[{number}].{error}") from error
+        return motors
+
+
+@dataclass(frozen=True, slots=True)
 class AdcTable:
     """`[adc]`, see `Divider`."""
 
@@ -213,6 +236,7 @@ class TrialTable:
     imu: list[ImuTable] = field(default_factory=list)
     range: list[RangeTable] = field(default_factory=list)
     position: list[PositionTable] = field(default_factory=list)
+    motor: list[MotorTable] = field(default_factory=list)
     adc: AdcTable | None = None
     sensors: SensorsTable | None = None
     board: list[BoardTable] = field(default_factory=list)
@@ -252,6 +276,8 @@ class TrialDescription:
     """The floor that the structure stands on, and what it carries; None where it is anchored, or held in a hand."""
     beacon_position_m: tuple[NDArray[np.float64], ...]
     """(beacons, 3) for each recording of distances."""
+    motors: tuple[Motors, ...]
+    """What each recording of natural lengths tells."""
     ignored_keys: tuple[str, ...]
     """Dotted names in trial.toml that are not read."""
 
@@ -314,6 +340,7 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
         imus=imus,
         robot=_robot(table, structure, imus),
         beacon_position_m=tuple(_beacons(number, ranges) for number, ranges in enumerate(table.range)),
+        motors=_motors(table.motor, structure),
         ignored_keys=ignored_keys,
     )
 
@@ -376,6 +403,16 @@ def _beacons(number: int, table: RangeTable) -> NDArray[np.float64]:
     if not len(position_m) or not np.isfinite(position_m).all():
         raise InputError(f"range[{number}].beacon_position_m: expected finite rows of x, y, z")
     return position_m
+
+
+def _motors(tables: list[MotorTable], structure: Structure) -> tuple[Motors, ...]:
+    motors = tuple(table.motors(number, structure) for number, table in enumerate(tables))
+    seen: set[int] = set()
+    for number, one in enumerate(motors):
+        if twice := seen.intersection(one.tendons):
+            raise InputError(f"motor[{number}].tendons: tendon {min(twice)} has a motor already")
+        seen.update(one.tendons)
+    return motors
 
 
 def _mechanics(table: MechanicsTable, structure: Structure) -> Mechanics:

@@ -13,7 +13,7 @@ appear in the residual, because the anchor takes it.
 """
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -75,6 +75,12 @@ class Statics:
         """Return the same balance with another force of gravity and floor."""
         other = copy(self)
         other._stand_on(support)
+        return other
+
+    def wound(self, natural_length_m: NDArray[np.float64]) -> "Statics":
+        """Return the same balance with other (tendons,) natural lengths, as motors change them."""
+        other = copy(self)
+        other.mechanics = replace(self.mechanics, natural_length_m=natural_length_m)
         return other
 
     def _stand_on(self, support: Support) -> None:

@@ -126,6 +126,29 @@ class ResistanceFrame:
         return ResistanceFrame(self.t_s, self.resistance_ohm[:count], self.sigma_ohm[:count], self.flags[:count])
 
 
+@dataclass(frozen=True, slots=True)
+class NaturalLengthReading:
+    """The natural length of one tendon, as its motor tells it."""
+
+    t_s: float
+    """On the host clock."""
+    tendon: int
+    natural_length_m: float
+    """L0 of string and strip together."""
+    sigma_m: float
+    """Standard deviation of its change since the rest, the same error for a long time: an offset."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NaturalLengths:
+    """The natural lengths of all tendons at one instant, where motors change some of them."""
+
+    length_m: NDArray[np.float64]
+    """(tendons,) L0 on the scale of trial.toml, which taring corrects."""
+    sigma_m: NDArray[np.float64]
+    """(tendons,) standard deviation of the change since the rest; 0 for a tendon without a motor."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorDrift:
     """The drift that was taken off the readings of one instant: the relative change of resistance without strain."""
@@ -181,6 +204,8 @@ class TendonLengths:
     """The lengths in each mode; None for lengths that were not computed from resistance."""
     aids: tuple[AidReading, ...] = ()
     """The readings of other sensors since the instant before, in order of time."""
+    natural: NaturalLengths | None = None
+    """The natural lengths at the instant that the lengths show, `lag_s` before t_s; None where no motor changes any."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:
