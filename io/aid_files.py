@@ -15,6 +15,8 @@ IMU_COLUMNS = ("t_s", "gx_rad_per_s", "gy_rad_per_s", "gz_rad_per_s", "ax_m_per_
 RANGE_COLUMNS = ("t_s", "beacon", "node", "range_m")
 POSITION_COLUMNS = ("t_s", "node", "x_m", "y_m", "z_m")
 MOTOR_COLUMNS = ("t_s", "tendon", "natural_length_m", "sigma_m")
+AID_COLUMNS = {"imu": IMU_COLUMNS, "range": RANGE_COLUMNS, "position": POSITION_COLUMNS, "motor": MOTOR_COLUMNS}
+"""The columns of each kind of file."""
 
 
 def imu_readings(path: Path, imu: int) -> Iterator[ImuReading]:

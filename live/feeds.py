@@ -143,7 +143,7 @@ def twin_feed(plan: Path, speed: float, record: Path | None) -> Iterator[Feed]:
     """
     parsed = read_plan(plan)
     trial = simulate_plan(parsed, simulation_provenance(plan, parsed.seed))
-    source = Replay(heapq.merge(trial.readings, trial.carried, key=arrival_s), speed)
+    source = Replay(heapq.merge(trial.carried, trial.readings, key=arrival_s), speed)
     _, description = describe_trial(without_truth(trial.metadata), str(plan))
     feed = Feed(
         source=source,

@@ -50,6 +50,8 @@ class Rig:
         _check_sources(table, path)
         if description.source != "counts":
             raise InputError(f"{path}: a rig has boards: expected [[board]], got [{description.source}]")
+        if description.motors:
+            raise InputError(f"{path}: [[motor]]: a rig reads boards only: expected no motors")
         if 0 < description.rest_seconds < SHORTEST_S:
             raise InputError(
                 f"{path}: [rest] seconds: too short to judge whether the structure stands still: expected 0 or at "

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from ...models.values.errors import InputError, RecordingError
-from ...models.values.readings import BoardReading
+from ...models.values.readings import BoardReading, NaturalLengthReading
 from ...models.values.stamped_positions import StampedPositions
-from ..aid_files import IMU_COLUMNS, POSITION_COLUMNS, RANGE_COLUMNS, aid_row
+from ..aid_files import AID_COLUMNS, aid_row
 from ..positions import contact_columns, force_columns, position_columns
 from ..whole import check_vacant, written_whole
 
@@ -47,7 +47,8 @@ class Recorder:
 
     Args:
         path: of the directory, which must not exist yet: a recording is never overwritten.
-        metadata: trial.toml as a mapping, with a table for each file: of `board`, `imu`, `range` or `position`.
+        metadata: trial.toml as a mapping, with a table for each file: of `board`, `imu`, `range`, `position` or
+            `motor`.
         with_boot: whether the boards count how often they started; a column `boot` then says so.
 
     Raises:
@@ -60,7 +61,8 @@ class Recorder:
         self._metadata = metadata
         self._with_boot = with_boot
         self._files = ExitStack()
-        kinds = {kind: metadata.get(kind, ()) for kind in ("board", "imu", "range", "position")}
+        kinds = {kind: metadata.get(kind, ()) for kind in ("board", "imu", "range", "position", "motor")}
+        self._motor_of = {e: number for number, motor in enumerate(kinds["motor"]) for e in motor["tendons"]}
         with written_whole(path) as (inside,):
             inside.mkdir()
             (inside / "trial.toml").write_text(_commented(metadata), encoding="utf-8", newline="\n")
@@ -81,7 +83,7 @@ class Recorder:
     ) -> None:
         self._files.close()
 
-    def add(self, reading: BoardReading | AidReading) -> None:
+    def add(self, reading: BoardReading | AidReading | NaturalLengthReading) -> None:
         """Append one row to the file of its board or sensor.
 
         Raises:
@@ -136,7 +138,7 @@ class Recorder:
     def _open(self, name: str) -> FileIO:
         return self._files.enter_context((self._path / name).open("ab", buffering=0))
 
-    def _file_of(self, reading: BoardReading | AidReading) -> FileIO:
+    def _file_of(self, reading: BoardReading | AidReading | NaturalLengthReading) -> FileIO:
         match reading:
             case BoardReading():
                 return self._opened["board"][reading.board]
@@ -146,6 +148,8 @@ class Recorder:
                 return self._opened["range"][reading.pair[0]]
             case PositionReading():
                 return self._opened["position"][reading.recording]
+            case NaturalLengthReading():
+                return self._opened["motor"][self._motor_of[reading.tendon]]
 
     def _board_row(self, reading: BoardReading) -> str:
         counts = ",".join(map(str, reading.counts.tolist()))
@@ -153,7 +157,7 @@ class Recorder:
         return f"{reading.host_s:.6f},{reading.seq},{reading.device_us},{counts}{boot}"
 
     def _header(self, kind: str, table: Mapping[str, Any]) -> bytes:
-        columns = {"imu": IMU_COLUMNS, "range": RANGE_COLUMNS, "position": POSITION_COLUMNS}.get(kind)
+        columns = AID_COLUMNS.get(kind)
         if columns is None:
             channels = [f"adc{c}" for c in range(len(table["tendon_of_channel"]))]
             columns = ("host_s", "seq", "device_us", *channels, *(["boot"] if self._with_boot else []))
@@ -168,7 +172,7 @@ class RecorderThread:
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder
-        self._queue = queue.SimpleQueue[BoardReading | AidReading | None]()
+        self._queue = queue.SimpleQueue[BoardReading | AidReading | NaturalLengthReading | None]()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self.rows = 0
         """Number of rows written so far."""
@@ -185,7 +189,7 @@ class RecorderThread:
         self._queue.put(None)
         self._thread.join()
 
-    def add(self, reading: BoardReading | AidReading) -> None:
+    def add(self, reading: BoardReading | AidReading | NaturalLengthReading) -> None:
         """Add a row to the queue; returns immediately."""
         if not self.error:
             self._queue.put(reading)

@@ -58,6 +58,7 @@ class Twin:
         tendons = range(len(body.structure.tendons))
         names = [[body.end_site(tendon, end) for end in (0, 1)] for tendon in tendons]
         self._end = np.array([[self._model.site(name).id for name in pair] for pair in names])
+        self._slack_m = self._model.tendon_lengthspring.copy()
         self._step_s = step_s
         mujoco.mj_forward(self._model, self._data)
 
@@ -91,8 +92,17 @@ class Twin:
         self._data.qvel[:] = 0.0
         self._engine.mj_forward(self._model, self._data)
 
-    def run(self, loads: Loads, steps: int, *, with_turns: bool = False) -> TwinMotion:
-        """Return what happens under the loads from now on, which is t = 0, with the turns of the rods if asked for."""
+    def run(
+        self, loads: Loads, steps: int, *, wound_m: NDArray[np.float64] | None = None, with_turns: bool = False
+    ) -> TwinMotion:
+        """Return what happens from now on, which is t = 0.
+
+        Args:
+            loads: on the nodes.
+            steps: of the integration.
+            wound_m: (steps, tendons) change of the natural lengths; None where no motor changes any.
+            with_turns: whether to return the turns of the rods.
+        """
         position_m = np.empty((steps, len(self._site), 3))
         load_n = np.empty_like(position_m)
         length_m = np.empty((steps, len(self._end)))
@@ -102,11 +112,19 @@ class Twin:
             length_m[k] = self.tendon_length_m
             if turn is not None:
                 turn[k] = self._data.xmat[self._rod_body].reshape(-1, 3, 3)
+            if wound_m is not None:
+                self._wind(wound_m[k])
             load_n[k] = loads.force_n(k * self._step_s, position_m[k])
             self._push(load_n[k], position_m[k])
             self._engine.mj_step(self._model, self._data)
         self._check_stable()
         return TwinMotion(self._step_s * np.arange(steps, dtype=np.float64), position_m, load_n, length_m, turn)
+
+    def _wind(self, wound_m: NDArray[np.float64]) -> None:
+        """Change the natural lengths by (tendons,); each tendon is two springs, stretched and bent, see `mjcf`."""
+        slack_m = self._model.tendon_lengthspring
+        slack_m[::2, 1] = self._slack_m[::2, 1] + wound_m
+        slack_m[1::2, 0] = self._slack_m[1::2, 0] + wound_m
 
     def _check_stable(self) -> None:
         """Refuse what the engine would only log: it starts anew when the numbers run away.

@@ -12,6 +12,7 @@ from .carried_sensors import ImuPlan, PositionPlan, RangePlan
 from .emulated_boards import BoardPhysics, Faults
 from .geometry_error import GeometryError
 from .loads import Hold, Press, RandomPresses, Squeeze
+from .motors import MotorPlan
 from .slow_drift import DriftPlan
 from .specimens import HysteresisPlan, SensorPhysics
 from .spread_loads import RandomHugs, RandomShakes, RandomTips, WindPlan
@@ -102,6 +103,7 @@ class Plan:
     imu: list[ImuPlan] = field(default_factory=list)
     range: list[RangePlan] = field(default_factory=list)
     position: list[PositionPlan] = field(default_factory=list)
+    motor: list[MotorPlan] = field(default_factory=list)
     load: LoadPlan = field(default_factory=LoadPlan)
     fault: Faults = field(default_factory=Faults)
     drift: DriftPlan | None = None

@@ -10,6 +10,7 @@ from ..structure.structure import Structure
 from ..values.errors import InputError
 from .emulated_boards import BoardPhysics, Unplugged
 from .load_problems import problems_of_loads
+from .motors import problems_of_motors
 from .plan import Plan
 from .specimens import SensorPhysics
 
@@ -39,6 +40,7 @@ def problems(plan: Plan) -> Iterator[tuple[str, str]]:
     yield from _problems_of_drift(plan)
     yield from _problems_of_geometry(plan, structure)
     yield from problems_of_loads(plan, structure)
+    yield from problems_of_motors(plan.motor, structure, plan.rest.seconds, plan.duration_s)
     yield from _problems_of_boards(plan.boards, len(structure.tendons))
     yield from _problems_of_faults(plan, len(structure.tendons))
 

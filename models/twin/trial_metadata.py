@@ -96,7 +96,7 @@ def _ground(plan: Plan, told: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]
 
 
 def _carried(plan: Plan) -> dict[str, Any]:
-    """Return `imu`, `range` and `position` of trial.toml."""
+    """Return `imu`, `range`, `position` and `motor` of trial.toml."""
     imus = [
         {"file": f"imu{number}.csv", "rod": imu.rod, "fraction": imu.fraction, "axis": [0, 0, 1]}
         for number, imu in enumerate(plan.imu)
@@ -106,7 +106,11 @@ def _carried(plan: Plan) -> dict[str, Any]:
         for number, ranges in enumerate(plan.range)
     ]
     positions = [{"file": f"positions{number}.csv"} for number in range(len(plan.position))]
-    tables = {"imu": imus, "range": ranges, "position": positions}
+    motors = [
+        {"file": f"natural_length{number}.csv", "tendons": motor.tendons, "strip_length_m": motor.strip_length_m}
+        for number, motor in enumerate(plan.motor)
+    ]
+    tables = {"imu": imus, "range": ranges, "position": positions, "motor": motors}
     return {name: table for name, table in tables.items() if table}
 
 

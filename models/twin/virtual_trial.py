@@ -1,22 +1,24 @@
 """A whole trial of the twin: from a plan to what the boards send, and what was true."""
 
 import heapq
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..structure.natural_lengths import strip_length_m
 from ..structure.rigidity import find_rest_shape
 from ..structure.structure import Structure
 from ..values.aids import AidReading
-from ..values.readings import BoardReading
+from ..values.readings import BoardReading, NaturalLengthReading
 from .emulated_boards import Signal, board_rows
 from .engine import Twin, TwinMotion
 from .geometry_error import end_to_end_m, hub_offset_m
 from .loads import Loads, SpreadLoad
 from .mjcf import Body
+from .motors import wound_m
 from .plan import Plan
 from .specimens import Sensors, Specimens, drift
 from .trial_metadata import told_geometry, trial_metadata
@@ -39,8 +41,8 @@ class VirtualTrial:
     """(rows, nodes, 3)"""
     load_n: NDArray[np.float64]
     """(rows, nodes, 3)"""
-    carried: list[AidReading]
-    """Of all further sensors, in order of time."""
+    carried: list[AidReading | NaturalLengthReading]
+    """Of all further sensors and the motors, in order of time."""
     standing: NDArray[np.bool_] | None
     """(rows, nodes) which nodes stand on the ground; None without ground."""
 
@@ -76,6 +78,7 @@ class RandomStreams:
     tips: np.random.Generator
     carried: np.random.Generator
     """For inertial sensors, ranges and positions."""
+    motors: np.random.Generator
 
     @classmethod
     def of(cls, seed: int, boards: int) -> "RandomStreams":
@@ -86,7 +89,7 @@ class RandomStreams:
         """
         root = np.random.SeedSequence(seed)
         body, loads, rest, specimens, of_drift, *of_boards = map(np.random.default_rng, root.spawn(5 + boards))
-        hubs, told, slow_drift, hugs, shakes, wind, tips, carried = map(np.random.default_rng, root.spawn(8))
+        hubs, told, slow_drift, hugs, shakes, wind, tips, carried, motors = map(np.random.default_rng, root.spawn(9))
         return cls(
             body=body,
             loads=loads,
@@ -102,6 +105,7 @@ class RandomStreams:
             wind=wind,
             tips=tips,
             carried=carried,
+            motors=motors,
         )
 
 
@@ -121,17 +125,24 @@ def simulate(plan: Plan, provenance: str) -> VirtualTrial:
     structure = body.structure
     twin = Twin(body, plan.mechanics.step_s, start_m)
     twin.settle()
-    motion = twin.run(_loads(plan, structure.node_count, streams), plan.steps, with_turns=bool(plan.imu))
+    steps_s = plan.mechanics.step_s * np.arange(plan.steps)
+    change_m = wound_m(plan.motor, steps_s, len(structure.tendons), streams.motors)
+    motion = twin.run(
+        _loads(plan, structure.node_count, streams),
+        plan.steps,
+        wound_m=change_m if plan.motor else None,
+        with_turns=bool(plan.imu),
+    )
     specimens = Specimens.draw(plan.sensors, len(structure.tendons), streams.specimens)
     told = told_geometry(plan, structure, motion.node_position_m[0], streams.rest, streams.told)
     every = round(1 / plan.truth.rate_hz / plan.mechanics.step_s)
     return VirtualTrial(
         metadata=trial_metadata(plan, told, specimens, provenance),
-        readings=_readings(plan, _signal(plan, structure, motion, specimens, streams), streams),
+        readings=_readings(plan, _signal(plan, structure, motion, change_m, specimens, streams), streams),
         t_s=motion.t_s[::every],
         node_position_m=motion.node_position_m[::every],
         load_n=motion.load_n[::every],
-        carried=_carried(plan, structure, motion, streams.carried),
+        carried=_carried(plan, structure, motion, told["structure"]["natural_length_m"], streams),
         standing=_standing(plan, motion)[::every] if plan.ground else None,
     )
 
@@ -167,14 +178,18 @@ def _body(plan: Plan, streams: RandomStreams) -> tuple[Body, NDArray[np.float64]
     return body, start_m
 
 
-def _carried(plan: Plan, structure: Structure, motion: TwinMotion, rng: np.random.Generator) -> list[AidReading]:
-    """Return the readings of inertial sensors, ranges and positions, in order of time."""
-    sensors = [
+def _carried(
+    plan: Plan, structure: Structure, motion: TwinMotion, told_natural_m: Sequence[float], streams: RandomStreams
+) -> list[AidReading | NaturalLengthReading]:
+    """Return the readings of motors, inertial sensors, ranges and positions, in order of time."""
+    rng = streams.carried
+    readings: list[Iterable[AidReading | NaturalLengthReading]] = [
         *(imu.readings(number, motion, structure, rng) for number, imu in enumerate(plan.imu)),
         *(ranges.readings(number, motion, rng) for number, ranges in enumerate(plan.range)),
         *(position.readings(number, motion, rng) for number, position in enumerate(plan.position)),
     ]
-    return list(heapq.merge(*sensors, key=lambda reading: reading.t_s))
+    motors = [motor.readings(told_natural_m, plan.duration_s, streams.motors) for motor in plan.motor]
+    return list(heapq.merge(*motors, *readings, key=lambda reading: reading.t_s))
 
 
 def _standing(plan: Plan, motion: TwinMotion) -> NDArray[np.bool_]:
@@ -194,12 +209,19 @@ def _loads(plan: Plan, node_count: int, streams: RandomStreams) -> Loads:
 
 
 def _signal(
-    plan: Plan, structure: Structure, motion: TwinMotion, specimens: Specimens, streams: RandomStreams
+    plan: Plan,
+    structure: Structure,
+    motion: TwinMotion,
+    change_m: NDArray[np.float64],
+    specimens: Specimens,
+    streams: RandomStreams,
 ) -> Signal:
-    """Return the sensors' resistances: each follows its tendon's strain, drifts, and is noisy."""
+    """Return the sensors' resistances: each follows its strip's strain, drifts, and is noisy."""
     step_s = plan.mechanics.step_s
     sensors = plan.hysteresis.applied(plan.sensors) if plan.hysteresis else plan.sensors
-    strain = motion.tendon_length_m / structure.natural_length_m - 1
+    strip_m = strip_length_m(structure, [motor.motors for motor in plan.motor])
+    string_m = structure.natural_length_m - strip_m + change_m
+    strain = (motion.tendon_length_m - string_m) / strip_m - 1
     change = np.array(list(Sensors(sensors, specimens.gain, strain[0]).changes(strain, step_s)))
     noise = np.hypot(sensors.noise_sigma, sensors.noise_share * change)
     change += drift(sensors, len(change), change.shape[1], step_s, streams.drift)

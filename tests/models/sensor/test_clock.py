@@ -122,6 +122,7 @@ class TestClock:
         assert clock.time_of_stamp_s(newest.device_us, newest.boot + 1) is None
         assert clock.time_of_stamp_s(newest.device_us + 1_500_000, newest.boot) is None
 
+
 def test_a_restart_while_the_host_clock_goes_back_has_a_finite_time() -> None:
     clock = BoardClock(ClockSettings())
     counts = np.zeros(1, dtype=np.int64)
