@@ -22,7 +22,7 @@ from ..models.twin.virtual_trial import simulate as simulate_plan
 from ..models.values.aids import AidReading
 from ..models.values.errors import InputError
 from ..models.values.link import LinkReading, LinkState, rebased, stamp_s
-from ..models.values.readings import BoardReading
+from ..models.values.readings import BoardReading, NaturalLengthReading
 from .rig import Rig, TaringRows, tare, wait_for_boards, without_truth
 
 
@@ -177,7 +177,7 @@ def _recorded(feed: Feed, metadata: Mapping[str, Any], record: Path | None) -> I
 
 def _recorded_rows(readings: Iterator[Reading], recorder: RecorderThread) -> Iterator[Reading]:
     for reading in readings:
-        assert isinstance(reading, BoardReading | AidReading), "the recorder takes what boards and aids measure"
+        assert isinstance(reading, BoardReading | AidReading | NaturalLengthReading), "the source is counts"
         recorder.add(reading)
         yield reading
 

@@ -50,8 +50,6 @@ class Rig:
         _check_sources(table, path)
         if description.source != "counts":
             raise InputError(f"{path}: a rig has boards: expected [[board]], got [{description.source}]")
-        if description.motors:
-            raise InputError(f"{path}: [[motor]]: a rig reads boards only: expected no motors")
         if 0 < description.rest_seconds < SHORTEST_S:
             raise InputError(
                 f"{path}: [rest] seconds: too short to judge whether the structure stands still: expected 0 or at "
@@ -104,7 +102,7 @@ def _check_sources(table: TrialTable, path: Path) -> None:
     for number, imu in enumerate(table.imu):
         if imu.board is None:
             raise InputError(f"{path}: imu[{number}].board: is missing: a rig reads its inertial sensors from boards")
-    for kind in ("range", "position"):
+    for kind in ("range", "position", "motor"):
         if getattr(table, kind):
             raise InputError(f"{path}: [[{kind}]]: comes from no board: expected a rig without it")
 

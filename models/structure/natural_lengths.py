@@ -71,19 +71,18 @@ def strip_length_m(structure: Structure, motors: Sequence[Motors]) -> NDArray[np
 
 
 class Winding:
-    """Follows the natural lengths of all tendons, and makes lengths of tendons from those of strips."""
+    """Follows the natural lengths of all tendons, and makes lengths of tendons from those of strips.
+
+    Args:
+        structure: with the natural lengths at rest.
+        motors: what winds; without any, lengths stay as they are.
+        rest_seconds: how long the structure stands at rest, from the first frame.
+        reads_strips: whether lengths are those of the strips; else they are the distances between two nodes.
+    """
 
     def __init__(
         self, structure: Structure, motors: Sequence[Motors], rest_seconds: float, *, reads_strips: bool
     ) -> None:
-        """Begin with the natural lengths of the structure at rest.
-
-        Args:
-            structure: with the natural lengths at rest.
-            motors: what winds; without any, lengths stay as they are.
-            rest_seconds: how long the structure stands at rest, from the first frame.
-            reads_strips: whether lengths are those of the strips; else they are the distances between two nodes.
-        """
         self._natural_m = structure.natural_length_m
         self._strip_m = strip_length_m(structure, motors)
         self._rest_seconds = rest_seconds
@@ -201,13 +200,12 @@ class _Motor:
             self.rows.popleft()
         before = [row for row in self.rows if row.t_s <= t_s]
         after = next((row for row in self.rows if row.t_s > t_s), None)
+        found: tuple[float, float] | None = None
         if before:
-            read_m, sigma_m = _between(before[-1], after, t_s) or _held(before, t_s) or (np.nan, np.nan)
+            found = _between(before[-1], after, t_s) or _held(before, t_s)
         elif after is not None and after.t_s - t_s <= MAX_SILENCE_S:
-            read_m, sigma_m = after.natural_length_m, after.sigma_m
-        else:
-            return None
-        return None if np.isnan(read_m) else (read_m + self.shift_m, sigma_m)
+            found = after.natural_length_m, after.sigma_m
+        return None if found is None else (found[0] + self.shift_m, found[1])
 
 
 def _between(last: NaturalLengthReading, after: NaturalLengthReading | None, t_s: float) -> tuple[float, float] | None:

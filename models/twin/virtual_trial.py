@@ -125,7 +125,7 @@ def simulate(plan: Plan, provenance: str) -> VirtualTrial:
     structure = body.structure
     twin = Twin(body, plan.mechanics.step_s, start_m)
     twin.settle()
-    steps_s = plan.mechanics.step_s * np.arange(plan.steps)
+    steps_s = plan.mechanics.step_s * np.arange(plan.steps, dtype=np.float64)
     change_m = wound_m(plan.motor, steps_s, len(structure.tendons), streams.motors)
     motion = twin.run(
         _loads(plan, structure.node_count, streams),

@@ -29,6 +29,7 @@ NOT_FROM_BOARDS = {
     "imu[0].board: is missing: a rig reads its inertial sensors from boards": IMU + 'file = "imu0.csv"\n',
     "[[range]]: comes from no board": '\n[[range]]\nfile = "r.csv"\nbeacon_position_m = [[0, 0, 2]]\n',
     "[[position]]: comes from no board": '\n[[position]]\nfile = "p.csv"\n',
+    "[[motor]]: comes from no board": '\n[[motor]]\nfile = "l.csv"\ntendons = [3]\nstrip_length_m = 0.1\n',
 }
 
 

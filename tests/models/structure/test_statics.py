@@ -57,6 +57,23 @@ class TestStatics:
         check_jacobian(stiffer, by_log_stiffness, np.zeros(24))
         check_jacobian(longer, by_natural_length, np.zeros(24), step=1e-7, tolerance=1e-5)
 
+    def test_a_tendon_that_is_wound_in_pulls_more(self, structure, check_jacobian) -> None:
+        """By 400 N/m times 5 mm, along itself, at both of its ends; derivatives are those of the wound balance."""
+        base = nominal(structure)
+        position = find_rest_shape(structure) + 0.001 * np.random.default_rng(3).standard_normal((12, 3))
+        natural_m = base.natural_length_m - 0.02
+        statics = Statics(structure, replace(base, natural_length_m=natural_m))
+        change_m = np.zeros(24)
+        change_m[15] = -0.005
+        wound = statics.wound(natural_m + change_m)
+        a, b = structure.tendons[15]
+        along = (position[b] - position[a]) / np.linalg.norm(position[b] - position[a])
+        more_n = np.zeros((12, 3))
+        more_n[a], more_n[b] = K * 0.005 * along, -K * 0.005 * along
+        np.testing.assert_allclose(wound.node_force_n(position) - statics.node_force_n(position), more_n, atol=1e-9)
+        check_jacobian(wound.residual_n, wound.residual_and_jacobian(position)[1], position, step=1e-7, tolerance=1e-5)
+        np.testing.assert_array_equal(statics.mechanics.natural_length_m, natural_m)
+
     def test_many_frames_are_as_one_by_one(self, structure) -> None:
         positions = find_rest_shape(structure) + 0.003 * np.random.default_rng(2).standard_normal((5, 12, 3))
         statics = Statics(structure, nominal(structure))

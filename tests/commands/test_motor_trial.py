@@ -1,0 +1,81 @@
+"""A trial with motors as a user makes and reads it, on a prism whose upper triangle is wound."""
+
+import pytest
+
+from command_line import run
+from plan_edits import PLANS, replaced
+from tensegraph import Status, Trial, open_trial, reconstruct, simulate
+from tensegraph.io.trial_directory import arrival_s
+from tensegraph.live.feeds import replay_feed, twin_feed
+from tensegraph.models.evaluation.metrics import node_rmse_m
+from tensegraph.models.values.readings import NaturalLengthReading
+
+MOTORS = """[[motor]]
+tendons = [3, 4, 5]
+strip_length_m = 0.1
+at_s = [1.5, 3.5]
+change_m = [-0.012, 0.0]
+speed_m_per_s = 0.02
+rate_hz = 50.0
+noise_m = 0.00005
+drum_sigma = 0.01
+"""
+
+
+@pytest.fixture(scope="module")
+def trial(tmp_path_factory) -> Trial:
+    folder = tmp_path_factory.mktemp("motors")
+    text = PLANS["prism"].read_text()
+    text = replaced(text[: text.index("[[load.press]]")], ("duration_s = 30.0", "duration_s = 4.0"))
+    (folder / "prism.toml").write_text(replaced(text, ("seconds = 2.0 ", "seconds = 1.0 ")) + MOTORS)
+    return simulate(folder / "prism.toml", folder / "prism_01")
+
+
+def error_mm(trial: Trial, method: str) -> tuple[float, tuple[Status, ...]]:
+    truth = trial.truth()
+    result = reconstruct(trial, method)
+    return 1e3 * node_rmse_m(result, truth.t_s, truth.node_position_m), result.status
+
+
+def test_natural_lengths_that_are_told_are_followed(trial, tmp_path) -> None:
+    """Live, by the command line; the same trial with a file that tells of no motion is wrong, and not `ok`."""
+    assert trial.files()[-1] == "natural_length0.csv"
+    result = run("reconstruct", trial.path, "--live", "--no-figures", "--out", tmp_path / "told", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "absurd" not in result.stdout
+    told_mm, status = error_mm(trial, "live")
+    assert f"{told_mm:.2f} mm" in result.stdout
+    assert told_mm < 1.5
+    assert status.count(Status.OK) > 0.9 * len(status)
+
+    path = trial.path / "natural_length0.csv"
+    rows = path.read_text()
+    rest_m = {row.split(",")[1]: row.split(",")[2] for row in rows.splitlines()[1:4]}
+    still = [row.split(",") for row in rows.splitlines()[1:]]
+    path.write_text("\n".join([rows.splitlines()[0], *(f"{t},{e},{rest_m[e]},0.00005" for t, e, _, _ in still)]) + "\n")
+    untold_mm, status = error_mm(open_trial(trial.path), "live")
+    path.write_text(rows)
+    assert untold_mm > 2 * told_mm
+    wound = status[125:170]  # held at -12 mm
+    assert wound.count(Status.OK) < 0.2 * len(wound)
+
+
+def test_a_replay_and_the_twin_have_the_motors_too(trial) -> None:
+    """Live from the trial, and straight from the plan: the same rows as in the file, each before its frame."""
+    told = [reading for reading in trial.readings() if isinstance(reading, NaturalLengthReading)]
+    assert len(told) == 3 * 200
+    for feed in (replay_feed(trial.path, 1e6, None), twin_feed(trial.path.parent / "prism.toml", 1e6, None)):
+        with feed as live:
+            readings = list(live.rows)
+        rows = [reading for reading in readings if isinstance(reading, NaturalLengthReading)]
+        assert [row.tendon for row in rows] == [row.tendon for row in told]
+        assert [row.t_s for row in rows] == pytest.approx([row.t_s for row in told])
+        assert [row.natural_length_m for row in rows] == pytest.approx([row.natural_length_m for row in told], abs=6e-6)
+        assert [arrival_s(reading) for reading in readings] == sorted(arrival_s(reading) for reading in readings)
+
+
+def test_only_boards_can_be_recorded_again(trial, tmp_path) -> None:
+    result = run("live", "--replay", trial.path, "--record", "again", "--out", "live", cwd=tmp_path)
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+    assert "holds [[motor]]: only rows of boards can be recorded again" in result.stderr
+    assert not (tmp_path / "again").exists()

@@ -1,0 +1,85 @@
+"""The files of motors, and what is refused in them and in trial.toml."""
+
+import pytest
+
+from command_line import run
+from tensegraph import Flag, InputError, open_trial, reconstruct
+from tensegraph.models.values.readings import NaturalLengthReading
+from trial_edits import replaced
+
+TABLE = '[[motor]]\nfile = "natural_length.csv"\ntendons = [3, 7]\nstrip_length_m = 0.12\n\n[truth]'
+ROWS = "t_s,tendon,natural_length_m,sigma_m\n0.0,3,0.17,0.0001\n0.0,7,0.17,0.0001\n0.02,3,0.169,0.0002\n"
+
+
+@pytest.fixture
+def wound(trial_copy):
+    """Makes a trial with a file of motors."""
+
+    def make(rows: str = ROWS, table: str = TABLE):
+        path = trial_copy(rows=60, trial=replaced("[truth]", table))
+        (path / "natural_length.csv").write_text(rows)
+        return path
+
+    return make
+
+
+def test_rows_are_read_in_order_of_time_before_lengths_of_the_same_instant(wound) -> None:
+    trial = open_trial(wound())
+    readings = list(trial.readings())
+    told = [reading for reading in readings if isinstance(reading, NaturalLengthReading)]
+    assert [(r.t_s, r.tendon, r.natural_length_m, r.sigma_m) for r in told] == [
+        (0.0, 3, 0.17, 0.0001),
+        (0.0, 7, 0.17, 0.0001),
+        (0.02, 3, 0.169, 0.0002),
+    ]
+    assert readings[:2] == told[:2]
+    assert "natural_length.csv" in trial.hashes()
+
+
+REFUSED_ROWS = {
+    "row 4, column tendon: expected one of 3, 7, as trial.toml says, got 5": ROWS.replace("0.02,3", "0.02,5"),
+    "row 4, column natural_length_m: expected a positive number, got -0.169": ROWS.replace("0.169", "-0.169"),
+    "row 4, column sigma_m: expected a positive number, got 0.0": ROWS.replace("0.0002", "0.0"),
+    "row 4, column t_s: expected a stamp not before 0.0, got -0.02": ROWS.replace("0.02,3", "-0.02,3"),
+    "row 4, column t_s: expected a stamp later than 0.0, the last of tendon 3": ROWS.replace("0.02,3", "0.0,3"),
+    "row 4, column natural_length_m: expected a finite number, got 'x'": ROWS.replace("0.169", "x"),
+    "column 'sigma_m' is missing": ROWS.replace("sigma_m", "sigma"),
+}
+
+
+@pytest.mark.parametrize("message", REFUSED_ROWS)
+def test_a_row_that_cannot_be_is_refused(message, wound) -> None:
+    trial = open_trial(wound(REFUSED_ROWS[message]))
+    with pytest.raises(InputError, match=r"natural_length\.csv") as refused:
+        list(trial.readings())
+    assert message in str(refused.value)
+
+
+REFUSED_TABLES = {
+    "motor[0].tendons: expected tendons from 0 to 23, got 24": TABLE.replace("[3, 7]", "[3, 24]"),
+    "motor[0].strip_length_m: expected at most the natural length of tendon 3": TABLE.replace("0.12", "0.5"),
+    "motor[1].tendons: tendon 3 has a motor already": TABLE.replace("[truth]", TABLE),
+    "motor[0].strip_length_m: is missing": TABLE.replace("strip_length_m = 0.12\n", ""),
+}
+
+
+@pytest.mark.parametrize("message", REFUSED_TABLES)
+def test_a_table_that_cannot_be_is_refused_in_one_line(message, wound) -> None:
+    path = wound(table=REFUSED_TABLES[message])
+    result = run("reconstruct", path.name, "--no-figures", cwd=path.parent)
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+    assert message in result.stderr
+
+
+def test_a_missing_file_is_named(wound) -> None:
+    path = wound()
+    (path / "natural_length.csv").unlink()
+    with pytest.raises(InputError, match=r"natural_length\.csv: no such file"):
+        open_trial(path)
+
+
+def test_a_file_that_ends_never_stops_the_estimate(wound) -> None:
+    """No rows after 0.02 s: while the structure rests, its natural lengths are known all the same."""
+    result = reconstruct(wound(), "live")
+    assert len(result) > 50
+    assert not (result.flags[:, [3, 7]] & Flag.MISSING).any()
