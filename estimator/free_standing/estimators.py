@@ -29,8 +29,10 @@ from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
 from ..smoother import LiveSmoother
 from .contacts import Standing
-from .pose_filter import PoseFilter, PoseStep, smoothed, tipping
+from .pose_filter import PoseFilter
+from .pose_smoother import PoseStep, smoothed
 from .resting_faces import RestingFaces, balance_of
+from .tipping import tipping
 
 FACES_EVERY_S = 0.2
 """Shortest time between two looks at the faces, each of which takes as long as several frames."""

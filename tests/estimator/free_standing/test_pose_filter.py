@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from tensegraph.estimator.free_standing.pose_filter import PoseFilter, smoothed, tipping
+from tensegraph.estimator.free_standing.pose_filter import PoseFilter
+from tensegraph.estimator.free_standing.pose_smoother import smoothed
+from tensegraph.estimator.free_standing.tipping import tipping
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.pose.robot import FreeStandingRobot
 from tensegraph.models.structure.floor import UP, Floor

@@ -1,0 +1,75 @@
+"""Where the nodes that stand have their feet: new footholds, their random walk, and slips."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...models.pose.placed import PlacedShape, Rows
+from ...models.pose.pose_settings import PoseSettings
+from ...models.structure.floor import Floor
+from .prediction import Prediction
+
+
+def walk_variance_m2(
+    stands: NDArray[np.bool_], turned_rad: float, step_s: float, settings: PoseSettings
+) -> NDArray[np.float64]:
+    """Return (2 nodes,) the variance by which footholds walk while the body turns by an angle in a time step.
+
+    Args:
+        stands: (nodes,) which nodes stand; the others have no foothold.
+        turned_rad: the angle.
+        step_s: the time step.
+        settings: creep over time, slip over angle.
+    """
+    walk = settings.creep_m_per_s05**2 * step_s + settings.slip_m_per_rad05**2 * turned_rad
+    return np.repeat(np.where(stands, walk, 0.0), 2)
+
+
+def slipped_nodes(
+    rows: Rows, covariance: NDArray[np.float64], nodes: NDArray[np.int64], count: int, slip_sigma: float
+) -> NDArray[np.bool_]:
+    """Return (count,) which of some nodes are not where they stood.
+
+    Args:
+        rows: two for each of these nodes, see `factors.ground.foothold_rows`.
+        covariance: (size, size) of the errors of the predicted state.
+        nodes: their numbers.
+        count: number of all nodes.
+        slip_sigma: distance from the foothold, in standard deviations, from which a node has slipped.
+    """
+    slipped = np.zeros(count, dtype=np.bool_)
+    if not len(nodes):
+        return slipped
+    e = rows.error.reshape(-1, 2)
+    H = rows.jacobian.reshape(len(nodes), 2, -1)
+    S = H @ covariance @ np.swapaxes(H, 1, 2) + rows.variance.reshape(-1, 2)[:, :, None] * np.eye(2)
+    squared = np.einsum("ka,ka->k", e, np.linalg.solve(S, e[:, :, None])[:, :, 0])
+    slipped[nodes] = squared > slip_sigma**2
+    return slipped
+
+
+def put_down(predicted: Prediction, nodes: NDArray[np.bool_], floor: Floor, floor_m: float) -> Prediction:
+    """Return the prediction with new footholds where nodes begin to stand.
+
+    Args:
+        predicted: before.
+        nodes: (nodes,) which of them begin to stand.
+        floor: the floor.
+        floor_m: standard deviation of a foothold.
+    """
+    if not nodes.any():
+        return predicted
+    placed = predicted.placed
+    at = placed.state.layout
+    axes = floor.axes
+    F = np.eye(at.size)
+    variance = np.zeros(at.size)
+    for node in np.flatnonzero(nodes):
+        place = at.of_foothold(int(node))
+        F[place] = axes @ placed.jacobian[node]
+        of_shape = np.einsum("ai,ij,aj->a", axes, placed.node_covariance_m2[node], axes)
+        variance[place] = of_shape + floor_m**2
+    foothold_m = np.where(nodes[:, None], placed.node_position_m @ axes.T, placed.state.foothold_m)
+    state = replace(placed.state, foothold_m=foothold_m)
+    return predicted.then(PlacedShape(state, placed.body_m, placed.body_covariance_m2), F, variance)
