@@ -96,7 +96,8 @@ class PoseFilter:
             located = any(isinstance(reading, PositionReading | RangeReading) for reading in aids)
             self._located_s = t_s if located else self._located_s
             is_located = t_s - self._located_s < LOCATED_S
-            standing = self._contacts.observe(predicted.placed, predicted.covariance, step_s, is_located=is_located)
+            seen = self._seen(predicted, t_s, aids)
+            standing = self._contacts.observe(seen.placed, seen.covariance, step_s, is_located=is_located)
         else:
             self._contacts.stand_on(standing.nodes)
         stood, self._standing = self._standing, standing.nodes
@@ -189,6 +190,17 @@ class PoseFilter:
         covariance[here, here] += walk_variance_m2(self._standing, turning, step_s, settings)
         return Prediction(PlacedShape(state, body_m, body_covariance_m2), F, covariance)
 
+    def _seen(self, predicted: Prediction, t_s: float, aids: Sequence[AidReading]) -> Prediction:
+        """Return the prediction corrected by positions alone, by which contacts are told before the floor holds it."""
+        positions = [reading for reading in aids if isinstance(reading, PositionReading)]
+        if not positions:
+            return predicted
+        placed = predicted.placed
+        rows = position_rows(placed, positions, t_s, self._settings.position_m)
+        state, covariance = _corrected(predicted, rows)
+        placed = PlacedShape(state, placed.body_m, placed.body_covariance_m2)
+        return Prediction(placed, predicted.transition, covariance)
+
     def _tipped(self, predicted: Prediction, stands: NDArray[np.bool_], stayed: NDArray[np.bool_]) -> Prediction:
         """Return the shape tipped onto the nodes that stand, by the shortest turn about those that have stayed."""
         placed = predicted.placed
@@ -255,7 +267,7 @@ class PoseFilter:
         positions = [reading for reading in aids if isinstance(reading, PositionReading)]
         ranges = [reading for reading in aids if isinstance(reading, RangeReading)]
         if positions:
-            rows.append(position_rows(placed, positions, settings.position_m))
+            rows.append(position_rows(placed, positions, t_s, settings.position_m))
         if ranges:
             rows.append(range_rows(placed, ranges, self._number_of_pair, predicted.covariance, settings.range_m))
         if t_s < self._rest_seconds:
