@@ -337,4 +337,11 @@ def in_world(
         shape = replace(shape, status=Status.DOUBT, doubt=Reason.CONTACTS)
     if not step.trusts_imus and shape.doubt is None:
         shape = replace(shape, status=Status.DOUBT, doubt=Reason.IMU)
-    return replace(shape, node_position_m=x, covariance_m2=total, loads=loads, contacts=stands.probability)
+    return replace(
+        shape,
+        node_position_m=x,
+        covariance_m2=total,
+        loads=loads,
+        contacts=stands.probability,
+        slips=step.slips,
+    )

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_settings import PoseSettings
 from ...models.structure.floor import Floor
+from ...models.structure.slip import Slip
 from .prediction import Prediction
 
 
@@ -26,27 +27,33 @@ def walk_variance_m2(
     return np.repeat(np.where(stands, walk, 0.0), 2)
 
 
-def slipped_nodes(
-    rows: Rows, covariance: NDArray[np.float64], nodes: NDArray[np.int64], count: int, slip_sigma: float
-) -> NDArray[np.bool_]:
-    """Return (count,) which of some nodes are not where they stood.
+def slips(
+    rows: Rows, predicted: Prediction, t_s: float, nodes: NDArray[np.int64], floor: Floor, slip_sigma: float
+) -> list[Slip]:
+    """Return which of some nodes are not where they stood, and how far they have slipped.
+
+    With the error e of a node's foothold and its covariance S, the way is -e, and a node has slipped if e^T S^-1 e is
+    above the square of `slip_sigma`.
 
     Args:
         rows: two for each of these nodes, see `factors.ground.foothold_rows`.
-        covariance: (size, size) of the errors of the predicted state.
+        predicted: what is expected of the frame.
+        t_s: time of the frame.
         nodes: their numbers.
-        count: number of all nodes.
+        floor: the floor.
         slip_sigma: distance from the foothold, in standard deviations, from which a node has slipped.
     """
-    slipped = np.zeros(count, dtype=np.bool_)
     if not len(nodes):
-        return slipped
+        return []
     e = rows.error.reshape(-1, 2)
     H = rows.jacobian.reshape(len(nodes), 2, -1)
-    S = H @ covariance @ np.swapaxes(H, 1, 2) + rows.variance.reshape(-1, 2)[:, :, None] * np.eye(2)
+    S = H @ predicted.covariance @ np.swapaxes(H, 1, 2) + rows.variance.reshape(-1, 2)[:, :, None] * np.eye(2)
     squared = np.einsum("ka,ka->k", e, np.linalg.solve(S, e[:, :, None])[:, :, 0])
-    slipped[nodes] = squared > slip_sigma**2
-    return slipped
+    variance_m2 = np.einsum("ka,kab,kb->k", e, S, e) / np.maximum(np.sum(e**2, axis=1), 1e-300)
+    return [
+        Slip(t_s, int(nodes[k]), -e[k] @ floor.axes, float(np.sqrt(variance_m2[k])))
+        for k in np.flatnonzero(squared > slip_sigma**2)
+    ]
 
 
 def put_down(predicted: Prediction, nodes: NDArray[np.bool_], floor: Floor, floor_m: float) -> Prediction:

@@ -24,10 +24,11 @@ from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import FreeStandingRobot
 from ...models.structure.rest_shape import RestShape
+from ...models.structure.slip import Slip
 from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from ...models.values.rotations import rotation, rotation_vector
 from .contacts import ContactsByHeight, Standing
-from .footholds import put_down, slipped_nodes, walk_variance_m2
+from .footholds import put_down, slips, walk_variance_m2
 from .imu_trust import ImuTrust
 from .pose_motion import PoseMotion
 from .pose_smoother import PoseStep
@@ -104,7 +105,9 @@ class PoseFilter:
         kept = standing.nodes & stood
         if has_landed(predicted.placed, self._floor, standing.nodes & ~stood):
             predicted = self._tipped(predicted, standing.nodes, kept)
-        slipped = self._slipped(predicted, kept)
+        slipped = np.zeros_like(kept)
+        found = self._slips(predicted, t_s, kept)
+        slipped[[slip.node for slip in found]] = True
         started = (standing.nodes & ~stood) | slipped
         predicted = put_down(predicted, started, self._floor, self._settings.floor_m)
         rows = stacked(self._rows(predicted, t_s, step_s, aids, samples, kept & ~slipped))
@@ -120,6 +123,7 @@ class PoseFilter:
             state=self.state,
             covariance=self.covariance,
             standing=standing,
+            slips=tuple(found),
             trusts_imus=bool(self._trust.is_trusted.all()),
         )
 
@@ -211,11 +215,11 @@ class PoseFilter:
         turn = rotation(heading * self._floor.normal) @ turn
         return tipped(predicted, turn, pivot_m, stayed, self._settings)
 
-    def _slipped(self, predicted: Prediction, stands: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return (nodes,) which of the nodes that stand are not where they stood."""
+    def _slips(self, predicted: Prediction, t_s: float, stands: NDArray[np.bool_]) -> list[Slip]:
+        """Return the slips of the nodes that stand."""
         nodes = np.flatnonzero(stands)
         rows = self._foothold_rows(predicted.placed, nodes, 1.0)
-        return slipped_nodes(rows, predicted.covariance, nodes, len(stands), self._settings.slip_sigma)
+        return slips(rows, predicted, t_s, nodes, self._floor, self._settings.slip_sigma)
 
     def rod_heights(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return (known, 2) ends of rods with trusted sensors, and (known,) the second's height above the first."""

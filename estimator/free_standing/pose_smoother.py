@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.pose.pose_state import PoseState
+from ...models.structure.slip import Slip
 from .contacts import Standing
 
 
@@ -28,6 +29,8 @@ class PoseStep:
     """(size, size)"""
     standing: Standing
     """Which nodes stand."""
+    slips: tuple[Slip, ...]
+    """Of nodes that stand."""
     trusts_imus: bool
     """Whether all inertial sensors agree with the inclination of their rods."""
 
