@@ -10,7 +10,7 @@ Batch runs the same filter, and then `pose_smoother` over its steps.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from .imu_trust import ImuTrust
 from .pose_motion import PoseMotion
 from .pose_smoother import PoseStep
 from .prediction import Prediction
+from .slide_watch import LOST_M, WATCH_S, WITH_IT_SIGMA, UnheldPose, at_rest
 from .tipping import MISSED_RAD, has_landed, tipped, tipping
 
 STILL = 1e-3
@@ -41,6 +42,21 @@ LOCATED_S = 0.2
 """Time for which a position or a range tells where the robot is."""
 BELOW_M = 0.001
 """Depth below the floor at which a node that does not stand is lifted to it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Frame:
+    """What is known of one frame beside the state."""
+
+    t_s: float
+    step_s: float
+    body_m: NDArray[np.float64]
+    """(nodes, 3) the shape, relative to c."""
+    body_covariance_m2: NDArray[np.float64]
+    """(3 nodes, 3 nodes)"""
+    aids: Sequence[AidReading]
+    samples: ImuSamples | None
+    """Of the inertial sensors; None without such sensors."""
 
 
 class PoseFilter:
@@ -71,6 +87,8 @@ class PoseFilter:
         self._last_s = np.nan
         self._located_s = -np.inf
         self._trust = ImuTrust(self._imus.count)
+        self._unheld: UnheldPose | None = None
+        self._slides_since_s = np.full(len(self._standing), np.inf)
 
     def step(
         self,
@@ -79,6 +97,7 @@ class PoseFilter:
         body_covariance_m2: NDArray[np.float64],
         aids: Sequence[AidReading],
         standing: Standing | None = None,
+        sliding: NDArray[np.bool_] | None = None,
     ) -> PoseStep:
         """Return the state in one more frame.
 
@@ -88,32 +107,39 @@ class PoseFilter:
             body_covariance_m2: (3 nodes, 3 nodes) its covariance.
             aids: the readings since the frame before.
             standing: which nodes stand; None to tell it from heights.
+            sliding: (nodes,) which of them slide; None to tell it from inertial sensors.
         """
         step_s = t_s - self._last_s if np.isfinite(self._last_s) else 0.02
         samples = self._imu_samples(aids)
-        body_m = body_m - self.centre_m
-        predicted = self._predict(step_s, samples, body_m, body_covariance_m2)
-        if standing is None:
-            located = any(isinstance(reading, PositionReading | RangeReading) for reading in aids)
-            self._located_s = t_s if located else self._located_s
-            is_located = t_s - self._located_s < LOCATED_S
-            seen = self._seen(predicted, t_s, aids)
-            standing = self._contacts.observe(seen.placed, seen.covariance, step_s, is_located=is_located)
-        else:
-            self._contacts.stand_on(standing.nodes)
+        frame = _Frame(t_s, step_s, body_m - self.centre_m, body_covariance_m2, aids, samples)
+        predicted = self._predict(frame, self.state, self.covariance, self._turn_before)
+        before = self.state
+        standing = self._contacts_of(predicted, frame, standing)
         stood, self._standing = self._standing, standing.nodes
         kept = standing.nodes & stood
         if has_landed(predicted.placed, self._floor, standing.nodes & ~stood):
             predicted = self._tipped(predicted, standing.nodes, kept)
+            self._unheld = None
+        if samples is not None:
+            self._trust.observe(self._imus, predicted.placed, samples, step_s)
+        slid = np.isfinite(self._slides_since_s)
+        if sliding is None:
+            predicted, before = self._watched(predicted, frame, standing.nodes & ~stood, kept)
+        else:
+            self._slides_since_s = np.where(sliding, t_s, np.inf)
+        if (np.isfinite(self._slides_since_s) & ~slid).any():
+            variance = np.zeros(before.layout.size)
+            variance[before.layout.position] = LOST_M**2
+            predicted = predicted.then(predicted.placed, np.eye(len(variance)), variance)
+        found = self._slips(predicted, before, t_s, kept, slid)
         slipped = np.zeros_like(kept)
-        found = self._slips(predicted, t_s, kept)
         slipped[[slip.node for slip in found]] = True
         started = (standing.nodes & ~stood) | slipped
         predicted = put_down(predicted, started, self._floor, self._settings.floor_m)
-        rows = stacked(self._rows(predicted, t_s, step_s, aids, samples, kept & ~slipped))
-        self._turn_before = self.state.turn
-        self.state, self.covariance = _corrected(predicted, rows)
-        self._body_before_m = body_m
+        held = kept & ~slipped & ~np.isfinite(self._slides_since_s)
+        self._turn_before = before.turn
+        self.state, self.covariance = _corrected(predicted, stacked(self._rows(predicted, before, frame, held)))
+        self._body_before_m = frame.body_m
         self._samples = samples
         self._last_s = t_s
         return PoseStep(
@@ -124,8 +150,51 @@ class PoseFilter:
             covariance=self.covariance,
             standing=standing,
             slips=tuple(found),
+            slides_since_s=self._slides_since_s,
             trusts_imus=bool(self._trust.is_trusted.all()),
         )
+
+    def _contacts_of(self, predicted: Prediction, frame: "_Frame", standing: Standing | None) -> Standing:
+        """Return which nodes stand, as told or by heights."""
+        if standing is not None:
+            self._contacts.stand_on(standing.nodes)
+            return standing
+        located = any(isinstance(reading, PositionReading | RangeReading) for reading in frame.aids)
+        self._located_s = frame.t_s if located else self._located_s
+        is_located = frame.t_s - self._located_s < LOCATED_S
+        seen = self._seen(predicted, frame)
+        return self._contacts.observe(seen.placed, seen.covariance, frame.step_s, is_located=is_located)
+
+    def _watched(
+        self, predicted: Prediction, frame: "_Frame", landed: NDArray[np.bool_], kept: NDArray[np.bool_]
+    ) -> tuple[Prediction, PoseState]:
+        """Return the prediction, that without footholds where nodes slide, and the state before it."""
+        slid = np.isfinite(self._slides_since_s)
+        if slid.any():
+            rests = at_rest(predicted.placed, predicted.covariance, self._floor)
+            self._slides_since_s = np.where(kept & ~rests, self._slides_since_s, np.inf)
+        if (slid & ~np.isfinite(self._slides_since_s)).any():  # their new footholds are those of the next watch
+            self._unheld = None
+            return predicted, self.state
+        if frame.samples is None or frame.t_s < self._rest_seconds:
+            return predicted, self.state
+        if self._unheld is None or frame.t_s - self._unheld.since_s > WATCH_S:
+            self._unheld = UnheldPose(self._last_s, self.state, self.covariance, self._turn_before)
+        unheld = self._unheld
+        free = self._predict(frame, unheld.state, unheld.covariance, unheld.turn_before)
+        free = put_down(free, landed, self._floor, self._settings.floor_m)
+        watched = np.flatnonzero(kept & ~np.isfinite(self._slides_since_s))
+        rows = self._foothold_rows(free.placed, unheld.state, watched, 1.0)
+        if slips(rows, free, frame.t_s, watched, self._floor, self._settings.slip_sigma):
+            slide = slips(rows, free, frame.t_s, watched, self._floor, WITH_IT_SIGMA)
+            self._slides_since_s = self._slides_since_s.copy()
+            self._slides_since_s[[slip.node for slip in slide]] = unheld.since_s
+            self._unheld = None
+            return free, unheld.state
+        nothing = np.zeros_like(kept)
+        state, covariance = _corrected(free, stacked(self._rows(free, unheld.state, frame, nothing)))
+        self._unheld = UnheldPose(unheld.since_s, state, covariance, unheld.state.turn)
+        return predicted, self.state
 
     @property
     def standing(self) -> Standing:
@@ -175,32 +244,35 @@ class PoseFilter:
         return self._trust.trusted(samples)
 
     def _predict(
-        self,
-        step_s: float,
-        samples: ImuSamples | None,
-        body_m: NDArray[np.float64],
-        body_covariance_m2: NDArray[np.float64],
+        self, frame: "_Frame", before: PoseState, covariance: NDArray[np.float64], turn_before: NDArray[np.float64]
     ) -> Prediction:
-        """Return what is expected of the next frame."""
-        settings, before, at = self._settings, self.state, self.state.layout
-        motion = self._motion.after(before, step_s, samples, (self._body_before_m, body_m))
-        turned = rotation_vector(before.turn @ self._turn_before.T)
+        """Return what is expected of a frame.
+
+        Args:
+            frame: the frame.
+            before: the state in the frame before.
+            covariance: (size, size) of its errors.
+            turn_before: (3, 3) the turn of the body one frame earlier still.
+        """
+        settings, at = self._settings, before.layout
+        motion = self._motion.after(before, frame.step_s, frame.samples, (self._body_before_m, frame.body_m))
+        turned = rotation_vector(before.turn @ turn_before.T)
         rolled_m = rolled_on_floor_m(turned, self._floor, settings.cap_radius_m)
         state = replace(motion.state, foothold_m=before.foothold_m + np.where(self._standing[:, None], rolled_m, 0.0))
         F = motion.transition
-        covariance = F @ self.covariance @ F.T + motion.noise
+        covariance = F @ covariance @ F.T + motion.noise
         turning = float(np.linalg.norm(rotation_vector(state.turn @ before.turn.T)))
         here = np.arange(at.foothold.start, at.foothold.stop)
-        covariance[here, here] += walk_variance_m2(self._standing, turning, step_s, settings)
-        return Prediction(PlacedShape(state, body_m, body_covariance_m2), F, covariance)
+        covariance[here, here] += walk_variance_m2(self._standing, turning, frame.step_s, settings)
+        return Prediction(PlacedShape(state, frame.body_m, frame.body_covariance_m2), F, covariance)
 
-    def _seen(self, predicted: Prediction, t_s: float, aids: Sequence[AidReading]) -> Prediction:
+    def _seen(self, predicted: Prediction, frame: "_Frame") -> Prediction:
         """Return the prediction corrected by positions alone, by which contacts are told before the floor holds it."""
-        positions = [reading for reading in aids if isinstance(reading, PositionReading)]
+        positions = [reading for reading in frame.aids if isinstance(reading, PositionReading)]
         if not positions:
             return predicted
         placed = predicted.placed
-        rows = position_rows(placed, positions, t_s, self._settings.position_m)
+        rows = position_rows(placed, positions, frame.t_s, self._settings.position_m)
         state, covariance = _corrected(predicted, rows)
         placed = PlacedShape(state, placed.body_m, placed.body_covariance_m2)
         return Prediction(placed, predicted.transition, covariance)
@@ -215,11 +287,30 @@ class PoseFilter:
         turn = rotation(heading * self._floor.normal) @ turn
         return tipped(predicted, turn, pivot_m, stayed, self._settings)
 
-    def _slips(self, predicted: Prediction, t_s: float, stands: NDArray[np.bool_]) -> list[Slip]:
-        """Return the slips of the nodes that stand."""
-        nodes = np.flatnonzero(stands)
-        rows = self._foothold_rows(predicted.placed, nodes, 1.0)
-        return slips(rows, predicted, t_s, nodes, self._floor, self._settings.slip_sigma)
+    def _slips(
+        self,
+        predicted: Prediction,
+        before: PoseState,
+        t_s: float,
+        kept: NDArray[np.bool_],
+        slid: NDArray[np.bool_],
+    ) -> list[Slip]:
+        """Return the slips of nodes that stand: those found at once, and the slides that have ended.
+
+        Args:
+            predicted: what is expected of the frame.
+            before: the state in the frame before.
+            t_s: time of the frame.
+            kept: (nodes,) which nodes have stood since the frame before.
+            slid: (nodes,) which of them slid in the frame before.
+        """
+        slides = np.isfinite(self._slides_since_s)
+        found = []
+        for nodes, slip_sigma in ((kept & ~slides & ~slid, self._settings.slip_sigma), (kept & ~slides & slid, 0.0)):
+            which = np.flatnonzero(nodes)
+            rows = self._foothold_rows(predicted.placed, before, which, 1.0)
+            found += slips(rows, predicted, t_s, which, self._floor, slip_sigma)
+        return found
 
     def rod_heights(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return (known, 2) ends of rods with trusted sensors, and (known,) the second's height above the first."""
@@ -249,37 +340,35 @@ class PoseFilter:
     def _rows(
         self,
         predicted: Prediction,
-        t_s: float,
-        step_s: float,
-        aids: Sequence[AidReading],
-        samples: ImuSamples | None,
-        kept: NDArray[np.bool_],
+        before: PoseState,
+        frame: "_Frame",
+        held: NDArray[np.bool_],
     ) -> list[Rows]:
         """Return the rows of all aids in one frame."""
         settings, floor, placed = self._settings, self._floor, predicted.placed
-        repeats = max(settings.shape_holds_s / step_s, 1.0)
+        samples, aids = frame.samples, frame.aids
+        repeats = max(settings.shape_holds_s / frame.step_s, 1.0)
         below = floor.clearance_m(placed.node_position_m) < -BELOW_M
         at_height = np.flatnonzero(self._standing | below)
         rows = [
             height_rows(placed, floor, at_height, settings.floor_m, repeats),
-            self._foothold_rows(placed, np.flatnonzero(kept), repeats),
+            self._foothold_rows(placed, before, np.flatnonzero(held), repeats),
         ]
         if samples is not None:
-            self._trust.observe(self._imus, placed, samples, step_s)
             rows.append(self._imus.direction_rows(placed, repeats, np.flatnonzero(self._trust.is_trusted)))
             rows.append(self._imus.gravity_rows(placed.state, samples, settings))
         positions = [reading for reading in aids if isinstance(reading, PositionReading)]
         ranges = [reading for reading in aids if isinstance(reading, RangeReading)]
         if positions:
-            rows.append(position_rows(placed, positions, t_s, settings.position_m))
+            rows.append(position_rows(placed, positions, frame.t_s, settings.position_m))
         if ranges:
             rows.append(range_rows(placed, ranges, self._number_of_pair, predicted.covariance, settings.range_m))
-        if t_s < self._rest_seconds:
+        if frame.t_s < self._rest_seconds:
             rows.append(self._still_rows(placed.state))
         return rows
 
-    def _foothold_rows(self, placed: PlacedShape, nodes: NDArray[np.int64], repeats: float) -> Rows:
-        turned = rotation_vector(placed.state.turn @ self.state.turn.T)
+    def _foothold_rows(self, placed: PlacedShape, before: PoseState, nodes: NDArray[np.int64], repeats: float) -> Rows:
+        turned = rotation_vector(placed.state.turn @ before.turn.T)
         settings = self._settings
         return foothold_rows(placed, self._floor, nodes, turned, settings.cap_radius_m, settings.floor_m, repeats)
 

@@ -31,6 +31,8 @@ class PoseStep:
     """Which nodes stand."""
     slips: tuple[Slip, ...]
     """Of nodes that stand."""
+    slides_since_s: NDArray[np.float64]
+    """(nodes,) since when each node that slides has done so at the earliest; inf where it does not."""
     trusts_imus: bool
     """Whether all inertial sensors agree with the inclination of their rods."""
 
