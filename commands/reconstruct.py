@@ -21,6 +21,7 @@ from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.rest_shape import RestShape, WrongPart
+from ..models.structure.slip import Slip
 from ..models.values.errors import InputError
 from ..models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag
 from ..pipeline import Pipeline, write_result
@@ -109,6 +110,8 @@ class Run:
         table.add_row("mean sigma of a node", f"{1e3 * r.node_sigma_m[:, free].mean():.2f} mm")
         for name, text in [*rest_balance(self.pipeline.rest), *load_rows(r, self.settings.load_threshold_n)]:
             table.add_row(name, text)
+        if r.contacts is not None:
+            table.add_row("slips", slip_line(r.slides))
         for name, rows in self._rows_not_plain().items():
             table.add_row(name, str(rows))
         for key in self.trial.description.ignored_keys:
@@ -216,6 +219,16 @@ def load_rows(r: Reconstruction, threshold_n: float) -> list[tuple[str, str]]:
         ("largest load", f"{load_n[k, node]:.2f} N at node {node}, t = {r.t_s[k]:.2f} s"),
         (f"nodes above {threshold_n:g} N for {LONG_S:g} s", ", ".join(long) or "none"),
     ]
+
+
+def slip_line(slides: Sequence[Slip]) -> str:
+    """Return how often nodes slipped on the floor, which, and how far at most."""
+    if not slides:
+        return "none"
+    furthest = max(slides, key=lambda slip: slip.distance_m)
+    nodes = ", ".join(str(node) for node in sorted({slip.node for slip in slides}))
+    distance = f"{1e3 * furthest.distance_m:.0f} ± {1e3 * furthest.sigma_m:.0f} mm"
+    return f"{len(slides)}, of node {nodes}; at most {distance}, node {furthest.node} at t = {furthest.t_s:.2f} s"
 
 
 def flagged_sensors(r: Reconstruction) -> list[str]:

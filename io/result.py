@@ -26,6 +26,7 @@ LOADS_FILE = "estimated_loads.csv"
 DRIFT_FILE = "sensor_drift.csv"
 CONTACTS_FILE = "contacts.csv"
 TRACK_FILE = "track.csv"
+SLIPS_FILE = "slips.csv"
 COVARIANCE_COLUMNS = ("cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2")
 """The upper triangle, row by row; ten digits, because the inverse for a long, thin ellipsoid loses seven."""
 
@@ -65,6 +66,7 @@ def write_tables(reconstruction: Reconstruction, probability: float, directory: 
     if reconstruction.contacts is not None:
         _append(directory / CONTACTS_FILE, _contact_rows(reconstruction.t_s, reconstruction.contacts))
         _append(directory / TRACK_FILE, _track_rows(reconstruction))
+        _append(directory / SLIPS_FILE, _slip_rows(reconstruction))
     if reconstruction.loads:
         _append(directory / LOADS_FILE, _load_rows(reconstruction, reconstruction.loads))
 
@@ -244,6 +246,13 @@ def _track_rows(r: Reconstruction) -> Iterator[str]:
     for t_s, position, covariance in zip(r.t_s, r.centroid_m, r.centroid_covariance_m2, strict=True):
         numbers = [*(f"{value:.6f}" for value in position), *(f"{value:.9e}" for value in covariance[row, column])]
         yield f"{t_s:.4f}," + ",".join(numbers)
+
+
+def _slip_rows(r: Reconstruction) -> Iterator[str]:
+    yield "t_s,node,distance_m,sigma_m,x_m,y_m,z_m"
+    for slip in (slip for frame in r.slips for slip in frame):
+        numbers = ",".join(f"{value:.6f}" for value in (slip.distance_m, slip.sigma_m, *slip.way_m))
+        yield f"{slip.t_s:.4f},{slip.node},{numbers}"
 
 
 def _drift_rows(t_s: NDArray[np.float64], drift: NDArray[np.float64], sigma: NDArray[np.float64]) -> Iterator[str]:

@@ -30,9 +30,12 @@ from ..batch import BatchOptimizer, without_lag
 from ..smoother import LiveSmoother
 from .contacts import Standing
 from .imu_trust import ATTITUDE_HOLDS_S
-from .pose_filter import PoseFilter, PoseStep, smoothed, tipping
+from .pose_filter import PoseFilter
+from .pose_smoother import PoseStep, smoothed
 from .resting_faces import RestingFaces, balance_of
+from .slide_watch import slid_before
 from .stable_face import StableFace
+from .tipping import tipping
 
 FACES_EVERY_S = 0.2
 """Shortest time between two looks at the faces, each of which takes as long as several frames."""
@@ -224,13 +227,31 @@ class FreeStandingOptimizer:
     def _poses(
         self, frames: Sequence[TendonLengths], shapes: Sequence[Shape], contacts: Sequence[Standing | None]
     ) -> list[tuple[PoseState, NDArray[np.float64], PoseStep]]:
-        """Return the state of the pose, its covariance and the filter's step in each frame."""
-        poses = PoseFilter(self._rest, self._robot, self._settings.pose)
-        steps = [
-            poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands)
-            for lengths, shape, stands in zip(frames, shapes, contacts, strict=True)
-        ]
+        """Return the state of the pose, its covariance and the filter's step in each frame.
+
+        Where feet slide, which is found some time after it began, the filter runs again and knows it from the start.
+        """
+        nothing: list[NDArray[np.bool_] | None] = [None] * len(frames)
+        steps = self._filtered(frames, shapes, contacts, nothing)
+        since_s = np.array([step.slides_since_s for step in steps])
+        if np.isfinite(since_s).any():
+            slides = slid_before(since_s, np.array([lengths.t_s for lengths in frames]))
+            steps = self._filtered(frames, shapes, contacts, list(slides))
         return [(state, covariance, step) for (state, covariance), step in zip(smoothed(steps), steps, strict=True)]
+
+    def _filtered(
+        self,
+        frames: Sequence[TendonLengths],
+        shapes: Sequence[Shape],
+        contacts: Sequence[Standing | None],
+        sliding: Sequence[NDArray[np.bool_] | None],
+    ) -> list[PoseStep]:
+        """Return the filter's steps over all frames."""
+        poses = PoseFilter(self._rest, self._robot, self._settings.pose)
+        return [
+            poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands, slides)
+            for lengths, shape, stands, slides in zip(frames, shapes, contacts, sliding, strict=True)
+        ]
 
 
 def _stretches(looked: Sequence[int], t_s: Sequence[float]) -> list[list[int]]:
@@ -346,4 +367,11 @@ def in_world(
         shape = replace(shape, status=Status.DOUBT, doubt=Reason.IMU)
     if stands.assumed and shape.doubt is None:
         shape = replace(shape, status=Status.DOUBT, doubt=Reason.ATTITUDE)
-    return replace(shape, node_position_m=x, covariance_m2=total, loads=loads, contacts=stands.probability)
+    return replace(
+        shape,
+        node_position_m=x,
+        covariance_m2=total,
+        loads=loads,
+        contacts=stands.probability,
+        slips=step.slips,
+    )

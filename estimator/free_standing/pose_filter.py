@@ -1,4 +1,4 @@
-"""The pose of a free-standing structure: an error-state Kalman filter, and its smoother.
+"""The pose of a free-standing structure: an error-state Kalman filter.
 
 The shape is estimated in body coordinates, where lengths and forces need no base. The filter places it in the world:
 between frames the body moves at constant rate and velocity, or as inertial sensors say; in each frame the rows of all
@@ -6,7 +6,7 @@ aids (floor, footholds, rods with sensors, gravity, ranges, positions) correct t
 
     S = H P H^T + V,   K = P H^T S^-1,   d = K e,   P <- P - K S K^T
 
-Batch runs the same filter and then the smoother of Rauch, Tung and Striebel over its steps.
+Batch runs the same filter, and then `pose_smoother` over its steps.
 """
 
 from collections.abc import Sequence
@@ -19,38 +19,25 @@ from ...factors.ground import foothold_rows, height_rows, rolled_on_floor_m
 from ...factors.imu import ImuArray, ImuSamples
 from ...factors.position import position_rows
 from ...factors.range import range_rows
-from ...factors.sliding import least_friction_slides_m
 from ...models.pose.placed import PlacedShape, Rows, stacked
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import FreeStandingRobot
-from ...models.structure.floor import UP
 from ...models.structure.rest_shape import RestShape
-from ...models.structure.support import legs_n
+from ...models.structure.slip import Slip
 from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
-from ...models.values.rotations import rotation, rotation_vector, shortest_rotation
+from ...models.values.rotations import rotation, rotation_vector
 from .contacts import ContactsByHeight, Standing
+from .footholds import let_slide, put_down, slips, walk_variance_m2
 from .imu_trust import ImuTrust
 from .pose_motion import PoseMotion
+from .pose_smoother import PoseStep
+from .prediction import Prediction
+from .slide_watch import LOST_M, WATCH_S, WITH_IT_SIGMA, UnheldPose, at_rest
+from .tipping import MISSED_RAD, has_landed, tipped, tipping
 
 STILL = 1e-3
 """Standard deviation of all motion while the structure stands at rest at the start, in rad and m and per second."""
-LANDED_M = 0.015
-"""Height above the floor at which a node cannot stand: the structure has tipped further than was predicted."""
-LANDING_RAD = 0.1
-"""Standard deviation of the turn, beside the shortest one onto the face that stands."""
-LANDING_M = 0.01
-"""Standard deviation of the motion, beside that turn about the nodes that have stayed."""
-UNSEEN_SLIP = 4.0
-"""Factor of the variance by which nodes slip while the structure tips unseen: the way of its caps is unknown."""
-MISSED_RAD = 0.3
-"""Heading that the shortest turn misses, above which the pose before it was wrong."""
-LEAP_RAD = 0.8
-"""Standard deviation of the turn when no node has stayed: the robot has rolled over several faces."""
-LEAP_M = 0.25
-"""Standard deviation of the motion when no node has stayed."""
-LEAST_SHARE = 0.05
-"""Least share of the weight on a node that stands: the centre of mass is not quite the centroid."""
 LOCATED_S = 0.2
 """Time for which a position or a range tells where the robot is."""
 BELOW_M = 0.001
@@ -58,20 +45,18 @@ BELOW_M = 0.001
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PoseStep:
-    """One step of the filter, as the smoother needs it."""
+class _Frame:
+    """What is known of one frame beside the state."""
 
-    transition: NDArray[np.float64]
-    """(size, size) F, from the errors of the step before."""
-    predicted: PoseState
-    predicted_covariance: NDArray[np.float64]
-    state: PoseState
-    covariance: NDArray[np.float64]
-    """(size, size)"""
-    standing: Standing
-    """Which nodes stand."""
-    trusts_imus: bool
-    """Whether all inertial sensors agree with the inclination of their rods."""
+    t_s: float
+    step_s: float
+    body_m: NDArray[np.float64]
+    """(nodes, 3) the shape, relative to c."""
+    body_covariance_m2: NDArray[np.float64]
+    """(3 nodes, 3 nodes)"""
+    aids: Sequence[AidReading]
+    samples: ImuSamples | None
+    """Of the inertial sensors; None without such sensors."""
 
 
 class PoseFilter:
@@ -102,6 +87,8 @@ class PoseFilter:
         self._last_s = np.nan
         self._located_s = -np.inf
         self._trust = ImuTrust(self._imus.count)
+        self._unheld: UnheldPose | None = None
+        self._slides_since_s = np.full(len(self._standing), np.inf)
 
     def step(
         self,
@@ -110,6 +97,7 @@ class PoseFilter:
         body_covariance_m2: NDArray[np.float64],
         aids: Sequence[AidReading],
         standing: Standing | None = None,
+        sliding: NDArray[np.bool_] | None = None,
     ) -> PoseStep:
         """Return the state in one more frame.
 
@@ -119,40 +107,99 @@ class PoseFilter:
             body_covariance_m2: (3 nodes, 3 nodes) its covariance.
             aids: the readings since the frame before.
             standing: which nodes stand; None to tell it from heights.
+            sliding: (nodes,) which of them slide; None to tell it from inertial sensors.
         """
         step_s = t_s - self._last_s if np.isfinite(self._last_s) else 0.02
         samples = self._imu_samples(t_s, aids)
         back = self._take_on_again(samples)
-        body_m = body_m - self.centre_m
         samples = None if samples is None else self._trust.used(samples)
-        transition, state, covariance = self._predict(step_s, samples, body_m)
-        transition = transition @ back
-        placed = PlacedShape(state, body_m, body_covariance_m2)
-        if standing is None:
-            located = any(isinstance(reading, PositionReading | RangeReading) for reading in aids)
-            self._located_s = t_s if located else self._located_s
-            is_located = t_s - self._located_s < LOCATED_S
-            standing = self._contacts.observe(placed, covariance, step_s, is_located=is_located)
-        else:
-            self._contacts.stand_on(standing.nodes)
+        frame = _Frame(t_s, step_s, body_m - self.centre_m, body_covariance_m2, aids, samples)
+        predicted = self._predict(frame, self.state, self.covariance, self._turn_before)
+        predicted = replace(predicted, transition=predicted.transition @ back)
+        before = self.state
+        standing = self._contacts_of(predicted, frame, standing)
         stood, self._standing = self._standing, standing.nodes
         kept = standing.nodes & stood
-        if self._landed(placed, standing.nodes & ~stood):
-            transition, placed, covariance = self._tipped(placed, transition, covariance, standing.nodes, kept)
+        if has_landed(predicted.placed, self._floor, standing.nodes & ~stood):
+            predicted = self._tipped(predicted, standing.nodes, kept)
+            self._unheld = None
         if standing.assumed and kept.any():
-            self._let_slide(placed, covariance, standing.nodes, kept)
-        slipped = self._slipped(placed, covariance, kept)
-        put_down = (standing.nodes & ~stood) | slipped
-        transition, placed, covariance = self._put_down(placed, transition, covariance, put_down)
-        predicted = (placed.state, covariance)
-        rows = stacked(self._rows(placed, covariance, t_s, step_s, aids, samples, kept & ~slipped))
-        self._turn_before = self.state.turn
-        self.state, self.covariance = _corrected(placed.state, covariance, rows)
-        self._body_before_m = body_m
+            predicted = let_slide(predicted, self._body_before_m, standing.nodes, kept, self._floor, self._settings)
+        if samples is not None:
+            self._trust.observe(self._imus, predicted.placed, samples, step_s)
+        slid = np.isfinite(self._slides_since_s)
+        if sliding is None:
+            predicted, before = self._watched(predicted, frame, standing.nodes & ~stood, kept)
+        else:
+            self._slides_since_s = np.where(sliding, t_s, np.inf)
+        if (np.isfinite(self._slides_since_s) & ~slid).any():
+            variance = np.zeros(before.layout.size)
+            variance[before.layout.position] = LOST_M**2
+            predicted = predicted.then(predicted.placed, np.eye(len(variance)), variance)
+        found = self._slips(predicted, before, t_s, kept, slid)
+        slipped = np.zeros_like(kept)
+        slipped[[slip.node for slip in found]] = True
+        started = (standing.nodes & ~stood) | slipped
+        predicted = put_down(predicted, started, self._floor, self._settings.floor_m)
+        held = kept & ~slipped & ~np.isfinite(self._slides_since_s)
+        self._turn_before = before.turn
+        self.state, self.covariance = _corrected(predicted, stacked(self._rows(predicted, before, frame, held)))
+        self._body_before_m = frame.body_m
         self._samples = samples
         self._last_s = t_s
-        trusts_imus = bool(self._trust.is_trusted.all())
-        return PoseStep(transition, *predicted, self.state, self.covariance, standing, trusts_imus)
+        return PoseStep(
+            transition=predicted.transition,
+            predicted=predicted.placed.state,
+            predicted_covariance=predicted.covariance,
+            state=self.state,
+            covariance=self.covariance,
+            standing=standing,
+            slips=tuple(found),
+            slides_since_s=self._slides_since_s,
+            trusts_imus=bool(self._trust.is_trusted.all()),
+        )
+
+    def _contacts_of(self, predicted: Prediction, frame: "_Frame", standing: Standing | None) -> Standing:
+        """Return which nodes stand, as told or by heights."""
+        if standing is not None:
+            self._contacts.stand_on(standing.nodes)
+            return standing
+        located = any(isinstance(reading, PositionReading | RangeReading) for reading in frame.aids)
+        self._located_s = frame.t_s if located else self._located_s
+        is_located = frame.t_s - self._located_s < LOCATED_S
+        seen = self._seen(predicted, frame)
+        return self._contacts.observe(seen.placed, seen.covariance, frame.step_s, is_located=is_located)
+
+    def _watched(
+        self, predicted: Prediction, frame: "_Frame", landed: NDArray[np.bool_], kept: NDArray[np.bool_]
+    ) -> tuple[Prediction, PoseState]:
+        """Return the prediction, that without footholds where nodes slide, and the state before it."""
+        slid = np.isfinite(self._slides_since_s)
+        if slid.any():
+            rests = at_rest(predicted.placed, predicted.covariance, self._floor)
+            self._slides_since_s = np.where(kept & ~rests, self._slides_since_s, np.inf)
+        if (slid & ~np.isfinite(self._slides_since_s)).any():  # their new footholds are those of the next watch
+            self._unheld = None
+            return predicted, self.state
+        if frame.samples is None or frame.t_s < self._rest_seconds:
+            return predicted, self.state
+        if self._unheld is None or frame.t_s - self._unheld.since_s > WATCH_S:
+            self._unheld = UnheldPose(self._last_s, self.state, self.covariance, self._turn_before)
+        unheld = self._unheld
+        free = self._predict(frame, unheld.state, unheld.covariance, unheld.turn_before)
+        free = put_down(free, landed, self._floor, self._settings.floor_m)
+        watched = np.flatnonzero(kept & ~np.isfinite(self._slides_since_s))
+        rows = self._foothold_rows(free.placed, unheld.state, watched, 1.0)
+        if slips(rows, free, frame.t_s, watched, self._floor, self._settings.slip_sigma):
+            slide = slips(rows, free, frame.t_s, watched, self._floor, WITH_IT_SIGMA)
+            self._slides_since_s = self._slides_since_s.copy()
+            self._slides_since_s[[slip.node for slip in slide]] = unheld.since_s
+            self._unheld = None
+            return free, unheld.state
+        nothing = np.zeros_like(kept)
+        state, covariance = _corrected(free, stacked(self._rows(free, unheld.state, frame, nothing)))
+        self._unheld = UnheldPose(unheld.since_s, state, covariance, unheld.state.turn)
+        return predicted, self.state
 
     @property
     def standing(self) -> Standing:
@@ -231,90 +278,77 @@ class PoseFilter:
             noise[at.of_imu(at.rate_bias, imu)] = settings.rate_bias_rad_per_s**2
             noise[at.of_imu(at.force_bias, imu)] = settings.force_bias_m_per_s2**2
         self.covariance = F @ self.covariance @ F.T + np.diag(noise)
+        self._unheld = None
         return F
 
     def _predict(
-        self, step_s: float, samples: ImuSamples | None, body_m: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], PoseState, NDArray[np.float64]]:
-        """Return the transition F, and the state and its covariance after a time step."""
-        settings, before = self._settings, self.state
-        motion = self._motion.after(before, step_s, samples, (self._body_before_m, body_m))
-        turned = rotation_vector(before.turn @ self._turn_before.T)
+        self, frame: "_Frame", before: PoseState, covariance: NDArray[np.float64], turn_before: NDArray[np.float64]
+    ) -> Prediction:
+        """Return what is expected of a frame.
+
+        Args:
+            frame: the frame.
+            before: the state in the frame before.
+            covariance: (size, size) of its errors.
+            turn_before: (3, 3) the turn of the body one frame earlier still.
+        """
+        settings, at = self._settings, before.layout
+        motion = self._motion.after(before, frame.step_s, frame.samples, (self._body_before_m, frame.body_m))
+        turned = rotation_vector(before.turn @ turn_before.T)
         rolled_m = rolled_on_floor_m(turned, self._floor, settings.cap_radius_m)
         state = replace(motion.state, foothold_m=before.foothold_m + np.where(self._standing[:, None], rolled_m, 0.0))
         F = motion.transition
-        covariance = F @ self.covariance @ F.T + motion.noise
+        covariance = F @ covariance @ F.T + motion.noise
         turning = float(np.linalg.norm(rotation_vector(state.turn @ before.turn.T)))
-        self._let_slip(covariance, self._standing, turning, step_s)
-        return F, state, covariance
-
-    def _let_slip(
-        self, covariance: NDArray[np.float64], stands: NDArray[np.bool_], turned_rad: float, step_s: float
-    ) -> None:
-        """Add the random walk of the footholds to a covariance, for a turn of the body and a time step."""
-        settings, at = self._settings, self.state.layout
-        walk = settings.creep_m_per_s05**2 * step_s + settings.slip_m_per_rad05**2 * turned_rad
         here = np.arange(at.foothold.start, at.foothold.stop)
-        covariance[here, here] += np.repeat(np.where(stands, walk, 0.0), 2)
+        covariance[here, here] += walk_variance_m2(self._standing, turning, frame.step_s, settings)
+        return Prediction(PlacedShape(state, frame.body_m, frame.body_covariance_m2), F, covariance)
 
-    def _let_slide(
-        self,
-        placed: PlacedShape,
-        covariance: NDArray[np.float64],
-        stands: NDArray[np.bool_],
-        kept: NDArray[np.bool_],
-    ) -> None:
-        """Add the random walk of the footholds that slide, because the structure deforms, to a covariance.
+    def _seen(self, predicted: Prediction, frame: "_Frame") -> Prediction:
+        """Return the prediction corrected by positions alone, by which contacts are told before the floor holds it."""
+        positions = [reading for reading in frame.aids if isinstance(reading, PositionReading)]
+        if not positions:
+            return predicted
+        placed = predicted.placed
+        rows = position_rows(placed, positions, frame.t_s, self._settings.position_m)
+        state, covariance = _corrected(predicted, rows)
+        placed = PlacedShape(state, placed.body_m, placed.body_covariance_m2)
+        return Prediction(placed, predicted.transition, covariance)
 
-        In proportion to the way, and inverse to the weight, it makes the motion of least friction the likeliest.
-        """
-        nodes = len(stands)
-        carried, _ = legs_n(np.full(nodes, 1 / nodes), placed.node_position_m, UP, stands.astype(np.float64))
-        share = np.maximum(carried[kept], LEAST_SHARE)
-        along = placed.state.turn.T @ self._floor.axes.T  # the axes of the floor, in the body
-        slide_m = least_friction_slides_m(self._body_before_m[kept] @ along, placed.body_m[kept] @ along, share)
-        walk = np.zeros(nodes)
-        walk[kept] = self._settings.slide_m_per_m05**2 * slide_m / (len(share) * share)
-        at = self.state.layout.foothold
-        here = np.arange(at.start, at.stop)
-        covariance[here, here] += np.repeat(walk, 2)
-
-    def _landed(self, placed: PlacedShape, nodes: NDArray[np.bool_]) -> bool:
-        """Return whether one of the nodes, which stand now, was predicted to be far above the floor."""
-        clearance_m = self._floor.clearance_m(placed.node_position_m[nodes])
-        return bool((clearance_m > LANDED_M).any())
-
-    def _tipped(
-        self,
-        placed: PlacedShape,
-        transition: NDArray[np.float64],
-        covariance: NDArray[np.float64],
-        stands: NDArray[np.bool_],
-        stayed: NDArray[np.bool_],
-    ) -> tuple[NDArray[np.float64], PlacedShape, NDArray[np.float64]]:
+    def _tipped(self, predicted: Prediction, stands: NDArray[np.bool_], stayed: NDArray[np.bool_]) -> Prediction:
         """Return the shape tipped onto the nodes that stand, by the shortest turn about those that have stayed."""
+        placed = predicted.placed
         turn, pivot_m = tipping(placed.node_position_m, stands, stayed, self._floor.normal)
         heading = self._heading_missed(placed, turn)
         if abs(heading) > MISSED_RAD:  # the pose before was wrong, and so are its footholds
             stayed = np.zeros_like(stayed)
         turn = rotation(heading * self._floor.normal) @ turn
-        state = replace(
-            placed.state,
-            turn=turn @ placed.state.turn,
-            position_m=pivot_m + turn @ (placed.state.position_m - pivot_m),
-            rate_rad_per_s=np.zeros(3),
-            velocity_m_per_s=np.zeros(3),
-        )
-        settings, at = self._settings, state.layout
-        F = np.eye(at.size)
-        F[at.turn, at.turn] = F[at.position, at.position] = turn
-        F[at.rate] = F[at.velocity] = 0.0
-        turned_rad, moved_m = (LANDING_RAD, LANDING_M) if stayed.any() else (LEAP_RAD, LEAP_M)
-        sigma = np.repeat([turned_rad, moved_m, settings.turn_rad_per_s, settings.motion_m_per_s], 3)
-        covariance = F @ covariance @ F.T
-        covariance[np.diag_indices(12)] += sigma**2
-        self._let_slip(covariance, stayed, UNSEEN_SLIP * float(np.linalg.norm(rotation_vector(turn))), 0.0)
-        return F @ transition, PlacedShape(state, placed.body_m, placed.body_covariance_m2), covariance
+        return tipped(predicted, turn, pivot_m, stayed, self._settings)
+
+    def _slips(
+        self,
+        predicted: Prediction,
+        before: PoseState,
+        t_s: float,
+        kept: NDArray[np.bool_],
+        slid: NDArray[np.bool_],
+    ) -> list[Slip]:
+        """Return the slips of nodes that stand: those found at once, and the slides that have ended.
+
+        Args:
+            predicted: what is expected of the frame.
+            before: the state in the frame before.
+            t_s: time of the frame.
+            kept: (nodes,) which nodes have stood since the frame before.
+            slid: (nodes,) which of them slid in the frame before.
+        """
+        slides = np.isfinite(self._slides_since_s)
+        found = []
+        for nodes, slip_sigma in ((kept & ~slides & ~slid, self._settings.slip_sigma), (kept & ~slides & slid, 0.0)):
+            which = np.flatnonzero(nodes)
+            rows = self._foothold_rows(predicted.placed, before, which, 1.0)
+            found += slips(rows, predicted, t_s, which, self._floor, slip_sigma)
+        return found
 
     def rod_heights(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return (known, 2) ends of rods whose sensors are used, and (known,) the second's height above the first."""
@@ -341,82 +375,38 @@ class PoseFilter:
         sine = np.sum(along[:, 0] * told[:, 1] - along[:, 1] * told[:, 0])
         return float(np.arctan2(sine, np.sum(along * told)))
 
-    def _slipped(
-        self, placed: PlacedShape, covariance: NDArray[np.float64], stands: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
-        """Return (nodes,) which of the nodes that stand are not where they stood."""
-        slipped = np.zeros(len(stands), dtype=np.bool_)
-        nodes = np.flatnonzero(stands)
-        if not len(nodes):
-            return slipped
-        rows = self._foothold_rows(placed, nodes, 1.0)
-        e = rows.error.reshape(-1, 2)
-        H = rows.jacobian.reshape(len(nodes), 2, -1)
-        S = H @ covariance @ np.swapaxes(H, 1, 2) + rows.variance.reshape(-1, 2)[:, :, None] * np.eye(2)
-        squared = np.einsum("ka,ka->k", e, np.linalg.solve(S, e[:, :, None])[:, :, 0])
-        slipped[nodes] = squared > self._settings.slip_sigma**2
-        return slipped
-
-    def _put_down(
-        self,
-        placed: PlacedShape,
-        transition: NDArray[np.float64],
-        covariance: NDArray[np.float64],
-        nodes: NDArray[np.bool_],
-    ) -> tuple[NDArray[np.float64], PlacedShape, NDArray[np.float64]]:
-        """Start new footholds where nodes begin to stand."""
-        if not nodes.any():
-            return transition, placed, covariance
-        at = placed.state.layout
-        axes = self._floor.axes
-        F = np.eye(at.size)
-        noise = np.zeros(at.size)
-        for node in np.flatnonzero(nodes):
-            place = at.of_foothold(int(node))
-            F[place] = axes @ placed.jacobian[node]
-            of_shape = np.einsum("ai,ij,aj->a", axes, placed.node_covariance_m2[node], axes)
-            noise[place] = of_shape + self._settings.floor_m**2
-        foothold_m = np.where(nodes[:, None], placed.node_position_m @ axes.T, placed.state.foothold_m)
-        covariance = F @ covariance @ F.T
-        covariance[np.diag_indices(at.size)] += noise
-        placed = PlacedShape(replace(placed.state, foothold_m=foothold_m), placed.body_m, placed.body_covariance_m2)
-        return F @ transition, placed, covariance
-
     def _rows(
         self,
-        placed: PlacedShape,
-        covariance: NDArray[np.float64],
-        t_s: float,
-        step_s: float,
-        aids: Sequence[AidReading],
-        samples: ImuSamples | None,
-        kept: NDArray[np.bool_],
+        predicted: Prediction,
+        before: PoseState,
+        frame: "_Frame",
+        held: NDArray[np.bool_],
     ) -> list[Rows]:
         """Return the rows of all aids in one frame."""
-        settings, floor = self._settings, self._floor
-        repeats = max(settings.shape_holds_s / step_s, 1.0)
+        settings, floor, placed = self._settings, self._floor, predicted.placed
+        samples, aids = frame.samples, frame.aids
+        repeats = max(settings.shape_holds_s / frame.step_s, 1.0)
         below = floor.clearance_m(placed.node_position_m) < -BELOW_M
         at_height = np.flatnonzero(self._standing | below)
         rows = [
             height_rows(placed, floor, at_height, settings.floor_m, repeats),
-            self._foothold_rows(placed, np.flatnonzero(kept), repeats),
+            self._foothold_rows(placed, before, np.flatnonzero(held), repeats),
         ]
         if samples is not None:
-            self._trust.observe(self._imus, placed, samples, step_s)
             rows.append(self._imus.direction_rows(placed, repeats, np.flatnonzero(self._trust.is_used)))
             rows.append(self._imus.gravity_rows(placed.state, samples, settings))
         positions = [reading for reading in aids if isinstance(reading, PositionReading)]
         ranges = [reading for reading in aids if isinstance(reading, RangeReading)]
         if positions:
-            rows.append(position_rows(placed, positions, settings.position_m))
+            rows.append(position_rows(placed, positions, frame.t_s, settings.position_m))
         if ranges:
-            rows.append(range_rows(placed, ranges, self._number_of_pair, covariance, settings.range_m))
-        if t_s < self._rest_seconds:
+            rows.append(range_rows(placed, ranges, self._number_of_pair, predicted.covariance, settings.range_m))
+        if frame.t_s < self._rest_seconds:
             rows.append(self._still_rows(placed.state))
         return rows
 
-    def _foothold_rows(self, placed: PlacedShape, nodes: NDArray[np.int64], repeats: float) -> Rows:
-        turned = rotation_vector(placed.state.turn @ self.state.turn.T)
+    def _foothold_rows(self, placed: PlacedShape, before: PoseState, nodes: NDArray[np.int64], repeats: float) -> Rows:
+        turned = rotation_vector(placed.state.turn @ before.turn.T)
         settings = self._settings
         return foothold_rows(placed, self._floor, nodes, turned, settings.cap_radius_m, settings.floor_m, repeats)
 
@@ -434,53 +424,11 @@ class PoseFilter:
         return Rows(error, jacobian, np.full(12, STILL**2))
 
 
-def tipping(
-    node_position_m: NDArray[np.float64],
-    stands: NDArray[np.bool_],
-    stayed: NDArray[np.bool_],
-    normal: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (3, 3), the shortest turn that puts a structure on some of its nodes, and (3,) the point that stays.
-
-    Three nodes or more come to lie level; over two the centroid comes to lie.
-
-    Args:
-        node_position_m: (nodes, 3) before.
-        stands: (nodes,) which nodes stand after it.
-        stayed: (nodes,) which of them have stood before; the structure turns about these, or else about its centroid.
-        normal: (3,) of the floor.
-    """
-    centroid_m = node_position_m.mean(axis=0)
-    corner_m = node_position_m[stands]
-    middle_m = corner_m.mean(axis=0)
-    up = centroid_m - middle_m
-    if len(corner_m) > 2:
-        across = np.linalg.svd(corner_m - middle_m)[2][2]
-        up = across * np.sign(across @ up)
-    pivot_m = node_position_m[stayed].mean(axis=0) if stayed.any() else centroid_m
-    return shortest_rotation(up / np.linalg.norm(up), normal), pivot_m
-
-
-def _corrected(state: PoseState, covariance: NDArray[np.float64], rows: Rows) -> tuple[PoseState, NDArray[np.float64]]:
+def _corrected(predicted: Prediction, rows: Rows) -> tuple[PoseState, NDArray[np.float64]]:
     """Return state and covariance after the correction by rows."""
-    by_rows = covariance @ rows.jacobian.T
+    by_rows = predicted.covariance @ rows.jacobian.T
     S = rows.jacobian @ by_rows
     S[np.diag_indices(len(S))] += rows.variance
     K = np.linalg.solve(S, by_rows.T).T
-    corrected = covariance - K @ by_rows.T
-    return state.moved(K @ rows.error), 0.5 * (corrected + corrected.T)
-
-
-def smoothed(steps: Sequence[PoseStep]) -> list[tuple[PoseState, NDArray[np.float64]]]:
-    """Return state and covariance in each step, given all steps, by the smoother of Rauch, Tung and Striebel."""
-    state, covariance = steps[-1].state, steps[-1].covariance
-    found = [(state, covariance)]
-    for k in range(len(steps) - 2, -1, -1):
-        after, now = steps[k + 1], steps[k]
-        tiny = 1e-16 * np.eye(len(covariance))
-        gain = np.linalg.solve(after.predicted_covariance + tiny, after.transition @ now.covariance).T
-        covariance = now.covariance + gain @ (covariance - after.predicted_covariance) @ gain.T
-        covariance = 0.5 * (covariance + covariance.T)
-        state = now.state.moved(gain @ after.predicted.errors_to(state))
-        found.append((state, covariance))
-    return found[::-1]
+    covariance = predicted.covariance - K @ by_rows.T
+    return predicted.placed.state.moved(K @ rows.error), 0.5 * (covariance + covariance.T)

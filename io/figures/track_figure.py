@@ -33,14 +33,17 @@ def write_track_figure(r: Reconstruction, probability: float, title: str, path: 
     track.plot(*centroid_mm[0, :2], color=BLACK, marker="o", ms=5, ls="")
     if r.contacts is not None:
         _draw_bars(bars, r.t_s, r.contacts, 0.0, 0.8, BLUE)
+    slides = r.slides
+    bars.plot([slip.t_s for slip in slides], [slip.node - 0.05 for slip in slides], color=RED, marker="x", ms=6, ls="")
     figure.suptitle(f"{title}: track of the centroid from above, and nodes on the floor")
     handles = [
         Line2D([], [], color=BLUE, label="centroid"),
         Line2D([], [], color=BLACK, marker="o", ls="", label="start"),
         Patch(color=RED, alpha=0.3, label=f"{100 * probability:g} % ellipse"),
         Patch(color=BLUE, label="carried by the floor (paler: less probable)"),
+        Line2D([], [], color=RED, marker="x", ls="", label="slips"),
     ]
-    add_legend_below(figure, handles, 4)
+    add_legend_below(figure, handles, 5)
     save_figure(figure, path)
 
 

@@ -13,6 +13,7 @@ from .external_loads import ExternalLoads
 from .lengths import length_jacobian, propagated_variance
 from .rigidity import branch, held_jacobian
 from .shape import Ellipsoids, OtherShape, Reason, Shape, Status, ellipsoids, node_blocks, node_sigma_m
+from .slip import Slip, slides
 from .structure import Structure
 
 
@@ -49,6 +50,8 @@ class Reconstruction:
     """(frames, tendons) standard deviation of `drift`."""
     contacts: NDArray[np.float64] | None = None
     """(frames, nodes) probability that the floor carries each node; None where there is no floor."""
+    slips: tuple[tuple[Slip, ...], ...] = ()
+    """(frames,) of nodes on the floor that are not where they stood."""
 
     @classmethod
     def of(cls, structure: Structure, shapes: Iterable[Shape]) -> "Reconstruction":
@@ -85,7 +88,13 @@ class Reconstruction:
             drift=np.array([drift.change for drift in observed]) if drift_is_known else None,
             drift_sigma=np.array([drift.sigma for drift in observed]) if drift_is_known else None,
             contacts=np.array(contacts) if contacts else None,
+            slips=tuple(shape.slips for shape in collected),
         )
+
+    @property
+    def slides(self) -> list[Slip]:
+        """The slips of all frames, with those of one slide added up."""
+        return slides([slip for frame in self.slips for slip in frame])
 
     def __len__(self) -> int:
         return len(self.t_s)
@@ -110,6 +119,7 @@ class Reconstruction:
                 other=self.others[k],
                 doubt=self.doubts[k],
                 contacts=self.contacts[k] if self.contacts is not None else None,
+                slips=self.slips[k] if self.slips else (),
             )
 
     @property

@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from ..values.readings import TendonLengths
 from .external_loads import ExternalLoads
+from .slip import Slip
 
 
 class Status(StrEnum):
@@ -119,6 +120,8 @@ class Shape:
     """What explains the readings better than the model, when there is such an explanation."""
     contacts: NDArray[np.float64] | None = None
     """(nodes,) probability that the floor carries each node; None where there is no floor."""
+    slips: tuple[Slip, ...] = ()
+    """Of nodes on the floor that are not where they stood."""
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from command_line import run
-from tensegraph.commands.reconstruct import load_rows, rest_balance
+from tensegraph.commands.reconstruct import load_rows, rest_balance, slip_line
+from tensegraph.models.structure.slip import Slip
 from tensegraph.models.structure.statics import Mechanics
 
 
@@ -173,3 +174,9 @@ def test_the_balance_at_rest(structure, rest) -> None:
     mechanics = Mechanics(np.full(24, 400.0), structure.natural_length_m, 0.03, 0.02)
     rows = rest_balance(replace(rest, mechanics=mechanics, unbalanced_n=(0.4, 0.0021)))
     assert rows == [("forces at rest", "0.400 N rms unbalanced as given, 0.002 N after taring")]
+
+
+def test_slips_are_counted_in_one_line() -> None:
+    slips = [Slip(3.1, 4, np.array([0.03, 0.04, 0]), 0.005), Slip(5.0, 2, np.array([0.01, 0, 0]), 0.004)]
+    assert slip_line(slips) == "2, of node 2, 4; at most 50 ± 5 mm, node 4 at t = 3.10 s"
+    assert slip_line([]) == "none"

@@ -1,6 +1,7 @@
 """The rows of each aid: errors worked by hand, and Jacobians against finite differences."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -65,7 +66,9 @@ ROWS: dict[str, Callable[..., Rows]] = {
         np.eye(SIZE),
         0.05,
     ),
-    "position": lambda state: position_rows(placed(state), [PositionReading(0.0, 3, np.array([0.1, 0.2, 0.3]))], 5e-4),
+    "position": lambda state: position_rows(
+        placed(state), [PositionReading(0.0, 3, np.array([0.1, 0.2, 0.3]))], 0.017, 5e-4
+    ),
 }
 
 
@@ -95,12 +98,18 @@ def test_a_cap_rolls_by_its_radius_times_the_turn(check_jacobian) -> None:
     moved_m = np.array([0.001, 0.0, 0.0]) @ floor.axes.T
     foothold_m = state.foothold_m.copy()
     foothold_m[NODES] = at - moved_m
-    from dataclasses import replace
-
     rows = foothold_rows(
         placed(replace(state, foothold_m=foothold_m)), floor, NODES, np.array([0, 0.1, 0]), 0.01, 5e-4, 1.0
     )
     assert rows.error == pytest.approx(0, abs=1e-12)
+
+
+def test_a_position_is_that_of_its_own_time() -> None:
+    """By hand: a body at 1 m/s along x that turns at 2 rad/s about z; 10 ms ago a node 0.1 m along x was elsewhere."""
+    state = replace(STATE, turn=np.eye(3), velocity_m_per_s=np.array([1.0, 0, 0]), rate_rad_per_s=np.array([0, 0, 2.0]))
+    shape = PlacedShape(state, np.tile([0.1, 0.0, 0.0], (12, 1)), np.zeros((36, 36)))
+    measured_m = state.position_m + np.array([0.09, -0.002, 0.0])
+    assert position_rows(shape, [PositionReading(0.99, 3, measured_m)], 1.0, 5e-4).error == pytest.approx(0, abs=1e-12)
 
 
 def test_a_range_that_a_wall_reflects_is_left_out() -> None:

@@ -1,11 +1,14 @@
 """Results, read back as they were written."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tensegraph import InputError, Reconstruction, open_trial, stream
 from tensegraph.io.result import read_estimate, write_tables
 from tensegraph.models.evaluation.estimate import Estimate
+from tensegraph.models.structure.slip import Slip
 
 
 @pytest.fixture(scope="module")
@@ -13,6 +16,18 @@ def first_second(example):
     trial = open_trial(example)
     readings = (row for row in trial.readings() if row.host_s < 1.0)
     return Reconstruction.of(trial.description.structure, stream(readings, trial.description))
+
+
+def test_slips_have_a_row_each(first_second, tmp_path) -> None:
+    frames = len(first_second)
+    slip = Slip(0.5, 7, np.array([0.003, 0.0, -0.004]), 0.002)
+    slips = ((),) * (frames - 1) + ((slip,),)
+    on_floor = replace(first_second, contacts=np.ones((frames, 12)), slips=slips)
+    write_tables(on_floor, 0.95, tmp_path)
+    assert (tmp_path / "slips.csv").read_text().splitlines() == [
+        "t_s,node,distance_m,sigma_m,x_m,y_m,z_m",
+        "0.5000,7,0.005000,0.002000,0.003000,0.000000,-0.004000",
+    ]
 
 
 class TestResultsAreReadBack:

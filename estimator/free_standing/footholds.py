@@ -1,0 +1,121 @@
+"""Where the nodes that stand have their feet: new footholds, their random walk, and slips."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...factors.sliding import least_friction_slides_m
+from ...models.pose.placed import PlacedShape, Rows
+from ...models.pose.pose_settings import PoseSettings
+from ...models.structure.floor import UP, Floor
+from ...models.structure.slip import Slip
+from ...models.structure.support import legs_n
+from .prediction import Prediction
+
+LEAST_SHARE = 0.05
+"""Least share of the weight on a node that stands: the centre of mass is not quite the centroid."""
+
+
+def walk_variance_m2(
+    stands: NDArray[np.bool_], turned_rad: float, step_s: float, settings: PoseSettings
+) -> NDArray[np.float64]:
+    """Return (2 nodes,) the variance by which footholds walk while the body turns by an angle in a time step.
+
+    Args:
+        stands: (nodes,) which nodes stand; the others have no foothold.
+        turned_rad: the angle.
+        step_s: the time step.
+        settings: creep over time, slip over angle.
+    """
+    walk = settings.creep_m_per_s05**2 * step_s + settings.slip_m_per_rad05**2 * turned_rad
+    return np.repeat(np.where(stands, walk, 0.0), 2)
+
+
+def let_slide(
+    predicted: Prediction,
+    body_before_m: NDArray[np.float64],
+    stands: NDArray[np.bool_],
+    kept: NDArray[np.bool_],
+    floor: Floor,
+    settings: PoseSettings,
+) -> Prediction:
+    """Return the prediction with the random walk of the footholds that slide because the structure deforms.
+
+    In proportion to the way, and inverse to the weight, it makes the motion of least friction the likeliest.
+
+    Args:
+        predicted: before.
+        body_before_m: (nodes, 3) the shape in the frame before, relative to c.
+        stands: (nodes,) which nodes stand.
+        kept: (nodes,) which of them have stood since the frame before.
+        floor: the floor.
+        settings: walk of a foothold with the way that its node slides.
+    """
+    placed = predicted.placed
+    nodes = len(stands)
+    carried, _ = legs_n(np.full(nodes, 1 / nodes), placed.node_position_m, UP, stands.astype(np.float64))
+    share = np.maximum(carried[kept], LEAST_SHARE)
+    along = placed.state.turn.T @ floor.axes.T  # the axes of the floor, in the body
+    slide_m = least_friction_slides_m(body_before_m[kept] @ along, placed.body_m[kept] @ along, share)
+    walk = np.zeros(nodes)
+    walk[kept] = settings.slide_m_per_m05**2 * slide_m / (len(share) * share)
+    at = placed.state.layout
+    variance = np.zeros(at.size)
+    variance[at.foothold] = np.repeat(walk, 2)
+    return predicted.then(placed, np.eye(at.size), variance)
+
+
+def slips(
+    rows: Rows, predicted: Prediction, t_s: float, nodes: NDArray[np.int64], floor: Floor, slip_sigma: float
+) -> list[Slip]:
+    """Return which of some nodes are not where they stood, and how far they have slipped.
+
+    With the error e of a node's foothold and its covariance S, the way is -e, and a node has slipped if e^T S^-1 e is
+    above the square of `slip_sigma`.
+
+    Args:
+        rows: two for each of these nodes, see `factors.ground.foothold_rows`.
+        predicted: what is expected of the frame.
+        t_s: time of the frame.
+        nodes: their numbers.
+        floor: the floor.
+        slip_sigma: distance from the foothold, in standard deviations, from which a node has slipped.
+    """
+    if not len(nodes):
+        return []
+    e = rows.error.reshape(-1, 2)
+    H = rows.jacobian.reshape(len(nodes), 2, -1)
+    S = H @ predicted.covariance @ np.swapaxes(H, 1, 2) + rows.variance.reshape(-1, 2)[:, :, None] * np.eye(2)
+    squared = np.einsum("ka,ka->k", e, np.linalg.solve(S, e[:, :, None])[:, :, 0])
+    variance_m2 = np.einsum("ka,kab,kb->k", e, S, e) / np.maximum(np.sum(e**2, axis=1), 1e-300)
+    return [
+        Slip(t_s, int(nodes[k]), -e[k] @ floor.axes, float(np.sqrt(variance_m2[k])))
+        for k in np.flatnonzero(squared > slip_sigma**2)
+    ]
+
+
+def put_down(predicted: Prediction, nodes: NDArray[np.bool_], floor: Floor, floor_m: float) -> Prediction:
+    """Return the prediction with new footholds where nodes begin to stand.
+
+    Args:
+        predicted: before.
+        nodes: (nodes,) which of them begin to stand.
+        floor: the floor.
+        floor_m: standard deviation of a foothold.
+    """
+    if not nodes.any():
+        return predicted
+    placed = predicted.placed
+    at = placed.state.layout
+    axes = floor.axes
+    F = np.eye(at.size)
+    variance = np.zeros(at.size)
+    for node in np.flatnonzero(nodes):
+        place = at.of_foothold(int(node))
+        F[place] = axes @ placed.jacobian[node]
+        of_shape = np.einsum("ai,ij,aj->a", axes, placed.node_covariance_m2[node], axes)
+        variance[place] = of_shape + floor_m**2
+    foothold_m = np.where(nodes[:, None], placed.node_position_m @ axes.T, placed.state.foothold_m)
+    state = replace(placed.state, foothold_m=foothold_m)
+    return predicted.then(PlacedShape(state, placed.body_m, placed.body_covariance_m2), F, variance)
