@@ -12,7 +12,6 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_state import PoseState
@@ -30,7 +29,7 @@ from ..batch import BatchOptimizer, without_lag
 from ..smoother import LiveSmoother
 from .contacts import Standing
 from .pose_filter import PoseFilter, PoseStep, smoothed, tipping
-from .resting_faces import RestingFaces, balance_of
+from .resting_faces import RestingFaces, balances_of
 
 FACES_EVERY_S = 0.2
 """Shortest time between two looks at the faces, each of which takes as long as several frames."""
@@ -137,17 +136,16 @@ class FreeStandingSmoother:
         self._looked_s = shape.t_s
         builder, x = self.shapes.builder, shape.node_position_m
         outer = statics.outer_force_jacobian(x)
-        evidence = []
-        for quiet_n in (self._settings.doubt.quiet_n, *LESS_QUIET_N):
-            variance = builder.internal_variance_n2 + quiet_n**2
-            balance = balance_of(frame, outer, statics.outer_force_n, variance)
-            evidence.append(self._faces.log_evidence(balance, x))
+        quiet_n = np.array([self._settings.doubt.quiet_n, *LESS_QUIET_N])
+        variances_n2 = builder.internal_variance_n2 + quiet_n[:, None] ** 2
+        balances = balances_of(frame, outer, statics.outer_force_n, variances_n2)
+        evidence = self._faces.log_evidence(balances, x)
         pairs, height_m = heights_between(shape.lengths.aids, self._robot.floor)
         rods, rod_height_m = self._poses.rod_heights()
         pairs, height_m = np.concatenate([pairs, rods]), np.concatenate([height_m, rod_height_m])
         of_heights = self._faces.log_evidence_of_heights(x, pairs, height_m)
         self._faces.predict(step_s)
-        self._faces.update(np.asarray(logsumexp(evidence, axis=0)), of_heights, step_s)
+        self._faces.update(evidence, of_heights, step_s)
         return True
 
     def _stand_on(self, state: PoseState, covariance: NDArray[np.float64], stands: Standing) -> None:

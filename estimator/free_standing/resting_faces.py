@@ -15,6 +15,7 @@ and a hand is a further block of B. The hypotheses form a hidden Markov model: f
 of its edges, and from an edge it lands on one of the two faces beside it; seldom it rolls on, onto any face.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,26 +57,30 @@ class Balance:
     """log p at F = 0, up to a constant."""
 
 
-def balance_of(
+def balances_of(
     frame: LinearFrame,
     outer_jacobian: NDArray[np.float64],
     outer_n: NDArray[np.float64],
-    variance_n2: NDArray[np.float64],
-) -> Balance:
-    """Return the balance of one frame.
+    variances_n2: NDArray[np.float64],
+) -> list[Balance]:
+    """Return the balance of one frame for each of several variances of a balance without load.
 
     Args:
         frame: the factors of the frame, linearised at a shape.
         outer_jacobian: (rows, 3 nodes) A.
         outer_n: (nodes, 3) the outer forces that the frame's residuals contain.
-        variance_n2: (rows,) S.
+        variances_n2: (balances, rows) S.
     """
     held, gradient = frame.without_forces()
     by_shape = frame.force_jacobian
     solved = np.linalg.solve(held, np.column_stack([by_shape.T, gradient]))
     r = frame.force_n - by_shape @ solved[:, -1] - outer_jacobian @ outer_n.ravel()
-    covariance = by_shape @ solved[:, :-1]
-    covariance[np.diag_indices(len(r))] += variance_n2
+    of_shape = by_shape @ solved[:, :-1]
+    return [_balance(of_shape + np.diag(variance_n2), outer_jacobian, r) for variance_n2 in variances_n2]
+
+
+def _balance(covariance: NDArray[np.float64], outer_jacobian: NDArray[np.float64], r: NDArray[np.float64]) -> Balance:
+    """Return the balance of (rows,) residuals r with the (rows, rows) covariance W^-1."""
     weighted = np.linalg.solve(covariance, np.column_stack([outer_jacobian, r]))
     log_density = -0.5 * float(r @ weighted[:, -1]) - 0.5 * float(np.linalg.slogdet(covariance)[1])
     return Balance(outer_jacobian.T @ weighted[:, :-1], outer_jacobian.T @ weighted[:, -1], log_density)
@@ -169,28 +174,36 @@ class RestingFaces:
         outside_m = np.maximum(least_m - height_m, 0) + np.maximum(height_m - most_m, 0)
         return np.asarray(-0.5 * np.sum((outside_m / HEIGHT_M) ** 2, axis=1))
 
-    def log_evidence(self, balance: Balance, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (faces + edges,) the log evidence of a frame's balance.
+    def log_evidence(self, balances: Sequence[Balance], node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (faces + edges,) the log evidence of a frame.
 
         Args:
-            balance: see `balance_of`.
+            balances: alternatives of equal probability, see `balances_of`.
             node_position_m: (nodes, 3) the shape.
         """
-        M = balance.information
-        size = len(M)
+        F, B = self._of_floor(node_position_m)
+        return np.asarray(logsumexp([self._log_evidence(balance, F, B) for balance in balances], axis=0))
+
+    def _of_floor(self, node_position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (hypotheses, 3 nodes) F_h and (hypotheses, 3 nodes, 9) B of weight and floor."""
         support = standing(
             self._structure, self._rod_mass_kg, node_position_m, self.up(node_position_m), 0.0, self._carried
         )
         F = support.force_n.reshape(len(self._carried), -1)
-        B = np.zeros((len(F), size, 9))
+        B = np.zeros((*F.shape, 9))
         rows, nodes = np.nonzero(self._carried)
         columns = (np.cumsum(self._carried, axis=1).astype(np.int64) - 1)[rows, nodes]
         root = np.linalg.cholesky(support.covariance_n2[rows, nodes] + 1e-9 * np.eye(3))
         here = np.arange(3)
         B[rows[:, None, None], 3 * nodes[:, None, None] + here[:, None], 3 * columns[:, None, None] + here] = root
+        return F, B
+
+    def _log_evidence(self, balance: Balance, F: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (hypotheses,) the log evidence of one balance."""
+        M = balance.information
         e = balance.gradient + F @ M
         log_l = -0.5 * np.sum(F * (e + balance.gradient), axis=1)
-        gain, e, M_after = _marginalised(B, np.broadcast_to(M, (len(B), size, size)), e)
+        gain, e, M_after = _marginalised(B, np.broadcast_to(M, (len(B), *M.shape)), e)
         return np.asarray(balance.log_density + log_l + gain + self._of_hands(e, M_after))
 
     def _standing(self, probability: NDArray[np.float64]) -> Standing:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from balance import pressed
-from tensegraph.estimator.free_standing.resting_faces import Balance, RestingFaces, balance_of
+from tensegraph.estimator.free_standing.resting_faces import Balance, RestingFaces, balances_of
 from tensegraph.models.estimation import DoubtSettings
 from tensegraph.models.structure.support import standing
 
@@ -40,7 +40,7 @@ def exact_balance(faces, balanced, structure, hypothesis: int, hand_n: np.ndarra
 @pytest.mark.parametrize("hypothesis", [0, 7, 19])
 def test_the_face_whose_forces_act_has_the_most_evidence(hypothesis, faces, balanced, structure) -> None:
     balance = exact_balance(faces, balanced, structure, hypothesis, np.zeros((12, 3)))
-    evidence = faces.log_evidence(balance, balanced.node_position_m)
+    evidence = faces.log_evidence([balance], balanced.node_position_m)
     assert np.argmax(evidence) == hypothesis
 
 
@@ -50,7 +50,7 @@ def test_two_hands_are_no_floor(faces, balanced, structure) -> None:
     free = np.flatnonzero(faces._carried[3] == 0)
     hand_n[free[0]] = [1.5, 0, 0]
     hand_n[free[1]] = [-1.5, 0, 0]
-    evidence = faces.log_evidence(exact_balance(faces, balanced, structure, 3, hand_n), balanced.node_position_m)
+    evidence = faces.log_evidence([exact_balance(faces, balanced, structure, 3, hand_n)], balanced.node_position_m)
     assert np.argmax(evidence) == 3
 
 
@@ -98,8 +98,8 @@ def test_the_balance_says_what_forces_act(structure, balanced) -> None:
     builder = GraphBuilder(structure, balanced, NoiseSettings())
     frame = linearised(builder, x, weigh(lengths, builder.noise))
     statics = builder.statics
-    balance = balance_of(
-        frame, statics.outer_force_jacobian(x), statics.outer_force_n, builder.internal_variance_n2 + 0.03**2
-    )
+    variances_n2 = builder.internal_variance_n2 + np.array([[0.03], [0.3]]) ** 2
+    balance, less_quiet = balances_of(frame, statics.outer_force_jacobian(x), statics.outer_force_n, variances_n2)
+    assert np.trace(less_quiet.information) < np.trace(balance.information)
     estimate = np.linalg.solve(balance.information + np.eye(36) / 3.0**2, -balance.gradient).reshape(12, 3)
     assert np.argmax(np.linalg.norm(estimate - statics.outer_force_n, axis=1)) == 5
