@@ -28,6 +28,7 @@ from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
 from ..smoother import LiveSmoother
 from .contacts import Standing
+from .length_change import LengthChange
 from .pose_filter import PoseFilter, PoseStep, smoothed, tipping
 from .resting_faces import RestingFaces, balances_of
 
@@ -56,7 +57,9 @@ class _Kept:
     by_faces: bool
     """Whether faces told which nodes stand."""
     faces: NDArray[np.float64] | None
-    """(faces + edges,) probabilities, after an update of them."""
+    """(states,) probabilities of `RestingFaces`, after an update of them."""
+    may_tip: float
+    """Whether lengths changed as if the structure tipped, see `LengthChange.may_have_tipped`."""
 
 
 class FreeStandingSmoother:
@@ -70,6 +73,8 @@ class FreeStandingSmoother:
         self.shapes = LiveSmoother(structure, rest, settings)
         self._poses = PoseFilter(rest, robot, settings.pose)
         self._faces = resting_faces(structure, rest, robot, settings)
+        self._change = LengthChange(robot.rest_seconds)
+        self._may_tip = 0.0
         self._measured = MeasuredAttitude()
         self._one_direction = are_parallel([imu.rod for imu in robot.imus], rest)
         self._agreed_s = -np.inf
@@ -88,6 +93,7 @@ class FreeStandingSmoother:
     def update(self, lengths: TendonLengths) -> tuple[Shape, PoseStep]:
         """Return the shape in one more frame, in body coordinates, and its pose."""
         shape = self.shapes.update(lengths)
+        self._change.observe(shape.lengths)
         measured = self._measured.observe(lengths, self._poses.trusted_imus)
         looked = (not measured or self._one_direction) and self._look(shape)
         by_faces = not measured or (self._one_direction and self._contradicts(lengths.t_s))
@@ -102,7 +108,7 @@ class FreeStandingSmoother:
         self._stand_on(step.state, step.covariance, step.standing)
         if self.kept is not None:
             probability = self._faces.probability if self._faces and looked else None
-            self.kept.append(_Kept(step.standing, stands is not None, probability))
+            self.kept.append(_Kept(step.standing, stands is not None, probability, self._may_tip))
         return shape, step
 
     def _with_doubt(self, step: PoseStep) -> PoseStep:
@@ -144,8 +150,9 @@ class FreeStandingSmoother:
         rods, rod_height_m = self._poses.rod_heights()
         pairs, height_m = np.concatenate([pairs, rods]), np.concatenate([height_m, rod_height_m])
         of_heights = self._faces.log_evidence_of_heights(x, pairs, height_m)
-        self._faces.predict(step_s)
-        self._faces.update(evidence, of_heights, step_s)
+        self._may_tip = self._change.may_have_tipped()
+        self._faces.predict(step_s, self._may_tip)
+        self._faces.update(evidence, of_heights, step_s, self._may_tip)
         return True
 
     def _stand_on(self, state: PoseState, covariance: NDArray[np.float64], stands: Standing) -> None:
@@ -201,7 +208,8 @@ class FreeStandingOptimizer:
             return contacts
         # in each stretch in which faces were looked at, those of the whole stretch; heights tell it elsewhere
         for stretch in _stretches(looked, [lengths.t_s for lengths in frames]):
-            smoothed_faces = faces.smoothed(FACES_EVERY_S, np.array([kept[k].faces for k in stretch]))
+            may_tip = np.array([kept[k].may_tip for k in stretch])
+            smoothed_faces = faces.smoothed(FACES_EVERY_S, np.array([kept[k].faces for k in stretch]), may_tip)
             end = stretch[-1] + 1
             while end < len(frames) and kept[end].by_faces:
                 end += 1
