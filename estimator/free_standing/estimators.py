@@ -12,7 +12,6 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_state import PoseState
@@ -30,9 +29,10 @@ from ..batch import BatchOptimizer, without_lag
 from ..smoother import LiveSmoother
 from .contacts import Standing
 from .imu_trust import ATTITUDE_HOLDS_S
+from .length_change import LengthChange
 from .pose_filter import PoseFilter
 from .pose_smoother import PoseStep, smoothed
-from .resting_faces import RestingFaces, balance_of
+from .resting_faces import RestingFaces, balances_of
 from .slide_watch import slid_before
 from .stable_face import StableFace
 from .tipping import tipping
@@ -60,7 +60,9 @@ class _Kept:
     by_faces: bool
     """Whether faces told which nodes stand, by the balance of forces or by the shape alone."""
     faces: NDArray[np.float64] | None
-    """(faces + edges,) probabilities, after an update of them."""
+    """(states,) probabilities of `RestingFaces`, after an update of them."""
+    may_tip: float
+    """Whether lengths changed as if the structure tipped, see `LengthChange.may_have_tipped`."""
 
 
 class FreeStandingSmoother:
@@ -75,6 +77,8 @@ class FreeStandingSmoother:
         self._poses = PoseFilter(rest, robot, settings.pose)
         self._faces = resting_faces(structure, rest, robot, settings)
         self._stable = StableFace(robot.floor) if self._faces is None else None
+        self._change = LengthChange(robot.rest_seconds)
+        self._may_tip = 0.0
         self._measured = MeasuredAttitude()
         self._agreed_s = -np.inf
         self._looked_s = -np.inf
@@ -92,6 +96,7 @@ class FreeStandingSmoother:
     def update(self, lengths: TendonLengths) -> tuple[Shape, PoseStep]:
         """Return the shape in one more frame, in body coordinates, and its pose."""
         shape = self.shapes.update(lengths)
+        self._change.observe(shape.lengths)
         used = self._poses.used_imus
         measured = self._measured.observe(lengths, used)
         one_direction = are_parallel([self._robot.imus[i].rod for i in np.flatnonzero(used)], self._rest)
@@ -110,7 +115,7 @@ class FreeStandingSmoother:
         self._stand_on(step.state, step.covariance, step.standing)
         if self.kept is not None:
             probability = self._faces.probability if self._faces and looked else None
-            self.kept.append(_Kept(step.standing, stands is not None, probability))
+            self.kept.append(_Kept(step.standing, stands is not None, probability, self._may_tip))
         return shape, step
 
     def _with_doubt(self, step: PoseStep) -> PoseStep:
@@ -144,17 +149,17 @@ class FreeStandingSmoother:
         self._looked_s = shape.t_s
         builder, x = self.shapes.builder, shape.node_position_m
         outer = statics.outer_force_jacobian(x)
-        evidence = []
-        for quiet_n in (self._settings.doubt.quiet_n, *LESS_QUIET_N):
-            variance = builder.internal_variance_n2 + quiet_n**2
-            balance = balance_of(frame, outer, statics.outer_force_n, variance)
-            evidence.append(self._faces.log_evidence(balance, x))
+        quiet_n = np.array([self._settings.doubt.quiet_n, *LESS_QUIET_N])
+        variances_n2 = builder.internal_variance_n2 + quiet_n[:, None] ** 2
+        balances = balances_of(frame, outer, statics.outer_force_n, variances_n2)
+        evidence = self._faces.log_evidence(balances, x)
         pairs, height_m = heights_between(shape.lengths.aids, self._robot.floor)
         rods, rod_height_m = self._poses.rod_heights()
         pairs, height_m = np.concatenate([pairs, rods]), np.concatenate([height_m, rod_height_m])
         of_heights = self._faces.log_evidence_of_heights(x, pairs, height_m)
-        self._faces.predict(step_s)
-        self._faces.update(np.asarray(logsumexp(evidence, axis=0)), of_heights, step_s)
+        self._may_tip = self._change.may_have_tipped()
+        self._faces.predict(step_s, self._may_tip)
+        self._faces.update(evidence, of_heights, step_s, self._may_tip)
         return True
 
     def _stand_on(self, state: PoseState, covariance: NDArray[np.float64], stands: Standing) -> None:
@@ -215,7 +220,8 @@ class FreeStandingOptimizer:
             return contacts
         # in each stretch in which faces were looked at, those of the whole stretch; heights tell it elsewhere
         for stretch in _stretches(looked, [lengths.t_s for lengths in frames]):
-            smoothed_faces = faces.smoothed(FACES_EVERY_S, np.array([kept[k].faces for k in stretch]))
+            may_tip = np.array([kept[k].may_tip for k in stretch])
+            smoothed_faces = faces.smoothed(FACES_EVERY_S, np.array([kept[k].faces for k in stretch]), may_tip)
             end = stretch[-1] + 1
             while end < len(frames) and kept[end].by_faces:
                 end += 1

@@ -11,10 +11,16 @@ the covariance B B^T of what the floor does at the nodes that stand, so that
 
     log L_h = -1/2 F_h^T M F_h - v^T F_h + 1/2 g^T G^-1 g - 1/2 log |G|,   G = 1 + B^T M B,  g = -B^T (v + M F_h)
 
-and a hand is a further block of B. The hypotheses form a hidden Markov model: from a face the structure tips over one
-of its edges, and from an edge it lands on one of the two faces beside it; seldom it rolls on, onto any face.
+and a hand is a further block of B: at one node, at two, or a squeeze of two nodes against each other.
+
+The states of a hidden Markov model are the faces, and for each edge the tips over it from either face beside it. From a
+face the structure comes to lean over one of its edges. From there it falls back, or lands on the other face; seldom it
+rolls on, onto any face. It lands only while the lengths change, see `length_change`; a structure whose lengths stay the
+same stands on the face on which it has stood. Errors of the lengths stay the same meanwhile: hysteresis follows the
+strain, not time. The evidence of frames in which nothing changes therefore counts as that of one frame in two seconds.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,14 +34,20 @@ from ...models.structure.support import standing
 from ..linear_frame import LinearFrame
 from .contacts import Standing
 
-REST_S = 1.0
-"""Time for which a structure rests on a face."""
-LEAPS_PER_S = 0.03
-"""Rate at which it rolls over several faces at once, faster than they can be told, onto any."""
+LEANS_PER_S = 0.2
+"""Rate at which a structure whose lengths do not change comes to lean over an edge, by a slow push."""
+TIPS_PER_S = 3.0
+"""The same while lengths change as if it tipped."""
+LEAPS_PER_S = 0.1
+"""Rate at which it rolls over several faces at once meanwhile, faster than they can be told, onto any."""
 TIP_S = 0.3
 """Time for which it tips over an edge."""
-SAME_S = 1.0
-"""Time over which the evidence of successive frames is the same: the errors of lengths last longer."""
+UNSEEN = 1e-5
+"""Probability of a leap onto any face in each step, even where nothing changes: nothing is impossible."""
+SAME_S = 2.0
+"""Time over which the evidence of successive frames is the same while lengths stay the same."""
+SAME_MOVING_S = 0.4
+"""The same while they change: the time that the sensors lag, and for which shapes are smoothed."""
 MOST_EVIDENCE = 6.0
 """Limit of the log ratio of two hypotheses in one frame."""
 POSSIBLE = 0.003
@@ -56,26 +68,30 @@ class Balance:
     """log p at F = 0, up to a constant."""
 
 
-def balance_of(
+def balances_of(
     frame: LinearFrame,
     outer_jacobian: NDArray[np.float64],
     outer_n: NDArray[np.float64],
-    variance_n2: NDArray[np.float64],
-) -> Balance:
-    """Return the balance of one frame.
+    variances_n2: NDArray[np.float64],
+) -> list[Balance]:
+    """Return the balance of one frame for each of several variances of a balance without load.
 
     Args:
         frame: the factors of the frame, linearised at a shape.
         outer_jacobian: (rows, 3 nodes) A.
         outer_n: (nodes, 3) the outer forces that the frame's residuals contain.
-        variance_n2: (rows,) S.
+        variances_n2: (balances, rows) S.
     """
     held, gradient = frame.without_forces()
     by_shape = frame.force_jacobian
     solved = np.linalg.solve(held, np.column_stack([by_shape.T, gradient]))
     r = frame.force_n - by_shape @ solved[:, -1] - outer_jacobian @ outer_n.ravel()
-    covariance = by_shape @ solved[:, :-1]
-    covariance[np.diag_indices(len(r))] += variance_n2
+    of_shape = by_shape @ solved[:, :-1]
+    return [_balance(of_shape + np.diag(variance_n2), outer_jacobian, r) for variance_n2 in variances_n2]
+
+
+def _balance(covariance: NDArray[np.float64], outer_jacobian: NDArray[np.float64], r: NDArray[np.float64]) -> Balance:
+    """Return the balance of (rows,) residuals r with the (rows, rows) covariance W^-1."""
     weighted = np.linalg.solve(covariance, np.column_stack([outer_jacobian, r]))
     log_density = -0.5 * float(r @ weighted[:, -1]) - 0.5 * float(np.linalg.slogdet(covariance)[1])
     return Balance(outer_jacobian.T @ weighted[:, :-1], outer_jacobian.T @ weighted[:, -1], log_density)
@@ -104,10 +120,11 @@ class RestingFaces:
         self._carried = np.zeros((len(faces) + len(edges), structure.node_count))
         for row, nodes in enumerate([*faces, *edges]):
             self._carried[row, list(nodes)] = 1.0
-        self._leave = self._transition(len(faces), len(edges))
-        self._stay_s = np.repeat([REST_S, TIP_S], [len(faces), len(edges)])
+        tips = [(len(faces) + e, *way) for e, (f, g) in enumerate(self._beside.tolist()) for way in ((f, g), (g, f))]
+        edge, self._from, self._onto = np.array(tips).T
+        self._hypothesis = np.concatenate([np.arange(len(faces)), edge])
         self.probability: NDArray[np.float64]
-        """(faces + edges,)"""
+        """(states,) of the faces, and of the tips over each edge from either face"""
         self.stand_on(standing_nodes)
 
     def up(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -117,22 +134,30 @@ class RestingFaces:
         up = np.concatenate([of_faces, of_edges])
         return np.asarray(up / np.linalg.norm(up, axis=1, keepdims=True))
 
-    def predict(self, step_s: float) -> None:
-        """Carry the probabilities over a time step."""
-        self.probability = self.probability @ self._step(step_s)
+    def predict(self, step_s: float, may_tip: float) -> None:
+        """Carry the probabilities over a time step.
 
-    def update(self, log_evidence: NDArray[np.float64], of_heights: NDArray[np.float64], step_s: float) -> None:
+        Args:
+            step_s: the time step.
+            may_tip: see `LengthChange.may_have_tipped`.
+        """
+        self.probability = self.probability @ self._transition(step_s, may_tip)
+
+    def update(
+        self, log_evidence: NDArray[np.float64], of_heights: NDArray[np.float64], step_s: float, may_tip: float
+    ) -> None:
         """Multiply the probabilities by the evidence of one frame, of the balance and of known heights."""
         ratio = np.maximum(log_evidence - log_evidence.max(), -MOST_EVIDENCE)
         of_heights = np.maximum(of_heights - of_heights.max(), -MOST_EVIDENCE)
-        likelihood = np.exp(min(step_s / SAME_S, 1.0) * ratio + of_heights)
+        share = (1 - may_tip) * step_s / SAME_S + may_tip * step_s / SAME_MOVING_S
+        likelihood = np.exp(min(share, 1.0) * ratio + of_heights)[self._hypothesis]
         self.probability = self.probability * likelihood / (self.probability @ likelihood)
 
     def stand_on(self, nodes: NDArray[np.bool_]) -> None:
         """Take it as known which nodes stand."""
         likeness = self._carried @ np.where(nodes, 1.0, -0.5) - 0.1 * self._carried.sum(axis=1)
-        self.probability = np.full(len(likeness), 1e-4)
-        self.probability[int(np.argmax(likeness))] = 1.0
+        self.probability = np.full(len(self._hypothesis), 1e-4)
+        self.probability[self._hypothesis == np.argmax(likeness)] = 1.0
         self.probability /= self.probability.sum()
 
     @property
@@ -140,11 +165,17 @@ class RestingFaces:
         """Which nodes stand: those of the most probable face or edge."""
         return self._standing(self.probability)
 
-    def smoothed(self, step_s: float, filtered: NDArray[np.float64]) -> list[Standing]:
-        """Return which nodes stood, given all evidence, from the (times, faces + edges) probabilities."""
-        step = self._step(step_s)
+    def smoothed(self, step_s: float, filtered: NDArray[np.float64], may_tip: NDArray[np.float64]) -> list[Standing]:
+        """Return which nodes stood, given all evidence.
+
+        Args:
+            step_s: the time step.
+            filtered: (times, states) the probabilities, each after an update.
+            may_tip: (times,) as in the prediction before each update.
+        """
         smoothed = filtered.copy()
         for k in range(len(filtered) - 2, -1, -1):
+            step = self._transition(step_s, may_tip[k + 1])
             smoothed[k] = filtered[k] * (step @ (smoothed[k + 1] / np.maximum(filtered[k] @ step, 1e-300)))
             smoothed[k] /= smoothed[k].sum()
         return [self._standing(p) for p in smoothed]
@@ -169,31 +200,40 @@ class RestingFaces:
         outside_m = np.maximum(least_m - height_m, 0) + np.maximum(height_m - most_m, 0)
         return np.asarray(-0.5 * np.sum((outside_m / HEIGHT_M) ** 2, axis=1))
 
-    def log_evidence(self, balance: Balance, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (faces + edges,) the log evidence of a frame's balance.
+    def log_evidence(self, balances: Sequence[Balance], node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (faces + edges,) the log evidence of a frame.
 
         Args:
-            balance: see `balance_of`.
+            balances: alternatives of equal probability, see `balances_of`.
             node_position_m: (nodes, 3) the shape.
         """
-        M = balance.information
-        size = len(M)
+        F, B = self._of_floor(node_position_m)
+        return np.asarray(logsumexp([self._log_evidence(balance, F, B) for balance in balances], axis=0))
+
+    def _of_floor(self, node_position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (hypotheses, 3 nodes) F_h and (hypotheses, 3 nodes, 9) B of weight and floor."""
         support = standing(
             self._structure, self._rod_mass_kg, node_position_m, self.up(node_position_m), 0.0, self._carried
         )
         F = support.force_n.reshape(len(self._carried), -1)
-        B = np.zeros((len(F), size, 9))
+        B = np.zeros((*F.shape, 9))
         rows, nodes = np.nonzero(self._carried)
         columns = (np.cumsum(self._carried, axis=1).astype(np.int64) - 1)[rows, nodes]
         root = np.linalg.cholesky(support.covariance_n2[rows, nodes] + 1e-9 * np.eye(3))
         here = np.arange(3)
         B[rows[:, None, None], 3 * nodes[:, None, None] + here[:, None], 3 * columns[:, None, None] + here] = root
+        return F, B
+
+    def _log_evidence(self, balance: Balance, F: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (hypotheses,) the log evidence of one balance."""
+        M = balance.information
         e = balance.gradient + F @ M
         log_l = -0.5 * np.sum(F * (e + balance.gradient), axis=1)
-        gain, e, M_after = _marginalised(B, np.broadcast_to(M, (len(B), size, size)), e)
+        gain, e, M_after = _marginalised(B, np.broadcast_to(M, (len(B), *M.shape)), e)
         return np.asarray(balance.log_density + log_l + gain + self._of_hands(e, M_after))
 
-    def _standing(self, probability: NDArray[np.float64]) -> Standing:
+    def _standing(self, of_states: NDArray[np.float64]) -> Standing:
+        probability = np.bincount(self._hypothesis, of_states)
         likeliest = int(np.argmax(probability))
         others = [int(h) for h in np.flatnonzero(probability > POSSIBLE) if h != likeliest]
         return Standing(
@@ -203,7 +243,7 @@ class RestingFaces:
         )
 
     def _of_hands(self, e: NDArray[np.float64], M: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (hypotheses,) the log of the sum over no hand, one hand, and the best second hand."""
+        """Return (hypotheses,) the log of the sum over no hand, one hand, the best second hand, and squeezes."""
         settings = self._settings
         nodes = self._structure.node_count
         loaded, free = np.log(settings.loaded_share), np.log(1 - settings.loaded_share)
@@ -212,6 +252,7 @@ class RestingFaces:
         for node in range(nodes):
             B[node, 3 * node : 3 * node + 3] = settings.load_n * np.eye(3)
         first = _gain_of_one(settings.load_n, M, e)
+        squeezed = _gain_of_squeeze(settings.load_n, M, e)
         best = np.argmax(first, axis=1)
         gain, e, M = _marginalised(B[best], M, e)
         second = _gain_of_one(settings.load_n, M, e)
@@ -220,22 +261,25 @@ class RestingFaces:
             np.full((len(e), 1), nodes * free),
             first + loaded + (nodes - 1) * free,
             gain[:, None] + second + 2 * loaded + (nodes - 2) * free,
+            squeezed + 2 * loaded + (nodes - 2) * free,
         ]
         return np.asarray(logsumexp(np.concatenate(terms, axis=1), axis=1))
 
-    def _transition(self, faces: int, edges: int) -> NDArray[np.float64]:
-        leave = np.zeros((faces + edges, faces + edges))
-        for row, beside in enumerate(self._beside, start=faces):
-            leave[row, beside] = 1 / len(beside)
-            leave[beside, row] = 1 / 3
-        return leave
-
-    def _step(self, step_s: float) -> NDArray[np.float64]:
-        stay = np.exp(-step_s / self._stay_s)
-        over_edges = np.diag(stay) + (1 - stay)[:, None] * self._leave
-        leap = 1 - np.exp(-step_s * LEAPS_PER_S)
-        faces = np.arange(len(stay)) < len(self._faces)
-        return np.asarray((1 - leap) * over_edges + leap * faces / len(self._faces))
+    def _transition(self, step_s: float, may_tip: float) -> NDArray[np.float64]:
+        """Return (states, states) the probability of each state after a time step, from each before it."""
+        faces, states = len(self._faces), len(self._hypothesis)
+        tips = np.arange(faces, states)
+        lean = 1 - np.exp(-step_s * (LEANS_PER_S + (TIPS_PER_S - LEANS_PER_S) * may_tip))
+        fall = 1 - np.exp(-step_s / TIP_S)
+        land = fall * may_tip
+        step = np.diag(np.where(np.arange(states) < faces, 1 - lean, (1 - fall) * (1 - land)))
+        step[self._from, tips] = lean / 3
+        step[tips, self._from] = fall * (1 - land)
+        step[tips, self._onto] = land
+        leap = 1 - np.exp(-step_s * LEAPS_PER_S * may_tip) + UNSEEN
+        step *= 1 - leap
+        step[:, :faces] += leap / faces
+        return step
 
 
 def _normals(x: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -265,5 +309,17 @@ def _gain_of_one(load_n: float, M: NDArray[np.float64], e: NDArray[np.float64]) 
     blocks = np.einsum("kninj->knij", M.reshape(-1, nodes, 3, nodes, 3))
     G = np.eye(3) + load_n**2 * blocks
     g = load_n * e.reshape(-1, nodes, 3)
+    solved = np.linalg.solve(G, g[..., None])[..., 0]
+    return np.asarray(0.5 * np.sum(g * solved, axis=-1) - 0.5 * np.linalg.slogdet(G)[1])
+
+
+def _gain_of_squeeze(load_n: float, M: NDArray[np.float64], e: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (k, pairs) log evidence gained by a load at one node and its opposite at another alone."""
+    nodes = e.shape[1] // 3
+    a, b = np.triu_indices(nodes, 1)
+    blocks = np.swapaxes(M.reshape(-1, nodes, 3, nodes, 3), 2, 3)
+    G = np.eye(3) + load_n**2 * (blocks[:, a, a] + blocks[:, b, b] - blocks[:, a, b] - blocks[:, b, a])
+    e = e.reshape(-1, nodes, 3)
+    g = load_n * (e[:, a] - e[:, b])
     solved = np.linalg.solve(G, g[..., None])[..., 0]
     return np.asarray(0.5 * np.sum(g * solved, axis=-1) - 0.5 * np.linalg.slogdet(G)[1])

@@ -18,7 +18,7 @@ LANDING_RAD = 0.1
 """Standard deviation of the turn, beside the shortest one onto the face that stands."""
 LANDING_M = 0.01
 """Standard deviation of the motion, beside that turn about the nodes that have stayed."""
-UNSEEN_SLIP = 4.0
+UNSEEN_SLIP = 9.0
 """Factor of the variance by which nodes slip while the structure tips unseen: the way of its caps is unknown."""
 MISSED_RAD = 0.3
 """Heading that the shortest turn misses, above which the pose before it was wrong."""

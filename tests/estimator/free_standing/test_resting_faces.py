@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from balance import pressed
-from tensegraph.estimator.free_standing.resting_faces import Balance, RestingFaces, balance_of
+from tensegraph.estimator.free_standing.resting_faces import Balance, RestingFaces, _gain_of_squeeze, balances_of
 from tensegraph.models.estimation import DoubtSettings
 from tensegraph.models.structure.support import standing
 
@@ -17,7 +17,8 @@ def faces(structure, balanced) -> RestingFaces:
 
 
 def test_a_hull_of_twelve_nodes_has_twenty_faces_and_thirty_edges(faces) -> None:
-    assert len(faces.probability) == 50
+    assert len(faces.probability) == 20 + 2 * 30
+    assert len(faces._carried) == 20 + 30
     assert faces.standing.nodes.tolist() == (np.arange(12) < 3).tolist()
 
 
@@ -40,7 +41,7 @@ def exact_balance(faces, balanced, structure, hypothesis: int, hand_n: np.ndarra
 @pytest.mark.parametrize("hypothesis", [0, 7, 19])
 def test_the_face_whose_forces_act_has_the_most_evidence(hypothesis, faces, balanced, structure) -> None:
     balance = exact_balance(faces, balanced, structure, hypothesis, np.zeros((12, 3)))
-    evidence = faces.log_evidence(balance, balanced.node_position_m)
+    evidence = faces.log_evidence([balance], balanced.node_position_m)
     assert np.argmax(evidence) == hypothesis
 
 
@@ -50,25 +51,85 @@ def test_two_hands_are_no_floor(faces, balanced, structure) -> None:
     free = np.flatnonzero(faces._carried[3] == 0)
     hand_n[free[0]] = [1.5, 0, 0]
     hand_n[free[1]] = [-1.5, 0, 0]
-    evidence = faces.log_evidence(exact_balance(faces, balanced, structure, 3, hand_n), balanced.node_position_m)
+    evidence = faces.log_evidence([exact_balance(faces, balanced, structure, 3, hand_n)], balanced.node_position_m)
     assert np.argmax(evidence) == 3
 
 
-def test_evidence_for_another_face_takes_the_structure_over_an_edge(faces, structure, balanced) -> None:
-    fresh = RestingFaces(
+def told(faces, evidence: np.ndarray, may_tip: float, looks: int) -> np.ndarray:
+    """Return (50,) the probability of each face and edge after some looks with the same evidence."""
+    for _ in range(looks):
+        faces.predict(0.2, may_tip)
+        faces.update(evidence, np.zeros(50), 0.2, may_tip)
+    assert faces.probability.sum() == pytest.approx(1)
+    return np.bincount(faces._hypothesis, faces.probability)
+
+
+@pytest.fixture
+def fresh(structure, balanced) -> RestingFaces:
+    return RestingFaces(
         structure, balanced.mechanics.rod_mass_kg, balanced.node_position_m, np.arange(12) < 3, DoubtSettings()
     )
-    start = int(np.argmax(fresh.probability))
-    edge = 20 + int(np.flatnonzero((fresh._beside == start).any(axis=1))[0])
-    beside = fresh._beside[edge - 20]
-    target = int(beside[beside != start][0])
-    evidence = np.full(50, -10.0)
-    evidence[target] = 0.0
-    for _ in range(30):
-        fresh.predict(0.2)
-        fresh.update(evidence, np.zeros(50), 0.2)
-    assert np.argmax(fresh.probability) == target
-    assert fresh.probability.sum() == pytest.approx(1)
+
+
+def beside(faces) -> tuple[int, int, int]:
+    """Return the likeliest face, one of its edges, and the face on the other side of it."""
+    start = int(np.argmax(faces.probability))
+    edge = int(np.flatnonzero((faces._beside == start).any(axis=1))[0])
+    return start, 20 + edge, int(faces._beside[edge][faces._beside[edge] != start][0])
+
+
+def test_evidence_while_lengths_change_takes_the_structure_over_an_edge(fresh) -> None:
+    """Two looks of 0.2 s, then still: it has landed."""
+    _, _, target = beside(fresh)
+    evidence = np.where(np.arange(50) == target, 0.0, -10.0)
+    told(fresh, evidence, 1.0, 2)
+    assert np.argmax(told(fresh, evidence, 0.0, 3)) == target
+
+
+def test_a_structure_whose_lengths_stay_the_same_stays_where_it_is(fresh) -> None:
+    """Sensors that are wrong for two seconds, by as much as evidence may be; then doubt grows."""
+    start, _, target = beside(fresh)
+    evidence = np.where(np.arange(50) == target, 0.0, -10.0)
+    assert np.argmax(told(fresh, evidence, 0.0, 10)) == start
+    assert np.argmax(told(fresh, evidence, 0.0, 100)) == target
+
+
+def test_it_leans_over_an_edge_without_a_change_and_falls_back(fresh) -> None:
+    start, edge, target = beside(fresh)
+    before = told(fresh, np.zeros(50), 0.0, 1)[edge]
+    leaning = told(fresh, np.where(np.arange(50) == edge, 0.0, -10.0), 0.0, 10)
+    assert leaning[edge] > 2 * before
+    assert leaning[edge] > 10 * leaning[target]
+    assert told(fresh, np.zeros(50), 0.0, 10)[start] > 0.9
+
+
+def test_probabilities_stay_such(fresh) -> None:
+    for may_tip in (0.0, 0.3, 1.0):
+        step = fresh._transition(0.2, may_tip)
+        assert step.min() >= 0
+        assert step.sum(axis=1) == pytest.approx(1)
+
+
+def test_a_later_look_tells_an_earlier_one(fresh) -> None:
+    """Between two faces nothing is told as it lands; what follows tells it."""
+    _, _, target = beside(fresh)
+    sure = np.where(np.arange(50) == target, 0.0, -10.0)
+    filtered, may_tip = [], np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    for ratio, evidence in zip(may_tip, [np.zeros(50)] * 2 + [sure] * 4, strict=True):
+        told(fresh, evidence, ratio, 1)
+        filtered.append(fresh.probability)
+    smoothed = fresh.smoothed(0.2, np.array(filtered), may_tip)
+    landed = fresh._carried[target]
+    assert smoothed[1].probability_of(landed > 0) > fresh._standing(filtered[1]).probability_of(landed > 0)
+
+
+def test_a_squeeze_is_worth_as_much_as_its_force_explains() -> None:
+    """By hand, with M = m 1 for two nodes: G = 1 + 2 m load^2, gain = g^2 / 2 G - 3/2 log G, g = load (e_a - e_b)."""
+    load, m = 1.5, 4.0
+    e = np.array([[0.7, 0, 0, -0.7, 0, 0]])
+    G = 1 + 2 * m * load**2
+    expected = (load * 1.4) ** 2 / (2 * G) - 1.5 * np.log(G)
+    assert _gain_of_squeeze(load, m * np.eye(6)[None], e)[0, 0] == pytest.approx(expected)
 
 
 def test_known_heights_tell_the_face(faces, balanced) -> None:
@@ -98,8 +159,8 @@ def test_the_balance_says_what_forces_act(structure, balanced) -> None:
     builder = GraphBuilder(structure, balanced, NoiseSettings())
     frame = linearised(builder, x, weigh(lengths, builder.noise))
     statics = builder.statics
-    balance = balance_of(
-        frame, statics.outer_force_jacobian(x), statics.outer_force_n, builder.internal_variance_n2 + 0.03**2
-    )
+    variances_n2 = builder.internal_variance_n2 + np.array([[0.03], [0.3]]) ** 2
+    balance, less_quiet = balances_of(frame, statics.outer_force_jacobian(x), statics.outer_force_n, variances_n2)
+    assert np.trace(less_quiet.information) < np.trace(balance.information)
     estimate = np.linalg.solve(balance.information + np.eye(36) / 3.0**2, -balance.gradient).reshape(12, 3)
     assert np.argmax(np.linalg.norm(estimate - statics.outer_force_n, axis=1)) == 5
