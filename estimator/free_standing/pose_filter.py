@@ -135,9 +135,10 @@ class PoseFilter:
         put_down = (standing.nodes & ~stood) | slipped
         transition, placed, covariance = self._put_down(placed, transition, covariance, put_down)
         predicted = (placed.state, covariance)
-        rows = stacked(self._rows(placed, covariance, t_s, step_s, aids, samples, kept & ~slipped))
+        rows = self._rows(placed, covariance, t_s, step_s, aids, samples, kept & ~slipped)
+        rows += self._held_rows(placed, covariance, step_s)
         self._turn_before = self.state.turn
-        self.state, self.covariance = _corrected(placed.state, covariance, rows)
+        self.state, self.covariance = _corrected(placed.state, covariance, stacked(rows))
         self._body_before_m = body_m
         self._samples = samples
         self._last_s = t_s
@@ -350,6 +351,10 @@ class PoseFilter:
         if t_s < self._rest_seconds:
             rows.append(self._still_rows(placed.state))
         return rows
+
+    def _held_rows(self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float) -> list[Rows]:
+        """Return the rows of what else holds the structure: nothing, if it stands free."""
+        return []
 
     def _foothold_rows(self, placed: PlacedShape, nodes: NDArray[np.int64], repeats: float) -> Rows:
         turned = rotation_vector(placed.state.turn @ self.state.turn.T)
