@@ -52,7 +52,8 @@ def torque_rows(
     axes, turn = suspension.axes, placed.state.turn
     lever, hands = turn @ lever_m, turn @ hands_m
     jacobian = np.zeros((len(axes), placed.state.layout.size))
-    by_turn = -cross_matrix(UP) @ cross_matrix(lever) - cross_matrix(hands)
+    down = lever if lever @ UP < 0 else -lever  # upside down, the way to rest is that of the torque, too
+    by_turn = -cross_matrix(UP) @ cross_matrix(down) - cross_matrix(hands)
     if suspension.is_ball:  # level axes turn with the structure about the vertical, of which the balance says nothing
         by_turn = by_turn @ (np.eye(3) - np.outer(UP, UP))
     jacobian[:, placed.state.layout.turn] = axes @ by_turn

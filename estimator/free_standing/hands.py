@@ -137,8 +137,8 @@ def _force_of_hand(
     spread = np.linalg.inv(np.eye(3) + np.swapaxes(B, 1, 2) @ balance.information @ B)
     g = -np.einsum("kni,n->ki", B, e)
     force = np.einsum("kij,kj->ki", spread, g)
-    gain = 0.5 * np.sum(g * force, axis=1) + 0.5 * np.linalg.slogdet(spread)[1]
-    return np.append(without + gain, without), force, spread
+    gain: NDArray[np.float64] = 0.5 * np.sum(g * force, axis=1) + 0.5 * np.linalg.slogdet(spread)[1]
+    return np.append(without + gain, without), np.asarray(force), np.asarray(spread)
 
 
 class Swing:
@@ -149,13 +149,15 @@ class Swing:
         self._frequency = float(np.sqrt(max(frequency_rad_per_s**2 - self._decay_per_s**2, 1e-6)))
         self._tilt = np.zeros(3)
         self._rate = np.zeros(3)
+        self._seen_rad = 0.0
 
-    def observe(self, at_rest_rad: NDArray[np.float64], step_s: float) -> float:
+    def observe(self, at_rest_rad: NDArray[np.float64], step_s: float, seen_rad_per_s: float = 0.0) -> float:
         """Return the standard deviation of the tilt about that at which the structure comes to rest, in rad.
 
         Args:
             at_rest_rad: (3,) rotation vector of this tilt, by the torque of hands.
             step_s: time since the frame before.
+            seen_rad_per_s: rate that inertial sensors measure, which takes it at least so far.
         """
         w, decay = self._frequency, self._decay_per_s
         away, sine, cosine = self._tilt - at_rest_rad, np.sin(w * step_s), np.cos(w * step_s)
@@ -164,4 +166,5 @@ class Swing:
         after = fade * (away * cosine + slope * sine)
         self._rate = fade * w * (slope * cosine - away * sine) - decay * after
         self._tilt = at_rest_rad + after
-        return float(np.sqrt(0.5 * (np.sum(after**2) + np.sum(self._rate**2) / w**2)))
+        self._seen_rad = max(fade * self._seen_rad, seen_rad_per_s / w)
+        return float(np.sqrt(0.5 * (np.sum(after**2) + np.sum(self._rate**2) / w**2 + self._seen_rad**2)))

@@ -54,7 +54,7 @@ class HangingSmoother:
         """Yield a shape in the world for each frame, as soon as the frame arrives."""
         for lengths in frames:
             shape, step = self.update(lengths)
-            yield hung_in_world(shape, self._rest, step.state, step.covariance, step)
+            yield hung_in_world(shape, self._rest, step.state, step.covariance, self.doubt_of(step))
 
     def update(self, lengths: TendonLengths) -> tuple[Shape, PoseStep]:
         """Return the shape in one more frame, in body coordinates, and its pose."""
@@ -67,6 +67,12 @@ class HangingSmoother:
             self.kept.append(self._hands)
         self._hang(shape.node_position_m, step.state, step.covariance)
         return shape, step
+
+    def doubt_of(self, step: PoseStep) -> Reason | None:
+        """Return what the newest step of the pose tells against the model."""
+        if not step.trusts_imus:
+            return Reason.IMU
+        return Reason.HANGING if self._poses.is_contradicted else None
 
     def _look(self, shape: Shape, step_s: float) -> HandTorque | None:
         """Return the torque of hands by the balance of forces; None where forces or weights are unknown."""
@@ -102,25 +108,30 @@ class HangingOptimizer:
         live.shapes.keep()
         live.kept = []
         frames = without_lag(list(frames))
-        shapes = [live.update(lengths)[0] for lengths in frames]
+        shapes, doubts = [], []
+        for lengths in frames:
+            shape, step = live.update(lengths)
+            shapes.append(shape)
+            doubts.append(live.doubt_of(step))
         supports = [
             weight_of(self._structure, self._rest, shape.node_position_m, state, covariance)
-            for shape, (state, covariance, _) in zip(shapes, self._poses(frames, shapes, live.kept), strict=True)
+            for shape, (state, covariance) in zip(shapes, self._poses(frames, shapes, live.kept), strict=True)
         ]
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports))
-        for shape, (state, covariance, step) in zip(shapes, self._poses(frames, shapes, live.kept), strict=True):
-            yield hung_in_world(shape, self._rest, state, covariance, step)
+        poses = self._poses(frames, shapes, live.kept)
+        for shape, (state, covariance), doubt in zip(shapes, poses, doubts, strict=True):
+            yield hung_in_world(shape, self._rest, state, covariance, doubt)
 
     def _poses(
         self, frames: Sequence[TendonLengths], shapes: Sequence[Shape], hands: Sequence[HandTorque | None]
-    ) -> list[tuple[PoseState, NDArray[np.float64], PoseStep]]:
-        """Return the state of the pose, its covariance and the filter's step in each frame."""
+    ) -> list[tuple[PoseState, NDArray[np.float64]]]:
+        """Return the state of the pose and its covariance in each frame."""
         poses = HangingFilter(self._rest, self._robot, self._settings)
         steps = [
             poses.hang(shape, hand, lengths.aids) for lengths, shape, hand in zip(frames, shapes, hands, strict=True)
         ]
-        return [(state, covariance, step) for (state, covariance), step in zip(smoothed(steps), steps, strict=True)]
+        return smoothed(steps)
 
 
 def weight_of(
@@ -136,7 +147,7 @@ def weight_of(
 
 
 def hung_in_world(
-    shape: Shape, rest: RestShape, state: PoseState, covariance: NDArray[np.float64], step: PoseStep
+    shape: Shape, rest: RestShape, state: PoseState, covariance: NDArray[np.float64], doubt: Reason | None
 ) -> Shape:
     """Return a shape of body coordinates in the world.
 
@@ -145,14 +156,14 @@ def hung_in_world(
         rest: the rest shape, whose centroid is the origin of the pose.
         state: the pose.
         covariance: (size, size) of its errors.
-        step: of the filter, which tells whether inertial sensors are trusted.
+        doubt: what the pose tells against the model.
     """
     placed = PlacedShape(state, shape.node_position_m - rest.node_position_m.mean(axis=0), shape.covariance_m2)
     loads = shape.loads
     if loads is not None:
         loads = ExternalLoads(loads.force_n @ state.turn.T, loads.sigma_n)
-    if not step.trusts_imus and shape.doubt is None:
-        shape = replace(shape, status=Status.DOUBT, doubt=Reason.IMU)
+    if doubt is not None and shape.doubt is None:
+        shape = replace(shape, status=Status.DOUBT, doubt=doubt)
     pivot_m = rest.structure.anchor_position_m.mean(axis=0)
     return replace(
         shape,

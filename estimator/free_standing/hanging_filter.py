@@ -29,6 +29,8 @@ from .pose_motion import PoseMotion
 
 NO_FLOOR = Floor(-1e3, UP)
 """A floor that no node can touch."""
+CONTRADICTION = 3.0
+"""Studentised torque about the suspension above which the pose is wrong."""
 HAND_TURNS_RAD_PER_S = 5.0
 """Standard deviation of the rate at which a hand turns a structure about its anchors."""
 ANY_SPIN_RAD_PER_S = 7.0
@@ -66,6 +68,8 @@ class HangingFilter(PoseFilter):
         frequency = np.sqrt(GRAVITY_M_PER_S2 * np.linalg.norm(lever_m) / squared_m2)
         self._swing = Swing(float(frequency), settings.pose.swing_s)
         self._hands: HandTorque | None = None
+        self.is_contradicted = False
+        """Whether torques contradicted the pose in the last frame, so that it may be wrong."""
 
     def hanging(self, node_position_m: NDArray[np.float64]) -> Hanging:
         """Return how a shape of (nodes, 3) body coordinates hangs, as the last frame tells the pose."""
@@ -87,15 +91,25 @@ class HangingFilter(PoseFilter):
     def _held_rows(self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float) -> list[Rows]:
         structure = self._structure
         rows = [anchor_rows(placed, structure.anchors, structure.anchor_position_m, self._anchor_m)]
+        self.is_contradicted = False
         if self._hands is not None:
-            rows.append(limited(self._torque_rows(placed, self._hands, step_s), covariance))
+            torque = self._torque_rows(placed, self._hands, step_s)
+            rows.append(limited(torque, covariance))
+            self.is_contradicted = bool(contradicted(torque, covariance).any())
         return rows
+
+    def _measured_rad_per_s(self) -> float:
+        """Return the largest rate that trusted inertial sensors have measured in the frame before; 0 without any."""
+        if self._samples is None:
+            return 0.0
+        rate = np.linalg.norm(self._samples.rate_rad_per_s - self.state.rate_bias_rad_per_s, axis=1)
+        return float(np.max(rate, where=self._trust.is_trusted, initial=0.0))
 
     def _torque_rows(self, placed: PlacedShape, hands: HandTorque, step_s: float) -> Rows:
         turn, settings = placed.state.turn, self._settings
         lever_m = self._suspension.lever_m(placed.body_m + self.centre_m) + self._untold_m
         length_m = float(np.linalg.norm(lever_m))
-        swing_rad = self._swing.observe(turn @ hands.lever_m / length_m, step_s)
+        swing_rad = self._swing.observe(turn @ hands.lever_m / length_m, step_s, self._measured_rad_per_s())
         rods = self._suspension.rods.ravel()
         of_lever = cross_matrix(UP) @ placed.covariance_m2[rods][:, rods].mean(axis=(0, 1)) @ cross_matrix(UP).T
         of_hands = turn @ hands.covariance_m2 @ turn.T
@@ -106,11 +120,20 @@ class HangingFilter(PoseFilter):
 def limited(rows: Rows, covariance: NDArray[np.float64]) -> Rows:
     """Return rows that leave what they measure as uncertain as they are, if it was more, and else say nothing.
 
+    Where they contradict the state, it is less certain than its covariance tells, and they count in full.
+
     Args:
         rows: whose errors last from frame to frame.
         covariance: (size, size) of the errors of the state, before these rows.
     """
     known = np.einsum("ri,ij,rj->r", rows.jacobian, covariance, rows.jacobian)
-    tells = known > 1.001 * rows.variance
-    variance = 1 / (1 / rows.variance[tells] - 1 / known[tells])
-    return Rows(rows.error[tells], rows.jacobian[tells], variance)
+    in_full = contradicted(rows, covariance)
+    tells = in_full | (known > 1.001 * rows.variance)
+    share = np.where(in_full, 1.0, 1 - rows.variance / known)[tells]
+    return Rows(rows.error[tells], rows.jacobian[tells], rows.variance[tells] / share)
+
+
+def contradicted(rows: Rows, covariance: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return (rows,) whether their errors are larger than `CONTRADICTION` standard deviations."""
+    known = np.einsum("ri,ij,rj->r", rows.jacobian, covariance, rows.jacobian)
+    return np.asarray(rows.error**2 > CONTRADICTION**2 * (known + rows.variance))
