@@ -2,9 +2,10 @@
 
 One hand at most loads one node, or none does. A hand that holds the structure aside changes two things: it loads a
 node, and it turns the structure, so that the weight has another direction. Under the hypothesis k the outer forces are,
-with the force f at the node k, and the tilt a at which torques balance (see `models.structure.suspension`),
+with the force f at the node k, the weight F_0 of a structure that hangs without hands, and the tilt a at which torques
+balance (see `models.structure.suspension`),
 
-    F = F_0 + G a(f) + E_k f,     a(f) = -H^-1 (h_0 + A_k f / W),     f ~ N(0, L^2),  L of several strengths
+    F = F_0 + G a(f) + E_k f,     a(f) = -H^-1 A_k f / W,     f ~ N(0, L^2),     L of several strengths
 
 and the balance of internal forces says how probable F is, with M and v as in `resting_faces`:
 
@@ -48,7 +49,7 @@ class HandTorque:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hanging:
-    """How a structure hangs in one frame, in body axes."""
+    """How the structure of one frame hangs without hands, in body axes."""
 
     up: NDArray[np.float64]
     """(3,) against gravity."""
@@ -70,13 +71,12 @@ class Hanging:
         return np.asarray(-(right.T / restoring) @ left.T)
 
     def forces_n(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (3 nodes,) F - F_0 without a hand, and (nodes, 3 nodes, 3) dF / df of a hand at each node."""
+        """Return (3 nodes,) F without a hand, and (nodes, 3 nodes, 3) dF / df of a hand at each node."""
         nodes = len(self.arm_m)
         by_tilt = (self.weight_n[:, None, None] * (-cross_matrix(self.up) @ self.axes.T)).reshape(3 * nodes, -1)
-        by_torque = by_tilt @ self.tilt_by_torque @ self.axes
-        by_force = by_torque @ cross_matrix(self.arm_m) / self.weight_n.sum()
+        by_force = by_tilt @ self.tilt_by_torque @ self.axes @ cross_matrix(self.arm_m) / self.weight_n.sum()
         by_force += np.eye(3 * nodes).reshape(3 * nodes, nodes, 3).swapaxes(0, 1)
-        return by_torque @ np.cross(self.lever_m, -self.up), by_force
+        return -np.outer(self.weight_n, self.up).ravel(), by_force
 
 
 class Hands:
@@ -91,21 +91,18 @@ class Hands:
         self._prior = np.append(np.full(len(self._nodes), share / len(self._nodes)), 1 - share)
         self._probability = np.append(np.zeros(len(self._nodes)), 1.0)
 
-    def look(
-        self, balances: list[Balance], outer_n: NDArray[np.float64], hanging: Hanging, step_s: float
-    ) -> HandTorque:
+    def look(self, balances: list[Balance], hanging: Hanging, step_s: float) -> HandTorque:
         """Return the torque of hands in one more frame.
 
         Args:
             balances: of the frame, one for each standard deviation of a balance without load, as probable as each
                 other.
-            outer_n: (nodes, 3) F_0, the weight as the residuals of the frame contain it.
             hanging: how the structure hangs.
             step_s: time since the look before.
         """
-        turned_n, by_force = hanging.forces_n()
+        weight_n, by_force = hanging.forces_n()
         B = self._load_n[:, None, None] * by_force[self._nodes]
-        found = [_force_of_hand(balance, outer_n.ravel() + turned_n, B) for balance in balances]
+        found = [_force_of_hand(balance, weight_n, B) for balance in balances]
         log_l = np.array([log_l for log_l, _, _ in found])
         evidence = logsumexp(log_l, axis=0)
         stay = np.exp(-step_s / HOLD_S)
@@ -149,7 +146,8 @@ class Swing:
         self._frequency = float(np.sqrt(max(frequency_rad_per_s**2 - self._decay_per_s**2, 1e-6)))
         self._tilt = np.zeros(3)
         self._rate = np.zeros(3)
-        self._seen_rad = 0.0
+        self.seen_rad = 0.0
+        """Amplitude to which the measured rates have taken it, which dies out, too."""
 
     def observe(self, at_rest_rad: NDArray[np.float64], step_s: float, seen_rad_per_s: float = 0.0) -> float:
         """Return the standard deviation of the tilt about that at which the structure comes to rest, in rad.
@@ -166,5 +164,5 @@ class Swing:
         after = fade * (away * cosine + slope * sine)
         self._rate = fade * w * (slope * cosine - away * sine) - decay * after
         self._tilt = at_rest_rad + after
-        self._seen_rad = max(fade * self._seen_rad, seen_rad_per_s / w)
-        return float(np.sqrt(0.5 * (np.sum(after**2) + np.sum(self._rate**2) / w**2 + self._seen_rad**2)))
+        self.seen_rad = max(fade * self.seen_rad, seen_rad_per_s / w)
+        return float(np.sqrt(0.5 * (np.sum(after**2) + np.sum(self._rate**2) / w**2 + self.seen_rad**2)))

@@ -83,7 +83,7 @@ class HangingSmoother:
         outer, outer_n = builder.statics.outer_force_jacobian(x), builder.statics.outer_force_n
         quiet_n = (self._settings.doubt.quiet_n, *LESS_QUIET_N)
         balances = [balance_of(frame, outer, outer_n, builder.internal_variance_n2 + sigma_n**2) for sigma_n in quiet_n]
-        return self._of_hands.look(balances, outer_n, hanging, step_s)
+        return self._of_hands.look(balances, hanging, step_s)
 
     def _hang(self, node_position_m: NDArray[np.float64], state: PoseState, covariance: NDArray[np.float64]) -> None:
         self.shapes.builder.stand_on(weight_of(self._structure, self._rest, node_position_m, state, covariance))

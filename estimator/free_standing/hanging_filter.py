@@ -23,6 +23,7 @@ from ...models.structure.suspension import Suspension
 from ...models.values.aids import AidReading
 from ...models.values.rotations import cross_matrix
 from .contacts import Standing
+from .estimators import are_parallel
 from .hands import HandTorque, Hanging, Swing
 from .pose_filter import PoseFilter, PoseStep
 from .pose_motion import PoseMotion
@@ -31,13 +32,17 @@ NO_FLOOR = Floor(-1e3, UP)
 """A floor that no node can touch."""
 CONTRADICTION = 3.0
 """Studentised torque about the suspension above which the pose is wrong."""
+FAST_RAD = 0.1
+"""Swing by measured rates, above which inertial sensors on parallel rods do not tell how a body on a ball has spun."""
 HAND_TURNS_RAD_PER_S = 5.0
 """Standard deviation of the rate at which a hand turns a structure about its anchors."""
 ANY_SPIN_RAD_PER_S = 7.0
 """Rate at which a rod may spin about itself against the body, white: by a radian in a second. The torque of the weight
 tells the turn about the rod of a single inertial sensor."""
-ANY_FORCE_M_PER_S2 = 50.0
-"""Noise of the specific force in the motion of the centroid, which anchors tell: it says nothing of it."""
+ANY_MOTION_M_PER_S = 5.0
+"""Standard deviation of the velocity of the centroid, which anchors and the turn tell: it tells no turn."""
+ANY_FORCE_M_PER_S2 = 1000.0
+"""Noise of the specific force in the motion of the centroid, for the same reason."""
 
 
 class HangingFilter(PoseFilter):
@@ -48,6 +53,7 @@ class HangingFilter(PoseFilter):
         super().__init__(rest, in_the_air, settings.pose)
         unknown = replace(
             settings.pose,
+            motion_m_per_s=ANY_MOTION_M_PER_S,
             turn_rad_per_s=HAND_TURNS_RAD_PER_S,
             spin_rad_per_s=ANY_SPIN_RAD_PER_S,
             force_m_per_s2=ANY_FORCE_M_PER_S2,
@@ -69,11 +75,13 @@ class HangingFilter(PoseFilter):
         self._swing = Swing(float(frequency), settings.pose.swing_s)
         self._hands: HandTorque | None = None
         self.is_contradicted = False
-        """Whether torques contradicted the pose in the last frame, so that it may be wrong."""
+        """Whether torques contradicted the pose in the last frame, or it may have spun unseen: it may be wrong."""
+        self._spins_unseen = self._suspension.is_ball and are_parallel([imu.rod for imu in robot.imus], rest)
 
     def hanging(self, node_position_m: NDArray[np.float64]) -> Hanging:
-        """Return how a shape of (nodes, 3) body coordinates hangs, as the last frame tells the pose."""
-        turn, lever_m = self.state.turn, self._suspension.lever_m(node_position_m) + self._untold_m
+        """Return how a shape of (nodes, 3) body coordinates hangs without hands."""
+        lever_m = self._suspension.lever_m(node_position_m) + self._untold_m
+        turn = self._suspension.turn_down(lever_m)
         arm_m = node_position_m - self._suspension.pivot_m
         return Hanging(turn.T @ UP, self._suspension.axes @ turn, lever_m, arm_m, self._weight_n)
 
@@ -95,7 +103,8 @@ class HangingFilter(PoseFilter):
         if self._hands is not None:
             torque = self._torque_rows(placed, self._hands, step_s)
             rows.append(limited(torque, covariance))
-            self.is_contradicted = bool(contradicted(torque, covariance).any())
+            unseen = self._spins_unseen and self._swing.seen_rad > FAST_RAD
+            self.is_contradicted = unseen or bool(contradicted(torque, covariance).any())
         return rows
 
     def _measured_rad_per_s(self) -> float:

@@ -55,18 +55,17 @@ class Suspension:
 
     def hanging_m(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (nodes, 3) the same shape, turned about the suspension so that its centre of mass is lowest."""
-        turn = self._turn_down(node_position_m)
+        turn = self.turn_down(self.lever_m(node_position_m))
         return np.asarray(self.pivot_m + (node_position_m - self.pivot_m) @ turn.T)
 
     def askew_rad(self, node_position_m: NDArray[np.float64]) -> float:
         """Return the angle about the suspension by which the centre of mass is away from its lowest place."""
-        return float(np.arccos(np.clip(0.5 * (np.trace(self._turn_down(node_position_m)) - 1), -1, 1)))
+        return float(np.arccos(np.clip(0.5 * (np.trace(self.turn_down(self.lever_m(node_position_m))) - 1), -1, 1)))
 
-    def _turn_down(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (3, 3) the rotation that brings the centre of mass to its lowest place."""
-        lever = self.lever_m(node_position_m)
+    def turn_down(self, lever_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (3, 3) the rotation about the suspension that brings a centre of mass at d to its lowest place."""
         if self.is_ball:
-            return shortest_rotation(lever / np.linalg.norm(lever), -UP)
+            return shortest_rotation(lever_m / np.linalg.norm(lever_m), -UP)
         axis = self.axes[0]
-        sine, cosine = axis @ np.cross(lever, -UP), np.cross(axis, lever) @ np.cross(axis, -UP)
+        sine, cosine = axis @ np.cross(lever_m, -UP), np.cross(axis, lever_m) @ np.cross(axis, -UP)
         return rotation(axis * np.arctan2(sine, cosine))

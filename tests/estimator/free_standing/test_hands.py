@@ -28,7 +28,7 @@ def weights(up: np.ndarray) -> np.ndarray:
 def looked(outer_n: np.ndarray, sigma_n: float, seconds: float = 1.0):
     hands = Hands(FREE, DoubtSettings())
     for _ in range(round(10 * seconds)):
-        torque = hands.look(balances_of(outer_n, sigma_n), weights(UP), STRAIGHT, 0.1)
+        torque = hands.look(balances_of(outer_n, sigma_n), STRAIGHT, 0.1)
     return torque
 
 
