@@ -11,6 +11,7 @@ import numpy as np
 from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
 from .estimator.free_standing.estimators import FreeStandingOptimizer, FreeStandingSmoother
+from .estimator.hanging.hanging_estimators import HangingOptimizer, HangingSmoother
 from .estimator.least_squares import LeastSquares
 from .estimator.moving_base import MovingBase
 from .estimator.rest_step import rest_step
@@ -19,7 +20,7 @@ from .io.model_file import read_sensor_model
 from .io.result import result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
 from .models.pose.imu_gate import ImuGate
-from .models.pose.robot import FreeStandingRobot
+from .models.pose.robot import FreeStandingRobot, HangingRobot
 from .models.sensor.frames import FrameAssembler
 from .models.sensor.front_end import FrontEnd
 from .models.sensor.reference_drift import ReferenceTendons
@@ -75,6 +76,12 @@ FREE_STANDING: dict[str, Callable[[Structure, RestShape, FreeStandingRobot, Sett
 }
 """The estimator of each method for a structure without anchors, which stands on a floor."""
 
+HANGING: dict[str, Callable[[Structure, RestShape, HangingRobot, Settings], Estimator]] = {
+    "batch": HangingOptimizer,
+    "live": HangingSmoother,
+}
+"""The estimator of each method for a structure that hangs from one or two anchors."""
+
 
 class Pipeline:
     """The processing from the readings of one trial to its shapes, set up once from the trial's description."""
@@ -82,8 +89,9 @@ class Pipeline:
     def __init__(self, trial: TrialDescription, settings: Settings, model: SensorModel) -> None:
         self.trial = trial
         self.settings = settings
-        floor = trial.robot.floor if trial.robot else None
-        rest = rest_step(trial.structure, trial.mechanics, trial.rest_position_m, trial.geometry, settings.rest, floor)
+        rest = rest_step(
+            trial.structure, trial.mechanics, trial.rest_position_m, trial.geometry, settings.rest, trial.floor
+        )
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
         self.imu_gate = ImuGate(len(trial.imus))
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
@@ -123,23 +131,24 @@ class Pipeline:
         return map(PossibleShapes(self.rest).check, self._shapes(frames, method))
 
     def _shapes(self, frames: Iterable[TendonLengths], method: str) -> Iterator[Shape]:
-        if self.rest.structure.is_free_standing:
-            return self._free_standing(method).estimate(frames)
+        if not self.rest.structure.is_held:
+            return self._not_held(method).estimate(frames)
         shapes = ESTIMATORS[method](self.rest.structure, self.rest, self.settings).estimate(frames)
         if self.trial.imus and self.trial.rest_seconds > 0:
             return map(MovingBase(self.rest, self.trial.imus, self.trial.rest_seconds).observe, shapes)
         return shapes
 
-    def _free_standing(self, method: str) -> Estimator:
-        """Return the estimator of a structure without anchors, on a floor or in body coordinates."""
-        structure, rest, settings = self.rest.structure, self.rest, self.settings
+    def _not_held(self, method: str) -> Estimator:
+        """Return the estimator of a structure that hangs, stands on a floor, or is described in body coordinates."""
+        structure, rest, settings, robot = self.rest.structure, self.rest, self.settings, self.trial.robot
         if method not in FREE_STANDING:
-            raise InputError(
-                f"method '{method}': expected one of {', '.join(FREE_STANDING)} for a structure without anchors"
-            )
-        if self.trial.robot is None:
+            fewer = "without anchors" if structure.is_free_standing else "with one or two anchors"
+            raise InputError(f"method '{method}': expected one of {', '.join(FREE_STANDING)} for a structure {fewer}")
+        if isinstance(robot, HangingRobot):
+            return HANGING[method](structure, rest, robot, settings)
+        if robot is None:
             return ESTIMATORS[method](structure, rest, settings)
-        return FREE_STANDING[method](structure, rest, self.trial.robot, settings)
+        return FREE_STANDING[method](structure, rest, robot, settings)
 
     def lengths(self, readings: Iterable[Reading]) -> Iterator[TendonLengths]:
         """Yield the lengths of all tendons in every frame."""

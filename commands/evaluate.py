@@ -93,8 +93,7 @@ def score_result(path: Path, truth: Path | None, trial: Path | None, *, align: b
     known = _truth_of(opened, truth)
     settings = parse_table(Settings, run.get("settings", {}), str(path / RUN_FILE))
     d = opened.description
-    floor = d.robot.floor if d.robot else None
-    rest_m = rest_step(d.structure, d.mechanics, d.rest_position_m, d.geometry, settings.rest, floor).node_position_m
+    rest_m = rest_step(d.structure, d.mechanics, d.rest_position_m, d.geometry, settings.rest, d.floor).node_position_m
     estimate = read_estimate(path, d.structure)
     threshold_n = settings.load_threshold_n
     try:

@@ -19,7 +19,7 @@ from ..factors.tendon import tendon_factors
 from ..models.estimation import NoiseSettings
 from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.rest_shape import RestShape
-from ..models.structure.rigidity import SINGULAR, rigid_motions
+from ..models.structure.rigidity import SINGULAR, motions_left
 from ..models.structure.shape import Reason, Status
 from ..models.structure.statics import Statics
 from ..models.structure.structure import Structure
@@ -59,10 +59,8 @@ class GraphBuilder:
         self.node_count = structure.node_count
         self._free = structure.free_nodes.tolist()
         self.statics = Statics(structure, rest.mechanics) if rest.mechanics else None
-        self.fixed_motions = (
-            rigid_motions(rest.node_position_m).T if structure.is_free_standing else np.zeros((0, 3 * self.node_count))
-        )
-        """(6, 3 nodes) rigid motions that are fixed; no rows where nodes are anchored."""
+        self.fixed_motions = motions_left(structure, rest.node_position_m).T
+        """(motions, 3 nodes) rigid motions that the anchors leave, and that are fixed; no rows with three anchors."""
         self._near_m = np.full_like(rest.node_position_m, np.inf)
         self.force_sigma_n = np.zeros(0)
         """(rows,) standard deviation of the balance of forces at a node without load, near the present shape."""

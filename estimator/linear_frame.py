@@ -41,7 +41,7 @@ class LinearFrame:
     prior_m: float
     """Standard deviation of the shape prior."""
     fixed_motions: NDArray[np.float64]
-    """(6, free) rigid motions that are fixed; no rows where nodes are anchored."""
+    """(motions, free) rigid motions that are fixed; no rows with three anchors."""
 
     def without_forces(self, share: float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (free, free) the information of lengths and shape prior, and (free,) the gradient of their error.

@@ -1,6 +1,7 @@
-"""The body frame: where no node is anchored, the shape is described in the frame in which it fits the rest shape best.
+"""The body frame: where anchors leave rigid motions, the shape is described where it fits the rest shape best.
 
-With the six rigid motions G of the rest shape x_0, (3 nodes, 6) with orthonormal columns,
+One or two anchors are where they are at rest. With the rigid motions G of the rest shape x_0 that anchors leave,
+(3 nodes, motions) with orthonormal columns,
 
     G^T (x - x_0) = 0
 
@@ -22,7 +23,7 @@ BODY_FRAME_M = 1e-5
 def body_frame_factor(
     keys: Sequence[int], motions: NDArray[np.float64], rest_position_m: NDArray[np.float64]
 ) -> gtsam.CustomFactor:
-    """Return the factor of one frame, with (3 nodes, 6) orthonormal rigid motions."""
+    """Return the factor of one frame, with (3 nodes, motions) orthonormal rigid motions."""
     keys = list(keys)
     weighted = motions.T / BODY_FRAME_M
     by_node = [weighted[:, 3 * n : 3 * n + 3].copy() for n in range(len(keys))]
@@ -36,4 +37,4 @@ def body_frame_factor(
                 jacobians[n] = jacobian
         return np.asarray(weighted @ (position - rest_position_m).ravel())
 
-    return gtsam.CustomFactor(unit(6), keys, error)
+    return gtsam.CustomFactor(unit(len(weighted)), keys, error)

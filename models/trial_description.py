@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .pose.robot import FreeStandingRobot
+from .pose.robot import FreeStandingRobot, HangingRobot
 from .sensor.clock import ClockSettings
 from .sensor.divider import Divider
 from .sensor.resistance import Boards
@@ -17,11 +17,16 @@ from .structure.natural_lengths import Motors
 from .structure.rest_shape import GeometrySigma
 from .structure.statics import Mechanics
 from .structure.structure import Structure
+from .structure.suspension import Suspension
 from .values.aids import Imu
 from .values.errors import InputError
 from .values.tables import AtLeastOne, NotNegative, Positive, parse_table, unknown_keys
 
 _DEFAULT = GeometrySigma()
+FAR_FROM_ANCHOR_M = 0.01
+"""Distance of a node's measured rest position from its anchor, beyond which they are told in different frames."""
+ASKEW_RAD = 0.2
+"""Angle by which the centre of mass is away from hanging, beyond which a structure cannot be at rest: 11 degrees."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,14 +277,19 @@ class TrialDescription:
     """Number of the strips that are tied to no tendon and keep their length: what they read is drift."""
     imus: tuple[Imu, ...]
     """The inertial sensors, in the order of their numbers."""
-    robot: FreeStandingRobot | None
-    """The floor that the structure stands on, and what it carries; None where it is anchored, or held in a hand."""
+    robot: FreeStandingRobot | HangingRobot | None
+    """What the structure stands on or hangs from, and carries; None where three anchors or more, or a hand, hold it."""
     beacon_position_m: tuple[NDArray[np.float64], ...]
     """(beacons, 3) for each recording of distances."""
     motors: tuple[Motors, ...]
     """What each recording of natural lengths tells."""
     ignored_keys: tuple[str, ...]
     """Dotted names in trial.toml that are not read."""
+
+    @property
+    def floor(self) -> Floor | None:
+        """The floor that the structure stands on; None where anchors or a hand hold it."""
+        return self.robot.floor if isinstance(self.robot, FreeStandingRobot) else None
 
     def boards(self, settings: ClockSettings) -> Boards:
         """Return the converter from rows of the trial's boards to readings of resistance.
@@ -345,15 +355,18 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
     )
 
 
-def _robot(table: TrialTable, structure: Structure, imus: tuple[Imu, ...]) -> FreeStandingRobot | None:
+def _robot(table: TrialTable, structure: Structure, imus: tuple[Imu, ...]) -> FreeStandingRobot | HangingRobot | None:
     pairs = [
         (recording, beacon, node)
         for recording, ranges in enumerate(table.range)
         for beacon in range(len(ranges.beacon_position_m))
         for node in range(structure.node_count)
     ]
-    if not structure.is_free_standing:
+    if structure.is_held:
         return None
+    if not structure.is_free_standing:
+        _check_hangs(table, structure)
+        return HangingRobot(imus, tuple(pairs), table.rest.seconds, table.structure.anchor_sigma_m)
     if table.ground is None:
         aids = [name for name in ("imu", "range", "position") if getattr(table, name)]
         if aids:
@@ -365,6 +378,31 @@ def _robot(table: TrialTable, structure: Structure, imus: tuple[Imu, ...]) -> Fr
             "it stands at the start"
         )
     return FreeStandingRobot(table.ground.floor(), imus, tuple(pairs), table.rest.seconds)
+
+
+def _check_hangs(table: TrialTable, structure: Structure) -> None:
+    """Raise InputError for what does not hang from its one or two anchors at rest."""
+    if table.ground is not None:
+        raise InputError("ground: expected none with one or two anchors: a robot that hangs must not touch a floor")
+    rest_m = _rest_position(table.rest, structure)
+    if rest_m is None or table.rest.seconds <= 0:
+        raise InputError(
+            "rest: expected seconds above 0 and node_position_m with one or two anchors: a structure that hangs is "
+            "turned at the start as its nodes tell"
+        )
+    for index, (node, anchor_m) in enumerate(zip(structure.anchors, structure.anchor_position_m, strict=True)):
+        apart_m = float(np.linalg.norm(rest_m[node] - anchor_m))
+        if apart_m > FAR_FROM_ANCHOR_M:
+            raise InputError(
+                f"rest.node_position_m[{node}]: expected structure.anchor_position_m[{index}], got a position "
+                f"{apart_m:.3f} m away"
+            )
+    askew_rad = Suspension.of(structure).askew_rad(rest_m)
+    if askew_rad > ASKEW_RAD:
+        raise InputError(
+            f"rest.node_position_m: expected the centre of mass below the anchors, with gravity along -z, got one "
+            f"{np.rad2deg(askew_rad):.0f} degrees from it"
+        )
 
 
 def _imu(number: int, table: ImuTable, structure: Structure) -> Imu:

@@ -143,7 +143,9 @@ class PoseFilter:
         predicted = put_down(predicted, started, self._floor, self._settings.floor_m)
         held = kept & ~slipped & ~np.isfinite(self._slides_since_s)
         self._turn_before = before.turn
-        self.state, self.covariance = _corrected(predicted, stacked(self._rows(predicted, before, frame, held)))
+        rows = self._rows(predicted, before, frame, held)
+        rows += self._held_rows(predicted.placed, predicted.covariance, step_s)
+        self.state, self.covariance = _corrected(predicted, stacked(rows))
         self._body_before_m = frame.body_m
         self._samples = samples
         self._last_s = t_s
@@ -404,6 +406,10 @@ class PoseFilter:
         if frame.t_s < self._rest_seconds:
             rows.append(self._still_rows(placed.state))
         return rows
+
+    def _held_rows(self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float) -> list[Rows]:
+        """Return the rows of what else holds the structure: nothing, if it stands free."""
+        return []
 
     def _foothold_rows(self, placed: PlacedShape, before: PoseState, nodes: NDArray[np.int64], repeats: float) -> Rows:
         turned = rotation_vector(placed.state.turn @ before.turn.T)

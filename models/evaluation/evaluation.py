@@ -228,6 +228,6 @@ class Evaluation:
     false_alarm_share: float
     """Share of the readings (frame, tendon) without a fault that were flagged as faulty or left out."""
     pose: PoseScore | None
-    """None for a structure with anchors."""
+    """None for a structure with three anchors or more."""
     structure: Structure
     compared: ComparedFrames

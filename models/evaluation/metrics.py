@@ -60,7 +60,7 @@ def evaluate(
     rest = (estimate.t_s <= estimate.t_s[0] + truth.rest_seconds) & (truth.rest_seconds > 0)
     rest_error_m = rest_position_m - mean_over_frames(true_m[rest])
     compared = compare_frames(structure, estimate, true_m, known, truth)
-    pose = score_pose(compared, rest_position_m) if structure.is_free_standing else None
+    pose = None if structure.is_held else score_pose(compared, rest_position_m)
     node_rmse_m = np.sqrt(mean_over_frames((compared.node_error_m**2).sum(axis=-1)))
     node_height_rmse_m = np.sqrt(mean_over_frames(compared.node_error_m[..., 2] ** 2))
     good = np.flatnonzero(compared.frame_error_m <= GOOD_M)

@@ -60,5 +60,10 @@ class PoseSettings:
     """White noise of a range."""
     range_offset_m: Positive = 0.07
     """Offset of a range, the same for each pair of beacon and node."""
+    hang_rad: Positive = 0.07
+    """Standard deviation of the direction in which a structure hangs, when no hand is seen. One that begins to push
+    is seen 0.3 s later, when it has tilted the structure by 10 to 15 degrees, and may do so one time in ten."""
+    swing_s: Positive = 1.0
+    """Time in which a swing of a structure that hangs dies out, to a third."""
     position_m: Positive = 0.0005
     """Standard deviation of a position, per axis."""

@@ -11,6 +11,7 @@ from ..values.errors import IndeterminateError
 from ..values.rotations import shortest_rotation
 from .lengths import length_jacobian, member_length_m
 from .structure import Structure
+from .suspension import Suspension
 
 SINGULAR = 1e-6
 """Bound below which a singular value of the (dimensionless) length Jacobian counts as zero. At the regular six-strut
@@ -55,12 +56,26 @@ def rigid_motions(node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.qr(motions.reshape(*motions.shape[:-3], -1, 6))[0])
 
 
+def motions_left(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., 3 nodes, motions) the orthonormal rigid motions that leave all anchors in place.
+
+    There are six without anchors, three turns about one anchor, one about the line of two, and none with more.
+    """
+    motions = rigid_motions(node_position_m)
+    if structure.is_free_standing:
+        return motions
+    held = {1: 3, 2: 5}.get(len(structure.anchors), 6)
+    left = np.linalg.svd(motions[..., structure.anchored_coordinates, :])[2][..., held:, :]
+    return np.asarray(motions @ np.swapaxes(left, -1, -2))
+
+
 def held_jacobian(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the length Jacobian; where no node is anchored, the six rigid motions are further rows of it."""
+    """Return the length Jacobian; the rigid motions that the anchors leave are further rows of it."""
     jacobian = free_length_jacobian(structure, node_position_m)
-    if not structure.is_free_standing:
+    if structure.is_held:
         return jacobian
-    return np.concatenate([jacobian, np.swapaxes(rigid_motions(node_position_m), -1, -2)], axis=-2)
+    motions = motions_left(structure, node_position_m)[..., structure.free_coordinates, :]
+    return np.concatenate([jacobian, np.swapaxes(motions, -1, -2)], axis=-2)
 
 
 def rigidity(structure: Structure, node_position_m: NDArray[np.float64]) -> Rigidity:
@@ -93,7 +108,8 @@ def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
     The shape minimises sum (l - L0)^2 over the tendons: the prestress of the tendons selects one stiff shape, which the
     lengths alone do not determine. Of the two mirror images about the plane of the anchors, the one above the plane
     (towards +z) is returned. Loads and differences in stiffness are ignored. Without anchors one of the two mirror
-    images is returned as it stands on its broadest face, in the plane z = 0, with the centroid above the origin.
+    images is returned as it stands on its broadest face, in the plane z = 0, with the centroid above the origin; with
+    one or two, as it hangs from them.
 
     Raises:
         IndeterminateError: when no start leads to a shape that keeps the rods' lengths.
@@ -101,6 +117,8 @@ def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
     energy = _TendonEnergy(structure)
     if structure.is_free_standing:
         return _stood_up(_free_shape(structure, energy))
+    if not structure.is_held:
+        return Suspension.of(structure).hanging_m(_free_shape(structure, energy))
     base = structure.anchor_position_m
     scale = float(structure.rod_length_m.mean())
     free = structure.free_nodes
@@ -121,12 +139,13 @@ def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
 
 
 def _free_shape(structure: Structure, energy: "_TendonEnergy") -> NDArray[np.float64]:
-    """Return (nodes, 3), the shape of least energy without anchors, anywhere."""
+    """Return (nodes, 3), the shape of least energy without anchors, anywhere, or on less than three of them."""
     scale = float(structure.rod_length_m.mean())
+    middle_m = structure.anchor_position_m.sum(axis=0) / max(len(structure.anchors), 1)
     rng = np.random.default_rng(0)
     shapes = []
     for _ in range(STARTS):
-        start = scale * rng.uniform(-0.6, 0.6, 3 * structure.node_count)
+        start = (middle_m + scale * rng.uniform(-0.6, 0.6, (len(structure.free_nodes), 3))).ravel()
         solution = least_squares(energy.residual, start, energy.jacobian, method="trf", xtol=1e-10, ftol=1e-12)
         position = structure.position_m(solution.x)
         rod_error = np.abs(member_length_m(position, structure.rods) / structure.rod_length_m - 1)

@@ -51,6 +51,7 @@ class Reason(StrEnum):
     IMU = "imu"
     CONTACTS = "contacts"
     ATTITUDE = "attitude"
+    HANGING = "hanging"
 
     @property
     def advice(self) -> str:
@@ -65,6 +66,7 @@ REASON_ADVICE = {
     Reason.GEOMETRY: "the geometry in trial.toml contradicts the balance of forces at rest: measure it again",
     Reason.BASE: "the rods turn otherwise than the anchors allow: fix the base, or describe it as free-standing",
     Reason.IMU: "an inertial sensor contradicts the inclination of its rod and is left out: is its axis told right?",
+    Reason.HANGING: "it is turned otherwise than weight and hands can hold it: fix sensors on rods of other directions",
     Reason.CONTACTS: "heights and forces tell different nodes on the floor: fix a sensor on a rod of another direction",
     Reason.ATTITUDE: "nothing measures how the robot is turned, a push would be missed: add an [[imu]], or [mechanics]",
 }

@@ -92,9 +92,14 @@ class Structure:
         return len(self.anchors) == 0
 
     @property
+    def is_held(self) -> bool:
+        """Whether three anchors or more hold it; about one anchor it swings and turns, about two it swings."""
+        return len(self.anchors) > 2
+
+    @property
     def is_square(self) -> bool:
         """Whether there are as many free members as free coordinates, so that the length Jacobian is square."""
-        return len(self.free_members) == len(self.free_coordinates)
+        return self.is_held and len(self.free_members) == len(self.free_coordinates)
 
     @property
     def faces(self) -> NDArray[np.int64]:
@@ -147,6 +152,9 @@ class Structure:
         position[self.free_nodes] = coordinates.reshape(-1, 3)
         return position
 
+
+LEAST_HINGE_M = 1e-3
+"""Distance between two anchors, over the square root of two, below which they give no direction of a hinge."""
 
 SIX_STRUT_RODS = ((0, 3), (4, 5), (1, 6), (7, 8), (2, 9), (10, 11))
 """The paper's eq. (6)."""
@@ -252,16 +260,18 @@ def _anchor_positions(value: ArrayLike, count: int) -> NDArray[np.float64]:
     position = np.array(value, dtype=np.float64).reshape(-1, 3) if count == 0 else np.array(value, dtype=np.float64)
     if position.shape != (count, 3) or not np.isfinite(position).all():
         raise InputError(f"anchor_position_m: expected {count} finite rows of x, y, z, got shape {position.shape}")
-    if count == 0:
+    if count < 2:
         return position
     spread = np.linalg.svd(position - position.mean(axis=0), compute_uv=False)
-    if spread[1] < 1e-3 * max(spread[0], 1e-9):
+    if count == 2 and spread[0] < LEAST_HINGE_M:
+        raise InputError("anchor_position_m: both anchors are at one place: expected two places, or one anchor")
+    if count > 2 and spread[1] < 1e-3 * max(spread[0], 1e-9):
         raise InputError("anchor_position_m: the anchors lie on one line: expected a triangle, so that nothing turns")
     return position
 
 
 def _check_topology(rods: NDArray[np.int64], tendons: NDArray[np.int64], anchors: NDArray[np.int64]) -> None:
-    """Raise InputError for what is not a tensegrity of disjoint rods and tendons on at least three anchors."""
+    """Raise InputError for what is not a tensegrity of disjoint rods and tendons."""
     node_count = int(rods.max()) + 1
     for name, pairs in (("rod", rods), ("tendon", tendons)):
         for index, (a, b) in enumerate(pairs):
@@ -283,8 +293,6 @@ def _check_topology(rods: NDArray[np.int64], tendons: NDArray[np.int64], anchors
         tendon_of[pair] = index
     for node in np.setdiff1d(np.arange(node_count), tendons):
         raise InputError(f"node {node}: no tendon holds it")
-    if 0 < len(anchors) < 3:
-        raise InputError(f"anchors: expected at least 3 nodes of known position, or none, got {len(anchors)}")
     for index, node in enumerate(anchors):
         if not 0 <= node < node_count:
             raise InputError(f"anchors[{index}]: node {node} out of range: expected 0 to {node_count - 1}")

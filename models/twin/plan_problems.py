@@ -46,6 +46,8 @@ def problems(plan: Plan) -> Iterator[tuple[str, str]]:
 
 
 def _problems_of_structure(plan: Plan, structure: Structure) -> Iterator[tuple[str, str]]:
+    if plan.ground is not None and len(structure.anchors) in (1, 2):
+        yield "ground", f"expected none with {len(structure.anchors)} anchors, from which the structure hangs"
     held = structure.anchors if plan.ground is None else np.empty(0, dtype=np.int64)
     for node in np.setdiff1d(np.setdiff1d(np.arange(structure.node_count), structure.rods), held):
         yield "structure.rods", f"node {node} is on no rod, and nothing holds it: expected a rod, for its mass"

@@ -11,11 +11,13 @@ from tensegraph.factors.ground import foothold_rows, height_rows
 from tensegraph.factors.imu import ImuArray, ImuSamples
 from tensegraph.factors.position import position_rows
 from tensegraph.factors.range import range_rows
+from tensegraph.factors.torque import anchor_rows, torque_rows
 from tensegraph.models.pose.placed import PlacedShape, Rows
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.structure.floor import UP, Floor
+from tensegraph.models.structure.suspension import Suspension
 from tensegraph.models.values.aids import Imu, PositionReading, RangeReading
-from tensegraph.models.values.rotations import rotation_vector
+from tensegraph.models.values.rotations import rotation, rotation_vector
 
 STATE = any_state(imus=2, pairs=2)
 SIZE = STATE.layout.size
@@ -25,6 +27,10 @@ RODS = np.array([[0, 3], [4, 5], [1, 6], [7, 8], [2, 9], [10, 11]])
 IMUS = ImuArray([Imu(0, 0.5, np.array([0.0, 0, 1])), Imu(3, 0.2, np.array([0.6, 0, 0.8]))], RODS)
 BEFORE = STATE.turn @ np.linalg.inv(any_state(0, 0).turn)
 NODES = np.array([2, 5, 6])
+BALL = Suspension(np.zeros(3), np.eye(3)[:2], RODS)
+HINGE = Suspension(np.zeros(3), np.array([[0.8, 0.6, 0.0]]), RODS)
+LEVER_M = np.array([0.03, -0.02, -0.16])
+HANDS_M = np.array([0.02, 0.05, -0.01])
 
 
 def placed(state=STATE) -> PlacedShape:
@@ -52,6 +58,12 @@ def direction_in_the_first_axes(state) -> Rows:
     return Rows(error.ravel(), rows.jacobian, rows.variance)
 
 
+def turned_ball(state) -> Suspension:
+    """The level axes turn with the structure about the vertical."""
+    heading = rotation_vector(state.turn @ STATE.turn.T)[2]
+    return Suspension(np.zeros(3), BALL.axes @ rotation(np.array([0, 0, heading])).T, RODS)
+
+
 ROWS: dict[str, Callable[..., Rows]] = {
     "height": lambda state: height_rows(placed(state), FLOOR, NODES, 5e-4, 1.0),
     "foothold": lambda state: foothold_rows(
@@ -69,6 +81,9 @@ ROWS: dict[str, Callable[..., Rows]] = {
     "position": lambda state: position_rows(
         placed(state), [PositionReading(0.0, 3, np.array([0.1, 0.2, 0.3]))], 0.017, 5e-4
     ),
+    "anchor": lambda state: anchor_rows(placed(state), NODES[:2], np.zeros((2, 3)), 1e-4),
+    "torque about a ball": lambda state: torque_rows(placed(state), turned_ball(state), LEVER_M, HANDS_M, np.eye(3)),
+    "torque about a hinge": lambda state: torque_rows(placed(state), HINGE, LEVER_M, HANDS_M, np.eye(3)),
 }
 
 

@@ -27,7 +27,7 @@ REFUSED = {
     "node out of range": {"tendons": [*SIX_STRUT_TENDONS, (3, 12)]},
     "is on 2 rods": {"rods": [*SIX_STRUT_RODS[:-1], (10, 11), (10, 5)]},
     "no tendon holds it": {"tendons": [pair for pair in SIX_STRUT_TENDONS if 8 not in pair]},
-    "at least 3 nodes of known position, or none": {"anchors": [0, 1], "anchor_position_m": [[0, 0, 0], [0.18, 0, 0]]},
+    "both anchors are at one place": {"anchors": [0, 1], "anchor_position_m": [[0, 0, 0], [0, 0, 0]]},
     "lie on one line": {"anchor_position_m": [[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0]]},
     r"rod_length_m\[2\]": {"rod_length_m": [0.3, 0.3, -0.3, 0.3, 0.3, 0.3]},
     r"natural_length_m\[0\]": {"natural_length_m": np.inf},

@@ -1,0 +1,173 @@
+"""A structure that hangs from one anchor, or swings about the line of two: its shape, and how it is turned.
+
+The shape is estimated in body coordinates, in which anchors are where they are; the pose tells the direction of the
+weight, as for a structure that stands free (`estimator.free_standing`). What an anchor does to its node is no row of
+the balance of forces, as in an anchored structure.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...models.pose.large_turn import turned_covariance_m2
+from ...models.pose.placed import PlacedShape
+from ...models.pose.pose_state import PoseState
+from ...models.pose.robot import HangingRobot
+from ...models.settings import Settings
+from ...models.structure.external_loads import ExternalLoads
+from ...models.structure.rest_shape import RestShape
+from ...models.structure.shape import Reason, Shape, Status
+from ...models.structure.structure import Structure
+from ...models.structure.support import Support
+from ...models.values.readings import TendonLengths
+from ..batch import BatchOptimizer, without_lag
+from ..free_standing.estimators import LESS_QUIET_N, support_of
+from ..free_standing.pose_smoother import PoseStep, smoothed
+from ..free_standing.resting_faces import balances_of
+from ..smoother import LiveSmoother
+from .hands import Hands, HandTorque
+from .hanging_filter import HangingFilter
+
+LOOK_EVERY_S = 0.1
+"""Shortest time between two looks for hands."""
+
+
+class HangingSmoother:
+    """Estimates shape and pose in the newest frame from this and all earlier frames."""
+
+    def __init__(self, structure: Structure, rest: RestShape, robot: HangingRobot, settings: Settings) -> None:
+        self._structure = structure
+        self._rest = rest
+        self.shapes = LiveSmoother(structure, rest, settings)
+        self._settings = settings
+        self._poses = HangingFilter(rest, robot, settings)
+        self._looked_s = -np.inf
+        self._of_hands = Hands(structure.free_nodes, settings.doubt)
+        self._hands: HandTorque | None = None
+        self.kept: list[HandTorque | None] | None = None
+        """The torque of hands in each frame, for a smoother that puts a list here; live, memory is bounded."""
+        self._hang(rest.node_position_m, self._poses.state, self._poses.covariance)
+
+    def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
+        """Yield a shape in the world for each frame, as soon as the frame arrives."""
+        for lengths in frames:
+            shape, step = self.update(lengths)
+            yield hung_in_world(shape, self._rest, step.state, step.covariance, self.doubt_of(step))
+
+    def update(self, lengths: TendonLengths) -> tuple[Shape, PoseStep]:
+        """Return the shape in one more frame, in body coordinates, and its pose."""
+        shape = self.shapes.update(lengths)
+        if shape.t_s - self._looked_s > 0.999 * LOOK_EVERY_S:
+            self._hands = self._look(shape, min(shape.t_s - self._looked_s, 1.0))
+            self._looked_s = shape.t_s
+        step = self._poses.hang(shape, self._hands, lengths.aids)
+        if self.kept is not None:
+            self.kept.append(self._hands)
+        self._hang(shape.node_position_m, step.state, step.covariance)
+        return shape, step
+
+    def doubt_of(self, step: PoseStep) -> Reason | None:
+        """Return what the newest step of the pose tells against the model."""
+        if not step.trusts_imus:
+            return Reason.IMU
+        return Reason.HANGING if self._poses.is_contradicted else None
+
+    def _look(self, shape: Shape, step_s: float) -> HandTorque | None:
+        """Return the torque of hands by the balance of forces; None where forces or weights are unknown."""
+        builder, frame, x = self.shapes.builder, self.shapes.linear, shape.node_position_m
+        hanging = self._poses.hanging(x)
+        if frame is None or builder.statics is None or hanging.weight_n.sum() == 0:
+            return None
+        outer, outer_n = builder.statics.outer_force_jacobian(x), builder.statics.outer_force_n
+        quiet_n = np.array([self._settings.doubt.quiet_n, *LESS_QUIET_N])
+        balances = balances_of(frame, outer, outer_n, builder.internal_variance_n2 + quiet_n[:, None] ** 2)
+        return self._of_hands.look(balances, hanging, step_s)
+
+    def _hang(self, node_position_m: NDArray[np.float64], state: PoseState, covariance: NDArray[np.float64]) -> None:
+        self.shapes.builder.stand_on(weight_of(self._structure, self._rest, node_position_m, state, covariance))
+
+
+class HangingOptimizer:
+    """Estimates shape and pose in every frame from all frames of the trial, earlier and later ones."""
+
+    def __init__(self, structure: Structure, rest: RestShape, robot: HangingRobot, settings: Settings) -> None:
+        self._structure = structure
+        self._rest = rest
+        self._robot = robot
+        self._settings = settings
+
+    def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
+        """Yield a shape in the world for each frame, after all frames have been read.
+
+        Raises:
+            IndeterminateError: when measurements and priors leave some node undetermined.
+        """
+        live = HangingSmoother(self._structure, self._rest, self._robot, self._settings)
+        live.shapes.keep()
+        live.kept = []
+        frames = without_lag(list(frames))
+        shapes, doubts = [], []
+        for lengths in frames:
+            shape, step = live.update(lengths)
+            shapes.append(shape)
+            doubts.append(live.doubt_of(step))
+        supports = [
+            weight_of(self._structure, self._rest, shape.node_position_m, state, covariance)
+            for shape, (state, covariance) in zip(shapes, self._poses(frames, shapes, live.kept), strict=True)
+        ]
+        optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
+        shapes = list(optimizer.refined(frames, live.shapes, shapes, supports))
+        poses = self._poses(frames, shapes, live.kept)
+        for shape, (state, covariance), doubt in zip(shapes, poses, doubts, strict=True):
+            yield hung_in_world(shape, self._rest, state, covariance, doubt)
+
+    def _poses(
+        self, frames: Sequence[TendonLengths], shapes: Sequence[Shape], hands: Sequence[HandTorque | None]
+    ) -> list[tuple[PoseState, NDArray[np.float64]]]:
+        """Return the state of the pose and its covariance in each frame."""
+        poses = HangingFilter(self._rest, self._robot, self._settings)
+        steps = [
+            poses.hang(shape, hand, lengths.aids) for lengths, shape, hand in zip(frames, shapes, hands, strict=True)
+        ]
+        return smoothed(steps)
+
+
+def weight_of(
+    structure: Structure,
+    rest: RestShape,
+    node_position_m: NDArray[np.float64],
+    state: PoseState,
+    covariance: NDArray[np.float64],
+) -> Support:
+    """Return the force of gravity, in body axes, on a structure of this pose."""
+    nothing = np.zeros(structure.node_count)
+    return support_of(structure, rest, node_position_m, state, covariance, nothing)
+
+
+def hung_in_world(
+    shape: Shape, rest: RestShape, state: PoseState, covariance: NDArray[np.float64], doubt: Reason | None
+) -> Shape:
+    """Return a shape of body coordinates in the world.
+
+    Args:
+        shape: in body coordinates.
+        rest: the rest shape, whose centroid is the origin of the pose.
+        state: the pose.
+        covariance: (size, size) of its errors.
+        doubt: what the pose tells against the model.
+    """
+    placed = PlacedShape(state, shape.node_position_m - rest.node_position_m.mean(axis=0), shape.covariance_m2)
+    loads = shape.loads
+    if loads is not None:
+        loads = ExternalLoads(loads.force_n @ state.turn.T, loads.sigma_n)
+    if doubt is not None and shape.doubt is None:
+        shape = replace(shape, status=Status.DOUBT, doubt=doubt)
+    pivot_m = rest.structure.anchor_position_m.mean(axis=0)
+    return replace(
+        shape,
+        node_position_m=placed.node_position_m,
+        covariance_m2=turned_covariance_m2(placed, covariance, pivot_m),
+        loads=loads,
+    )

@@ -1,0 +1,150 @@
+"""The pose of a structure that hangs: the filter of a free-standing one in the air, with rows of anchors and of torque.
+
+Anchors are where they are told. How the structure is turned is told by inertial sensors, and by the torque of the
+weight, which balances that of hands about each axis of the suspension. Errors of this balance last, so that it is used
+as far as the structure is known less exactly, and never makes it known better than the balance is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...factors.torque import anchor_rows, torque_rows
+from ...models.pose.placed import PlacedShape, Rows
+from ...models.pose.robot import FreeStandingRobot, HangingRobot
+from ...models.settings import Settings
+from ...models.structure.floor import UP, Floor
+from ...models.structure.rest_shape import RestShape
+from ...models.structure.shape import Shape
+from ...models.structure.support import GRAVITY_M_PER_S2, weight_n
+from ...models.structure.suspension import Suspension
+from ...models.values.aids import AidReading
+from ...models.values.rotations import cross_matrix
+from ..free_standing.contacts import Standing
+from ..free_standing.estimators import are_parallel
+from ..free_standing.pose_filter import PoseFilter
+from ..free_standing.pose_motion import PoseMotion
+from ..free_standing.pose_smoother import PoseStep
+from .hands import HandTorque, Hanging, Swing
+
+NO_FLOOR = Floor(-1e3, UP)
+"""A floor that no node can touch."""
+CONTRADICTION = 3.0
+"""Studentised torque about the suspension above which the pose is wrong."""
+FAST_RAD = 0.1
+"""Swing by measured rates, above which inertial sensors on parallel rods do not tell how a body on a ball has spun."""
+HAND_TURNS_RAD_PER_S = 5.0
+"""Standard deviation of the rate at which a hand turns a structure about its anchors."""
+ANY_SPIN_RAD_PER_S = 7.0
+"""Rate at which a rod may spin about itself against the body, white: by a radian in a second. The torque of the weight
+tells the turn about the rod of a single inertial sensor."""
+ANY_MOTION_M_PER_S = 5.0
+"""Standard deviation of the velocity of the centroid, which anchors and the turn tell: it tells no turn."""
+ANY_FORCE_M_PER_S2 = 1000.0
+"""Noise of the specific force in the motion of the centroid, for the same reason."""
+
+
+class HangingFilter(PoseFilter):
+    """Follows the pose of a structure that hangs, frame by frame."""
+
+    def __init__(self, rest: RestShape, robot: HangingRobot, settings: Settings) -> None:
+        in_the_air = FreeStandingRobot(NO_FLOOR, robot.imus, robot.range_pairs, robot.rest_seconds)
+        super().__init__(rest, in_the_air, settings.pose)
+        unknown = replace(
+            settings.pose,
+            motion_m_per_s=ANY_MOTION_M_PER_S,
+            turn_rad_per_s=HAND_TURNS_RAD_PER_S,
+            spin_rad_per_s=ANY_SPIN_RAD_PER_S,
+            force_m_per_s2=ANY_FORCE_M_PER_S2,
+        )
+        self._motion = PoseMotion(self._imus, unknown)
+        self._anchor_m = robot.anchor_m
+        self._structure = rest.structure
+        self._suspension = Suspension.of(rest.structure)
+        nodes = np.zeros(rest.structure.node_count)
+        self._nothing_stands = Standing(nodes > 0, nodes)
+        self._standing = self._nothing_stands.nodes
+        mass_kg = rest.mechanics.rod_mass_kg if rest.mechanics else 0.0
+        self._weight_n = weight_n(rest.structure, mass_kg)
+        lever_m = self._suspension.lever_m(rest.node_position_m)
+        by_shift = self._suspension.axes @ cross_matrix(UP)
+        self._untold_m = -np.linalg.pinv(by_shift) @ self._suspension.torque_m(lever_m)
+        squared_m2 = np.mean(np.sum((rest.node_position_m - self._suspension.pivot_m) ** 2, axis=1))
+        frequency = np.sqrt(GRAVITY_M_PER_S2 * np.linalg.norm(lever_m) / squared_m2)
+        self._swing = Swing(float(frequency), settings.pose.swing_s)
+        self._hands: HandTorque | None = None
+        self.is_contradicted = False
+        """Whether torques contradicted the pose in the last frame, or it may have spun unseen: it may be wrong."""
+        self._spins_unseen = self._suspension.is_ball and are_parallel([imu.rod for imu in robot.imus], rest)
+
+    def hanging(self, node_position_m: NDArray[np.float64]) -> Hanging:
+        """Return how a shape of (nodes, 3) body coordinates hangs without hands."""
+        lever_m = self._suspension.lever_m(node_position_m) + self._untold_m
+        turn = self._suspension.turn_down(lever_m)
+        arm_m = node_position_m - self._suspension.pivot_m
+        return Hanging(turn.T @ UP, self._suspension.axes @ turn, lever_m, arm_m, self._weight_n)
+
+    def hang(self, shape: Shape, hands: HandTorque | None, aids: Sequence[AidReading]) -> PoseStep:
+        """Return the state in one more frame.
+
+        Args:
+            shape: in body coordinates.
+            hands: the torque of hands; None where forces are unknown, so that the torque of the weight says nothing.
+            aids: the readings since the frame before.
+        """
+        self._hands = hands
+        nothing = self._nothing_stands
+        return self.step(shape.t_s, shape.node_position_m, shape.covariance_m2, aids, nothing, nothing.nodes)
+
+    def _held_rows(self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float) -> list[Rows]:
+        structure = self._structure
+        rows = [anchor_rows(placed, structure.anchors, structure.anchor_position_m, self._anchor_m)]
+        self.is_contradicted = False
+        if self._hands is not None:
+            torque = self._torque_rows(placed, self._hands, step_s)
+            rows.append(limited(torque, covariance))
+            unseen = self._spins_unseen and self._swing.seen_rad > FAST_RAD
+            self.is_contradicted = unseen or bool(contradicted(torque, covariance).any())
+        return rows
+
+    def _measured_rad_per_s(self) -> float:
+        """Return the largest rate that trusted inertial sensors have measured in the frame before; 0 without any."""
+        if self._samples is None:
+            return 0.0
+        rate = np.linalg.norm(self._samples.rate_rad_per_s - self.state.rate_bias_rad_per_s, axis=1)
+        return float(np.max(rate, where=self._trust.is_used, initial=0.0))
+
+    def _torque_rows(self, placed: PlacedShape, hands: HandTorque, step_s: float) -> Rows:
+        turn, settings = placed.state.turn, self._settings
+        lever_m = self._suspension.lever_m(placed.body_m + self.centre_m) + self._untold_m
+        length_m = float(np.linalg.norm(lever_m))
+        swing_rad = self._swing.observe(turn @ hands.lever_m / length_m, step_s, self._measured_rad_per_s())
+        rods = self._suspension.rods.ravel()
+        of_lever = cross_matrix(UP) @ placed.covariance_m2[rods][:, rods].mean(axis=(0, 1)) @ cross_matrix(UP).T
+        of_hands = turn @ hands.covariance_m2 @ turn.T
+        of_swing = (settings.hang_rad**2 + swing_rad**2) * length_m**2 * np.eye(3)
+        return torque_rows(placed, self._suspension, lever_m, hands.lever_m, of_lever + of_hands + of_swing)
+
+
+def limited(rows: Rows, covariance: NDArray[np.float64]) -> Rows:
+    """Return rows that leave what they measure as uncertain as they are, if it was more, and else say nothing.
+
+    Where they contradict the state, it is less certain than its covariance tells, and they count in full.
+
+    Args:
+        rows: whose errors last from frame to frame.
+        covariance: (size, size) of the errors of the state, before these rows.
+    """
+    known = np.einsum("ri,ij,rj->r", rows.jacobian, covariance, rows.jacobian)
+    in_full = contradicted(rows, covariance)
+    tells = in_full | (known > 1.001 * rows.variance)
+    share = np.where(in_full, 1.0, 1 - rows.variance / known)[tells]
+    return Rows(rows.error[tells], rows.jacobian[tells], rows.variance[tells] / share)
+
+
+def contradicted(rows: Rows, covariance: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return (rows,) whether their errors are larger than `CONTRADICTION` standard deviations."""
+    known = np.einsum("ri,ij,rj->r", rows.jacobian, covariance, rows.jacobian)
+    return np.asarray(rows.error**2 > CONTRADICTION**2 * (known + rows.variance))

@@ -1,0 +1,102 @@
+"""A structure that swings about two anchors: six seconds of the twin, by the command line; and what does not hang."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import run
+from plan_edits import PLANS
+from tensegraph import InputError, open_trial
+
+HINGE = """extends = "press.toml"
+name = "hinge"
+duration_s = 6.0
+[structure]
+anchors = [0, 1]
+anchor_position_m = [[0.0, 0.0, 0.5], [0.18371, 0.0, 0.5]]
+[load]
+random = []
+[[load.press]]
+at_s = 2.5
+ramp_s = 0.5
+hold_s = 1.0
+nodes = [8]
+force_n = 2.0
+direction = [0.0, 0.2, -1.0]
+"""
+
+
+@pytest.fixture(scope="module")
+def hinge(tmp_path_factory) -> Path:
+    """The folder of a trial without inertial sensors, made by `simulate`."""
+    folder = tmp_path_factory.mktemp("hinge")
+    (folder / "press.toml").write_text(PLANS["press"].read_text().split("[[load.random]]")[0])
+    (folder / "hinge.toml").write_text(HINGE.replace("[load]\nrandom = []\n", ""))
+    result = run("simulate", "hinge.toml", "--out", "hinge_01", cwd=folder)
+    assert result.returncode == 0, result.stderr
+    return folder
+
+
+def test_it_is_reconstructed_and_evaluated(hinge) -> None:
+    """At rest the tilt is that of the weight, anchors stay in place, and ellipsoids in the world hold the nodes."""
+    result = run("reconstruct", "hinge_01", "--live", "--no-figures", cwd=hinge)
+    assert result.returncode == 0, result.stderr
+    shape = np.loadtxt(hinge / "results" / "hinge_01" / "shape.csv", delimiter=",", skiprows=1)
+    assert shape[:, 1:7] == pytest.approx(np.tile([0, 0, 0.5, 0.18371, 0, 0.5], (len(shape), 1)), abs=0.002)
+    assert not (hinge / "results" / "hinge_01" / "contacts.csv").exists()
+    result = run("evaluate", "results/hinge_01", "--json", cwd=hinge)
+    assert result.returncode == 0, result.stderr
+    scores = json.loads(result.stdout)
+    score = scores[0] if isinstance(scores, list) else scores
+    assert score["pose"]["still_tilt_rms_deg"] < 5.0
+    assert score["pose"]["shape_rmse_m"] < 0.8 * score["pose"]["held_rmse_m"]
+    assert score["consistency"]["coverage_95"] > 0.85
+
+
+def told(hinge: Path, folder: Path, edit) -> Path:
+    """A copy of trial.toml, edited, with the files beside it."""
+    for source in (hinge / "hinge_01").iterdir():
+        (folder / source.name).write_bytes(source.read_bytes())
+    (folder / "trial.toml").write_text(edit((folder / "trial.toml").read_text()))
+    return folder
+
+
+def upside_down(text: str) -> str:
+    """Return trial.toml with every node of the rest shape as far above the anchors as it was below."""
+    line = next(line for line in text.splitlines() if line.startswith("node_position_m"))
+    turned = re.sub(r", ([-\d.e]+)\]", lambda z: f", {1.0 - float(z[1])}]", line)
+    return text.replace(line, turned)
+
+
+REFUSED = {
+    "ground: expected none with one or two anchors": lambda text: text + "\n[ground]\nheight_m = 0.003\n",
+    "rest: expected seconds above 0 and node_position_m with one or two": lambda text: re.sub(
+        r"\nseconds = 2.0", "\nseconds = 0.0", text
+    ),
+    r"rest.node_position_m\[0\]: expected structure.anchor_position_m\[0\]": lambda text: re.sub(
+        r"anchor_position_m = \[\[[^\]]*\]", "anchor_position_m = [[0.0, 0.1, 0.5]", text
+    ),
+    "expected the centre of mass below the anchors, with gravity along -z, got one 1[78]. degrees": upside_down,
+}
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_what_does_not_hang_is_refused(message: str, hinge, tmp_path) -> None:
+    with pytest.raises(InputError, match=message):
+        open_trial(told(hinge, tmp_path, REFUSED[message]))
+
+
+def test_methods_for_anchored_structures_are_refused(hinge) -> None:
+    result = run("reconstruct", "hinge_01", "--method", "ukf", "--out", "ukf", cwd=hinge)
+    assert result.returncode == 2
+    assert "expected one of batch, live for a structure with one or two anchors" in result.stderr
+
+
+def test_a_plan_with_a_floor_under_it_is_refused(hinge) -> None:
+    (hinge / "floor.toml").write_text((hinge / "hinge.toml").read_text() + "[ground]\nfriction = 0.8\n")
+    result = run("simulate", "floor.toml", "--out", "floor", cwd=hinge)
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+    assert "ground: expected none with 2 anchors" in result.stderr
