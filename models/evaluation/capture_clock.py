@@ -14,9 +14,9 @@ SMOOTH_S = 0.3
 """Standard deviation of the Gaussian that smooths them. In motion that is quicker an estimate is late, by the time
 constants of its sensors of 0.1 to 0.3 s: without smoothing the offsets of three trials are 13 to 22 ms too large, with
 it they are -1, 3 and 3 ms off."""
-LAG_SIGMA_S = 0.015
+LAG_SIGMA_S = 0.025
 """Standard deviation of the lag of an estimate, which motion cannot tell from an offset. In batch it was -1, 3, 3 and
-23 ms on anchored trials, and 19 ms on one of a robot that rolls."""
+23 ms on anchored trials, and 19 ms on one of a robot that rolls; live it was 44 ms."""
 BRIDGED_S = 0.5
 """Longest gap of a marker that is bridged before its motion is smoothed."""
 PAIRS = 24

@@ -42,6 +42,11 @@ class Assignment:
     """Root mean square distance of markers from their nodes, after the best rigid motion of each frame."""
 
 
+def largest_reach_m(structure: Structure) -> float:
+    """Return the largest distance of a marker from its node."""
+    return REACH * float(np.median(structure.rod_length_m))
+
+
 def assign_markers(
     tracks: MarkerTracks, estimate: Estimate, structure: Structure, host_s: HostTimes
 ) -> tuple[Assignment, Assignment | None]:
@@ -50,16 +55,16 @@ def assign_markers(
     Raises:
         InputError: when no assignment fits, or two fit alike.
     """
-    reach_m = REACH * float(np.median(structure.rod_length_m))
+    most_m = largest_reach_m(structure)
     fits: dict[bytes, Assignment] = {}
-    for node in _candidates(tracks, estimate.node_position_m[0], reach_m):
-        fit = follow(tracks, estimate, node, host_s(node), reach_m)
+    for node in _candidates(tracks, estimate.node_position_m[0], most_m):
+        fit = follow(tracks, estimate, node, host_s(node), most_m)
         key = fit.node.tobytes()
         if np.isfinite(fit.misfit_m) and (key not in fits or fit.misfit_m < fits[key].misfit_m):
             fits[key] = fit
     if not fits:
         raise InputError(
-            f"no assignment of its {len(tracks.names)} markers to nodes fits the shape to {1e3 * reach_m:.0f} mm: "
+            f"no assignment of its {len(tracks.names)} markers to nodes fits the shape to {1e3 * most_m:.0f} mm: "
             "expected three markers or more at nodes; tell which in [truth.markers] of trial.toml"
         )
     most = max(int((fit.node >= 0).sum()) for fit in fits.values())

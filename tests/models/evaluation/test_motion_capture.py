@@ -6,6 +6,8 @@ import pytest
 from capture_files import OFFSET_S, RATE_PPM, take_of
 from four_nodes import estimate_of
 from tensegraph import InputError
+from tensegraph.io.reports.evaluation_tables import _capture_facts
+from tensegraph.models.evaluation.marker_assignment import largest_reach_m
 from tensegraph.models.evaluation.motion_capture import lay_onto, node_positions
 from tensegraph.models.evaluation.truth import MarkedNode, marked_nodes
 from tensegraph.models.trial_description import TruthTable
@@ -55,6 +57,15 @@ def test_what_is_told_is_used(take, estimate, example_structure) -> None:
     assert fit.ignored == tuple(take.names[3:])
     assert (fit.clock.offset_s, fit.clock.offset_sigma_s, fit.clock.rate_ppm) == (1.371, 0.0, 0.0)
     assert np.flatnonzero(np.isfinite(positions.node_position_m).any(axis=(0, 2))).tolist() == [3, 7, 11]
+
+
+def test_a_mapping_that_is_wrong_does_not_fit(take, estimate, example_structure) -> None:
+    """With two of five markers exchanged they are further from their nodes than any marker may be."""
+    names = [take.names[k] for k in (1, 0, 2, 3, 4)]
+    marked = tuple(MarkedNode(name, node) for name, node in zip(names, NODES, strict=False))
+    _, fit = lay_onto(tracks_of(take), estimate, example_structure, marked=marked, offset_s=OFFSET_S)
+    assert fit.misfit_m > largest_reach_m(example_structure) == pytest.approx(0.03)
+    assert "far off: are they told rightly?" in dict(_capture_facts(fit, example_structure))["markers = nodes"]
 
 
 def test_pieces_of_a_lost_marker_are_one_node(take, estimate, example_structure) -> None:
