@@ -126,16 +126,26 @@ def reconstruct(
     epilog=_examples(
         "tensegraph evaluate results/press_01",
         "tensegraph evaluate results/press_01 --truth mocap.csv --align",
+        "tensegraph evaluate results/press_01 --truth take.c3d",
     )
 )
 def evaluate(
     results: Annotated[list[Path], typer.Argument(help="Result directories written by reconstruct.")],
     truth: Annotated[
         Path | None,
-        typer.Option(help="CSV file of true node positions (t_s, n0_x_m ...).", show_default="that of the trial"),
+        typer.Option(
+            help="CSV file of true node positions (t_s, n0_x_m ...), or motion capture: Motive or Vicon CSV, C3D, TRC.",
+            show_default="that of the trial",
+        ),
     ] = None,
     trial: Annotated[Path | None, typer.Option(help="Trial directory.", show_default="that in run.toml")] = None,
     align: Annotated[bool, typer.Option("--align", help="Rotate and translate the truth to fit best.")] = False,
+    offset: Annotated[
+        float | None,
+        typer.Option(
+            help="Host time minus time of the truth, s.", show_default="0; of motion capture, as its motion tells"
+        ),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
     out: Annotated[
         Path | None,
@@ -155,6 +165,7 @@ def evaluate(
         truth=truth,
         trial=trial,
         align=align,
+        offset_s=offset,
         json_only=json,
         out=out,
         terminal=_terminal(quiet, verbose),

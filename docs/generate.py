@@ -207,6 +207,8 @@ def type_text(hint: Any) -> str:
         return " or ".join(type_text(argument) for argument in arguments if argument is not type(None))
     if origin is tuple:
         return f"[{', '.join(type_text(argument) for argument in arguments)}]"
+    if origin is dict:
+        return f"tables of any names, each a {type_text(arguments[1])}"
     if origin is not None:
         return f"list of {type_text(arguments[0])}"
     if is_dataclass(hint):

@@ -10,10 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from ..models.evaluation.truth import Fault, TrueContacts, TrueLoads, Truth, known_faults
+from ..models.evaluation.truth import (
+    Fault,
+    MarkedNode,
+    TrueContacts,
+    TrueLoads,
+    Truth,
+    known_faults,
+    marked_nodes,
+)
 from ..models.trial_description import TrialDescription, TrialTable, describe_trial
 from ..models.values.aids import AidReading
 from ..models.values.errors import InputError
+from ..models.values.marker_tracks import MarkerTracks
 from ..models.values.readings import (
     BoardReading,
     Flag,
@@ -25,7 +34,8 @@ from ..models.values.readings import (
 from ..models.values.stamped_positions import StampedPositions
 from .aid_files import imu_readings, natural_length_readings, position_readings, range_readings
 from .csv import CsvFile
-from .positions import read_contacts, read_forces, read_positions
+from .mocap.truth_file import read_truth
+from .positions import read_contacts, read_forces
 from .toml import read_toml
 
 MOST_STRETCH = 20.0
@@ -106,10 +116,27 @@ class Trial:
         return result
 
     def truth(self) -> StampedPositions | None:
-        """Return the true positions, if the trial has them. Evaluation only."""
+        """Return the true positions, if the trial has them. Evaluation only.
+
+        Raises:
+            InputError: when they cannot be read, or are of motion capture, which only an estimate gives clock and axes.
+        """
+        recorded = self.recorded_truth()
+        if isinstance(recorded, MarkerTracks):
+            raise InputError("is motion capture: `tensegraph evaluate` lays it onto the result")
+        return recorded
+
+    def recorded_truth(self) -> StampedPositions | MarkerTracks | None:
+        """Return the true positions, or the motion capture that tells them, if the trial has it. Evaluation only."""
         if self.table.truth is None:
             return None
-        return read_positions(self.path / self.table.truth.file, self.description.structure.node_count)
+        return read_truth(self.path / self.table.truth.file, self.description.structure.node_count)
+
+    def marked_nodes(self) -> tuple[MarkedNode, ...]:
+        """Return which marker of a motion capture is which node, as far as trial.toml tells it. Evaluation only."""
+        if self.table.truth is None:
+            return ()
+        return marked_nodes(self.table.truth, self.description.structure, str(self.path / "trial.toml"))
 
     def true_loads(self) -> TrueLoads | None:
         """Return the true external forces, if the trial has them. Evaluation only."""

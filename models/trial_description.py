@@ -216,12 +216,22 @@ class FaultTable:
 
 
 @dataclass(frozen=True, slots=True)
+class MarkerTable:
+    """A marker in `[truth.markers]`, by its name in the motion capture."""
+
+    node: int
+    beyond_m: NotNegative = 0.0
+    """Distance of the marker's centre beyond the node, along the rod, which needs a marker at its other end too."""
+
+
+@dataclass(frozen=True, slots=True)
 class TruthTable:
     """`[truth]`: the files of true positions and loads, for evaluation only, never an input to an estimator."""
 
     file: str
     loads: str | None = None
     contacts: str | None = None
+    markers: dict[str, MarkerTable] = field(default_factory=dict)
     fault: list[FaultTable] = field(default_factory=list)
 
 

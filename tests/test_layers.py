@@ -59,6 +59,7 @@ ALONE = {
     "gtsam": {"factors", "estimator"},
     "matplotlib": {"io.figures"},
     "serial": {"io.boards"},
+    "ezc3d": {"io.mocap.c3d_file"},
     "typer": {"cli"},
 }
 """Libraries that are imported in these places and nowhere else."""

@@ -11,6 +11,9 @@ from rich.table import Table
 
 from ...models.evaluation.evaluation import Consistency, Errors, Evaluation, FaultScore, PoseScore, Regime
 from ...models.evaluation.load_score import CLEAR_LOAD_N
+from ...models.evaluation.marker_assignment import largest_reach_m
+from ...models.evaluation.truth import CaptureFit
+from ...models.structure.structure import Structure
 from .cells import or_dash
 
 
@@ -70,6 +73,7 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
     ]
     if e.rotation_deg is not None:
         rows.append(("truth aligned", f"turned by {e.rotation_deg:.2f} degrees"))
+    rows += _capture_facts(e.capture, e.structure) if e.capture else []
     if e.wrong_branch_frames is not None:
         rows.append(("on the wrong branch", f"{e.wrong_branch_frames} frames"))
     rows += _pose_facts(e.pose) if e.pose else []
@@ -78,6 +82,24 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
     rows += [(f"fault: {fault.kind}, {fault.where}", _seen(fault)) for fault in e.faults]
     rows.append(("false alarms", f"{e.false_alarm_share:.2%} of the healthy readings"))
     return rows
+
+
+def _capture_facts(c: CaptureFit, structure: Structure) -> list[tuple[str, str]]:
+    clock = c.clock
+    told = f"offset {clock.offset_s:.4f} s, as given"
+    if clock.offset_sigma_s > 0:
+        told = (
+            f"offset {clock.offset_s:.4f} s, sigma {1e3 * clock.offset_sigma_s:.0f} ms; "
+            f"rate {clock.rate_ppm:+.0f} ppm, sigma {clock.rate_sigma_ppm:.0f} ppm"
+        )
+    fit = f"fit to {or_dash(1e3 * c.misfit_m, '{:.2f} mm rms')}"
+    if c.found:
+        fit = f"assigned by the best {fit}, the next {or_dash(1e3 * c.next_misfit_m, '{:.2f} mm')}"
+    elif c.misfit_m > largest_reach_m(structure):
+        fit += ", far off: are they told rightly?"
+    markers = ", ".join(f"{mark.marker} = {mark.node}" for mark in c.markers)
+    ignored = f"; ignored: {', '.join(c.ignored)}" if c.ignored else ""
+    return [("clock of the capture", told), ("markers = nodes", f"{fit}: {markers}{ignored}")]
 
 
 def _pose_facts(p: PoseScore) -> list[tuple[str, str]]:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..structure.structure import Structure
+from .truth import CaptureFit
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,5 +230,7 @@ class Evaluation:
     """Share of the readings (frame, tendon) without a fault that were flagged as faulty or left out."""
     pose: PoseScore | None
     """None for a structure with three anchors or more."""
+    capture: CaptureFit | None
+    """How motion capture was laid onto the estimate; None for a truth on the host's clock."""
     structure: Structure
     compared: ComparedFrames

@@ -81,6 +81,7 @@ def evaluate(
         faults=tuple(score_fault(fault, estimate) for fault in truth.faults),
         false_alarm_share=false_alarm_share(truth.faults, estimate),
         pose=pose,
+        capture=truth.capture,
         structure=structure,
         compared=compared,
     )

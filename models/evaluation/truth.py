@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..structure.structure import Structure
 from ..trial_description import TrialDescription, TruthTable
 from ..values.errors import InputError
+from .capture_clock import CaptureClock
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +54,36 @@ class TrueContacts:
         return np.asarray(self.standing[nearest])
 
 
+@dataclass(frozen=True, slots=True)
+class MarkedNode:
+    """A marker and the node at which it is."""
+
+    marker: str
+    """Name of the marker."""
+    node: int
+    beyond_m: float = 0.0
+    """Distance of the marker's centre beyond the node, along the rod."""
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureFit:
+    """How a motion capture was laid onto the estimate."""
+
+    clock: CaptureClock
+    markers: tuple[MarkedNode, ...]
+    """Which marker is which node."""
+    found: bool
+    """Whether the fit to the shape told it, and not trial.toml."""
+    ignored: tuple[str, ...]
+    """Names of the markers that are on no node."""
+    misfit_m: float
+    """Root mean square distance of markers from their nodes, after the best rigid motion of each frame."""
+    next_misfit_m: float
+    """The same for the next best assignment; nan where there is none."""
+    rotation_deg: float
+    """Angle by which the capture was turned."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
     """The true node positions, from an independent measurement, with known loads and faults."""
@@ -65,6 +97,8 @@ class Truth:
     faults: tuple[Fault, ...] = ()
     loads: TrueLoads | None = None
     contacts: TrueContacts | None = None
+    capture: CaptureFit | None = None
+    """How motion capture was laid onto the estimate; None for positions on the host's clock."""
 
 
 def known_faults(truth: TruthTable, trial: TrialDescription, where: str) -> tuple[Fault, ...]:
@@ -95,3 +129,22 @@ def known_faults(truth: TruthTable, trial: TrialDescription, where: str) -> tupl
             raise InputError(f"{name}: expected either tendon or board")
         faults.append(Fault(fault.kind, place, affected, fault.from_s, fault.until_s))
     return tuple(faults)
+
+
+def marked_nodes(truth: TruthTable, structure: Structure, where: str) -> tuple[MarkedNode, ...]:
+    """Return which marker of a motion capture is which node, as a trial tells it, for evaluation only.
+
+    Raises:
+        InputError: for a node that does not exist, or a marker beyond a node whose rod has no marker at its other end.
+    """
+    nodes = {marker.node for marker in truth.markers.values()}
+    other = {int(a): int(b) for rod in structure.rods for a, b in (rod, rod[::-1])}
+    for name, marker in truth.markers.items():
+        here = f"{where}: truth.markers.{name}"
+        if not 0 <= marker.node < structure.node_count:
+            raise InputError(f"{here}.node: expected a node from 0 to {structure.node_count - 1}, got {marker.node}")
+        if marker.beyond_m and other[marker.node] not in nodes:
+            raise InputError(
+                f"{here}.beyond_m: expected a marker at node {other[marker.node]} too: it tells the rod's direction"
+            )
+    return tuple(MarkedNode(name, marker.node, marker.beyond_m) for name, marker in truth.markers.items())

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from typing import Annotated, Any, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Interval
 from pydantic import AfterValidator, TypeAdapter, ValidationError
@@ -71,10 +71,19 @@ def unknown_keys(kind: type[Any], table: Mapping[str, Any], prefix: str = "") ->
             continue
         for inner in (hints[key], *get_args(hints[key])):
             if is_dataclass(inner) and isinstance(inner, type):
-                for index, part in enumerate(value if isinstance(value, list) else [value]):
+                for label, part in _parts(hints[key], f"{prefix}{key}", value):
                     if isinstance(part, Mapping):
-                        label = f"{prefix}{key}[{index}]." if isinstance(value, list) else f"{prefix}{key}."
-                        yield from unknown_keys(inner, part, label)
+                        yield from unknown_keys(inner, part, f"{label}.")
+
+
+def _parts(hint: Any, key: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the tables that a value holds, each with its dotted key: a list's, a table's of any names, or itself."""
+    if isinstance(value, list):
+        yield from ((f"{key}[{index}]", part) for index, part in enumerate(value))
+    elif get_origin(hint) is dict and isinstance(value, Mapping):
+        yield from ((f"{key}.{name}", part) for name, part in value.items())
+    else:
+        yield key, value
 
 
 def _shortened(value: object) -> str:

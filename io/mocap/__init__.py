@@ -1,0 +1,1 @@
+"""Files of motion capture, read as they come from the capture's program."""

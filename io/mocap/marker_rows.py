@@ -1,0 +1,151 @@
+"""Tables of marker positions in text: their cells, their lengths' unit, and errors that name row and column."""
+
+import csv
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...models.values.errors import InputError
+from ...models.values.marker_tracks import MarkerTracks
+
+METRES = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
+"""Length of each unit that the programs write."""
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerColumns:
+    """One marker of a table."""
+
+    name: str
+    xyz: tuple[int, int, int]
+    """Columns of its coordinates, counted from 0."""
+
+
+def read_cells(path: Path, delimiter: str) -> list[list[str]]:
+    """Return the cells of each line of a file, without blanks around them.
+
+    Raises:
+        InputError: for a file that cannot be read.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return [[cell.strip() for cell in row] for row in csv.reader(file, delimiter=delimiter)]
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+
+
+def metres_per(unit: str, where: str) -> float:
+    """Return the length of a unit.
+
+    Raises:
+        InputError: for a unit that is none.
+    """
+    if unit.lower() not in METRES:
+        raise InputError(f"{where}: expected a unit of length, {', '.join(METRES)}, got '{unit}'")
+    return METRES[unit.lower()]
+
+
+def positive_number(cell: str, where: str) -> float:
+    """Return a number above zero, such as a rate.
+
+    Raises:
+        InputError: for a cell that is none.
+    """
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise InputError(f"{where}: expected a number above 0, got '{cell}'")
+    return value
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerRows:
+    """The rows of a table of positions, below its header."""
+
+    path: Path
+    rows: Sequence[Sequence[str]]
+    """Cells of each row; a row may have blank cells more than the header."""
+    first_row: int
+    """Number of the first of them in the file, counted from 1."""
+    width: int
+    """Number of columns."""
+    markers: Sequence[MarkerColumns]
+    metres: float
+    """Length of one unit of the positions."""
+
+    def tracks(self, time_column: int, seconds: float = 1.0, first: float = 0.0) -> MarkerTracks:
+        """Return the positions; nan where a cell is blank.
+
+        Args:
+            time_column: column of the times, or of the numbers of the frames.
+            seconds: what one unit of this column lasts.
+            first: value of this column at time zero.
+
+        Raises:
+            InputError: for no marker, fewer than two rows, a wrong number of cells, a cell that is no number, or a time
+                that is not later than the one before.
+        """
+        if not self.markers:
+            raise InputError(f"{self.path}: row {self.first_row - 1}: holds no marker with columns X, Y, Z")
+        if len(self.rows) < 2:
+            raise InputError(f"{self.path}: expected at least two rows of positions, got {len(self.rows)}")
+        columns = np.array([marker.xyz for marker in self.markers])
+        t_s, position_m = np.empty(len(self.rows)), np.empty((len(self.rows), *columns.shape))
+        for index, row in enumerate(self.rows):
+            self._check_width(row, index)
+            t_s[index] = seconds * (self._number(row, index, time_column, blank=False) - first)
+            position_m[index] = [[self._number(row, index, column) for column in xyz] for xyz in columns.tolist()]
+        for index in np.flatnonzero(np.diff(t_s) <= 0)[:1]:
+            here = self._here(index + 1, time_column)
+            got = self.rows[index + 1][time_column]
+            raise InputError(f"{here}: expected more than {self.rows[index][time_column]}, got {got}")
+        return MarkerTracks(t_s, different_names([marker.name for marker in self.markers]), self.metres * position_m)
+
+    def _check_width(self, row: Sequence[str], index: int) -> None:
+        if len(row) < self.width or any(row[self.width :]):
+            raise InputError(f"{self.path}: row {self.first_row + index}: expected {self.width} cells, got {len(row)}")
+
+    def _number(self, row: Sequence[str], index: int, column: int, *, blank: bool = True) -> float:
+        cell = row[column]
+        try:
+            value = float(cell) if cell or not blank else math.nan
+        except ValueError:
+            value = math.inf
+        if math.isfinite(value) or (blank and math.isnan(value)):
+            return value
+        raise InputError(f"{self._here(index, column)}: expected a finite number, got '{cell}'")
+
+    def _here(self, index: int, column: int) -> str:
+        return f"{self.path}: row {self.first_row + index}, column {column + 1}"
+
+
+def different_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names that all differ: a second marker of one name has (2) behind it, and so on."""
+    seen = Counter[str]()
+    different = []
+    for name in names:
+        seen[name] += 1
+        different.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return tuple(different)
+
+
+def coordinate_columns(axes: Sequence[str], names: Sequence[str]) -> list[MarkerColumns]:
+    """Return the markers of the columns X, Y, Z that stand side by side.
+
+    Args:
+        axes: the axis of each column, such as X; those of other quantities differ.
+        names: the marker of each column, or blank beside the first of the three.
+    """
+    return [
+        MarkerColumns(names[column], (column, column + 1, column + 2))
+        for column in range(min(len(axes) - 2, len(names)))
+        if list(axes[column : column + 3]) == ["X", "Y", "Z"] and names[column]
+    ]

@@ -1,0 +1,43 @@
+"""A file of the truth: which format it is, and what it holds."""
+
+from pathlib import Path
+
+from ...models.values.errors import InputError
+from ...models.values.marker_tracks import MarkerTracks
+from ...models.values.stamped_positions import StampedPositions
+from ..positions import read_positions
+from .c3d_file import read_c3d
+from .motive_csv import FIRST_CELL, read_motive_csv
+from .trc import FIRST_CELL_OF_TRC, read_trc
+from .vicon_csv import SECTIONS, read_vicon_csv
+
+HEAD_BYTES = 2000
+"""Beginning of a file in which its format shows."""
+
+
+def read_truth(path: Path, node_count: int) -> StampedPositions | MarkerTracks:
+    """Return node positions on the host's clock, or markers where a file is of motion capture.
+
+    Raises:
+        InputError: for a file that cannot be read, see the readers of the formats.
+    """
+    head = _head(path)
+    if path.suffix.lower() == ".c3d":
+        return read_c3d(path)
+    if path.suffix.lower() == ".trc" or head.startswith(FIRST_CELL_OF_TRC):
+        return read_trc(path)
+    if head.startswith(FIRST_CELL):
+        return read_motive_csv(path)
+    if head.lstrip(" ,\r\n").partition("\n")[0].split(",")[0].strip() in SECTIONS:
+        return read_vicon_csv(path)
+    return read_positions(path, node_count)
+
+
+def _head(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return file.read(HEAD_BYTES).decode("utf-8-sig", errors="replace")
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error

@@ -1,0 +1,146 @@
+"""Files of motion capture: each as its program writes it, and what is wrong with others, by row and column."""
+
+import numpy as np
+import pytest
+
+from capture_files import motive_text, take_of, trc_text, vicon_text, write_c3d
+from tensegraph import InputError
+from tensegraph.io.mocap.truth_file import read_truth
+from tensegraph.models.values.marker_tracks import MarkerTracks
+from tensegraph.models.values.stamped_positions import StampedPositions
+
+TAKE = take_of(np.array([0.0, 2.0, 3.0]), np.random.default_rng(0).random((3, 4, 3)), [2, 0, 3], gaps=1)
+TEXTS = {"take.csv": motive_text, "vicon.csv": vicon_text, "take.trc": trc_text}
+
+
+@pytest.fixture
+def path_of(tmp_path):
+    """Writes the take by the name of its file."""
+
+    def write(name, edit=lambda text: text):
+        path = tmp_path / name
+        if name.endswith(".c3d"):
+            write_c3d(TAKE, path)
+        else:
+            path.write_text(edit(TEXTS[name](TAKE)), newline="")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("name", [*TEXTS, "take.c3d"])
+def test_a_file_as_its_program_writes_it(path_of, name) -> None:
+    """Millimetres become metres, blank cells nan; the axes stay those of the capture."""
+    tracks = read_truth(path_of(name), 4)
+    assert isinstance(tracks, MarkerTracks)
+    names = [f"Robot:{name}" for name in TAKE.names] if name == "vicon.csv" else list(TAKE.names)
+    extra = ["Base"] if name == "take.csv" else []
+    assert list(tracks.names) == extra + names
+    np.testing.assert_allclose(tracks.t_s, TAKE.t_s, atol=1e-6)
+    read_m = tracks.position_m[:, len(extra) :]
+    assert np.isnan(read_m).any()
+    np.testing.assert_allclose(read_m, 1e-3 * TAKE.position_mm, atol=1e-6)
+    np.testing.assert_array_equal(
+        tracks.position_m[:, : len(extra)], np.broadcast_to([3.0, 0, 0], (len(TAKE.t_s), len(extra), 3))
+    )
+
+
+def test_motive_by_hand(tmp_path) -> None:
+    """Version 1.22 without labels, metres, and the markers that a rigid body expects where none was measured."""
+    path = tmp_path / "take.csv"
+    path.write_text(
+        'Format Version,1.22,Take Name,"a, b",Length Units,Meters\n\n'
+        ",,Rigid Body Marker,Rigid Body Marker,Rigid Body Marker,Marker,Marker,Marker\n"
+        ",,A:1,A:1,A:1,A:2,A:2,A:2\n,,Position,Position,Position,Position,Position,Position\n"
+        "Frame,Time (Seconds),X,Y,Z,X,Y,Z\n0,0.0,1,2,3,,,\n1,0.5,1,2,4,7,8,9\n"
+    )
+    tracks = read_truth(path, 4)
+    assert tracks.names == ("A:1", "A:2")
+    np.testing.assert_array_equal(tracks.position_m[:, 0], [[1, 2, 3], [1, 2, 4]])
+    np.testing.assert_array_equal(tracks.position_m[:, 1], [[np.nan] * 3, [7, 8, 9]])
+
+
+def test_vicon_after_another_section(path_of, tmp_path) -> None:
+    path = path_of("vicon.csv", lambda text: f"Devices\n1000\n,,Force\nFrame,Sub Frame,Fx\n,,N\n1,0,2\n\n{text}\n")
+    assert read_truth(path, 4).names[0] == "Robot:Unlabeled 1000"
+
+
+def test_positions_of_nodes_stay_what_they_are(tmp_path) -> None:
+    (tmp_path / "truth.csv").write_text("t_s,n0_x_m\n0,1\n1,1\n")
+    assert isinstance(read_truth(tmp_path / "truth.csv", 3), StampedPositions)
+
+
+def edited(row: int, column: int, value: str, delimiter: str = ","):
+    """An edit of one cell, both counted from 1."""
+
+    def edit(text: str) -> str:
+        rows = [line.split(delimiter) for line in text.replace("\r", "").split("\n")]
+        rows[row - 1][column - 1] = value
+        return "\n".join(delimiter.join(cells) for cells in rows)
+
+    return edit
+
+
+def shortened(row: int, delimiter: str = ","):
+    return lambda text: "\n".join(
+        line.rpartition(delimiter)[0] if k == row - 1 else line
+        for k, line in enumerate(text.replace("\r", "").split("\n"))
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "edit", "message"),
+    [
+        ("take.csv", edited(1, 2, "1.1"), "row 1: Format Version: expected 1.2x, got '1.1'"),
+        (
+            "take.csv",
+            lambda text: text.replace("Millimeters", "Feet"),
+            "row 1: Length Units: expected a unit of length",
+        ),
+        (
+            "take.csv",
+            lambda text: text.replace("Global", "Local"),
+            "row 1: Coordinate Space: expected Global, got 'Local'",
+        ),
+        ("take.csv", edited(8, 1, "Fr"), "no row: expected one that begins with Frame, Time (Seconds)"),
+        ("take.csv", edited(10, 14, "left"), "row 10, column 14: expected a finite number, got 'left'"),
+        ("take.csv", edited(10, 2, "0.0"), "row 10, column 2: expected more than 0.000000, got 0.0"),
+        ("take.csv", shortened(11), "row 11: expected 25 cells, got 24"),
+        (
+            "take.csv",
+            lambda text: text[: text.index("\r\n1,")] + "\r\n",
+            "expected at least two rows of positions, got 1",
+        ),
+        ("vicon.csv", edited(2, 1, "fast"), "row 2: rate in Hz: expected a number above 0, got 'fast'"),
+        ("vicon.csv", edited(4, 2, "X"), "row 4: expected Frame, Sub Frame, got Frame, X"),
+        ("vicon.csv", edited(5, 3, "deg"), "row 5: units: expected a unit of length, m, meters"),
+        ("vicon.csv", edited(7, 4, "inf"), "row 7, column 4: expected a finite number, got 'inf'"),
+        ("vicon.csv", edited(7, 1, ""), "row 7, column 1: expected a finite number, got ''"),
+        ("take.trc", edited(3, 5, "deg", "\t"), "row 3: Units: expected a unit of length"),
+        ("take.trc", edited(3, 4, "9", "\t"), "row 3: NumMarkers: expected 4 as in row 4, got 9"),
+        ("take.trc", edited(4, 2, "When", "\t"), "row 4: expected Frame#, Time, got Frame#, When"),
+        ("take.trc", edited(8, 3, "x", "\t"), "row 8, column 3: expected a finite number, got 'x'"),
+        ("take.trc", edited(8, 15, "5", "\t"), "row 8: expected 14 cells, got 15"),
+    ],
+)
+def test_what_is_wrong_is_named(path_of, name, edit, message) -> None:
+    path = path_of(name, edit)
+    with pytest.raises(InputError) as error:
+        read_truth(path, 4)
+    assert str(error.value).startswith(str(path))
+    assert message in str(error.value)
+
+
+def test_what_is_wrong_with_c3d(path_of) -> None:
+    path = path_of("take.c3d")
+    whole = path.read_bytes()
+    for content, message in ((b"text", "is no C3D file"), (whole[:600], "cannot be read as C3D")):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=message):
+            read_truth(path, 4)
+
+
+@pytest.mark.parametrize("name", ["none.csv", "none.c3d", "none.trc"])
+def test_a_file_that_is_not_there(tmp_path, name) -> None:
+    with pytest.raises(InputError, match=r"none\.\w+: no such file"):
+        read_truth(tmp_path / name, 4)

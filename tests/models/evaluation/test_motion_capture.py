@@ -1,0 +1,127 @@
+"""Markers laid onto an estimate: which is which node, when, and where."""
+
+import numpy as np
+import pytest
+
+from capture_files import OFFSET_S, RATE_PPM, take_of
+from four_nodes import estimate_of
+from tensegraph import InputError
+from tensegraph.io.reports.evaluation_tables import _capture_facts
+from tensegraph.models.evaluation.marker_assignment import largest_reach_m
+from tensegraph.models.evaluation.motion_capture import lay_onto, node_positions
+from tensegraph.models.evaluation.truth import MarkedNode, marked_nodes
+from tensegraph.models.trial_description import TruthTable
+from tensegraph.models.values.marker_tracks import MarkerTracks
+from tensegraph.models.values.tables import parse_table, unknown_keys
+
+NODES = [7, 3, 11, 0, 5, 2, 9, 1]
+
+
+def tracks_of(take) -> MarkerTracks:
+    return MarkerTracks(take.t_s, tuple(take.names), 1e-3 * take.position_mm)
+
+
+@pytest.fixture(scope="module")
+def estimate(true_positions, example_structure):
+    """The true shapes at half their rate, off by half a millimetre."""
+    t_s, position_m = true_positions
+    noise_m = 0.0003 * np.random.default_rng(5).standard_normal(position_m[::2].shape)
+    return estimate_of(example_structure, position_m[::2] + noise_m, t_s=t_s[::2])
+
+
+@pytest.fixture(scope="module")
+def take(true_positions):
+    return take_of(*true_positions, NODES, ghosts=2)
+
+
+def test_markers_clock_and_axes_are_found(take, estimate, example_structure, true_positions) -> None:
+    positions, fit = lay_onto(tracks_of(take), estimate, example_structure)
+    assert fit.found
+    assert {mark.marker: mark.node for mark in fit.markers} == dict(zip(take.names, NODES, strict=False))
+    assert fit.ignored == tuple(take.names[-2:])
+    assert fit.clock.offset_s == pytest.approx(OFFSET_S + 1e-6 * RATE_PPM * fit.clock.middle_s, abs=0.002)
+    assert fit.misfit_m < 0.0006 < 0.002 < fit.next_misfit_m
+    true_m = np.stack(
+        [np.interp(positions.t_s, true_positions[0], true_positions[1][:, 3, axis]) for axis in range(3)], axis=-1
+    )
+    error_m = (positions.node_position_m[:, 3] - true_m)[50:-50]
+    assert np.sqrt(np.nanmean(error_m**2)) < 0.0005
+    assert np.isnan(positions.node_position_m[:, [4, 6, 8, 10]]).all()
+
+
+def test_what_is_told_is_used(take, estimate, example_structure) -> None:
+    marked = tuple(MarkedNode(name, node) for name, node in zip(take.names[:3], NODES, strict=False))
+    positions, fit = lay_onto(tracks_of(take), estimate, example_structure, marked=marked, offset_s=1.371)
+    assert not fit.found
+    assert fit.markers == marked
+    assert fit.ignored == tuple(take.names[3:])
+    assert (fit.clock.offset_s, fit.clock.offset_sigma_s, fit.clock.rate_ppm) == (1.371, 0.0, 0.0)
+    assert np.flatnonzero(np.isfinite(positions.node_position_m).any(axis=(0, 2))).tolist() == [3, 7, 11]
+
+
+def test_a_mapping_that_is_wrong_does_not_fit(take, estimate, example_structure) -> None:
+    """With two of five markers exchanged they are further from their nodes than any marker may be."""
+    names = [take.names[k] for k in (1, 0, 2, 3, 4)]
+    marked = tuple(MarkedNode(name, node) for name, node in zip(names, NODES, strict=False))
+    _, fit = lay_onto(tracks_of(take), estimate, example_structure, marked=marked, offset_s=OFFSET_S)
+    assert fit.misfit_m > largest_reach_m(example_structure) == pytest.approx(0.03)
+    assert "far off: are they told rightly?" in dict(_capture_facts(fit, example_structure))["markers = nodes"]
+
+
+def test_pieces_of_a_lost_marker_are_one_node(take, estimate, example_structure) -> None:
+    """Half of the take under one name, the other half under another."""
+    middle = len(take.t_s) // 2
+    position_m = np.concatenate([1e-3 * take.position_mm, 1e-3 * take.position_mm[:, :1]], axis=1)
+    position_m[middle:, 0] = position_m[:middle, -1] = np.nan
+    tracks = MarkerTracks(take.t_s, (*take.names, "again"), position_m)
+    _, fit = lay_onto(tracks, estimate, example_structure, offset_s=OFFSET_S)
+    assert {mark.marker for mark in fit.markers if mark.node == NODES[0]} == {take.names[0], "again"}
+
+
+def test_two_fits_alike_are_named(true_positions, estimate, example_structure) -> None:
+    """Three markers fit in two ways to half a millimetre."""
+    take = take_of(*true_positions, [0, 4, 8], ghosts=0, noise_mm=2.0)
+    with pytest.raises(InputError, match=r"two assignments .* mm: Unlabeled 1000 = .*; .* mm: .*\[truth.markers\]"):
+        lay_onto(tracks_of(take), estimate, example_structure, offset_s=OFFSET_S)
+
+
+def test_what_fits_nowhere(take, estimate, example_structure) -> None:
+    tracks = MarkerTracks(take.t_s, tuple(take.names), 3e-3 * take.position_mm)
+    with pytest.raises(InputError, match="no assignment of its 10 markers to nodes fits the shape to 30 mm"):
+        lay_onto(tracks, estimate, example_structure)
+
+
+def test_what_cannot_be_told(take, estimate, example_structure) -> None:
+    tracks, marks = tracks_of(take), [MarkedNode(name, node) for name, node in zip(take.names, NODES, strict=False)]
+    with pytest.raises(InputError, match="no marker is called 'A': expected one of Unlabeled 1000, "):
+        lay_onto(tracks, estimate, example_structure, marked=(MarkedNode("A", 0),))
+    still = tuple(mark for mark in marks if mark.node in (0, 1, 2))
+    with pytest.raises(
+        InputError, match=r"the motion does not tell the offset of the capture's clock .*: give --offset"
+    ):
+        lay_onto(tracks, estimate, example_structure, marked=still)
+    with pytest.raises(InputError, match="markers are on one line"):
+        lay_onto(tracks, estimate, example_structure, marked=still[:1], offset_s=OFFSET_S)
+    with pytest.raises(InputError, match="covers no frame of the estimate"):
+        lay_onto(tracks, estimate, example_structure, marked=still, offset_s=100.0)
+
+
+def test_a_marker_beyond_its_node_by_hand(example_structure) -> None:
+    """Rod 0-3 upright with markers 10 and 20 mm beyond its ends: the nodes are at 0 and 0.3 m."""
+    tracks = MarkerTracks(np.zeros(1), ("a", "b"), np.array([[[0, 0, -0.01], [0, 0, 0.32]]]))
+    marked = (MarkedNode("a", 0, 0.01), MarkedNode("b", 3, 0.02))
+    node_m = node_positions(tracks, marked, example_structure)
+    np.testing.assert_allclose(node_m[0, [0, 3]], [[0, 0, 0], [0, 0, 0.3]], atol=1e-12)
+
+
+def test_the_table_of_markers(example_structure) -> None:
+    def nodes(**markers):
+        return marked_nodes(parse_table(TruthTable, {"file": "a.csv", "markers": markers}, "t"), example_structure, "t")
+
+    assert nodes(a={"node": 0, "beyond_m": 0.01}, b={"node": 3}) == (MarkedNode("a", 0, 0.01), MarkedNode("b", 3))
+    with pytest.raises(InputError, match=r"t: truth.markers.a.node: expected a node from 0 to 11, got 12"):
+        nodes(a={"node": 12})
+    with pytest.raises(InputError, match=r"t: truth.markers.a.beyond_m: expected a marker at node 3 too"):
+        nodes(a={"node": 0, "beyond_m": 0.01})
+    table = {"file": "a.csv", "markers": {"a": {"node": 0, "colour": 1}}}
+    assert list(unknown_keys(TruthTable, table)) == ["markers.a.colour"]
