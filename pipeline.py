@@ -24,7 +24,7 @@ from .models.sensor.frames import FrameAssembler
 from .models.sensor.front_end import FrontEnd
 from .models.sensor.reference_drift import ReferenceTendons
 from .models.sensor.sensor_model import SensorModel
-from .models.settings import Settings
+from .models.settings import Settings, checked_settings
 from .models.structure.reconstruction import Reconstruction
 from .models.structure.rest_shape import RestShape
 from .models.structure.shape import Shape
@@ -211,7 +211,7 @@ def stream(
         InputError: see `reconstruct`.
         IndeterminateError: see `reconstruct`.
     """
-    pipeline = Pipeline(trial, settings or Settings(), model or read_sensor_model())
+    pipeline = Pipeline(trial, checked_settings(settings), model or read_sensor_model())
     return pipeline.estimate(readings, method)
 
 
@@ -230,7 +230,7 @@ def save(
         InputError: when the path holds something else than an earlier result, or cannot be written.
     """
     path = Path(path)
-    settings = settings or Settings()
+    settings = checked_settings(settings)
     run = {"settings": asdict(settings)}
     write_result(reconstruction, path, run, settings, figures_title=path.name if figures else None)
 
@@ -256,4 +256,4 @@ def write_result(
             from .io.figures.shape_figures import write_figures  # matplotlib takes a third of a second to import
 
             write_figures(reconstruction, settings, figures_title, directory)
-        write_run(run, directory)
+        write_run(run, reconstruction.structure, directory)

@@ -29,6 +29,7 @@ PUBLIC = [
     "TendonLengths",
     "TensegraphError",
     "Trial",
+    "load",
     "open_trial",
     "reconstruct",
     "save",

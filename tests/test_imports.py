@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-HEAVY = {"matplotlib", "filterpy", "torch", "rich", "typer", "mujoco", "serial"}
+HEAVY = {"matplotlib", "filterpy", "torch", "rich", "typer", "mujoco", "serial", "pandas", "xarray", "pyarrow"}
 
 
 def loaded(statements: str) -> set[str]:

@@ -59,6 +59,8 @@ ALONE = {
     "gtsam": {"factors", "estimator"},
     "matplotlib": {"io.figures"},
     "serial": {"io.boards"},
+    "pandas": {"models.structure.labelled", "models.structure.reconstruction"},
+    "xarray": {"models.structure.labelled", "models.structure.reconstruction"},
     "typer": {"cli"},
 }
 """Libraries that are imported in these places and nowhere else."""
