@@ -1,5 +1,6 @@
 from . import pipeline as pipeline
 from .commands.simulate import simulate as simulate
+from .io.exports.formats import export as export
 from .io.stored_result import load as load
 from .io.trial_directory import Trial as Trial
 from .io.trial_directory import open_trial as open_trial

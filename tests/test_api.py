@@ -29,6 +29,7 @@ PUBLIC = [
     "TendonLengths",
     "TensegraphError",
     "Trial",
+    "export",
     "load",
     "open_trial",
     "reconstruct",

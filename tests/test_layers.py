@@ -60,6 +60,8 @@ ALONE = {
     "matplotlib": {"io.figures"},
     "serial": {"io.boards"},
     "pandas": {"models.structure.labelled", "models.structure.reconstruction"},
+    "pyarrow": {"io.exports"},
+    "rosbags": {"io.exports"},
     "xarray": {"models.structure.labelled", "models.structure.reconstruction"},
     "typer": {"cli"},
 }
