@@ -1,4 +1,5 @@
 from . import pipeline as pipeline
+from . import plot as plot
 from .commands.simulate import simulate as simulate
 from .io.exports.formats import export as export
 from .io.stored_result import load as load

@@ -171,13 +171,13 @@ def evaluate(
 def export(
     result: Annotated[Path, typer.Argument(help="Result directory written by reconstruct or live.")],
     to: Annotated[
-        Literal["mat", "npz", "netcdf", "parquet", "ply", "gltf", "ros2", "mp4", "gif"] | None,
+        Literal["mat", "npz", "netcdf", "parquet", "ply", "gltf", "ros2", "rerun", "mp4", "gif"] | None,
         typer.Option(help="Format.", show_default="that of the suffix of --out"),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="File to write (.mat, .npz, .nc, .parquet, .ply, .glb, .mcap, .mp4, .gif).",
+            help="File to write (.mat, .npz, .nc, .parquet, .ply, .glb, .mcap, .rrd, .mp4, .gif).",
             show_default="RESULT and the suffix",
         ),
     ] = None,

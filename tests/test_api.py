@@ -32,6 +32,7 @@ PUBLIC = [
     "export",
     "load",
     "open_trial",
+    "plot",
     "reconstruct",
     "save",
     "simulate",

@@ -17,6 +17,7 @@ SUFFIXES = {
     "ply": ".ply",
     "gltf": ".glb",
     "ros2": ".mcap",
+    "rerun": ".rrd",
     "mp4": ".mp4",
     "gif": ".gif",
 }
@@ -107,6 +108,10 @@ def _write_run(
         from .ros2_file import write_ros2
 
         write_ros2(result, probability, paths[0])
+    elif format_name == "rerun":
+        from .rerun_file import write_rerun
+
+        write_rerun(result, probability, paths[0])
     elif format_name == "parquet":
         from .parquet_files import write_parquet
 

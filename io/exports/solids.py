@@ -57,9 +57,9 @@ def solids_of(structure: Structure, shape: Shape, probability: float) -> Iterato
     position_m = shape.node_position_m
     unit_m = float(structure.rod_length_m.mean())
     for k, (a, b) in enumerate(structure.rods):
-        yield _member(f"rod {k} ({a}-{b})", position_m[[a, b]], ROD_RADIUS * unit_m, _color(BLACK))
+        yield _member(f"rod {k} ({a}-{b})", position_m[[a, b]], ROD_RADIUS * unit_m, color_of(BLACK))
     for e, (a, b) in enumerate(structure.tendons):
-        color = _color(tendon_style(shape.lengths.length_m[e], int(shape.lengths.mode[e]))["color"])
+        color = color_of(tendon_style(shape.lengths.length_m[e], int(shape.lengths.mode[e]))["color"])
         yield _member(f"tendon {e} ({a}-{b})", position_m[[a, b]], TENDON_RADIUS * unit_m, color)
     regions = shape.ellipsoids(probability)
     for node in structure.free_nodes:
@@ -69,7 +69,7 @@ def solids_of(structure: Structure, shape: Shape, probability: float) -> Iterato
             half_size_m=regions.semi_axis_m[node],
             axes=regions.axes[node],
             center_m=position_m[node],
-            color=_color(RED, OPACITY),
+            color=color_of(RED, OPACITY),
         )
 
 
@@ -90,7 +90,8 @@ def _member(name: str, end_m: NDArray[np.float64], radius_m: float, color: tuple
     return Solid(name, "cylinder", half_size_m, axes_along(along_m), end_m.mean(axis=0), color)
 
 
-def _color(text: str, opacity: float = 1.0) -> tuple[float, float, float, float]:
+def color_of(text: str, opacity: float = 1.0) -> tuple[float, float, float, float]:
+    """Return red, green, blue and opacity, from 0 to 1, of a colour such as #0072B2."""
     red, green, blue = (int(text[k : k + 2], 16) / 255 for k in (1, 3, 5))
     return red, green, blue, opacity
 

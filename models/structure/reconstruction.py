@@ -139,9 +139,17 @@ class Reconstruction:
         """
         if isinstance(t_s, slice):
             return self._between(t_s)
+        return self._shape(self.frame_at(t_s))
+
+    def frame_at(self, t_s: float) -> int:
+        """Return the number of the frame nearest to a time.
+
+        Raises:
+            InputError: for a time outside the run, or what is no time.
+        """
         if not isinstance(t_s, int | float | np.integer | np.floating) or not self.t_s[0] <= t_s <= self.t_s[-1]:
             raise InputError(f"result[{t_s!r}]: expected a time from {self.t_s[0]:.4f} to {self.t_s[-1]:.4f} s")
-        return self._shape(int(np.abs(self.t_s - t_s).argmin()))
+        return int(np.abs(self.t_s - t_s).argmin())
 
     def _between(self, times: slice) -> "Reconstruction":
         where = f"result[{times.start}:{times.stop}]"

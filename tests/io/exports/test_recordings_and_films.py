@@ -1,4 +1,4 @@
-"""A recording for ROS 2, read by the reader of MCAP; films, decoded by ffmpeg."""
+"""A recording for ROS 2, read by the reader of MCAP; one for Rerun; films, decoded by ffmpeg."""
 
 import subprocess
 from dataclasses import replace
@@ -67,6 +67,25 @@ def test_times_before_zero_are_refused(short_run, tmp_path) -> None:
     with pytest.raises(tg.InputError, match="expected times from 0 on, got -1"):
         tg.export(replace(short_run, t_s=short_run.t_s - 1), tmp_path / "run.mcap")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_of_rerun(short_run, tmp_path) -> None:
+    """Rerun stores positions with 32 bits."""
+    reader = pytest.importorskip("rerun.chunk")
+    (path,) = tg.export(short_run, tmp_path / "run.rrd", probability=0.5)
+    chunks = {str(chunk.entity_path): chunk.to_record_batch() for chunk in reader.RrdReader(path).stream().to_chunks()}
+    spheres = chunks["/anchors/ellipsoids"]
+    assert [round(t.total_seconds(), 4) for t in spheres["t_s"].to_pylist()] == np.round(short_run.t_s, 4).tolist()
+    half_sizes_m = np.array(spheres["Ellipsoids3D:half_sizes"].to_pylist())
+    free = short_run.structure.free_nodes
+    np.testing.assert_allclose(half_sizes_m, short_run.ellipsoids(0.5).semi_axis_m[:, free], rtol=1e-6)
+    tendons = chunks["/anchors/tendons"]
+    ends_m = np.array(tendons["LineStrips3D:strips"].to_pylist())
+    np.testing.assert_allclose(ends_m, short_run.node_position_m[:, short_run.structure.tendons], atol=1e-7)
+    colors = tendons["LineStrips3D:colors"].to_pylist()
+    assert [e for e in range(24) if colors[2][e] != colors[2][0]] == [5]  # without a reading
+    lengths_m = np.array(chunks["/length_m/7"]["Scalars:scalars"].to_pylist()).ravel()
+    np.testing.assert_array_equal(lengths_m, short_run.length_m[:, 7])
 
 
 @pytest.mark.parametrize("name", ["run.mp4", "run.gif"])
