@@ -211,6 +211,8 @@ def stream(
         InputError: see `reconstruct`.
         IndeterminateError: see `reconstruct`.
     """
+    if isinstance(model, str | Path):
+        raise InputError(f"model: expected a SensorModel, as read_sensor_model({str(model)!r}) returns it, got a path")
     pipeline = Pipeline(trial, checked_settings(settings), model or read_sensor_model())
     return pipeline.estimate(readings, method)
 

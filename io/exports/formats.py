@@ -73,7 +73,7 @@ def format_of(path: Path) -> str:
         InputError: when there is none.
     """
     for name, suffix in SUFFIXES.items():
-        if path.suffix.lower() == suffix:
+        if path.suffix == suffix:
             return name
     raise InputError(f"{path}: expected a name that ends in {', '.join(SUFFIXES.values())}")
 
@@ -136,7 +136,7 @@ def _write_frame(
     if at_s is None:
         first_s, last_s = result.t_s[[0, -1]]
         raise InputError(
-            f"{path.name}: holds one frame: expected --at with a time from {first_s:.2f} to {last_s:.2f} s"
+            f"{path.name}: holds one frame: expected its time, --at or at_s, from {first_s:.2f} to {last_s:.2f} s"
         )
     shape = result[at_s]
     solids = list(solids_of(result.structure, shape, probability))

@@ -1,6 +1,7 @@
 """The moving shape as a film: MP4, or GIF."""
 
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ def write_film(result: Reconstruction, probability: float, path: Path) -> None:
     Raises:
         InputError: when MP4 is asked for, and imageio-ffmpeg is not installed.
     """
-    if path.suffix.lower() == ".gif":
+    if path.suffix == ".gif":
         pictures = (Image.fromarray(picture) for picture in _pictures(result, probability))
         first = next(pictures)
         first.save(path, save_all=True, append_images=pictures, duration=round(1e3 / FRAMES_PER_S), loop=0)
@@ -39,11 +40,10 @@ def write_film(result: Reconstruction, probability: float, path: Path) -> None:
     with needs_extra("MP4", "video"):
         import imageio_ffmpeg
     side = round(SIDE_INCH * DOTS_PER_INCH)
-    writer = imageio_ffmpeg.write_frames(str(path), (side, side), fps=FRAMES_PER_S, quality=7)
-    writer.send(None)
-    for picture in _pictures(result, probability):
-        writer.send(picture.tobytes())
-    writer.close()
+    with closing(imageio_ffmpeg.write_frames(str(path), (side, side), fps=FRAMES_PER_S, quality=7)) as writer:
+        writer.send(None)  # starts it
+        for picture in _pictures(result, probability):
+            writer.send(picture.tobytes())
 
 
 def film_times_s(t_s: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from ..values.errors import InputError
 from ..values.readings import TendonLengths
 from .external_loads import ExternalLoads
 
@@ -85,7 +86,13 @@ class Ellipsoids:
 
 
 def ellipsoids(covariance_m2: NDArray[np.float64], probability: float) -> Ellipsoids:
-    """Return the regions (x - mean)^T C^-1 (x - mean) <= chi2_3(probability) of (..., 3, 3) covariances."""
+    """Return the regions (x - mean)^T C^-1 (x - mean) <= chi2_3(probability) of (..., 3, 3) covariances.
+
+    Raises:
+        InputError: for what is no probability between 0 and 1.
+    """
+    if not 0 < probability < 1:
+        raise InputError(f"probability: expected a number between 0 and 1, got {probability}")
     variance, axes = np.linalg.eigh(covariance_m2)
     variance = np.maximum(variance[..., ::-1], 0.0)
     axes = axes[..., ::-1].copy()

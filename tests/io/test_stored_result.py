@@ -59,6 +59,13 @@ class TestLoad:
         for name in ("shape.csv", "estimated_loads.csv", "other_shape.csv", "sensor_drift.csv"):
             assert (tmp_path / "again" / name).read_bytes() == (saved / name).read_bytes(), name
 
+    def test_drift_that_a_live_run_knew_only_later(self, kept, saved) -> None:
+        rows = (saved / "sensor_drift.csv").read_text().splitlines(keepends=True)
+        (saved / "sensor_drift.csv").write_text("".join([rows[0], *rows[1 + 2 * 24 :]]))
+        drift = tg.load(saved).drift
+        assert np.isnan(drift[:2]).all()
+        np.testing.assert_allclose(drift[2:], kept.drift[2:], atol=1e-6)
+
     @pytest.mark.parametrize(
         ("file", "old", "new", "message"),
         [
@@ -140,6 +147,10 @@ class TestSettingsOfPython:
     def test_a_value_that_is_not_allowed_is_named(self, example) -> None:
         with pytest.raises(tg.InputError, match=r"settings: probability: input should be less than 1, got 95"):
             tg.reconstruct(example, settings=tg.Settings(probability=95))
+
+    def test_a_path_in_place_of_a_model_is_named(self, example) -> None:
+        with pytest.raises(tg.InputError, match=r"model: expected a SensorModel, as read_sensor_model\('m'\) returns"):
+            tg.reconstruct(example, model="m")
 
 
 def test_the_version_is_that_of_the_distribution() -> None:

@@ -34,7 +34,8 @@ def test_a_mat_file(short_run, tmp_path) -> None:
     assert read["about"]["coordinate_frame"] == "anchors"
     stuck = read["about"]["codes"]["flags"]["stuck"]
     assert np.argwhere(read["flags"] & stuck).tolist() == [[2, 5]]
-    assert loadmat(path)["t_s"].shape == (len(short_run), 1)  # a column, as MATLAB has it
+    for name in ("t_s", "status"):
+        assert loadmat(path)[name].shape == (len(short_run), 1)  # a column, as MATLAB has it
 
 
 def test_an_npz_file_without_pickles(short_run, tmp_path) -> None:

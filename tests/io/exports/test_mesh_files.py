@@ -65,9 +65,10 @@ def test_a_ply_mesh(short_run, tmp_path) -> None:
 @pytest.mark.parametrize(
     ("name", "at_s", "message"),
     [
-        ("run.ply", None, "run.ply: holds one frame: expected --at with a time from 0.00 to 0.48 s"),
+        ("run.ply", None, "run.ply: holds one frame: expected its time, --at or at_s, from 0.00 to 0.48 s"),
         ("run.glb", 7.0, "expected a time from 0.0000 to 0.4800 s"),
         ("run.glb", float("nan"), "expected a time from 0.0000 to 0.4800 s"),
+        ("run.PLY", 0.2, "run.PLY: expected a name that ends in"),
         ("run.npz", 0.2, ".npz holds all frames: expected no time"),
         ("run.stl", None, "run.stl: expected a name that ends in .mat, .npz"),
     ],
@@ -76,4 +77,11 @@ def test_what_is_refused(short_run, tmp_path, name, at_s, message) -> None:
     with pytest.raises(tg.InputError) as error:
         tg.export(short_run, tmp_path / name, at_s=at_s)
     assert message in str(error.value)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("probability", [0, 1, 95, float("nan")])
+def test_ellipsoids_of_no_probability_are_refused(short_run, tmp_path, probability) -> None:
+    with pytest.raises(tg.InputError, match="probability: expected a number between 0 and 1, got "):
+        tg.export(short_run, tmp_path / "run.npz", probability=probability)
     assert not list(tmp_path.iterdir())
