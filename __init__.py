@@ -3,6 +3,16 @@
 The public names stand in `__init__.pyi`. Each is loaded when it is first used, so that `import tensegraph` is quick.
 """
 
+from typing import Any
+
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_public_name, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> Any:
+    if name != "__version__":
+        return _public_name(name)
+    from importlib.metadata import version  # as long as the rest of the import
+
+    return version("tensegraph")

@@ -1,5 +1,8 @@
 from . import pipeline as pipeline
+from . import plot as plot
 from .commands.simulate import simulate as simulate
+from .io.exports.formats import export as export
+from .io.stored_result import load as load
 from .io.trial_directory import Trial as Trial
 from .io.trial_directory import open_trial as open_trial
 from .models.settings import Settings as Settings
@@ -21,3 +24,5 @@ from .models.values.readings import TendonLengths as TendonLengths
 from .pipeline import reconstruct as reconstruct
 from .pipeline import save as save
 from .pipeline import stream as stream
+
+__version__: str

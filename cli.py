@@ -172,6 +172,38 @@ def evaluate(
     )
 
 
+@app.command(
+    epilog=_examples(
+        "tensegraph export results/press_01 --to mat",
+        "tensegraph export results/press_01 --out press.nc",
+        "tensegraph export results/press_01 --to gltf --at 15",
+    )
+)
+def export(
+    result: Annotated[Path, typer.Argument(help="Result directory written by reconstruct or live.")],
+    to: Annotated[
+        Literal["mat", "npz", "netcdf", "parquet", "ply", "gltf", "ros2", "rerun", "mp4", "gif"] | None,
+        typer.Option(help="Format.", show_default="that of the suffix of --out"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="File to write (.mat, .npz, .nc, .parquet, .ply, .glb, .mcap, .rrd, .mp4, .gif).",
+            show_default="RESULT and the suffix",
+        ),
+    ] = None,
+    at: Annotated[
+        float | None, typer.Option(help="Time of the frame in seconds, for PLY and glTF.", show_default=False)
+    ] = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Write a result for other programs: arrays, tables, a mesh of one frame, a recording for ROS 2, a film."""
+    from .commands.export import export_result
+
+    export_result(result, to=to, out=out, at_s=at, terminal=_terminal(quiet, verbose))
+
+
 @app.command(epilog=_examples("tensegraph compare examples/press_01"))
 def compare(
     trials: Annotated[list[Path], typer.Argument(help="Trial directories that include the true node positions.")],

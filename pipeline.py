@@ -25,7 +25,7 @@ from .models.sensor.frames import FrameAssembler
 from .models.sensor.front_end import FrontEnd
 from .models.sensor.reference_drift import ReferenceTendons
 from .models.sensor.sensor_model import SensorModel
-from .models.settings import Settings
+from .models.settings import Settings, checked_settings
 from .models.structure.natural_lengths import Winding, strip_length_m
 from .models.structure.possible import PossibleShapes
 from .models.structure.reconstruction import Reconstruction
@@ -241,7 +241,9 @@ def stream(
         InputError: see `reconstruct`.
         IndeterminateError: see `reconstruct`.
     """
-    pipeline = Pipeline(trial, settings or Settings(), model or read_sensor_model())
+    if isinstance(model, str | Path):
+        raise InputError(f"model: expected a SensorModel, as read_sensor_model({str(model)!r}) returns it, got a path")
+    pipeline = Pipeline(trial, checked_settings(settings), model or read_sensor_model())
     return pipeline.estimate(readings, method)
 
 
@@ -260,7 +262,7 @@ def save(
         InputError: when the path holds something else than an earlier result, or cannot be written.
     """
     path = Path(path)
-    settings = settings or Settings()
+    settings = checked_settings(settings)
     run = {"settings": asdict(settings)}
     write_result(reconstruction, path, run, settings, figures_title=path.name if figures else None)
 
@@ -286,4 +288,4 @@ def write_result(
             from .io.figures.shape_figures import write_figures  # matplotlib takes a third of a second to import
 
             write_figures(reconstruction, settings, figures_title, directory)
-        write_run(run, directory)
+        write_run(run, reconstruction.structure, directory)

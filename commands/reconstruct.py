@@ -21,9 +21,9 @@ from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.rest_shape import RestShape, WrongPart
-from ..models.structure.slip import Slip
 from ..models.values.errors import InputError
 from ..models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag
+from ..models.values.slip import Slip
 from ..pipeline import Pipeline, write_result
 from .paths import result_paths
 

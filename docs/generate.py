@@ -2,7 +2,8 @@
 
 A hook of MkDocs. In a page, `<!-- fields: MODULE.CLASS -->` becomes a table of that dataclass: name, type, default, and
 the docstring under each field; `<!-- settings -->` becomes those of `Settings` and all its parts, `<!-- commands -->`
-every command with its options and examples, `<!-- statuses -->` what to do at each status of a frame. Lines
+every command with its options and examples, `<!-- statuses -->` what to do at each status of a frame,
+`<!-- quantities -->` and `<!-- numbers of words -->` the quantities of a run and the numbers of words. Lines
 `NAME: TEXT` inside the first comment say what a field without docstring means; a name that is no field, and a field
 that is said nowhere, are warnings, which `mkdocs build --strict` refuses.
 """
@@ -87,6 +88,9 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         markdown = markdown.replace("<!-- commands -->", commands_text())
     if "<!-- statuses -->" in markdown:
         markdown = markdown.replace("<!-- statuses -->", statuses_table())
+    if "<!-- quantities -->" in markdown:
+        markdown = markdown.replace("<!-- quantities -->", quantities_table())
+        markdown = markdown.replace("<!-- numbers of words -->", codes_table())
     return FIELDS.sub(lambda match: fields_table(dataclass_named(match["name"]), notes_of(match["notes"])), markdown)
 
 
@@ -181,6 +185,30 @@ def statuses_table() -> str:
     reasons = [f"| `{reason.value}` | {escaped(reason.advice)} |" for reason in Reason]
     heads = (["| status | what to make of it |", "|---|---|"], ["", "| doubt | what to make of it |", "|---|---|"])
     return "\n".join([*heads[0], *statuses, *heads[1], *reasons])
+
+
+def quantities_table() -> str:
+    """Return a Markdown table of the quantities of a run."""
+    from tensegraph.models.structure.quantities import LABELS, QUANTITIES
+
+    lines = ["| name | dimensions | unit | |", "|---|---|---|---|"]
+    for name, quantity in QUANTITIES.items():
+        unit = {"1": "", "m2": "m²"}.get(quantity.unit, quantity.unit)
+        lines.append(f"| `{name}` | {', '.join(quantity.dimensions)} | {unit} | {escaped(quantity.meaning)} |")
+    labels = "; ".join(f"`{name}`: {', '.join(labels)}" for name, labels in LABELS.items())
+    return "\n".join([*lines, "", f"Labels of the dimensions: {labels}."])
+
+
+def codes_table() -> str:
+    """Return a Markdown table of the numbers of words."""
+    from tensegraph.models.structure.quantities import QUANTITIES
+
+    rows = [
+        f"| `{name}` | {', '.join(f'{code} `{word}`' for code, word in quantity.codes.items())} |"
+        for name, quantity in QUANTITIES.items()
+        if quantity.codes
+    ]
+    return "\n".join(["| | |", "|---|---|", *rows])
 
 
 def docstrings(kind: type[Any]) -> dict[str, str]:

@@ -7,7 +7,7 @@ from itertools import islice
 from pathlib import Path
 
 from ..models.values.errors import InputError
-from ..models.values.quantities import beyond, largest
+from ..models.values.units import beyond, largest
 
 
 @dataclass(frozen=True, slots=True)

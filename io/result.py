@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import tomli_w
+import tomlkit
 from numpy.typing import NDArray
 
 from ..models.evaluation.estimate import Estimate
@@ -71,9 +72,12 @@ def write_tables(reconstruction: Reconstruction, probability: float, directory: 
         _append(directory / LOADS_FILE, _load_rows(reconstruction, reconstruction.loads))
 
 
-def write_run(run: Mapping[str, Any], directory: Path) -> None:
-    """Write run.toml."""
-    (directory / RUN_FILE).write_text(tomli_w.dumps(run), encoding="utf-8")
+def write_run(run: Mapping[str, Any], structure: Structure, directory: Path) -> None:
+    """Write run.toml, whose last table is the structure, as in trial.toml."""
+    names = ("rods", "tendons", "rod_length_m", "natural_length_m", "anchors", "anchor_position_m")
+    table = {"structure": {name: getattr(structure, name).tolist() for name in names}}
+    text = f"{tomli_w.dumps(run)}\n{tomlkit.item(table).as_string()}"
+    (directory / RUN_FILE).write_text(text, encoding="utf-8")
 
 
 def read_run(directory: Path) -> dict[str, Any]:
@@ -99,18 +103,18 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
         raise InputError(f"{directory / 'shape.csv'}: expected the positions of all {structure.node_count} nodes")
     nodes = np.arange(structure.node_count)
     tendons = np.arange(len(structure.tendons))
-    ellipsoid = _read_blocks(directory / "ellipsoids.csv", "node", nodes, t_s, COVARIANCE_COLUMNS)
+    ellipsoid = read_blocks(directory / "ellipsoids.csv", "node", nodes, t_s, COVARIANCE_COLUMNS)
     covariance_m2 = np.empty((*ellipsoid.shape[:2], 3, 3))
     row, column = np.triu_indices(3)
     covariance_m2[..., row, column] = covariance_m2[..., column, row] = ellipsoid
     words = {
-        "length_m": _number,
-        "sigma_m": _number,
-        "innovation_sigma_m": _number,
+        "length_m": number,
+        "sigma_m": number,
+        "innovation_sigma_m": number,
         "mode": _mode,
         "flags": Flag.of_names,
     }
-    lengths = _read_blocks(directory / "lengths.csv", "tendon", tendons, t_s, list(words), words)
+    lengths = read_blocks(directory / "lengths.csv", "tendon", tendons, t_s, list(words), words)
     length_m, sigma_m, innovation_sigma_m, mode, flags = np.moveaxis(lengths, -1, 0)
     return Estimate(
         t_s=t_s,
@@ -138,7 +142,7 @@ def _read_contacts(path: Path, structure: Structure, t_s: NDArray[np.float64]) -
 def _read_loads(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> ExternalLoads | None:
     if not path.is_file():
         return None
-    rows = _read_blocks(path, "node", structure.free_nodes, t_s, ("fx_n", "fy_n", "fz_n", "sigma_n"))
+    rows = read_blocks(path, "node", structure.free_nodes, t_s, ("fx_n", "fy_n", "fz_n", "sigma_n"))
     force_n = np.full((len(t_s), structure.node_count, 3), np.nan)
     sigma_n = np.full(force_n.shape[:2], np.inf)
     force_n[:, structure.free_nodes] = rows[..., :3]
@@ -146,7 +150,7 @@ def _read_loads(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> E
     return ExternalLoads(force_n, sigma_n)
 
 
-def _read_blocks(
+def read_blocks(
     path: Path,
     label: str,
     labels: NDArray[np.int64],
@@ -154,7 +158,11 @@ def _read_blocks(
     columns: Sequence[str],
     words: Mapping[str, Callable[[str], float]] = MappingProxyType({}),
 ) -> NDArray[np.float64]:
-    """Return (frames, labels, columns) of a table that has a row for each frame and each label, in order."""
+    """Return (frames, labels, columns) of a table that has a row for each frame and each label, in order.
+
+    Raises:
+        InputError: when a row is missing, or a cell is no number and no word.
+    """
     rows = np.array(list(CsvFile(path, ["t_s", label, *columns], words=words)))
     expected = np.stack([np.repeat(t_s, len(labels)), np.tile(labels, len(t_s))], axis=1)
     if rows.shape[:1] != expected.shape[:1] or not np.array_equal(rows[:, :2], expected):
@@ -163,8 +171,12 @@ def _read_blocks(
     return rows[:, 2:].reshape(len(t_s), len(labels), len(columns))
 
 
-def _number(cell: str) -> float:
-    """Return a number that may be nan or inf."""
+def number(cell: str) -> float:
+    """Return a number that may be nan or inf.
+
+    Raises:
+        ValueError: when it is none.
+    """
     try:
         return float(cell)
     except ValueError as error:
@@ -194,11 +206,9 @@ def _shape_rows(r: Reconstruction) -> Iterator[str]:
 
 
 def _ellipsoid_rows(r: Reconstruction, probability: float) -> Iterator[str]:
-    from scipy.spatial.transform import Rotation  # imported where results are written, not by `import tensegraph`
-
     yield (f"t_s,node,x_m,y_m,z_m,{','.join(COVARIANCE_COLUMNS)},semi_a_m,semi_b_m,semi_c_m,qx,qy,qz,qw,probability")
     regions = r.ellipsoids(probability)
-    quaternion = Rotation.from_matrix(regions.axes.reshape(-1, 3, 3)).as_quat().reshape(*regions.axes.shape[:2], 4)
+    quaternion = regions.quaternion
     upper = np.triu_indices(3)
     covariance = r.node_covariance_m2[..., upper[0], upper[1]]
     for k, t_s in enumerate(r.t_s):

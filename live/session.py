@@ -74,7 +74,7 @@ class LiveResult:
         drawn = Reconstruction.of(self._structure, self._drawn)
         self._write_chunk()
         write_figures(drawn, self._settings, title, self._directory)
-        write_run(run, self._directory)
+        write_run(run, self._structure, self._directory)
 
     def _write_chunk(self) -> None:
         if self._chunk:

@@ -1,6 +1,8 @@
 """All settings of a run, with their defaults and the source of each default."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from typing import Any
 
 from .estimation import BranchSettings, DoubtSettings, HealthSettings, NoiseSettings, SmootherSettings
 from .pose.pose_settings import PoseSettings
@@ -11,7 +13,8 @@ from .sensor.gate import GateSettings
 from .sensor.reference_drift import DriftSettings
 from .structure.external_loads import LOAD_THRESHOLD_N
 from .structure.rest_shape import RestSettings
-from .values.tables import Positive, Probability
+from .values.errors import InputError
+from .values.tables import Positive, Probability, parse_table
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,3 +37,30 @@ class Settings:
     doubt: DoubtSettings = field(default_factory=DoubtSettings)
     branch: BranchSettings = field(default_factory=BranchSettings)
     pose: PoseSettings = field(default_factory=PoseSettings)
+
+    def __post_init__(self) -> None:
+        for part in fields(self):
+            value, default = getattr(self, part.name), part.default_factory
+            if is_dataclass(default) and not isinstance(value, default):
+                raise InputError(
+                    f"settings.{part.name}: expected {default.__name__}({_example(value)}), got {type(value).__name__}"
+                )
+
+
+def _example(value: object) -> str:
+    """Return the values of a mapping as arguments."""
+    return ", ".join(f"{name}={item!r}" for name, item in value.items()) if isinstance(value, Mapping) else "..."
+
+
+def checked_settings(settings: Any) -> Settings:
+    """Return settings that were made in Python, or the defaults for None, after the checks that a file gets.
+
+    Raises:
+        InputError: for what is no `Settings`, or a value that is not allowed.
+    """
+    if settings is None:
+        return Settings()
+    if not isinstance(settings, Settings):
+        allowed = ", ".join(part.name for part in fields(Settings))
+        raise InputError(f"settings: expected Settings(...) with {allowed}, got {type(settings).__name__}")
+    return parse_table(Settings, asdict(settings), "settings")

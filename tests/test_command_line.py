@@ -20,6 +20,7 @@ REFUSED = [
     (["reconstruct", "trial"], "board1.csv: row 30, column adc3: expected a finite number, got 'x'"),
     (["evaluate", "trial"], "trial: is no result: expected a directory with run.toml"),
     (["evaluate", "trial", "--out", "trial"], "trial: exists and is no earlier result"),
+    (["export", "trial", "--to", "mat"], "trial: is no result: expected a directory with run.toml"),
     (["compare", "nothing"], "nothing/trial.toml: no such file"),
     (["compare", "trial", "trial"], "two of these are named trial"),
     (["compare", "trial", "--out", "trial"], "expected a new name, or a directory with comparison.csv"),

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-HEAVY = {"matplotlib", "filterpy", "torch", "rich", "typer", "mujoco", "serial", "ezc3d"}
+HEAVY = {"matplotlib", "filterpy", "torch", "rich", "typer", "mujoco", "serial", "pandas", "xarray", "pyarrow", "ezc3d"}
 
 
 def loaded(statements: str) -> set[str]:

@@ -57,9 +57,14 @@ ALONE = {
     "mujoco": {"models.twin.engine"},
     "filterpy": {"estimator"},
     "gtsam": {"factors", "estimator"},
-    "matplotlib": {"io.figures"},
+    "matplotlib": {"io.figures", "plot"},
     "serial": {"io.boards"},
     "ezc3d": {"io.mocap.c3d_file"},
+    "pandas": {"models.structure.labelled", "models.structure.reconstruction"},
+    "pyarrow": {"io.exports"},
+    "rerun": {"io.exports"},
+    "rosbags": {"io.exports"},
+    "xarray": {"models.structure.labelled", "models.structure.reconstruction"},
     "typer": {"cli"},
 }
 """Libraries that are imported in these places and nowhere else."""

@@ -9,8 +9,8 @@ from ...factors.sliding import least_friction_slides_m
 from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_settings import PoseSettings
 from ...models.structure.floor import UP, Floor
-from ...models.structure.slip import Slip
 from ...models.structure.support import legs_n
+from ...models.values.slip import Slip
 from .prediction import Prediction
 
 LEAST_SHARE = 0.05

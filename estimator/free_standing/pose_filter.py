@@ -24,9 +24,9 @@ from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import FreeStandingRobot
 from ...models.structure.rest_shape import RestShape
-from ...models.structure.slip import Slip
 from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from ...models.values.rotations import rotation, rotation_vector
+from ...models.values.slip import Slip
 from .contacts import ContactsByHeight, Standing
 from .footholds import let_slide, put_down, slips, walk_variance_m2
 from .imu_trust import ImuTrust

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.pose.pose_state import PoseState
-from ...models.structure.slip import Slip
+from ...models.values.slip import Slip
 from .contacts import Standing
 
 

@@ -74,7 +74,7 @@ class StructureDrawing:
         self._structure = structure
         self._probability = probability
         axis = figure.add_subplot(projection="3d")
-        self._axis = axis
+        self.axis = axis
         rest_mm = 1e3 * rest_position_m
         self._rods = [axis.plot(*rest_mm[rod].T, color=BLACK, lw=3)[0] for rod in structure.rods]
         self._tendons = [axis.plot(*rest_mm[tendon].T, color=GREY, lw=1.2)[0] for tendon in structure.tendons]
@@ -85,7 +85,8 @@ class StructureDrawing:
         set_cube(axis, rest_mm, 0.6)
         axis.set_box_aspect((1, 1, 1))
         ellipsoid = Line2D([], [], color=RED, lw=0.8, label=f"{100 * probability:g} % ellipsoid")
-        add_legend_below(figure, [*structure_handles(), ellipsoid, anchor_handle()], 3)
+        anchors = [anchor_handle()] if len(structure.anchors) else []
+        add_legend_below(figure, [*structure_handles(), ellipsoid, *anchors], 3)
 
     def move(self, shape: Shape) -> None:
         """Show another shape."""
@@ -103,7 +104,7 @@ class StructureDrawing:
                 a = half_axes_mm[k]
                 b = half_axes_mm[(k + 1) % 3]
                 ellipse.set_data_3d(*(position_mm[node] + np.outer(np.cos(angle), a) + np.outer(np.sin(angle), b)).T)
-        self._axis.set_title(f"t = {shape.t_s:.2f} s")
+        self.axis.set_title(f"t = {shape.t_s:.2f} s")
 
 
 def _show(

@@ -55,7 +55,7 @@ def write_lengths_figure(r: Reconstruction, title: str, path: Path) -> None:
     count = len(r.structure.tendons)
     figure, axes = panels_over_time(count, min(count, 4), 1.55)
     for e, axis in enumerate(axes):
-        _draw_length(axis, r, e)
+        draw_length(axis, r, e)
     figure.supylabel("tendon length [mm]")
     figure.suptitle(f"{title}: tendon lengths (each panel has its own scale)")
     handles = [
@@ -69,7 +69,8 @@ def write_lengths_figure(r: Reconstruction, title: str, path: Path) -> None:
     save_figure(figure, path)
 
 
-def _draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
+def draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
+    """Draw the length of tendon `e` in mm, with its band, and where it bends or has no reading."""
     length_mm = 1e3 * r.length_m[:, e]
     half_mm = BAND * (1e3 * np.where(np.isfinite(r.sigma_m[:, e]), r.sigma_m[:, e], np.nan))
     axis.fill_between(r.t_s, length_mm - half_mm, length_mm + half_mm, color=BLUE, alpha=0.25, lw=0)
@@ -142,7 +143,7 @@ def write_shape_figure(r: Reconstruction, probability: float, load_threshold_n: 
     drawn_mm = np.concatenate([nodes_mm, *(some.tail_mm for some in arrows)])
     for panel, (k, some) in enumerate(zip(frames, arrows, strict=True)):
         axis = figure.add_subplot(-(-len(frames) // 2), min(len(frames), 2), panel + 1, projection="3d")
-        _draw_structure(axis, r, k, probability)
+        draw_structure(axis, r, k, probability)
         set_cube(axis, drawn_mm, 0.52, fontsize=8)
         axis.quiver(*some.tail_mm.T, *some.push_mm.T, color=PURPLE, lw=2, arrow_length_ratio=0.2)
         axis.set_title(f"t = {r.t_s[k]:.2f} s", fontsize=10)
@@ -186,7 +187,8 @@ def load_arrows(r: Reconstruction, k: int, load_threshold_n: float) -> LoadArrow
     return LoadArrows(1e3 * r.node_position_m[k, drawn] - push_mm, push_mm)
 
 
-def _draw_structure(axis: Axes3D, r: Reconstruction, k: int, probability: float) -> None:
+def draw_structure(axis: Axes3D, r: Reconstruction, k: int, probability: float) -> None:
+    """Draw the structure of frame `k` in mm with its ellipsoids, and in grey the rods at the start."""
     now_mm = 1e3 * r.node_position_m[k]
     start_mm = 1e3 * r.node_position_m[0]
     for a, b in r.structure.rods:

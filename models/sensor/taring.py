@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..values.errors import InputError
-from ..values.quantities import OTHER_UNIT
 from ..values.readings import RestLengths
+from ..values.units import OTHER_UNIT
 from .bending import BendingCurve
 from .gauge import StaticGauge, common_change
 from .stillness import BLOCK_S, MOVING_TENDONS

@@ -1,25 +1,55 @@
 """All shapes of one run as arrays, and the quantities that are derived from them."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from html import escape
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..values.errors import InputError
 from ..values.readings import TendonLengths
+from ..values.slip import Slip, slides
 from .external_loads import ExternalLoads
+from .labelled import as_dataframe, as_dataset, columns_of
 from .lengths import length_jacobian, propagated_variance
 from .rigidity import branch, held_jacobian
 from .shape import Ellipsoids, OtherShape, Reason, Shape, Status, ellipsoids, node_blocks, node_sigma_m
-from .slip import Slip, slides
 from .structure import Structure
 
+if TYPE_CHECKING:
+    import pandas
+    import xarray
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Propagated:
+    """What follows from the covariances between nodes, of a run whose files hold only each node's own covariance."""
+
+    innovation_sigma_m: NDArray[np.float64]
+    """(frames, tendons) see `Reconstruction.innovation_sigma_m`."""
+    mechanism_sigma_m: NDArray[np.float64]
+    """(frames,) see `Reconstruction.mechanism_sigma_m`."""
+    centroid_covariance_m2: NDArray[np.float64]
+    """(frames, 3, 3) see `Reconstruction.centroid_covariance_m2`; nan where it was not written."""
+
+    def part(self, frames: slice) -> "Propagated":
+        """Return that of some frames."""
+        return Propagated(
+            self.innovation_sigma_m[frames], self.mechanism_sigma_m[frames], self.centroid_covariance_m2[frames]
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Reconstruction:
-    """The shapes of all frames of one run, in one coordinate frame, see `Shape`."""
+    """The shapes of all frames of one run, in one coordinate frame, see `Shape`.
+
+    `result[3.2]` is the `Shape` of the frame nearest to 3.2 s, `result[2.0:5.0]` the frames from 2 s to before 5 s. A
+    shape between frames is not interpolated: its covariance would be that of no estimate.
+    """
 
     structure: Structure
     t_s: NDArray[np.float64]
@@ -27,7 +57,7 @@ class Reconstruction:
     node_position_m: NDArray[np.float64]
     """(frames, nodes, 3)"""
     covariance_m2: NDArray[np.float64]
-    """(frames, 3 nodes, 3 nodes)"""
+    """(frames, 3 nodes, 3 nodes); nan between different nodes in a run that was loaded from files."""
     status: tuple[Status, ...]
     """(frames,)"""
     length_m: NDArray[np.float64]
@@ -52,6 +82,8 @@ class Reconstruction:
     """(frames, nodes) probability that the floor carries each node; None where there is no floor."""
     slips: tuple[tuple[Slip, ...], ...] = ()
     """(frames,) of nodes on the floor that are not where they stood."""
+    propagated: Propagated | None = None
+    """What was written of a run that was loaded from files; None where it is computed from `covariance_m2`."""
 
     @classmethod
     def of(cls, structure: Structure, shapes: Iterable[Shape]) -> "Reconstruction":
@@ -100,27 +132,194 @@ class Reconstruction:
         return len(self.t_s)
 
     def __iter__(self) -> Iterator[Shape]:
-        for k in range(len(self)):
-            lengths = TendonLengths(
+        return (self._shape(k) for k in range(len(self)))
+
+    @overload
+    def __getitem__(self, t_s: float) -> Shape: ...
+
+    @overload
+    def __getitem__(self, t_s: slice) -> "Reconstruction": ...
+
+    def __getitem__(self, t_s: float | slice) -> "Shape | Reconstruction":
+        """Return the frame nearest to a time, or those from a time to before another, in seconds on the host's clock.
+
+        Raises:
+            InputError: for a time outside the run, times that no frame is between, or what is no time.
+        """
+        if isinstance(t_s, slice):
+            return self._between(t_s)
+        return self._shape(self.frame_at(t_s))
+
+    def frame_at(self, t_s: float) -> int:
+        """Return the number of the frame nearest to a time.
+
+        Raises:
+            InputError: for a time outside the run, or what is no time.
+        """
+        if not isinstance(t_s, int | float | np.integer | np.floating) or not self.t_s[0] <= t_s <= self.t_s[-1]:
+            raise InputError(f"result[{t_s!r}]: expected a time from {self.t_s[0]:.4f} to {self.t_s[-1]:.4f} s")
+        return int(np.abs(self.t_s - t_s).argmin())
+
+    def _between(self, times: slice) -> "Reconstruction":
+        where = f"result[{times.start}:{times.stop}]"
+        if times.step is not None or any(isinstance(t, str | bytes) for t in (times.start, times.stop)):
+            raise InputError(f"{where}: expected two times in seconds, as in result[2.0:5.0], got {times}")
+        first = 0 if times.start is None else int(np.searchsorted(self.t_s, times.start))
+        last = len(self) if times.stop is None else int(np.searchsorted(self.t_s, times.stop))
+        if first >= last:
+            raise InputError(f"{where}: holds no frame: the run is from {self.t_s[0]:.4f} to {self.t_s[-1]:.4f} s")
+        return self._part(slice(first, last))
+
+    def _part(self, frames: slice) -> "Reconstruction":
+        """Return some of the frames."""
+        return replace(
+            self,
+            t_s=self.t_s[frames],
+            node_position_m=self.node_position_m[frames],
+            covariance_m2=self.covariance_m2[frames],
+            status=self.status[frames],
+            length_m=self.length_m[frames],
+            sigma_m=self.sigma_m[frames],
+            mode=self.mode[frames],
+            flags=self.flags[frames],
+            loads=ExternalLoads(self.loads.force_n[frames], self.loads.sigma_n[frames]) if self.loads else None,
+            others=self.others[frames],
+            doubts=self.doubts[frames],
+            drift=None if self.drift is None else self.drift[frames],
+            drift_sigma=None if self.drift_sigma is None else self.drift_sigma[frames],
+            contacts=None if self.contacts is None else self.contacts[frames],
+            slips=self.slips[frames],
+            propagated=self.propagated.part(frames) if self.propagated else None,
+        )
+
+    def _shape(self, k: int) -> Shape:
+        """Return the shape of frame `k`."""
+        return Shape(
+            t_s=self.t_s[k],
+            node_position_m=self.node_position_m[k],
+            covariance_m2=self.covariance_m2[k],
+            status=self.status[k],
+            lengths=TendonLengths(
                 t_s=self.t_s[k],
                 length_m=self.length_m[k],
                 sigma_m=self.sigma_m[k],
                 mode=self.mode[k],
                 flags=self.flags[k],
-            )
-            loads = ExternalLoads(self.loads.force_n[k], self.loads.sigma_n[k]) if self.loads else None
-            yield Shape(
-                t_s=self.t_s[k],
-                node_position_m=self.node_position_m[k],
-                covariance_m2=self.covariance_m2[k],
-                status=self.status[k],
-                lengths=lengths,
-                loads=loads,
-                other=self.others[k],
-                doubt=self.doubts[k],
-                contacts=self.contacts[k] if self.contacts is not None else None,
-                slips=self.slips[k] if self.slips else (),
-            )
+            ),
+            loads=ExternalLoads(self.loads.force_n[k], self.loads.sigma_n[k]) if self.loads else None,
+            other=self.others[k] if self.others else None,
+            doubt=self.doubts[k] if self.doubts else None,
+            contacts=self.contacts[k] if self.contacts is not None else None,
+            slips=self.slips[k] if self.slips else (),
+        )
+
+    def _summary(self) -> dict[str, str]:
+        counts = Counter(self.status)
+        free = self.structure.free_nodes
+        return {
+            "frames": f"{len(self)}, from {self.t_s[0]:.2f} to {self.t_s[-1]:.2f} s",
+            "structure": f"{self.structure.node_count} nodes, {len(self.structure.tendons)} tendons",
+            "coordinate frame": self.coordinate_frame,
+            "status": ", ".join(f"{count} {status}" for status, count in counts.items()),
+            "mean sigma of a node": f"{1e3 * self.node_sigma_m[:, free].mean():.2f} mm",
+        }
+
+    def __repr__(self) -> str:
+        return f"Reconstruction({'; '.join(f'{name}: {text}' for name, text in self._summary().items())})"
+
+    def _repr_html_(self) -> str:
+        """Return a table for notebooks."""
+        rows = (f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in self._summary().items())
+        return f"<table><caption>Reconstruction</caption>{''.join(rows)}</table>"
+
+    @property
+    def coordinate_frame(self) -> Literal["anchors", "world", "body"]:
+        """That of the anchors, the world with its floor, or that of the rest shape for a structure held in a hand."""
+        if not self.structure.is_free_standing:
+            return "anchors"
+        return "body" if self.contacts is None else "world"
+
+    def arrays(self, probability: float = 0.95) -> dict[str, NDArray[Any]]:
+        """Return all quantities of the run by name, see `QUANTITIES`.
+
+        Args:
+            probability: of the ellipsoids.
+        """
+        s = self.structure
+        return {
+            **self._arrays_of_frames(),
+            **self._arrays_of_nodes(probability),
+            **self._arrays_of_tendons(),
+            "rods": s.rods,
+            "rod_length_m": s.rod_length_m,
+            "tendons": s.tendons,
+            "natural_length_m": s.natural_length_m,
+            "is_anchor": np.isin(np.arange(s.node_count), s.anchors).astype(np.int64),
+        }
+
+    def _arrays_of_frames(self) -> dict[str, NDArray[Any]]:
+        others = self.others or (None,) * len(self)
+        return {
+            "t_s": self.t_s,
+            "status": np.array([str(status) for status in self.status]),
+            "doubt": np.array([str(doubt or "none") for doubt in self.doubts or others]),
+            "smallest_singular_value": self.smallest_singular_value,
+            "mechanism_sigma_m": self.mechanism_sigma_m,
+            "branch": self.branch,
+            "other_log_ratio": np.array([other.log_ratio if other else np.nan for other in others]),
+            "centroid_m": self.centroid_m,
+            "centroid_covariance_m2": self.centroid_covariance_m2,
+        }
+
+    def _arrays_of_nodes(self, probability: float) -> dict[str, NDArray[Any]]:
+        regions = self.ellipsoids(probability)
+        arrays = {
+            "node_position_m": self.node_position_m,
+            "node_covariance_m2": self.node_covariance_m2,
+            "semi_axis_m": regions.semi_axis_m,
+            "ellipsoid_quaternion": regions.quaternion,
+        }
+        if any(self.others):
+            nowhere = np.full_like(self.node_position_m[0], np.nan)
+            positions = [other.node_position_m if other else nowhere for other in self.others]
+            arrays["other_position_m"] = np.array(positions)
+        if self.loads is not None:
+            arrays |= {"load_n": self.loads.force_n, "load_sigma_n": self.loads.sigma_n}
+        if self.contacts is not None:
+            arrays["contact_probability"] = self.contacts
+        return arrays
+
+    def _arrays_of_tendons(self) -> dict[str, NDArray[Any]]:
+        names = ("length_m", "sigma_m", "mode", "flags", "predicted_m", "innovation_sigma_m", "drift", "drift_sigma")
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+    def to_xarray(self, probability: float = 0.95) -> "xarray.Dataset":
+        """Return all quantities as a dataset with units, whose dimensions are time, nodes, tendons, axes and rods.
+
+        Args:
+            probability: of the ellipsoids.
+
+        Raises:
+            InputError: when xarray is not installed.
+        """
+        return as_dataset(self.arrays(probability), self._attributes(probability))
+
+    def to_dataframe(
+        self, table: Literal["frames", "nodes", "tendons"] = "frames", probability: float = 0.95
+    ) -> "pandas.DataFrame":
+        """Return a table: one row for each frame, for each frame and node, or for each frame and tendon.
+
+        Args:
+            table: `frames` has the quantities of nodes and tendons too, in columns such as `n0_x_m` and `t0_length_m`.
+            probability: of the ellipsoids.
+
+        Raises:
+            InputError: when pandas is not installed, or there is no such table.
+        """
+        return as_dataframe(columns_of(self.arrays(probability), table), self._attributes(probability))
+
+    def _attributes(self, probability: float) -> dict[str, Any]:
+        return {"coordinate_frame": self.coordinate_frame, "probability": probability}
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:
@@ -135,6 +334,8 @@ class Reconstruction:
     @property
     def centroid_covariance_m2(self) -> NDArray[np.float64]:
         """(frames, 3, 3) covariance of `centroid_m`."""
+        if self.propagated is not None:
+            return self.propagated.centroid_covariance_m2
         nodes = self.structure.node_count
         blocks = self.covariance_m2.reshape(len(self), nodes, 3, nodes, 3)
         return np.asarray(blocks.sum(axis=(1, 3)) / nodes**2)
@@ -160,6 +361,8 @@ class Reconstruction:
         The variance is sigma^2 - H P H^T where the shape was estimated from the length. Where it was not, it is
         H P H^T, the variance of the prediction.
         """
+        if self.propagated is not None:
+            return self.propagated.innovation_sigma_m
         jacobian = length_jacobian(self.node_position_m, self.structure.tendons)
         predicted = propagated_variance(jacobian, self.covariance_m2)
         measured = np.isfinite(self.sigma_m)
@@ -189,6 +392,8 @@ class Reconstruction:
     @cached_property
     def mechanism_sigma_m(self) -> NDArray[np.float64]:
         """(frames,) sigma of the shape along its mechanism, the unit motion that changes the lengths least."""
+        if self.propagated is not None:
+            return self.propagated.mechanism_sigma_m
         free = self.structure.free_coordinates
         covariance = self.covariance_m2[:, free[:, None], free]
         motion = self._smallest_singular[1]

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from ..values.errors import InputError
 from ..values.readings import TendonLengths
+from ..values.slip import Slip
 from .external_loads import ExternalLoads
-from .slip import Slip
 
 
 class Status(StrEnum):
@@ -82,9 +83,23 @@ class Ellipsoids:
     axes: NDArray[np.float64]
     """(..., 3, 3) columns are the directions of the semi-axes, right-handed."""
 
+    @property
+    def quaternion(self) -> NDArray[np.float64]:
+        """(..., 4) x, y, z, w of the rotation that turns the coordinate axes into the semi-axes."""
+        from scipy.spatial.transform import Rotation  # a tenth of a second, which an estimate does without
+
+        turns = Rotation.from_matrix(self.axes.reshape(-1, 3, 3))
+        return np.asarray(turns.as_quat().reshape(*self.axes.shape[:-2], 4))
+
 
 def ellipsoids(covariance_m2: NDArray[np.float64], probability: float) -> Ellipsoids:
-    """Return the regions (x - mean)^T C^-1 (x - mean) <= chi2_3(probability) of (..., 3, 3) covariances."""
+    """Return the regions (x - mean)^T C^-1 (x - mean) <= chi2_3(probability) of (..., 3, 3) covariances.
+
+    Raises:
+        InputError: for what is no probability between 0 and 1.
+    """
+    if not 0 < probability < 1:
+        raise InputError(f"probability: expected a number between 0 and 1, got {probability}")
     variance, axes = np.linalg.eigh(covariance_m2)
     variance = np.maximum(variance[..., ::-1], 0.0)
     axes = axes[..., ::-1].copy()
@@ -124,6 +139,11 @@ class Shape:
     """(nodes,) probability that the floor carries each node; None where there is no floor."""
     slips: tuple[Slip, ...] = ()
     """Of nodes on the floor that are not where they stood."""
+
+    def __repr__(self) -> str:
+        nodes = len(self.node_position_m)
+        sigma_mm = 1e3 * self.node_sigma_m.mean()
+        return f"Shape(t = {self.t_s:.2f} s, {nodes} nodes, {self.status}, mean sigma of a node {sigma_mm:.2f} mm)"
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..values.errors import InputError
-from ..values.quantities import OTHER_UNIT
+from ..values.units import OTHER_UNIT
 from .lengths import member_length_m
 
 

@@ -8,7 +8,7 @@ from annotated_types import Ge, Gt, Interval
 from pydantic import AfterValidator, TypeAdapter, ValidationError
 
 from .errors import InputError
-from .quantities import check_ranges
+from .units import check_ranges
 
 SMALLEST = 1e-12
 """The smallest positive number: below it, products of a few numbers are lost."""

@@ -9,8 +9,8 @@ import pytest
 
 from command_line import run
 from tensegraph.commands.reconstruct import load_rows, rest_balance, slip_line
-from tensegraph.models.structure.slip import Slip
 from tensegraph.models.structure.statics import Mechanics
+from tensegraph.models.values.slip import Slip
 
 
 def test_it_ends_well_with_a_table(done) -> None:

@@ -8,7 +8,7 @@ import pytest
 from tensegraph import InputError, Reconstruction, open_trial, stream
 from tensegraph.io.result import read_estimate, write_tables
 from tensegraph.models.evaluation.estimate import Estimate
-from tensegraph.models.structure.slip import Slip
+from tensegraph.models.values.slip import Slip
 
 
 @pytest.fixture(scope="module")

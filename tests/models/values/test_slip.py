@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tensegraph.models.structure.slip import Slip, slides
+from tensegraph.models.values.slip import Slip, slides
 
 
 def test_pieces_of_one_slide_add_up() -> None:

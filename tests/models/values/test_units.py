@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tensegraph import InputError
 from tensegraph.models.structure.structure import six_strut
-from tensegraph.models.values.quantities import LARGEST_NUMBER, check_ranges, largest
+from tensegraph.models.values.units import LARGEST_NUMBER, check_ranges, largest
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""Runs and shapes in the formats of other programs."""

@@ -1,0 +1,155 @@
+"""Result directories, read back as the reconstruction that they were written from."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.evaluation.estimate import Estimate
+from ..models.structure.reconstruction import Propagated, Reconstruction
+from ..models.structure.shape import OtherShape, Reason, Status
+from ..models.structure.structure import Structure
+from ..models.trial_description import StructureTable
+from ..models.values.errors import InputError
+from ..models.values.tables import parse_table
+from .csv import CsvFile
+from .positions import position_columns
+from .result import COVARIANCE_COLUMNS, DRIFT_FILE, RUN_FILE, TRACK_FILE, number, read_blocks, read_estimate, read_run
+from .trial_directory import open_trial
+
+
+def load(path: str | Path) -> Reconstruction:
+    """Return the run in a result directory, to the digits that its tables have.
+
+    Of covariances the tables hold those of each node alone: between nodes `covariance_m2` is nan, and what follows from
+    it is read (`innovation_sigma_m`, `mechanism_sigma_m`, the covariance of the centroid).
+
+    Args:
+        path: result directory, written by `save`, `reconstruct` or `live`.
+
+    Raises:
+        InputError: when it is no result, or a table cannot be read.
+    """
+    path = Path(path)
+    run = read_run(path)
+    structure = _structure(path, run)
+    estimate = read_estimate(path, structure)
+    frames = _FramesTable(path, estimate.t_s)
+    drift, drift_sigma = _drift(path / DRIFT_FILE, estimate.t_s, len(structure.tendons))
+    return Reconstruction(
+        structure=structure,
+        t_s=estimate.t_s,
+        node_position_m=estimate.node_position_m,
+        covariance_m2=_covariance_m2(estimate),
+        status=frames.status,
+        length_m=estimate.length_m,
+        sigma_m=estimate.sigma_m,
+        mode=estimate.mode,
+        flags=estimate.flags,
+        loads=estimate.loads,
+        others=frames.others(structure.node_count),
+        doubts=frames.doubts,
+        drift=drift,
+        drift_sigma=drift_sigma,
+        contacts=estimate.contacts,
+        propagated=Propagated(
+            estimate.innovation_sigma_m, frames.mechanism_sigma_m, _centroid_covariance_m2(path, estimate)
+        ),
+    )
+
+
+def _structure(path: Path, run: dict[str, Any]) -> Structure:
+    """Return the structure in run.toml, or that of the trial which it names, as in results of version 0.1.0."""
+    if "structure" in run:
+        try:
+            return parse_table(StructureTable, run["structure"], "structure").structure()
+        except InputError as error:
+            raise InputError(f"{path / RUN_FILE}: {error}") from error
+    if not isinstance(run.get("trial_path"), str):
+        raise InputError(f"{path / RUN_FILE}: structure: is missing: expected a result of this version: save it again")
+    return open_trial(path / run["trial_path"]).description.structure
+
+
+class _FramesTable:
+    """status.csv, and the other shapes that it has frames of."""
+
+    def __init__(self, directory: Path, t_s: NDArray[np.float64]) -> None:
+        self._directory = directory
+        self._t_s = t_s
+        path = directory / "status.csv"
+        words = {"status": _status, "doubt": _doubt, "mechanism_sigma_m": number, "other_log_ratio": number}
+        rows = np.array(list(CsvFile(path, ["t_s", *words], words=words))).reshape(-1, 1 + len(words))
+        if not np.array_equal(rows[:, 0], t_s):
+            raise InputError(f"{path}: expected one row for each row of shape.csv")
+        self.status = tuple(_STATUSES[int(code)] for code in rows[:, 1])
+        self.doubts = tuple(_REASONS[int(code)] for code in rows[:, 2])
+        self.mechanism_sigma_m = rows[:, 3]
+        self._log_ratio = rows[:, 4]
+
+    def others(self, node_count: int) -> tuple[OtherShape | None, ...]:
+        """Return the second shape of each frame."""
+        path = self._directory / "other_shape.csv"
+        stated = np.flatnonzero(np.isfinite(self._log_ratio))
+        rows = np.empty((0, 1 + 3 * node_count))
+        if path.is_file():
+            rows = np.array(list(CsvFile(path, ["t_s", *position_columns(node_count)]))).reshape(-1, rows.shape[1])
+        if not np.array_equal(rows[:, 0], self._t_s[stated]):
+            raise InputError(f"{path}: expected one row for each frame of status.csv with other_log_ratio")
+        found: list[OtherShape | None] = [None] * len(self._t_s)
+        for k, row in zip(stated, rows, strict=True):
+            found[k] = OtherShape(row[1:].reshape(-1, 3), float(self._log_ratio[k]))
+        return tuple(found)
+
+
+_STATUSES = tuple(Status)
+_REASONS = (None, *Reason)
+
+
+def _status(cell: str) -> float:
+    try:
+        return float(_STATUSES.index(Status(cell.strip())))
+    except ValueError as error:
+        raise ValueError(f"expected one of {', '.join(_STATUSES)}") from error
+
+
+def _doubt(cell: str) -> float:
+    try:
+        return 0.0 if cell.strip() == "none" else float(_REASONS.index(Reason(cell.strip())))
+    except ValueError as error:
+        raise ValueError(f"expected one of none, {', '.join(Reason)}") from error
+
+
+def _covariance_m2(estimate: Estimate) -> NDArray[np.float64]:
+    """Return (frames, 3 nodes, 3 nodes) with the covariance of each node, and nan between nodes."""
+    frames, nodes = estimate.node_position_m.shape[:2]
+    covariance_m2 = np.full((frames, nodes, 3, nodes, 3), np.nan)
+    node = np.arange(nodes)
+    covariance_m2[:, node, :, node, :] = np.moveaxis(estimate.node_covariance_m2, 1, 0)
+    return covariance_m2.reshape(frames, 3 * nodes, 3 * nodes)
+
+
+def _centroid_covariance_m2(path: Path, estimate: Estimate) -> NDArray[np.float64]:
+    """Return (frames, 3, 3) of track.csv; nan where there is none."""
+    covariance_m2 = np.full((len(estimate.t_s), 3, 3), np.nan)
+    track = path / TRACK_FILE
+    if track.is_file():
+        rows = np.array(list(CsvFile(track, ["t_s", *COVARIANCE_COLUMNS]))).reshape(-1, 1 + len(COVARIANCE_COLUMNS))
+        if not np.array_equal(rows[:, 0], estimate.t_s):
+            raise InputError(f"{track}: expected one row for each row of shape.csv")
+        row, column = np.triu_indices(3)
+        covariance_m2[:, row, column] = covariance_m2[:, column, row] = rows[:, 1:]
+    return covariance_m2
+
+
+def _drift(
+    path: Path, t_s: NDArray[np.float64], tendons: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | tuple[None, None]:
+    """Return (frames, tendons) drift and its sigma; nan in frames of a live run whose drift was not known yet."""
+    if not path.is_file():
+        return None, None
+    drift_s = np.unique([row[0] for row in CsvFile(path, ["t_s"])])
+    known = np.isin(t_s, drift_s)
+    drift = np.full((2, len(t_s), tendons), np.nan)
+    drift[:, known] = np.moveaxis(read_blocks(path, "tendon", np.arange(tendons), t_s[known], ("drift", "sigma")), 2, 0)
+    return drift[0], drift[1]

@@ -1,0 +1,101 @@
+"""A recording for ROS 2, read by the reader of MCAP; one for Rerun; films, decoded by ffmpeg."""
+
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import tensegraph as tg
+
+
+@pytest.fixture(scope="module")
+def messages(short_run, tmp_path_factory):
+    """The messages of each topic, and the recording's folder."""
+    pytest.importorskip("rosbags")
+    reader = pytest.importorskip("mcap_ros2.reader")
+    folder = tmp_path_factory.mktemp("ros2")
+    (path,) = tg.export(short_run, folder / "run.mcap", probability=0.5)
+    topics = {}
+    for message in reader.read_ros2_messages(path):
+        topics.setdefault(message.channel.topic, []).append(message)
+    assert [file.name for file in folder.iterdir()] == ["run.mcap"]
+    return topics
+
+
+def test_each_node_has_a_pose_in_every_frame(messages, short_run) -> None:
+    poses = messages["/tensegraph/node_7/pose"]
+    assert poses[0].schema.name == "geometry_msgs/msg/PoseWithCovarianceStamped"
+    assert len(poses) == len(short_run)
+    header, pose = poses[4].ros_msg.header, poses[4].ros_msg.pose
+    assert header.frame_id == "anchors"
+    assert header.stamp.sec + 1e-9 * header.stamp.nanosec == pytest.approx(short_run.t_s[4], abs=1e-9)
+    assert poses[4].log_time_ns == round(1e9 * short_run.t_s[4])
+    position = pose.pose.position
+    np.testing.assert_array_equal([position.x, position.y, position.z], short_run.node_position_m[4, 7])
+    covariance = np.reshape(pose.covariance, (6, 6))
+    np.testing.assert_array_equal(covariance[:3, :3], short_run.node_covariance_m2[4, 7])
+    assert covariance[3, 3] > 3  # an angle of which nothing is known
+
+
+def test_each_rod_has_a_frame_along_it(messages, short_run) -> None:
+    transforms = messages["/tf"][4].ros_msg.transforms
+    assert [transform.child_frame_id for transform in transforms] == [f"rod_{k}" for k in range(6)]
+    moved, (a, b) = transforms[2].transform, short_run.structure.rods[2]
+    turn = Rotation.from_quat([getattr(moved.rotation, axis) for axis in "xyzw"])
+    middle_m = np.array([getattr(moved.translation, axis) for axis in "xyz"])
+    half_m = 0.5 * np.linalg.norm(short_run.node_position_m[4, b] - short_run.node_position_m[4, a])
+    np.testing.assert_allclose(middle_m + turn.apply([0, 0, half_m]), short_run.node_position_m[4, b], atol=1e-9)
+
+
+def test_markers_are_lines_and_ellipsoids(messages, short_run) -> None:
+    markers = messages["/tensegraph/markers"][2].ros_msg.markers
+    assert [marker.ns for marker in markers] == ["rod", "tendon", *["ellipsoid"] * 9]
+    tendons = markers[1]
+    ends = np.array([[point.x, point.y, point.z] for point in tendons.points]).reshape(24, 2, 3)
+    np.testing.assert_allclose(ends, short_run.node_position_m[2][short_run.structure.tendons], atol=1e-9)
+    colors = [(color.r, color.g, color.b) for color in tendons.colors[::2]]
+    assert [e for e in range(24) if colors[e] != colors[0]] == [5]  # without a reading
+    scale = markers[-1].scale
+    semi_axis_m = short_run.ellipsoids(0.5).semi_axis_m[2, 11]
+    np.testing.assert_allclose([scale.x, scale.y, scale.z], 2 * semi_axis_m)
+
+
+def test_times_before_zero_are_refused(short_run, tmp_path) -> None:
+    pytest.importorskip("rosbags")
+    with pytest.raises(tg.InputError, match="expected times from 0 on, got -1"):
+        tg.export(replace(short_run, t_s=short_run.t_s - 1), tmp_path / "run.mcap")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_of_rerun(short_run, tmp_path) -> None:
+    """Rerun stores positions with 32 bits."""
+    reader = pytest.importorskip("rerun.chunk")
+    (path,) = tg.export(short_run, tmp_path / "run.rrd", probability=0.5)
+    chunks = {str(chunk.entity_path): chunk.to_record_batch() for chunk in reader.RrdReader(path).stream().to_chunks()}
+    spheres = chunks["/anchors/ellipsoids"]
+    assert [round(t.total_seconds(), 4) for t in spheres["t_s"].to_pylist()] == np.round(short_run.t_s, 4).tolist()
+    half_sizes_m = np.array(spheres["Ellipsoids3D:half_sizes"].to_pylist())
+    free = short_run.structure.free_nodes
+    np.testing.assert_allclose(half_sizes_m, short_run.ellipsoids(0.5).semi_axis_m[:, free], rtol=1e-6)
+    tendons = chunks["/anchors/tendons"]
+    ends_m = np.array(tendons["LineStrips3D:strips"].to_pylist())
+    np.testing.assert_allclose(ends_m, short_run.node_position_m[:, short_run.structure.tendons], atol=1e-7)
+    colors = tendons["LineStrips3D:colors"].to_pylist()
+    assert [e for e in range(24) if colors[2][e] != colors[2][0]] == [5]  # without a reading
+    lengths_m = np.array(chunks["/length_m/7"]["Scalars:scalars"].to_pylist()).ravel()
+    np.testing.assert_array_equal(lengths_m, short_run.length_m[:, 7])
+
+
+@pytest.mark.parametrize("name", ["run.mp4", "run.gif"])
+def test_a_film_has_a_picture_for_each_of_its_times(short_run, tmp_path, name) -> None:
+    """0.48 s at 12.5 pictures a second are 7, of which the later differ from the first."""
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    (path,) = tg.export(short_run, tmp_path / name)
+    command = [ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run(command, capture_output=True, check=True, timeout=60)
+    pictures = np.frombuffer(done.stdout, np.uint8).reshape(-1, 640, 640, 3).astype(int)
+    assert len(pictures) == 7
+    assert (pictures[0] > 200).mean() > 0.5  # a light ground
+    assert np.abs(pictures[-1] - pictures[0]).max() > 50  # the time in the title, at least

@@ -1,0 +1,159 @@
+"""Result directories, loaded as what they were saved from; frames by their time."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tensegraph as tg
+from tensegraph.models.structure.shape import OtherShape, Reason
+
+
+@pytest.fixture(scope="module")
+def kept(example):
+    """Half a second of the example in batch, of which frame 3 has another shape."""
+    trial = tg.open_trial(example)
+    readings = (row for row in trial.readings() if row.host_s < 0.5)
+    result = tg.Reconstruction.of(trial.description.structure, tg.stream(readings, trial.description, "batch"))
+    others = [None] * len(result)
+    others[3] = OtherShape(np.round(result.node_position_m[3] + 0.01, 6), 1.25)
+    doubts = (Reason.MOTION, *result.doubts[1:])
+    return replace(result, others=tuple(others), doubts=doubts)
+
+
+@pytest.fixture
+def saved(kept, tmp_path):
+    tg.save(kept, tmp_path / "run", figures=False)
+    return tmp_path / "run"
+
+
+class TestLoad:
+    def test_returns_what_was_saved(self, kept, saved) -> None:
+        read = tg.load(saved)
+        np.testing.assert_allclose(read.t_s, kept.t_s, atol=1e-4)
+        np.testing.assert_allclose(read.node_position_m, kept.node_position_m, atol=1e-6)
+        np.testing.assert_allclose(read.node_covariance_m2, kept.node_covariance_m2, rtol=1e-8, atol=1e-16)
+        for name in ("innovation_sigma_m", "mechanism_sigma_m", "length_m", "sigma_m", "drift"):
+            np.testing.assert_allclose(getattr(read, name), getattr(kept, name), atol=1e-6, err_msg=name)
+        np.testing.assert_allclose(read.loads.force_n, kept.loads.force_n, atol=1e-4)
+        assert (read.status, read.doubts) == (kept.status, kept.doubts)
+        np.testing.assert_array_equal(read.others[3].node_position_m, kept.others[3].node_position_m)
+        assert [k for k, other in enumerate(read.others) if other] == [3]
+        assert read.others[3].log_ratio == 1.25
+
+    def test_does_not_invent_covariances_between_nodes(self, saved) -> None:
+        read = tg.load(saved)
+        assert np.isnan(read.covariance_m2[:, 0:3, 3:6]).all()
+        assert np.isfinite(read.covariance_m2[:, 9:12, 9:12]).all()
+        assert np.isnan(read.centroid_covariance_m2).all()
+
+    def test_needs_no_trial(self, kept, saved, tmp_path) -> None:
+        shutil.move(saved, tmp_path / "elsewhere")
+        structure = tg.load(tmp_path / "elsewhere").structure
+        for name in ("rods", "tendons", "rod_length_m", "natural_length_m", "anchors", "anchor_position_m"):
+            np.testing.assert_array_equal(getattr(structure, name), getattr(kept.structure, name))
+
+    def test_saved_again_is_the_same(self, saved, tmp_path) -> None:
+        tg.save(tg.load(saved), tmp_path / "again", figures=False)
+        for name in ("shape.csv", "estimated_loads.csv", "other_shape.csv", "sensor_drift.csv"):
+            assert (tmp_path / "again" / name).read_bytes() == (saved / name).read_bytes(), name
+
+    def test_drift_that_a_live_run_knew_only_later(self, kept, saved) -> None:
+        rows = (saved / "sensor_drift.csv").read_text().splitlines(keepends=True)
+        (saved / "sensor_drift.csv").write_text("".join([rows[0], *rows[1 + 2 * 24 :]]))
+        drift = tg.load(saved).drift
+        assert np.isnan(drift[:2]).all()
+        np.testing.assert_allclose(drift[2:], kept.drift[2:], atol=1e-6)
+
+    @pytest.mark.parametrize(
+        ("file", "old", "new", "message"),
+        [
+            ("run.toml", "[structure]", "[structur]", "run.toml: structure: is missing"),
+            ("run.toml", "rods = [[0, 3]", "rods = [[0, 0]", "run.toml: rod 0 (0-0): expected two different nodes"),
+            ("run.toml", "rods = [[0, 3]", "rods = [[0]", "run.toml: structure: rods[0]"),
+            ("status.csv", ",ok,", ",fine,", "column status: expected one of ok, partial, two_shapes"),
+            ("status.csv", ",motion", ",rest", "column doubt: expected one of none, sensors, motion"),
+            ("status.csv", "0.0200,", "0.0201,", "status.csv: expected one row for each row of shape.csv"),
+            ("other_shape.csv", "0.0600,", "0.0800,", "other_shape.csv: expected one row for each frame of"),
+            ("sensor_drift.csv", "0.0200,3,", "0.0200,4,", "expected 24 rows (tendon 0 to 23)"),
+        ],
+    )
+    def test_refuses_what_does_not_fit(self, saved, file, old, new, message) -> None:
+        text = (saved / file).read_text()
+        assert old in text
+        (saved / file).write_text(text.replace(old, new, 1))
+        with pytest.raises(tg.InputError) as error:
+            tg.load(saved)
+        assert message in str(error.value)
+        assert "\n" not in str(error.value)
+
+
+class TestFramesByTime:
+    def test_the_nearest(self, kept) -> None:
+        assert kept[0.1234].t_s == pytest.approx(0.12)
+        assert kept[0.1301].t_s == pytest.approx(0.14)
+        assert kept[0].t_s == kept.t_s[0]
+        np.testing.assert_array_equal(kept[0.1234].covariance_m2, kept.covariance_m2[6])
+        assert kept[0.06].other is kept.others[3]
+
+    def test_those_from_a_time_to_before_another(self, kept) -> None:
+        part = kept[0.05:0.1]
+        np.testing.assert_allclose(part.t_s, [0.06, 0.08])
+        assert part.others[0] is kept.others[3]
+        np.testing.assert_array_equal(part.loads.force_n, kept.loads.force_n[3:5])
+        np.testing.assert_array_equal(part.mechanism_sigma_m, kept.mechanism_sigma_m[3:5])
+        assert len(kept[:0.1]) + len(kept[0.1:]) == len(kept) == len(kept[:])
+
+    def test_a_part_of_what_was_loaded(self, saved) -> None:
+        read = tg.load(saved)
+        np.testing.assert_array_equal(read[0.05:0.1].innovation_sigma_m, read.innovation_sigma_m[3:5])
+
+    @pytest.mark.parametrize(
+        ("key", "message"),
+        [
+            (-0.5, "result[-0.5]: expected a time from 0.0000 to 0.4800 s"),
+            (float("nan"), "result[nan]: expected a time"),
+            ("0.1", "result['0.1']: expected a time"),
+            (slice(0.2, 0.1), "result[0.2:0.1]: holds no frame: the run is from 0.0000 to 0.4800 s"),
+            (slice(0.0, 0.2, 2), "expected two times in seconds"),
+            (slice("a", None), "expected two times in seconds"),
+        ],
+    )
+    def test_or_an_error_that_says_which_there_are(self, kept, key, message) -> None:
+        with pytest.raises(tg.InputError) as error:
+            kept[key]
+        assert message in str(error.value)
+
+
+def test_what_is_printed_is_short(kept) -> None:
+    assert len(repr(kept)) < 250
+    assert "25, from 0.00 to 0.48 s" in repr(kept)
+    assert "12 nodes, 24 tendons" in repr(kept)
+    assert "t = 0.10 s" in repr(kept[0.1])
+    assert len(repr(kept[0.1])) < 120
+    assert kept._repr_html_().count("<tr>") == 5
+
+
+class TestSettingsOfPython:
+    def test_a_table_in_place_of_its_part_is_named(self) -> None:
+        with pytest.raises(tg.InputError, match=r"settings.noise: expected NoiseSettings\(force_n=0.2\), got dict"):
+            tg.Settings(noise={"force_n": 0.2})
+
+    def test_what_is_no_settings_is_named(self, example) -> None:
+        with pytest.raises(tg.InputError, match=r"settings: expected Settings\(...\) with probability, .*, got dict"):
+            tg.reconstruct(example, settings={"noise": {"force_n": 0.2}})
+
+    def test_a_value_that_is_not_allowed_is_named(self, example) -> None:
+        with pytest.raises(tg.InputError, match=r"settings: probability: input should be less than 1, got 95"):
+            tg.reconstruct(example, settings=tg.Settings(probability=95))
+
+    def test_a_path_in_place_of_a_model_is_named(self, example) -> None:
+        with pytest.raises(tg.InputError, match=r"model: expected a SensorModel, as read_sensor_model\('m'\) returns"):
+            tg.reconstruct(example, model="m")
+
+
+def test_the_version_is_that_of_the_distribution() -> None:
+    from importlib.metadata import version
+
+    assert tg.__version__ == version("tensegraph")
