@@ -74,8 +74,11 @@ def test_a_replay_and_the_twin_have_the_motors_too(trial) -> None:
         assert [arrival_s(reading) for reading in readings] == sorted(arrival_s(reading) for reading in readings)
 
 
-def test_only_boards_can_be_recorded_again(trial, tmp_path) -> None:
+def test_a_replay_with_motors_is_recorded_again(trial, tmp_path) -> None:
     result = run("live", "--replay", trial.path, "--record", "again", "--out", "live", cwd=tmp_path)
-    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
-    assert "holds [[motor]]: only rows of boards can be recorded again" in result.stderr
-    assert not (tmp_path / "again").exists()
+    assert result.returncode == 0, result.stderr
+    for name in ("natural_length0.csv", "board0.csv"):
+        first, again = ((folder / name).read_text().splitlines() for folder in (trial.path, tmp_path / "again"))
+        assert len(again) == len(first)
+    again = open_trial(tmp_path / "again").description.motors
+    assert [motor.tendons for motor in again] == [motor.tendons for motor in trial.description.motors]
