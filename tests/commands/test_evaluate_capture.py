@@ -14,7 +14,7 @@ NODES = [4, 11, 8, 0, 6, 2, 10, 9, 3, 1, 7, 5]
 
 def evaluated(folder, result, *arguments) -> dict:
     """The numbers that `--json` prints."""
-    done = run("evaluate", result, *arguments, "--json", "--out", folder / "scores", cwd=folder)
+    done = run("evaluate", result, *arguments, "--json", "--out", folder / "captured", cwd=folder)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)[0]
 
