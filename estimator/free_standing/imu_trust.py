@@ -92,6 +92,5 @@ def _slow_and_apart(
     size = np.linalg.norm(force, axis=1)
     slow = np.abs(size - GRAVITY_M_PER_S2) < SLOW_EXCESS_M_PER_S2
     slow &= np.linalg.norm(samples.rate_rad_per_s, axis=1) < SLOW_RAD_PER_S
-    along = arm_m[imus.ends[:, 1]] - arm_m[imus.ends[:, 0]]
-    inclination = along @ UP / np.linalg.norm(along, axis=1)
+    inclination = imus.rod_direction(arm_m) @ UP
     return slow, np.abs(np.sum(force * imus.axis, axis=1) / size - inclination)

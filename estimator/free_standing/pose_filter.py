@@ -251,9 +251,7 @@ class PoseFilter:
 
     def _imu_turns(self, samples: ImuSamples) -> NDArray[np.float64]:
         """Return (imus, 3, 3), the attitudes of sensors in slow motion, by their rods and by gravity."""
-        first, second = self._imus.ends.T
-        along = (self._body_before_m[second] - self._body_before_m[first]) @ self.state.turn.T
-        direction = along / np.linalg.norm(along, axis=1, keepdims=True)
+        direction = self._imus.rod_direction(self._body_before_m @ self.state.turn.T)
         return self._imus.attitude_at_rest(direction, samples.specific_force_m_per_s2)
 
     def _take_on_again(self, samples: ImuSamples | None) -> NDArray[np.float64]:
@@ -357,9 +355,8 @@ class PoseFilter:
         if self._samples is None:
             return np.zeros((0, 2), dtype=np.int64), np.zeros(0)
         used = np.flatnonzero(self._trust.is_used)
-        ends = self._imus.ends[used]
-        length_m = np.linalg.norm(self._body_before_m[ends[:, 1]] - self._body_before_m[ends[:, 0]], axis=1)
-        return ends, length_m * (self._imus.direction(self.state)[used] @ self._floor.normal)
+        length_m = np.linalg.norm(self._imus.rod_m(self._body_before_m)[used], axis=1)
+        return self._imus.ends[used], length_m * (self._imus.direction(self.state)[used] @ self._floor.normal)
 
     def _heading_missed(self, placed: PlacedShape, turn: NDArray[np.float64]) -> float:
         """Return the angle about the floor's normal by which rods with sensors still miss their directions, in rad.
@@ -371,8 +368,7 @@ class PoseFilter:
         used = np.flatnonzero(self._trust.is_used)
         if self._samples is None or not len(used):
             return 0.0
-        first, second = self._imus.ends[used].T
-        along = (placed.arm_m[second] - placed.arm_m[first]) @ turn.T @ self._floor.axes.T
+        along = self._imus.rod_m(placed.arm_m)[used] @ turn.T @ self._floor.axes.T
         told = self._imus.direction(placed.state)[used] @ self._floor.axes.T
         sine = np.sum(along[:, 0] * told[:, 1] - along[:, 1] * told[:, 0])
         return float(np.arctan2(sine, np.sum(along * told)))
