@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from ...factors.imu import ImuArray, ImuSamples
 from ...models.pose.placed import PlacedShape
+from ...models.pose.pose_settings import PoseSettings
+from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import UP
 from ...models.structure.support import GRAVITY_M_PER_S2
 from ...models.values.low_pass import low_pass_weight
@@ -82,6 +84,40 @@ class ImuTrust:
         weight = low_pass_weight(step_s, TRUST_MEMORY_S)
         self._apart += np.where(slow & ~self.is_lost, weight * (np.nan_to_num(apart) - self._apart), 0.0)
         self.is_trusted = self.is_trusted & (self._apart < MOST_APART)
+
+
+def taken_on_again(
+    state: PoseState,
+    covariance: NDArray[np.float64],
+    back: NDArray[np.int64],
+    imu_turn: NDArray[np.float64],
+    settings: PoseSettings,
+) -> tuple[PoseState, NDArray[np.float64], NDArray[np.float64]]:
+    """Take on sensors that were silent.
+
+    Args:
+        state: the pose.
+        covariance: (size, size) of its errors.
+        back: the numbers of these sensors.
+        imu_turn: (imus, 3, 3) their attitudes, by their rods and by gravity; those of other sensors are not used.
+        settings: for what is not known of a sensor.
+
+    Returns:
+        The state, its covariance, and (size, size) F, the transition of the errors: those of a sensor's attitude become
+        those of the body's.
+    """
+    at = state.layout
+    F = np.eye(at.size)
+    noise = np.zeros(at.size)
+    turn = state.imu_turn.copy()
+    turn[back] = imu_turn[back]
+    for imu in map(int, back):
+        place = at.of_imu(at.imu_turn, imu)
+        F[place] = np.eye(3, at.size, at.turn.start)
+        noise[place] = settings.misalignment_rad**2
+        noise[at.of_imu(at.rate_bias, imu)] = settings.rate_bias_rad_per_s**2
+        noise[at.of_imu(at.force_bias, imu)] = settings.force_bias_m_per_s2**2
+    return replace(state, imu_turn=turn), F @ covariance @ F.T + np.diag(noise), F
 
 
 def _slow_and_apart(
