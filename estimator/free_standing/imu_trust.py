@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.imu import ImuArray, ImuSamples
+from ...models.pose.imu_gate import ATTITUDE_HOLDS_S
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
@@ -29,8 +30,6 @@ SLOW_RAD_PER_S = 0.1
 """Rate below which it is slow."""
 TRUST_MEMORY_S = 0.5
 """Time constant of the mean difference."""
-ATTITUDE_HOLDS_S = 0.2
-"""Time after which readings do not tell any more how the robot is turned."""
 
 
 class ImuTrust:
