@@ -66,18 +66,15 @@ class MovingBase:
             return
         self._start_s = shape.t_s
         self._bias = samples.rate_rad_per_s
-        self._turn = self._imus.attitude_at_rest(self._direction(shape), samples.specific_force_m_per_s2)
+        self._turn = self._imus.attitude_at_rest(
+            self._imus.rod_direction(shape.node_position_m), samples.specific_force_m_per_s2
+        )
         for reading in self._at_rest:
             self._latest_s[reading.imu] = reading.t_s
         self._at_rest = []
 
-    def _direction(self, shape: Shape) -> NDArray[np.float64]:
-        """Return (imus, 3) the directions of the rods with sensors in a shape."""
-        first, second = self._imus.ends.T
-        along = shape.node_position_m[second] - shape.node_position_m[first]
-        return np.asarray(along / np.linalg.norm(along, axis=1, keepdims=True))
-
     def _angle(self, turn: NDArray[np.float64], shape: Shape) -> NDArray[np.float64]:
         """Return (imus,) the angles between the directions of the rods by the sensors and in a shape."""
         by_sensor = np.einsum("iab,ib->ia", turn, self._imus.axis)
-        return np.asarray(np.arccos(np.clip(np.sum(by_sensor * self._direction(shape), axis=1), -1, 1)))
+        by_shape = self._imus.rod_direction(shape.node_position_m)
+        return np.asarray(np.arccos(np.clip(np.sum(by_sensor * by_shape, axis=1), -1, 1)))

@@ -73,6 +73,16 @@ class ImuArray:
         in_sensor = self.axis + np.einsum("iab,ib->ia", self.across, state.misalignment)
         return np.asarray(np.einsum("iab,ib->ia", state.imu_turn, in_sensor))
 
+    def rod_m(self, node_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (imus, 3), from the first to the second end of each sensor's rod, in the axes of (nodes, 3) nodes."""
+        first, second = self.ends.T
+        return np.asarray(node_m[second] - node_m[first])
+
+    def rod_direction(self, node_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (imus, 3), the direction of each sensor's rod, in the axes of (nodes, 3) nodes."""
+        rod_m = self.rod_m(node_m)
+        return np.asarray(rod_m / np.linalg.norm(rod_m, axis=1, keepdims=True))
+
     def arm_m(self, arm_m: NDArray[np.float64], imus: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return (3,), the mean place of some sensors, from (nodes, 3) places of the nodes."""
         first, second = self.ends[imus].T
@@ -100,9 +110,8 @@ class ImuArray:
         """
         at = placed.state.layout
         first, second = self.ends[imus].T
-        along = placed.arm_m[second] - placed.arm_m[first]
-        length = np.linalg.norm(along, axis=1)
-        u = along / length[:, None]
+        length_m = np.linalg.norm(self.rod_m(placed.arm_m)[imus], axis=1)
+        u = self.rod_direction(placed.arm_m)[imus]
         d = self.direction(placed.state)[imus]
         across = np.swapaxes(np.linalg.svd(u[:, :, None])[0][:, :, 1:], 1, 2)
         jacobian = np.zeros((len(imus), 2, at.size))
@@ -114,7 +123,7 @@ class ImuArray:
             jacobian[row, :, at.misalignment.start + 2 * i : at.misalignment.start + 2 * i + 2] = by_misalignment[row]
         c = placed.covariance_m2
         of_ends = c[first, first] + c[second, second] - c[first, second] - c[second, first]
-        variance = np.einsum("iab,ibc,iac->ia", across, of_ends, across) / length[:, None] ** 2
+        variance = np.einsum("iab,ibc,iac->ia", across, of_ends, across) / length_m[:, None] ** 2
         error = np.einsum("iab,ib->ia", across, u - d)
         return Rows(error.ravel(), jacobian.reshape(-1, at.size), repeats * variance.ravel() + 1e-6)
 

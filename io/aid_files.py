@@ -1,7 +1,6 @@
 """The files of what a robot carries beside its strips: inertial sensors, ranges, positions, and motors."""
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
@@ -19,26 +18,25 @@ AID_COLUMNS = {"imu": IMU_COLUMNS, "range": RANGE_COLUMNS, "position": POSITION_
 """The columns of each kind of file."""
 
 
-def imu_readings(path: Path, imu: int) -> Iterator[ImuReading]:
-    """Yield the samples of one inertial sensor.
+def imu_readings(file: CsvFile, imu: int) -> Iterator[ImuReading]:
+    """Yield the samples of one inertial sensor, from a file with `IMU_COLUMNS`.
 
     Raises:
         InputError: at the first row that cannot be read, or whose stamp is not later than the last.
     """
-    for _, (t_s, *values) in _forward(CsvFile(path, IMU_COLUMNS)):
+    for _, (t_s, *values) in _forward(file):
         yield ImuReading(imu, t_s, np.array(values[:3]), np.array(values[3:]))
 
 
-def range_readings(path: Path, recording: int, trial: TrialDescription) -> Iterator[RangeReading]:
-    """Yield the ranges of one recording.
+def range_readings(file: CsvFile, recording: int, trial: TrialDescription) -> Iterator[RangeReading]:
+    """Yield the ranges of one recording, from a file with `RANGE_COLUMNS`.
 
     Raises:
         InputError: see `imu_readings`; and for a beacon or a node that does not exist, or a range that is not positive.
     """
     beacon_position_m = trial.beacon_position_m[recording]
-    file = CsvFile(path, RANGE_COLUMNS)
     for row, (t_s, beacon, node, range_m) in _forward(file, strictly=False):
-        here = f"{path}: row {row}"
+        here = f"{file.path}: row {row}"
         _check_number(here, "beacon", beacon, len(beacon_position_m))
         _check_number(here, "node", node, trial.structure.node_count)
         if range_m <= 0:
@@ -46,20 +44,19 @@ def range_readings(path: Path, recording: int, trial: TrialDescription) -> Itera
         yield RangeReading(t_s, beacon_position_m[int(beacon)], (recording, int(beacon), int(node)), range_m)
 
 
-def position_readings(path: Path, recording: int, trial: TrialDescription) -> Iterator[PositionReading]:
-    """Yield the positions of one recording.
+def position_readings(file: CsvFile, recording: int, trial: TrialDescription) -> Iterator[PositionReading]:
+    """Yield the positions of one recording, from a file with `POSITION_COLUMNS`.
 
     Raises:
         InputError: see `imu_readings`; and for a node that does not exist.
     """
-    file = CsvFile(path, POSITION_COLUMNS)
     for row, (t_s, node, *position_m) in _forward(file, strictly=False):
-        _check_number(f"{path}: row {row}", "node", node, trial.structure.node_count)
+        _check_number(f"{file.path}: row {row}", "node", node, trial.structure.node_count)
         yield PositionReading(t_s, int(node), np.array(position_m), recording)
 
 
-def natural_length_readings(path: Path, recording: int, trial: TrialDescription) -> Iterator[NaturalLengthReading]:
-    """Yield the natural lengths of one recording.
+def natural_length_readings(file: CsvFile, recording: int, trial: TrialDescription) -> Iterator[NaturalLengthReading]:
+    """Yield the natural lengths of one recording, from a file with `MOTOR_COLUMNS`.
 
     Raises:
         InputError: see `imu_readings`, where stamps count for each tendon; for a tendon that the recording's table does
@@ -67,8 +64,8 @@ def natural_length_readings(path: Path, recording: int, trial: TrialDescription)
     """
     tendons = trial.motors[recording].tendons
     latest_s: dict[int, float] = {}
-    for row, (t_s, tendon, *values) in _forward(CsvFile(path, MOTOR_COLUMNS), strictly=False):
-        here = f"{path}: row {row}"
+    for row, (t_s, tendon, *values) in _forward(file, strictly=False):
+        here = f"{file.path}: row {row}"
         if tendon not in tendons:
             expected = ", ".join(map(str, tendons))
             raise InputError(f"{here}, column tendon: expected one of {expected}, as trial.toml says, got {tendon:g}")

@@ -12,10 +12,21 @@ from ..models.structure.shape import OtherShape, Reason, Status
 from ..models.structure.structure import Structure
 from ..models.trial_description import StructureTable
 from ..models.values.errors import InputError
+from ..models.values.slip import Slip
 from ..models.values.tables import parse_table
 from .csv import CsvFile
 from .positions import position_columns
-from .result import COVARIANCE_COLUMNS, DRIFT_FILE, RUN_FILE, TRACK_FILE, number, read_blocks, read_estimate, read_run
+from .result import (
+    COVARIANCE_COLUMNS,
+    DRIFT_FILE,
+    RUN_FILE,
+    SLIPS_FILE,
+    TRACK_FILE,
+    number,
+    read_blocks,
+    read_estimate,
+    read_run,
+)
 from .trial_directory import open_trial
 
 
@@ -53,6 +64,7 @@ def load(path: str | Path) -> Reconstruction:
         drift=drift,
         drift_sigma=drift_sigma,
         contacts=estimate.contacts,
+        slips=_slips(path / SLIPS_FILE, estimate.t_s, structure.node_count),
         propagated=Propagated(
             estimate.innovation_sigma_m, frames.mechanism_sigma_m, _centroid_covariance_m2(path, estimate)
         ),
@@ -140,6 +152,20 @@ def _centroid_covariance_m2(path: Path, estimate: Estimate) -> NDArray[np.float6
         row, column = np.triu_indices(3)
         covariance_m2[:, row, column] = covariance_m2[:, column, row] = rows[:, 1:]
     return covariance_m2
+
+
+def _slips(path: Path, t_s: NDArray[np.float64], node_count: int) -> tuple[tuple[Slip, ...], ...]:
+    """Return (frames,) the slips that were found in each frame; empty where there is no floor."""
+    if not path.is_file():
+        return ()
+    slips: list[list[Slip]] = [[] for _ in t_s]
+    frame_at = {time_s: frame for frame, time_s in enumerate(t_s.tolist())}
+    for slip_s, node, sigma_m, *way_m in CsvFile(path, ["t_s", "node", "sigma_m", "x_m", "y_m", "z_m"]):
+        if slip_s not in frame_at or node not in range(node_count):
+            got = f"node {node:g} at {slip_s:g} s"
+            raise InputError(f"{path}: expected nodes from 0 to {node_count - 1} at times of shape.csv, got {got}")
+        slips[frame_at[slip_s]].append(Slip(slip_s, int(node), np.array(way_m), sigma_m))
+    return tuple(map(tuple, slips))
 
 
 def _drift(

@@ -3,7 +3,7 @@
 import hashlib
 import heapq
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,16 @@ from ..models.values.readings import (
     TendonLengths,
 )
 from ..models.values.stamped_positions import StampedPositions
-from .aid_files import imu_readings, natural_length_readings, position_readings, range_readings
+from .aid_files import (
+    IMU_COLUMNS,
+    MOTOR_COLUMNS,
+    POSITION_COLUMNS,
+    RANGE_COLUMNS,
+    imu_readings,
+    natural_length_readings,
+    position_readings,
+    range_readings,
+)
 from .csv import CsvFile
 from .mocap.truth_file import read_truth
 from .positions import read_contacts, read_forces
@@ -63,10 +72,14 @@ class Trial:
     """Contents of trial.toml, validated."""
     toml: dict[str, Any]
     """Contents of trial.toml as parsed."""
-    half_lines: int = field(default=0, init=False)
-    """Number of last lines that were left out because they had no line end."""
     dropped_rows: int = field(default=0, init=False)
     """Number of rows of resistance or lengths that were left out because their stamp was not later than the last."""
+    _opened: list[CsvFile] = field(default_factory=list, init=False)
+
+    @property
+    def half_lines(self) -> int:
+        """Number of last lines that were left out, of all files read so far, because they had no line end."""
+        return sum(file.half_lines for file in self._opened)
 
     def readings(self) -> Iterator[Reading]:
         """Yield the measurements in order of arrival; can be iterated only once.
@@ -78,7 +91,7 @@ class Trial:
         sources = {"counts": self._rows, "resistance": self._resistances, "lengths": self._lengths}
         tendons = _counted(sources[self.description.source](), self)
         motors = [
-            natural_length_readings(self.path / motor.file, number, self.description)
+            natural_length_readings(self._csv(motor.file, MOTOR_COLUMNS), number, self.description)
             for number, motor in enumerate(self.table.motor)
         ]  # first, so that lengths of the same instant find them
         yield from heapq.merge(*motors, tendons, *self._aids(), key=arrival_s)
@@ -170,12 +183,23 @@ class Trial:
 
     def _aids(self) -> list[Iterator[AidReading]]:
         """Return the readings of each sensor beside the tendons."""
-        table, path = self.table, self.path
+        table, trial = self.table, self.description
+        imus = [self._csv(name, IMU_COLUMNS) for name in self._imu_files()]
+        ranges = [self._csv(recording.file, RANGE_COLUMNS) for recording in table.range]
+        positions = [self._csv(recording.file, POSITION_COLUMNS) for recording in table.position]
         return [
-            *(imu_readings(path / name, number) for number, name in enumerate(self._imu_files())),
-            *(range_readings(path / ranges.file, k, self.description) for k, ranges in enumerate(table.range)),
-            *(position_readings(path / other.file, k, self.description) for k, other in enumerate(table.position)),
+            *(imu_readings(file, number) for number, file in enumerate(imus)),
+            *(range_readings(file, number, trial) for number, file in enumerate(ranges)),
+            *(position_readings(file, number, trial) for number, file in enumerate(positions)),
         ]
+
+    def _csv(
+        self, name: str, columns: Sequence[str], *, optional: Sequence[str] = (), blank: Sequence[str] = ()
+    ) -> CsvFile:
+        """Return a file of measurements, whose half lines count."""
+        file = CsvFile(self.path / name, columns, optional, blank)
+        self._opened.append(file)
+        return file
 
     def _rows(self) -> Iterator[BoardReading]:
         return heapq.merge(*(self._board(b) for b in range(len(self.table.board))), key=lambda row: row.host_s)
@@ -183,7 +207,7 @@ class Trial:
     def _board(self, board: int) -> Iterator[BoardReading]:
         channels = len(self.table.board[board].tendon_of_channel)
         columns = ["host_s", "seq", "device_us", *(f"adc{c}" for c in range(channels))]
-        file = CsvFile(self.path / self.table.board[board].file, columns, optional=["boot"])
+        file = self._csv(self.table.board[board].file, columns, optional=["boot"])
         for number, (host_s, *integers, boot) in enumerate(file, start=file.head().first_row):
             for name, value in zip(columns[1:], integers, strict=True):
                 if value != int(value):
@@ -197,13 +221,12 @@ class Trial:
                 counts=np.array(counts),
                 boot=0 if np.isnan(boot) else int(boot),
             )
-        self.half_lines += file.half_lines
 
     def _resistances(self) -> Iterator[ResistanceReading]:
         assert self.table.resistance is not None
         tendons = np.arange(len(self.description.structure.tendons))
         columns = [f"r{e}_ohm" for e in tendons]
-        file = CsvFile(self.path / self.table.resistance.file, ["t_s", *columns], blank=columns)
+        file = self._csv(self.table.resistance.file, ["t_s", *columns], blank=columns)
         for row in self._forward(file):
             resistance_ohm = np.array(row[1:])
             possible = ~(resistance_ohm <= 0)
@@ -223,12 +246,7 @@ class Trial:
         count = len(natural_m)
         columns = [f"l{e}_m" for e in range(count)]
         sigmas = [f"s{e}_m" for e in range(count)]
-        file = CsvFile(
-            path=self.path / self.table.lengths.file,
-            columns=["t_s", *columns],
-            optional=sigmas,
-            blank=[*columns, *sigmas],
-        )
+        file = self._csv(self.table.lengths.file, ["t_s", *columns], optional=sigmas, blank=[*columns, *sigmas])
         for index, row in enumerate(self._forward(file)):
             length_m = np.array(row[1 : 1 + count])
             sigma_m = np.array(row[1 + count :])
@@ -260,7 +278,6 @@ class Trial:
                 yield row
             else:
                 self.dropped_rows += 1
-        self.half_lines += file.half_lines
 
 
 def arrival_s(reading: Reading) -> float:

@@ -56,7 +56,9 @@ class Activity:
     """The counts of a session so far, for the panel and for run.toml."""
 
     boards: list[Arrivals]
+    """Of each board's rows."""
     imus: list[Arrivals]
+    """Of each inertial sensor's samples."""
     started_s: float = field(default_factory=time.perf_counter)
     """Time at which the session started, on the clock of `time.perf_counter` like all times here."""
     rows: int = 0

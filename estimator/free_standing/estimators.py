@@ -13,14 +13,14 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...models.pose.imu_gate import ATTITUDE_HOLDS_S
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import FreeStandingRobot
 from ...models.settings import Settings
-from ...models.structure.external_loads import ExternalLoads
 from ...models.structure.floor import UP, Floor
 from ...models.structure.rest_shape import RestShape
-from ...models.structure.shape import Reason, Shape, Status
+from ...models.structure.shape import Reason, Shape
 from ...models.structure.structure import Structure
 from ...models.structure.support import Support, standing, weightless
 from ...models.values.aids import AidReading, ImuReading, PositionReading
@@ -28,11 +28,10 @@ from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
 from ..smoother import LiveSmoother
 from .contacts import Standing
-from .imu_trust import ATTITUDE_HOLDS_S
 from .length_change import LengthChange
 from .pose_filter import PoseFilter
 from .pose_smoother import PoseStep, smoothed
-from .resting_faces import RestingFaces, balances_of
+from .resting_faces import RestingFaces, balances_at
 from .slide_watch import slid_before
 from .stable_face import StableFace
 from .tipping import tipping
@@ -40,8 +39,6 @@ from .tipping import tipping
 FACES_EVERY_S = 0.2
 """Shortest time between two looks at the faces, each of which takes as long as several frames."""
 
-LESS_QUIET_N = (0.1, 0.3)
-"""Other standard deviations of the balance at a node without load, each as probable: sensors may be worse than told."""
 LEAST_LIKELY = 0.02
 """Probability of the face on which the robot stands by heights, below which forces contradict it."""
 SURE_FACE = 0.8
@@ -147,11 +144,8 @@ class FreeStandingSmoother:
         if self._faces is None or frame is None or statics is None or step_s < 0.999 * FACES_EVERY_S:
             return False
         self._looked_s = shape.t_s
-        builder, x = self.shapes.builder, shape.node_position_m
-        outer = statics.outer_force_jacobian(x)
-        quiet_n = np.array([self._settings.doubt.quiet_n, *LESS_QUIET_N])
-        variances_n2 = builder.internal_variance_n2 + quiet_n[:, None] ** 2
-        balances = balances_of(frame, outer, statics.outer_force_n, variances_n2)
+        x = shape.node_position_m
+        balances = balances_at(x, frame, statics, self.shapes.builder, self._settings.doubt.quiet_n)
         evidence = self._faces.log_evidence(balances, x)
         pairs, height_m = heights_between(shape.lengths.aids, self._robot.floor)
         rods, rod_height_m = self._poses.rod_heights()
@@ -364,20 +358,17 @@ def in_world(
         turn, pivot_m = tipping(x, nodes, nodes & stands.nodes, floor.normal)
         away_m = ((x - pivot_m) @ (turn.T - np.eye(3))).ravel()
         total += probability * np.outer(away_m, away_m)
-    loads = shape.loads
-    if loads is not None:
-        loads = ExternalLoads(loads.force_n @ state.turn.T, loads.sigma_n)
-    if stands.contradicted and shape.doubt is None:
-        shape = replace(shape, status=Status.DOUBT, doubt=Reason.CONTACTS)
-    if not step.trusts_imus and shape.doubt is None:
-        shape = replace(shape, status=Status.DOUBT, doubt=Reason.IMU)
-    if stands.assumed and shape.doubt is None:
-        shape = replace(shape, status=Status.DOUBT, doubt=Reason.ATTITUDE)
+    if stands.contradicted:
+        shape = shape.in_doubt(Reason.CONTACTS)
+    if not step.trusts_imus:
+        shape = shape.in_doubt(Reason.IMU)
+    if stands.assumed:
+        shape = shape.in_doubt(Reason.ATTITUDE)
     return replace(
         shape,
         node_position_m=x,
         covariance_m2=total,
-        loads=loads,
+        loads=shape.loads.turned(state.turn) if shape.loads else None,
         contacts=stands.probability,
         slips=step.slips,
     )

@@ -14,7 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.imu import ImuArray, ImuSamples
+from ...models.pose.imu_gate import ATTITUDE_HOLDS_S
 from ...models.pose.placed import PlacedShape
+from ...models.pose.pose_settings import PoseSettings
+from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import UP
 from ...models.structure.support import GRAVITY_M_PER_S2
 from ...models.values.low_pass import low_pass_weight
@@ -27,8 +30,6 @@ SLOW_RAD_PER_S = 0.1
 """Rate below which it is slow."""
 TRUST_MEMORY_S = 0.5
 """Time constant of the mean difference."""
-ATTITUDE_HOLDS_S = 0.2
-"""Time after which readings do not tell any more how the robot is turned."""
 
 
 class ImuTrust:
@@ -84,6 +85,40 @@ class ImuTrust:
         self.is_trusted = self.is_trusted & (self._apart < MOST_APART)
 
 
+def taken_on_again(
+    state: PoseState,
+    covariance: NDArray[np.float64],
+    back: NDArray[np.int64],
+    imu_turn: NDArray[np.float64],
+    settings: PoseSettings,
+) -> tuple[PoseState, NDArray[np.float64], NDArray[np.float64]]:
+    """Take on sensors that were silent.
+
+    Args:
+        state: the pose.
+        covariance: (size, size) of its errors.
+        back: the numbers of these sensors.
+        imu_turn: (imus, 3, 3) their attitudes, by their rods and by gravity; those of other sensors are not used.
+        settings: for what is not known of a sensor.
+
+    Returns:
+        The state, its covariance, and (size, size) F, the transition of the errors: those of a sensor's attitude become
+        those of the body's.
+    """
+    at = state.layout
+    F = np.eye(at.size)
+    noise = np.zeros(at.size)
+    turn = state.imu_turn.copy()
+    turn[back] = imu_turn[back]
+    for imu in map(int, back):
+        place = at.of_imu(at.imu_turn, imu)
+        F[place] = np.eye(3, at.size, at.turn.start)
+        noise[place] = settings.misalignment_rad**2
+        noise[at.of_imu(at.rate_bias, imu)] = settings.rate_bias_rad_per_s**2
+        noise[at.of_imu(at.force_bias, imu)] = settings.force_bias_m_per_s2**2
+    return replace(state, imu_turn=turn), F @ covariance @ F.T + np.diag(noise), F
+
+
 def _slow_and_apart(
     imus: ImuArray, arm_m: NDArray[np.float64], samples: ImuSamples
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
@@ -92,6 +127,5 @@ def _slow_and_apart(
     size = np.linalg.norm(force, axis=1)
     slow = np.abs(size - GRAVITY_M_PER_S2) < SLOW_EXCESS_M_PER_S2
     slow &= np.linalg.norm(samples.rate_rad_per_s, axis=1) < SLOW_RAD_PER_S
-    along = arm_m[imus.ends[:, 1]] - arm_m[imus.ends[:, 0]]
-    inclination = along @ UP / np.linalg.norm(along, axis=1)
+    inclination = imus.rod_direction(arm_m) @ UP
     return slow, np.abs(np.sum(force * imus.axis, axis=1) / size - inclination)

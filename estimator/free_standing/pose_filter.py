@@ -2,15 +2,13 @@
 
 The shape is estimated in body coordinates, where lengths and forces need no base. The filter places it in the world:
 between frames the body moves at constant rate and velocity, or as inertial sensors say; in each frame the rows of all
-aids (floor, footholds, rods with sensors, gravity, ranges, positions) correct the state,
-
-    S = H P H^T + V,   K = P H^T S^-1,   d = K e,   P <- P - K S K^T
+aids (floor, footholds, rods with sensors, gravity, ranges, positions) correct the state, see `Prediction.corrected`.
 
 Batch runs the same filter, and then `pose_smoother` over its steps.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +27,12 @@ from ...models.values.rotations import rotation, rotation_vector
 from ...models.values.slip import Slip
 from .contacts import ContactsByHeight, Standing
 from .footholds import let_slide, put_down, slips, walk_variance_m2
-from .imu_trust import ImuTrust
+from .imu_trust import ImuTrust, taken_on_again
 from .pose_motion import PoseMotion
 from .pose_smoother import PoseStep
-from .prediction import Prediction
+from .prediction import Frame, Prediction
 from .slide_watch import LOST_M, WATCH_S, WITH_IT_SIGMA, UnheldPose, at_rest
-from .tipping import MISSED_RAD, has_landed, tipped, tipping
+from .tipping import MISSED_RAD, has_landed, heading_missed, tipped, tipping
 
 STILL = 1e-3
 """Standard deviation of all motion while the structure stands at rest at the start, in rad and m and per second."""
@@ -42,21 +40,6 @@ LOCATED_S = 0.2
 """Time for which a position or a range tells where the robot is."""
 BELOW_M = 0.001
 """Depth below the floor at which a node that does not stand is lifted to it."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Frame:
-    """What is known of one frame beside the state."""
-
-    t_s: float
-    step_s: float
-    body_m: NDArray[np.float64]
-    """(nodes, 3) the shape, relative to c."""
-    body_covariance_m2: NDArray[np.float64]
-    """(3 nodes, 3 nodes)"""
-    aids: Sequence[AidReading]
-    samples: ImuSamples | None
-    """Of the inertial sensors; None without such sensors."""
 
 
 class PoseFilter:
@@ -109,46 +92,23 @@ class PoseFilter:
             standing: which nodes stand; None to tell it from heights.
             sliding: (nodes,) which of them slide; None to tell it from inertial sensors.
         """
+        samples, taken_on = self._imu_samples(t_s, aids)
         step_s = t_s - self._last_s if np.isfinite(self._last_s) else 0.02
-        samples = self._imu_samples(t_s, aids)
-        back = self._take_on_again(samples)
-        samples = None if samples is None else self._trust.used(samples)
-        frame = _Frame(t_s, step_s, body_m - self.centre_m, body_covariance_m2, aids, samples)
+        frame = Frame(t_s, step_s, body_m - self.centre_m, body_covariance_m2, aids, samples)
         predicted = self._predict(frame, self.state, self.covariance, self._turn_before)
-        predicted = replace(predicted, transition=predicted.transition @ back)
-        before = self.state
+        predicted = replace(predicted, transition=predicted.transition @ taken_on)
         standing = self._contacts_of(predicted, frame, standing)
         stood, self._standing = self._standing, standing.nodes
-        kept = standing.nodes & stood
-        if has_landed(predicted.placed, self._floor, standing.nodes & ~stood):
-            predicted = self._tipped(predicted, standing.nodes, kept)
-            self._unheld = None
-        if standing.assumed and kept.any():
-            predicted = let_slide(predicted, self._body_before_m, standing.nodes, kept, self._floor, self._settings)
+        kept, landed = standing.nodes & stood, standing.nodes & ~stood
+        predicted = self._landed(predicted, standing, kept, landed)
         if samples is not None:
             self._trust.observe(self._imus, predicted.placed, samples, step_s)
         slid = np.isfinite(self._slides_since_s)
-        if sliding is None:
-            predicted, before = self._watched(predicted, frame, standing.nodes & ~stood, kept)
-        else:
-            self._slides_since_s = np.where(sliding, t_s, np.inf)
-        if (np.isfinite(self._slides_since_s) & ~slid).any():
-            variance = np.zeros(before.layout.size)
-            variance[before.layout.position] = LOST_M**2
-            predicted = predicted.then(predicted.placed, np.eye(len(variance)), variance)
+        predicted, before = self._slid(predicted, frame, sliding, landed, kept)
         found = self._slips(predicted, before, t_s, kept, slid)
-        slipped = np.zeros_like(kept)
-        slipped[[slip.node for slip in found]] = True
-        started = (standing.nodes & ~stood) | slipped
-        predicted = put_down(predicted, started, self._floor, self._settings.floor_m)
-        held = kept & ~slipped & ~np.isfinite(self._slides_since_s)
-        self._turn_before = before.turn
-        rows = self._rows(predicted, before, frame, held)
-        rows += self._held_rows(predicted.placed, predicted.covariance, step_s)
-        self.state, self.covariance = _corrected(predicted, stacked(rows))
-        self._body_before_m = frame.body_m
-        self._samples = samples
-        self._last_s = t_s
+        slipped = np.isin(np.arange(len(kept)), [slip.node for slip in found])
+        predicted = put_down(predicted, landed | slipped, self._floor, self._settings.floor_m)
+        self._correct(predicted, before, frame, kept & ~slipped & ~np.isfinite(self._slides_since_s))
         return PoseStep(
             transition=predicted.transition,
             predicted=predicted.placed.state,
@@ -161,7 +121,63 @@ class PoseFilter:
             trusts_imus=bool(self._trust.is_trusted.all()),
         )
 
-    def _contacts_of(self, predicted: Prediction, frame: "_Frame", standing: Standing | None) -> Standing:
+    def _landed(
+        self, predicted: Prediction, standing: Standing, kept: NDArray[np.bool_], landed: NDArray[np.bool_]
+    ) -> Prediction:
+        """Return the prediction tipped onto nodes that have landed, and with feet that slide by least friction.
+
+        Args:
+            predicted: what is expected of the frame.
+            standing: which nodes stand.
+            kept: (nodes,) which of them have stood since the frame before.
+            landed: (nodes,) which of them have not.
+        """
+        if has_landed(predicted.placed, self._floor, landed):
+            predicted = self._tipped(predicted, standing.nodes, kept)
+            self._unheld = None
+        if standing.assumed and kept.any():
+            predicted = let_slide(predicted, self._body_before_m, standing.nodes, kept, self._floor, self._settings)
+        return predicted
+
+    def _slid(
+        self,
+        predicted: Prediction,
+        frame: Frame,
+        sliding: NDArray[np.bool_] | None,
+        landed: NDArray[np.bool_],
+        kept: NDArray[np.bool_],
+    ) -> tuple[Prediction, PoseState]:
+        """Return the prediction and the state before it, given which nodes slide, as told or as the watch finds it."""
+        slid = np.isfinite(self._slides_since_s)
+        before = self.state
+        if sliding is None:
+            predicted, before = self._watched(predicted, frame, landed, kept)
+        else:
+            self._slides_since_s = np.where(sliding, frame.t_s, np.inf)
+        if (np.isfinite(self._slides_since_s) & ~slid).any():
+            variance = np.zeros(before.layout.size)
+            variance[before.layout.position] = LOST_M**2
+            predicted = predicted.then(predicted.placed, np.eye(len(variance)), variance)
+        return predicted, before
+
+    def _correct(self, predicted: Prediction, before: PoseState, frame: Frame, held: NDArray[np.bool_]) -> None:
+        """Correct the state by the rows of all aids, and keep of the frame what the next one needs.
+
+        Args:
+            predicted: what is expected of the frame.
+            before: the state in the frame before.
+            frame: the frame.
+            held: (nodes,) which nodes footholds hold.
+        """
+        rows = self._rows(predicted, before, frame, held)
+        rows += self._held_rows(predicted.placed, predicted.covariance, frame.step_s)
+        self.state, self.covariance = predicted.corrected(stacked(rows))
+        self._turn_before = before.turn
+        self._body_before_m = frame.body_m
+        self._samples = frame.samples
+        self._last_s = frame.t_s
+
+    def _contacts_of(self, predicted: Prediction, frame: Frame, standing: Standing | None) -> Standing:
         """Return which nodes stand, as told or by heights."""
         if standing is not None:
             self._contacts.stand_on(standing.nodes)
@@ -173,7 +189,7 @@ class PoseFilter:
         return self._contacts.observe(seen.placed, seen.covariance, frame.step_s, is_located=is_located)
 
     def _watched(
-        self, predicted: Prediction, frame: "_Frame", landed: NDArray[np.bool_], kept: NDArray[np.bool_]
+        self, predicted: Prediction, frame: Frame, landed: NDArray[np.bool_], kept: NDArray[np.bool_]
     ) -> tuple[Prediction, PoseState]:
         """Return the prediction, that without footholds where nodes slide, and the state before it."""
         slid = np.isfinite(self._slides_since_s)
@@ -199,7 +215,7 @@ class PoseFilter:
             self._unheld = None
             return free, unheld.state
         nothing = np.zeros_like(kept)
-        state, covariance = _corrected(free, stacked(self._rows(free, unheld.state, frame, nothing)))
+        state, covariance = free.corrected(stacked(self._rows(free, unheld.state, frame, nothing)))
         self._unheld = UnheldPose(unheld.since_s, state, covariance, unheld.state.turn)
         return predicted, self.state
 
@@ -237,54 +253,36 @@ class PoseFilter:
         sigma[at.range_offset] = settings.range_offset_m
         return np.diag(sigma**2)
 
-    def _imu_samples(self, t_s: float, aids: Sequence[AidReading]) -> ImuSamples | None:
-        """Return the means of the inertial sensors' samples; None as long as there has been no sample at all."""
+    def _imu_samples(self, t_s: float, aids: Sequence[AidReading]) -> tuple[ImuSamples | None, NDArray[np.float64]]:
+        """Take on the inertial sensors that are heard for the first time, or again, turned as their rods are.
+
+        Returns:
+            The means of the samples that are used, None as long as there has been no sample at all, and (size, size)
+            the transition of the errors by which sensors are taken on again.
+        """
+        F = np.eye(self.state.layout.size)
         samples = self._imus.mean([reading for reading in aids if isinstance(reading, ImuReading)], self._samples)
         if self._samples is None:
             heard = samples.count > 0
             if not heard.any():
-                return None
+                return None, F
             turn = np.where(heard[:, None, None], self._imu_turns(samples), self.state.imu_turn)
             self.state = replace(self.state, imu_turn=turn)
         self._trust.hear(t_s, samples)
-        return samples
+        back = self._trust.back(self._imus, self._body_before_m @ self.state.turn.T, samples)
+        if len(back):
+            turn = self._imu_turns(samples)
+            self.state, self.covariance, F = taken_on_again(self.state, self.covariance, back, turn, self._settings)
+            self._unheld = None
+        return self._trust.used(samples), F
 
     def _imu_turns(self, samples: ImuSamples) -> NDArray[np.float64]:
         """Return (imus, 3, 3), the attitudes of sensors in slow motion, by their rods and by gravity."""
-        first, second = self._imus.ends.T
-        along = (self._body_before_m[second] - self._body_before_m[first]) @ self.state.turn.T
-        direction = along / np.linalg.norm(along, axis=1, keepdims=True)
+        direction = self._imus.rod_direction(self._body_before_m @ self.state.turn.T)
         return self._imus.attitude_at_rest(direction, samples.specific_force_m_per_s2)
 
-    def _take_on_again(self, samples: ImuSamples | None) -> NDArray[np.float64]:
-        """Take on sensors that were silent, which are turned now as their rods are.
-
-        Returns:
-            (size, size) the transition of the errors: those of a sensor's attitude become those of the body's.
-        """
-        settings, at = self._settings, self.state.layout
-        F = np.eye(at.size)
-        if samples is None:
-            return F
-        back = self._trust.back(self._imus, self._body_before_m @ self.state.turn.T, samples)
-        if not len(back):
-            return F
-        turn = self.state.imu_turn.copy()
-        turn[back] = self._imu_turns(samples)[back]
-        self.state = replace(self.state, imu_turn=turn)
-        noise = np.zeros(at.size)
-        for imu in map(int, back):
-            place = at.of_imu(at.imu_turn, imu)
-            F[place] = np.eye(3, at.size, at.turn.start)
-            noise[place] = settings.misalignment_rad**2
-            noise[at.of_imu(at.rate_bias, imu)] = settings.rate_bias_rad_per_s**2
-            noise[at.of_imu(at.force_bias, imu)] = settings.force_bias_m_per_s2**2
-        self.covariance = F @ self.covariance @ F.T + np.diag(noise)
-        self._unheld = None
-        return F
-
     def _predict(
-        self, frame: "_Frame", before: PoseState, covariance: NDArray[np.float64], turn_before: NDArray[np.float64]
+        self, frame: Frame, before: PoseState, covariance: NDArray[np.float64], turn_before: NDArray[np.float64]
     ) -> Prediction:
         """Return what is expected of a frame.
 
@@ -306,22 +304,24 @@ class PoseFilter:
         covariance[here, here] += walk_variance_m2(self._standing, turning, frame.step_s, settings)
         return Prediction(PlacedShape(state, frame.body_m, frame.body_covariance_m2), F, covariance)
 
-    def _seen(self, predicted: Prediction, frame: "_Frame") -> Prediction:
+    def _seen(self, predicted: Prediction, frame: Frame) -> Prediction:
         """Return the prediction corrected by positions alone, by which contacts are told before the floor holds it."""
         positions = [reading for reading in frame.aids if isinstance(reading, PositionReading)]
         if not positions:
             return predicted
         placed = predicted.placed
-        rows = position_rows(placed, positions, frame.t_s, self._settings.position_m)
-        state, covariance = _corrected(predicted, rows)
+        state, covariance = predicted.corrected(position_rows(placed, positions, frame.t_s, self._settings.position_m))
         placed = PlacedShape(state, placed.body_m, placed.body_covariance_m2)
         return Prediction(placed, predicted.transition, covariance)
 
     def _tipped(self, predicted: Prediction, stands: NDArray[np.bool_], stayed: NDArray[np.bool_]) -> Prediction:
         """Return the shape tipped onto the nodes that stand, by the shortest turn about those that have stayed."""
-        placed = predicted.placed
+        placed, used = predicted.placed, np.flatnonzero(self._trust.is_used)
         turn, pivot_m = tipping(placed.node_position_m, stands, stayed, self._floor.normal)
-        heading = self._heading_missed(placed, turn)
+        heading = 0.0
+        if self._samples is not None and len(used):
+            told = self._imus.direction(placed.state)[used]
+            heading = heading_missed(self._imus.rod_m(placed.arm_m)[used] @ turn.T, told, self._floor)
         if abs(heading) > MISSED_RAD:  # the pose before was wrong, and so are its footholds
             stayed = np.zeros_like(stayed)
         turn = rotation(heading * self._floor.normal) @ turn
@@ -357,31 +357,14 @@ class PoseFilter:
         if self._samples is None:
             return np.zeros((0, 2), dtype=np.int64), np.zeros(0)
         used = np.flatnonzero(self._trust.is_used)
-        ends = self._imus.ends[used]
-        length_m = np.linalg.norm(self._body_before_m[ends[:, 1]] - self._body_before_m[ends[:, 0]], axis=1)
-        return ends, length_m * (self._imus.direction(self.state)[used] @ self._floor.normal)
-
-    def _heading_missed(self, placed: PlacedShape, turn: NDArray[np.float64]) -> float:
-        """Return the angle about the floor's normal by which rods with sensors still miss their directions, in rad.
-
-        Args:
-            placed: the shape before it tipped.
-            turn: (3, 3) by which it has tipped.
-        """
-        used = np.flatnonzero(self._trust.is_used)
-        if self._samples is None or not len(used):
-            return 0.0
-        first, second = self._imus.ends[used].T
-        along = (placed.arm_m[second] - placed.arm_m[first]) @ turn.T @ self._floor.axes.T
-        told = self._imus.direction(placed.state)[used] @ self._floor.axes.T
-        sine = np.sum(along[:, 0] * told[:, 1] - along[:, 1] * told[:, 0])
-        return float(np.arctan2(sine, np.sum(along * told)))
+        length_m = np.linalg.norm(self._imus.rod_m(self._body_before_m)[used], axis=1)
+        return self._imus.ends[used], length_m * (self._imus.direction(self.state)[used] @ self._floor.normal)
 
     def _rows(
         self,
         predicted: Prediction,
         before: PoseState,
-        frame: "_Frame",
+        frame: Frame,
         held: NDArray[np.bool_],
     ) -> list[Rows]:
         """Return the rows of all aids in one frame."""
@@ -428,13 +411,3 @@ class PoseFilter:
             ]
         )
         return Rows(error, jacobian, np.full(12, STILL**2))
-
-
-def _corrected(predicted: Prediction, rows: Rows) -> tuple[PoseState, NDArray[np.float64]]:
-    """Return state and covariance after the correction by rows."""
-    by_rows = predicted.covariance @ rows.jacobian.T
-    S = rows.jacobian @ by_rows
-    S[np.diag_indices(len(S))] += rows.variance
-    K = np.linalg.solve(S, by_rows.T).T
-    covariance = predicted.covariance - K @ by_rows.T
-    return predicted.placed.state.moved(K @ rows.error), 0.5 * (covariance + covariance.T)

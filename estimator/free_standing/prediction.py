@@ -1,11 +1,31 @@
-"""What is expected of one frame before its aids are read: the placed shape, and the covariance of its errors."""
+"""One frame of a pose filter: what is known of it beside the state, and what is expected before its aids are read."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.pose.placed import PlacedShape
+from ...factors.imu import ImuSamples
+from ...models.pose.placed import PlacedShape, Rows
+from ...models.pose.pose_state import PoseState
+from ...models.values.aids import AidReading
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """What is known of one frame beside the state."""
+
+    t_s: float
+    step_s: float
+    """Time since the frame before."""
+    body_m: NDArray[np.float64]
+    """(nodes, 3) the shape, relative to c."""
+    body_covariance_m2: NDArray[np.float64]
+    """(3 nodes, 3 nodes)"""
+    aids: Sequence[AidReading]
+    samples: ImuSamples | None
+    """Of the inertial sensors; None without such sensors."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,3 +49,15 @@ class Prediction:
         covariance = F @ self.covariance @ F.T
         covariance[np.diag_indices(len(variance))] += variance
         return Prediction(placed, F @ self.transition, covariance)
+
+    def corrected(self, rows: Rows) -> tuple[PoseState, NDArray[np.float64]]:
+        """Return the state and (size, size) its covariance after the correction by rows.
+
+        S = H P H^T + V,   K = P H^T S^-1,   d = K e,   P <- P - K S K^T
+        """
+        by_rows = self.covariance @ rows.jacobian.T
+        S = rows.jacobian @ by_rows
+        S[np.diag_indices(len(S))] += rows.variance
+        K = np.linalg.solve(S, by_rows.T).T
+        covariance = self.covariance - K @ by_rows.T
+        return self.placed.state.moved(K @ rows.error), 0.5 * (covariance + covariance.T)

@@ -29,8 +29,10 @@ from scipy.spatial import ConvexHull
 from scipy.special import logsumexp
 
 from ...models.estimation import DoubtSettings
+from ...models.structure.statics import Statics
 from ...models.structure.structure import Structure
 from ...models.structure.support import standing
+from ..graph import GraphBuilder
 from ..linear_frame import LinearFrame
 from .contacts import Standing
 
@@ -54,6 +56,8 @@ POSSIBLE = 0.003
 """Probability above which another face or edge is counted in the uncertainty."""
 HEIGHT_M = 0.01
 """Standard deviation of a known difference in height under a hypothesis, by which the floor is not quite level."""
+LESS_QUIET_N = (0.1, 0.3)
+"""Other standard deviations of the balance at a node without load, each as probable: sensors may be worse than told."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +70,23 @@ class Balance:
     """(3 nodes,) v"""
     log_density: float
     """log p at F = 0, up to a constant."""
+
+
+def balances_at(
+    node_position_m: NDArray[np.float64], frame: LinearFrame, statics: Statics, builder: GraphBuilder, quiet_n: float
+) -> list[Balance]:
+    """Return the balance of one frame as told, and for each of `LESS_QUIET_N`, all as probable as each other.
+
+    Args:
+        node_position_m: (nodes, 3) the shape.
+        frame: its factors, linearised at it.
+        statics: its balance of forces.
+        builder: of the graph, for the variance that unknown mechanics add.
+        quiet_n: standard deviation of the balance at a node without load.
+    """
+    sigma_n = np.array([quiet_n, *LESS_QUIET_N])
+    variances_n2 = builder.internal_variance_n2 + sigma_n[:, None] ** 2
+    return balances_of(frame, statics.outer_force_jacobian(node_position_m), statics.outer_force_n, variances_n2)
 
 
 def balances_of(

@@ -69,6 +69,19 @@ def tipped(
     return predicted.then(PlacedShape(state, placed.body_m, placed.body_covariance_m2), F, variance)
 
 
+def heading_missed(rod_m: NDArray[np.float64], told: NDArray[np.float64], floor: Floor) -> float:
+    """Return the angle about the floor's normal by which some rods miss the directions that are told, in rad.
+
+    Args:
+        rod_m: (rods, 3) from end to end, in the world.
+        told: (rods, 3) directions that inertial sensors tell.
+        floor: the floor.
+    """
+    along, told = rod_m @ floor.axes.T, told @ floor.axes.T
+    sine = np.sum(along[:, 0] * told[:, 1] - along[:, 1] * told[:, 0])
+    return float(np.arctan2(sine, np.sum(along * told)))
+
+
 def tipping(
     node_position_m: NDArray[np.float64],
     stands: NDArray[np.bool_],

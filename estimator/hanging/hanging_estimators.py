@@ -16,16 +16,15 @@ from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import HangingRobot
 from ...models.settings import Settings
-from ...models.structure.external_loads import ExternalLoads
 from ...models.structure.rest_shape import RestShape
-from ...models.structure.shape import Reason, Shape, Status
+from ...models.structure.shape import Reason, Shape
 from ...models.structure.structure import Structure
 from ...models.structure.support import Support
 from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
-from ..free_standing.estimators import LESS_QUIET_N, support_of
+from ..free_standing.estimators import support_of
 from ..free_standing.pose_smoother import PoseStep, smoothed
-from ..free_standing.resting_faces import balances_of
+from ..free_standing.resting_faces import balances_at
 from ..smoother import LiveSmoother
 from .hands import Hands, HandTorque
 from .hanging_filter import HangingFilter
@@ -80,9 +79,7 @@ class HangingSmoother:
         hanging = self._poses.hanging(x)
         if frame is None or builder.statics is None or hanging.weight_n.sum() == 0:
             return None
-        outer, outer_n = builder.statics.outer_force_jacobian(x), builder.statics.outer_force_n
-        quiet_n = np.array([self._settings.doubt.quiet_n, *LESS_QUIET_N])
-        balances = balances_of(frame, outer, outer_n, builder.internal_variance_n2 + quiet_n[:, None] ** 2)
+        balances = balances_at(x, frame, builder.statics, builder, self._settings.doubt.quiet_n)
         return self._of_hands.look(balances, hanging, step_s)
 
     def _hang(self, node_position_m: NDArray[np.float64], state: PoseState, covariance: NDArray[np.float64]) -> None:
@@ -159,15 +156,12 @@ def hung_in_world(
         doubt: what the pose tells against the model.
     """
     placed = PlacedShape(state, shape.node_position_m - rest.node_position_m.mean(axis=0), shape.covariance_m2)
-    loads = shape.loads
-    if loads is not None:
-        loads = ExternalLoads(loads.force_n @ state.turn.T, loads.sigma_n)
-    if doubt is not None and shape.doubt is None:
-        shape = replace(shape, status=Status.DOUBT, doubt=doubt)
+    if doubt is not None:
+        shape = shape.in_doubt(doubt)
     pivot_m = rest.structure.anchor_position_m.mean(axis=0)
     return replace(
         shape,
         node_position_m=placed.node_position_m,
         covariance_m2=turned_covariance_m2(placed, covariance, pivot_m),
-        loads=loads,
+        loads=shape.loads.turned(state.turn) if shape.loads else None,
     )

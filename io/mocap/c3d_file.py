@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ...models.values.errors import InputError
+from ...models.values.extras import needs_extra
 from ...models.values.marker_tracks import MarkerTracks
 from .marker_rows import different_names, metres_per, positive_number
 
@@ -24,10 +25,8 @@ def read_c3d(path: Path) -> MarkerTracks:
             raise InputError(f"{path}: is no C3D file: expected 0x50 as its second byte")
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
-    try:
+    with needs_extra(f"{path}: C3D", "mocap"):
         import ezc3d
-    except ImportError as error:
-        raise InputError(f"{path}: to read C3D files, install ezc3d: pip install 'tensegraph[mocap]'") from error
     try:
         file = ezc3d.c3d(str(path))
     except Exception as error:  # ezc3d raises what its C++ throws: OSError, ValueError, RuntimeError and others

@@ -10,10 +10,8 @@ MOST_FORCE_M_PER_S2 = 400.0
 """Specific force beyond the range of every small sensor: 40 g."""
 STUCK_SAMPLES = 5
 """Number of successive samples, all six values the same, from which a sensor is stuck: a live one is never so quiet."""
-
-
-NO_SAMPLES_S = 0.2
-"""Time after its last sample from which a sensor is silent: what it said no longer tells how its rod is turned."""
+ATTITUDE_HOLDS_S = 0.2
+"""Time after its last reading from which a sensor is silent: what it said no longer tells how the robot is turned."""
 
 
 class ImuGate:
@@ -33,7 +31,7 @@ class ImuGate:
     def count_frame(self, t_s: float) -> None:
         """Count in one more frame which sensors are silent."""
         self._newest_s = np.where(np.isnan(self._newest_s), t_s, self._newest_s)
-        self.silent_frames += t_s - self._newest_s > NO_SAMPLES_S
+        self.silent_frames += t_s - self._newest_s > ATTITUDE_HOLDS_S
 
     def passes(self, reading: ImuReading) -> bool:
         """Return whether a sample is to be used."""

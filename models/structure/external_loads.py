@@ -33,6 +33,10 @@ class ExternalLoads:
     sigma_n: NDArray[np.float64]
     """(..., nodes) root mean square of the standard deviations along the observable directions; inf at anchors."""
 
+    def turned(self, turn: NDArray[np.float64]) -> "ExternalLoads":
+        """Return the loads in the world, given (3, 3) the turn of the axes in which these are."""
+        return ExternalLoads(self.force_n @ turn.T, self.sigma_n)
+
 
 def observable_loads(structure: Structure) -> tuple[Observable, ...]:
     """Return (nodes,) which part of the load at each node is observable."""

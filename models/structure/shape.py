@@ -1,6 +1,6 @@
 """The result of an estimator: the shape of the structure at one instant, with its covariance."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -144,6 +144,10 @@ class Shape:
         nodes = len(self.node_position_m)
         sigma_mm = 1e3 * self.node_sigma_m.mean()
         return f"Shape(t = {self.t_s:.2f} s, {nodes} nodes, {self.status}, mean sigma of a node {sigma_mm:.2f} mm)"
+
+    def in_doubt(self, reason: Reason) -> "Shape":
+        """Return the shape with the status `doubt` for a reason, unless another reason stands already."""
+        return replace(self, status=Status.DOUBT, doubt=reason) if self.doubt is None else self
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:

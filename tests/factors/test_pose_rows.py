@@ -155,3 +155,10 @@ def test_samples_of_a_frame_are_averaged() -> None:
     assert samples.count.tolist() == [0, 3]
     assert samples.rate_rad_per_s[1] == pytest.approx([2, 2, 2])
     assert np.isnan(samples.specific_force_m_per_s2[0]).all()
+
+
+def test_a_rod_points_from_its_first_end_to_its_second() -> None:
+    imus = ImuArray([Imu(1, 0.5, np.array([0.0, 0, 1]))], np.array([[0, 1], [3, 2]]))
+    nodes_m = np.array([[0.0, 0, 0], [1, 0, 0], [0.3, 0.4, 0], [0, 0, 0]])
+    np.testing.assert_allclose(imus.rod_m(nodes_m), [[0.3, 0.4, 0]])
+    np.testing.assert_allclose(imus.rod_direction(nodes_m), [[0.6, 0.8, 0]])

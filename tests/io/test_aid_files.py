@@ -46,6 +46,21 @@ def test_readings_of_all_sensors_are_merged_by_time(trial) -> None:
     assert far.beacon_position_m.tolist() == [2, 0, 2]
 
 
+def test_half_a_line_at_the_end_of_each_file_is_left_out_and_counted(trial) -> None:
+    path = trial(
+        BEACONS + '[[position]]\nfile = "positions.csv"\n', ranges=RANGES + "0.2,1,4", positions=POSITIONS + "0.1,3,0.1"
+    )
+    whole = aids(path)
+    imu = path / "imu0.csv"
+    imu.write_text(imu.read_text().rstrip("\n"))
+    opened = open_trial(path)
+    read = [reading for reading in opened.readings() if isinstance(reading, AidReading)]
+    assert opened.half_lines == 3
+    assert len(whole) - len(read) == 1  # the sample whose line has lost its end
+    assert sum(isinstance(reading, RangeReading) for reading in read) == 2
+    assert sum(isinstance(reading, PositionReading) for reading in read) == 2
+
+
 REFUSED_ROWS = {
     "row 3, column node: expected an integer from 0 to 11, got 40": RANGES.replace("1,4,", "1,40,"),
     "row 3, column beacon: expected an integer from 0 to 1, got 7": RANGES.replace("1,4,", "7,4,"),

@@ -36,6 +36,12 @@ def test_rows_are_read_in_order_of_time_before_lengths_of_the_same_instant(wound
     assert "natural_length.csv" in trial.hashes()
 
 
+def test_half_a_line_at_the_end_is_left_out_and_counted(wound) -> None:
+    trial = open_trial(wound(ROWS + "0.04,3,0.16"))
+    assert sum(isinstance(reading, NaturalLengthReading) for reading in trial.readings()) == 3
+    assert trial.half_lines == 1
+
+
 REFUSED_ROWS = {
     "row 4, column tendon: expected one of 3, 7, as trial.toml says, got 5": ROWS.replace("0.02,3", "0.02,5"),
     "row 4, column natural_length_m: expected a positive number, got -0.169": ROWS.replace("0.169", "-0.169"),

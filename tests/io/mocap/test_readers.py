@@ -1,5 +1,7 @@
 """Files of motion capture: each as its program writes it, and what is wrong with others, by row and column."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -138,6 +140,13 @@ def test_what_is_wrong_with_c3d(path_of) -> None:
         path.write_bytes(content)
         with pytest.raises(InputError, match=message):
             read_truth(path, 4)
+
+
+def test_c3d_without_its_library_says_what_to_install(path_of, monkeypatch) -> None:
+    path = path_of("take.c3d")
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
+    with pytest.raises(InputError, match=r"take\.c3d: C3D needs ezc3d: pip install 'tensegraph\[mocap\]'"):
+        read_truth(path, 4)
 
 
 @pytest.mark.parametrize("name", ["none.csv", "none.c3d", "none.trc"])
