@@ -153,7 +153,7 @@ class FreeStandingSmoother:
         variances_n2 = builder.internal_variance_n2 + quiet_n[:, None] ** 2
         balances = balances_of(frame, outer, statics.outer_force_n, variances_n2)
         evidence = self._faces.log_evidence(balances, x)
-        pairs, height_m = heights_between(shape.lengths.aids, self._robot.floor)
+        pairs, height_m = heights_between(shape.lengths.aids, self._poses.floor)
         rods, rod_height_m = self._poses.rod_heights()
         pairs, height_m = np.concatenate([pairs, rods]), np.concatenate([height_m, rod_height_m])
         of_heights = self._faces.log_evidence_of_heights(x, pairs, height_m)
@@ -351,7 +351,7 @@ def in_world(
     Args:
         shape: in body coordinates.
         rest: the rest shape, whose centroid is the origin of the pose.
-        floor: the floor.
+        floor: the floor as told.
         state: the pose.
         covariance: (size, size) of its errors.
         step: of the filter, which tells which nodes stand.
@@ -360,8 +360,9 @@ def in_world(
     placed = PlacedShape(state, shape.node_position_m - rest.node_position_m.mean(axis=0), shape.covariance_m2)
     x = placed.node_position_m
     total = placed.total_covariance_m2(covariance)
+    tilted = floor.tilted(state.floor_tilt)
     for probability, nodes in stands.others:
-        turn, pivot_m = tipping(x, nodes, nodes & stands.nodes, floor.normal)
+        turn, pivot_m = tipping(x, nodes, nodes & stands.nodes, tilted.normal)
         away_m = ((x - pivot_m) @ (turn.T - np.eye(3))).ravel()
         total += probability * np.outer(away_m, away_m)
     loads = shape.loads
@@ -380,4 +381,5 @@ def in_world(
         loads=loads,
         contacts=stands.probability,
         slips=step.slips,
+        floor_normal=floor.estimated(state.floor_tilt, covariance[state.layout.floor_tilt, state.layout.floor_tilt]),
     )
