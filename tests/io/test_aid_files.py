@@ -70,7 +70,7 @@ REFUSED_TABLES = {
     "ground.normal_sigma_rad: expected at most 0.3 rad, got 10.0": lambda text: text.replace(
         "[ground]", "[ground]\nnormal_sigma_rad = 10.0"
     ),
-    "ground.normal_sigma_rad: expected a number not below 0": lambda text: text.replace(
+    "ground.normal_sigma_rad: input should be greater than or equal to 0, got -0.1": lambda text: text.replace(
         "[ground]", "[ground]\nnormal_sigma_rad = -0.1"
     ),
     "imu[0].rod: expected a rod from 0 to 5": lambda text: text.replace("rod = 4", "rod = 9"),
