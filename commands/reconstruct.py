@@ -19,6 +19,7 @@ from ..io.trial_directory import Trial, open_trial
 from ..models.evaluation.metrics import node_rmse_m
 from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
+from ..models.structure.floor import EstimatedNormal
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.rest_shape import RestShape, WrongPart
 from ..models.values.errors import InputError
@@ -112,6 +113,8 @@ class Run:
             table.add_row(name, text)
         if r.contacts is not None:
             table.add_row("slips", slip_line(r.slides))
+        if r.floor_normal is not None:
+            table.add_row("normal of the floor", normal_line(r.floor_normal))
         for name, rows in self._rows_not_plain().items():
             table.add_row(name, str(rows))
         for key in self.trial.description.ignored_keys:
@@ -144,6 +147,7 @@ class Run:
         Args:
             path: result directory, to which the path of the trial is relative.
         """
+        normal = self.reconstruction.floor_normal
         return {
             "trial": self.trial.name,
             "trial_path": relative_path(path, self.trial.path),
@@ -151,6 +155,7 @@ class Run:
             "rest_shape": self.pipeline.rest.source,
             "wrong_geometry": self.pipeline.rest.wrong or "none",
             "frames": len(self.reconstruction),
+            **({"floor_normal": asdict(normal)} if normal else {}),
             "versions": versions(),
             "inputs": self.trial.hashes(),
             "rows": self._rows_not_plain(),
@@ -219,6 +224,13 @@ def load_rows(r: Reconstruction, threshold_n: float) -> list[tuple[str, str]]:
         ("largest load", f"{load_n[k, node]:.2f} N at node {node}, t = {r.t_s[k]:.2f} s"),
         (f"nodes above {threshold_n:g} N for {LONG_S:g} s", ", ".join(long) or "none"),
     ]
+
+
+def normal_line(normal: EstimatedNormal) -> str:
+    """Return the estimated normal, how far it is from the vertical, and its standard deviation."""
+    x, y, z = normal.direction
+    tilt, sigma = np.rad2deg([np.arccos(min(z, 1.0)), normal.sigma_rad])
+    return f"[{x:.4f}, {y:.4f}, {z:.4f}], {tilt:.2f} ± {sigma:.2f} degrees from the vertical"
 
 
 def slip_line(slides: Sequence[Slip]) -> str:

@@ -5,7 +5,8 @@ the frame before, a node x_k that stands has
 
     n . x_k = h,     E x_k = c_k + r E (phi x n)
 
-where r is the radius of the cap. A node cannot be below the floor.
+where r is the radius of the cap. A node cannot be below the floor. Where the normal is not told exactly, n and h of the
+heights are those of the floor as the state tilts it; E, and n of the caps' way, are those of the floor as told.
 """
 
 import numpy as np
@@ -21,18 +22,27 @@ def height_rows(placed: PlacedShape, floor: Floor, nodes: NDArray[np.int64], sig
 
     Args:
         placed: the shape in the world.
-        floor: the floor.
+        floor: the floor as told.
         nodes: the nodes that stand, or would be below the floor.
         sigma_m: standard deviation of the floor's height.
         repeats: number of frames for which the error of the shape lasts.
     """
-    n = floor.normal
+    tilted = floor.tilted(placed.state.floor_tilt)
+    n = tilted.normal
     of_shape = np.einsum("i,kij,j->k", n, placed.node_covariance_m2[nodes], n)
     return Rows(
-        error=-floor.clearance_m(placed.node_position_m[nodes]),
-        jacobian=n @ placed.jacobian[nodes],
+        error=-tilted.clearance_m(placed.node_position_m[nodes]),
+        jacobian=clearance_jacobian(placed, floor)[nodes],
         variance=repeats * (sigma_m**2 + of_shape),
     )
+
+
+def clearance_jacobian(placed: PlacedShape, floor: Floor) -> NDArray[np.float64]:
+    """Return (nodes, size), the derivatives of the nodes' heights above the floor by the errors of the state."""
+    tilt = placed.state.floor_tilt
+    jacobian = np.asarray(floor.tilted(tilt).normal @ placed.jacobian)
+    jacobian[:, placed.state.layout.floor_tilt] += floor.clearance_by_tilt_m(placed.node_position_m, tilt)
+    return jacobian
 
 
 def foothold_rows(

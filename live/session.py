@@ -123,6 +123,7 @@ class Session:
         state = self._feed.state()
         median_ms, p99_ms = p.latency_ms()
         boards = self.pipeline.boards
+        normal = p.shape.floor_normal if p.shape else None
         return {
             "trial": self._feed.name,
             **({"trial_path": relative_path(path, self._feed.trial)} if self._feed.trial else {}),
@@ -133,6 +134,7 @@ class Session:
             "skipped_frames": p.skipped_frames,
             "skipped_rows": state.skipped_rows,
             "recorded_rows": state.recorded_rows,
+            **({"floor_normal": asdict(normal)} if normal else {}),
             "versions": versions(),
             "boards": [asdict(counts) for counts in boards.counts] if boards else [],
             "imus": self._imus(state),

@@ -25,6 +25,8 @@ from .values.tables import AtLeastOne, NotNegative, Positive, parse_table, unkno
 _DEFAULT = GeometrySigma()
 FAR_FROM_ANCHOR_M = 0.01
 """Distance of a node's measured rest position from its anchor, beyond which they are told in different frames."""
+LEAST_TOLD_RAD = 0.3
+"""Largest standard deviation of the floor's normal, 17 degrees: beyond it, others may stand than the lowest nodes."""
 ASKEW_RAD = 0.2
 """Angle by which the centre of mass is away from hanging, beyond which a structure cannot be at rest: 11 degrees."""
 
@@ -87,12 +89,14 @@ class GroundTable:
 
     height_m: float
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    normal_sigma_rad: NotNegative = 0.0
+    """Standard deviation of the normal's direction as told; above 0, it is estimated."""
 
     def floor(self) -> Floor:
         """Return the floor.
 
         Raises:
-            InputError: for a height or a normal that is none.
+            InputError: for a height or a normal that is none, or a normal that is hardly told.
         """
         normal = np.array(self.normal)
         length = float(np.linalg.norm(normal))
@@ -100,7 +104,11 @@ class GroundTable:
             raise InputError(f"ground.normal: expected a unit vector upward, got {list(self.normal)}")
         if not np.isfinite(self.height_m):
             raise InputError(f"ground.height_m: expected a finite number, got {self.height_m}")
-        return Floor(self.height_m, normal / length)
+        if self.normal_sigma_rad > LEAST_TOLD_RAD:
+            raise InputError(
+                f"ground.normal_sigma_rad: expected at most {LEAST_TOLD_RAD} rad, got {self.normal_sigma_rad}"
+            )
+        return Floor(self.height_m, normal / length, self.normal_sigma_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -387,7 +395,21 @@ def _robot(table: TrialTable, structure: Structure, imus: tuple[Imu, ...]) -> Fr
             "rest: expected seconds above 0 and node_position_m with [ground]: a structure without anchors is where "
             "it stands at the start"
         )
-    return FreeStandingRobot(table.ground.floor(), imus, tuple(pairs), table.rest.seconds)
+    return FreeStandingRobot(_floor(table, table.ground, structure), imus, tuple(pairs), table.rest.seconds)
+
+
+def _floor(table: TrialTable, ground: GroundTable, structure: Structure) -> Floor:
+    """Return the floor; one whose normal is estimated is where the structure stands on it at rest."""
+    floor = ground.floor()
+    rest_m = _rest_position(table.rest, structure)
+    if floor.normal_sigma_rad == 0 or rest_m is None:
+        return floor
+    if not table.imu and not table.position:
+        raise InputError(
+            "ground.normal_sigma_rad: expected [[imu]] or [[position]], which tell gravity apart from the floor, got "
+            "neither"
+        )
+    return floor.under(rest_m)
 
 
 def _check_hangs(table: TrialTable, structure: Structure) -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...factors.ground import clearance_jacobian
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_settings import PoseSettings
 from ...models.structure.floor import Floor
@@ -75,18 +76,22 @@ class ContactsByHeight:
             step_s: time since the frame before.
             is_located: whether positions or ranges tell where the robot is, so that it can be seen to be lifted.
         """
-        n = self._floor.normal
-        clearance_m = self._floor.clearance_m(placed.node_position_m)
+        floor = self._floor.tilted(placed.state.floor_tilt)
+        n = floor.normal
+        clearance_m = floor.clearance_m(placed.node_position_m)
         lowest = int(np.argmin(clearance_m))
-        at = placed.state.layout.turn
-        by_turn = n @ placed.jacobian[:, :, at] - n @ placed.jacobian[lowest, :, at]
+        at = placed.state.layout
+        by_state = clearance_jacobian(placed, self._floor)
+        attitude = np.r_[at.turn, at.floor_tilt]
+        by_attitude = (by_state - by_state[lowest])[:, attitude]
         heights = np.einsum("i,klij,j->kl", n, placed.covariance_m2, n)
         of_shape = np.diag(heights) + heights[lowest, lowest] - 2 * heights[lowest]
-        variance = np.einsum("ki,ij,kj->k", by_turn, covariance[at, at], by_turn) + of_shape
+        of_attitude = covariance[np.ix_(attitude, attitude)]
+        variance = np.einsum("ki,ij,kj->k", by_attitude, of_attitude, by_attitude) + of_shape
         sigma_m = np.sqrt(variance + self._settings.floor_m**2)
-        at_pose = placed.state.layout.pose
-        by_pose = n @ placed.jacobian[lowest, :, at_pose]
-        lowest_sigma_m = np.sqrt(by_pose @ covariance[at_pose, at_pose] @ by_pose + heights[lowest, lowest])
+        pose = np.r_[at.pose, at.floor_tilt]
+        by_pose = by_state[lowest, pose]
+        lowest_sigma_m = np.sqrt(by_pose @ covariance[np.ix_(pose, pose)] @ by_pose + heights[lowest, lowest])
         in_the_air = is_located and clearance_m[lowest] > max(LIFTED_SIGMA * float(lowest_sigma_m), LIFTED_M)
         return self._update(clearance_m - clearance_m[lowest], sigma_m, step_s, in_the_air=bool(in_the_air))
 

@@ -147,7 +147,7 @@ class FreeStandingSmoother:
         x = shape.node_position_m
         balances = balances_at(x, frame, statics, self.shapes.builder, self._settings.doubt.quiet_n)
         evidence = self._faces.log_evidence(balances, x)
-        pairs, height_m = heights_between(shape.lengths.aids, self._robot.floor)
+        pairs, height_m = heights_between(shape.lengths.aids, self._poses.floor)
         rods, rod_height_m = self._poses.rod_heights()
         pairs, height_m = np.concatenate([pairs, rods]), np.concatenate([height_m, rod_height_m])
         of_heights = self._faces.log_evidence_of_heights(x, pairs, height_m)
@@ -345,7 +345,7 @@ def in_world(
     Args:
         shape: in body coordinates.
         rest: the rest shape, whose centroid is the origin of the pose.
-        floor: the floor.
+        floor: the floor as told.
         state: the pose.
         covariance: (size, size) of its errors.
         step: of the filter, which tells which nodes stand.
@@ -354,8 +354,9 @@ def in_world(
     placed = PlacedShape(state, shape.node_position_m - rest.node_position_m.mean(axis=0), shape.covariance_m2)
     x = placed.node_position_m
     total = placed.total_covariance_m2(covariance)
+    tilted = floor.tilted(state.floor_tilt)
     for probability, nodes in stands.others:
-        turn, pivot_m = tipping(x, nodes, nodes & stands.nodes, floor.normal)
+        turn, pivot_m = tipping(x, nodes, nodes & stands.nodes, tilted.normal)
         away_m = ((x - pivot_m) @ (turn.T - np.eye(3))).ravel()
         total += probability * np.outer(away_m, away_m)
     if stands.contradicted:
@@ -371,4 +372,5 @@ def in_world(
         loads=shape.loads.turned(state.turn) if shape.loads else None,
         contacts=stands.probability,
         slips=step.slips,
+        floor_normal=floor.estimated(state.floor_tilt, covariance[state.layout.floor_tilt, state.layout.floor_tilt]),
     )

@@ -21,6 +21,7 @@ from ...models.pose.placed import PlacedShape, Rows, stacked
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import FreeStandingRobot
+from ...models.structure.floor import Floor
 from ...models.structure.rest_shape import RestShape
 from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from ...models.values.rotations import rotation, rotation_vector
@@ -132,7 +133,7 @@ class PoseFilter:
             kept: (nodes,) which of them have stood since the frame before.
             landed: (nodes,) which of them have not.
         """
-        if has_landed(predicted.placed, self._floor, landed):
+        if has_landed(predicted.placed, self.floor, landed):
             predicted = self._tipped(predicted, standing.nodes, kept)
             self._unheld = None
         if standing.assumed and kept.any():
@@ -225,6 +226,11 @@ class PoseFilter:
         return Standing(self._standing, self._standing.astype(np.float64))
 
     @property
+    def floor(self) -> Floor:
+        """The floor as it is estimated, or told exactly."""
+        return self._floor.tilted(self.state.floor_tilt)
+
+    @property
     def used_imus(self) -> NDArray[np.bool_]:
         """(imus,) which inertial sensors agree with the attitude of their rods and are not silent."""
         return self._trust.is_used
@@ -241,6 +247,7 @@ class PoseFilter:
             force_bias_m_per_s2=np.zeros((imus, 3)),
             misalignment=np.zeros((imus, 2)),
             range_offset_m=np.zeros(pairs),
+            floor_tilt=np.zeros(self._floor.tilt_count),
         )
 
     def _start_covariance(self) -> NDArray[np.float64]:
@@ -251,6 +258,7 @@ class PoseFilter:
         sigma[at.force_bias] = settings.force_bias_m_per_s2
         sigma[at.misalignment] = settings.misalignment_rad
         sigma[at.range_offset] = settings.range_offset_m
+        sigma[at.floor_tilt] = self._floor.normal_sigma_rad
         return np.diag(sigma**2)
 
     def _imu_samples(self, t_s: float, aids: Sequence[AidReading]) -> tuple[ImuSamples | None, NDArray[np.float64]]:
@@ -316,15 +324,15 @@ class PoseFilter:
 
     def _tipped(self, predicted: Prediction, stands: NDArray[np.bool_], stayed: NDArray[np.bool_]) -> Prediction:
         """Return the shape tipped onto the nodes that stand, by the shortest turn about those that have stayed."""
-        placed, used = predicted.placed, np.flatnonzero(self._trust.is_used)
-        turn, pivot_m = tipping(placed.node_position_m, stands, stayed, self._floor.normal)
+        placed, used, normal = predicted.placed, np.flatnonzero(self._trust.is_used), self.floor.normal
+        turn, pivot_m = tipping(placed.node_position_m, stands, stayed, normal)
         heading = 0.0
         if self._samples is not None and len(used):
             told = self._imus.direction(placed.state)[used]
             heading = heading_missed(self._imus.rod_m(placed.arm_m)[used] @ turn.T, told, self._floor)
         if abs(heading) > MISSED_RAD:  # the pose before was wrong, and so are its footholds
             stayed = np.zeros_like(stayed)
-        turn = rotation(heading * self._floor.normal) @ turn
+        turn = rotation(heading * normal) @ turn
         return tipped(predicted, turn, pivot_m, stayed, self._settings)
 
     def _slips(
@@ -358,7 +366,7 @@ class PoseFilter:
             return np.zeros((0, 2), dtype=np.int64), np.zeros(0)
         used = np.flatnonzero(self._trust.is_used)
         length_m = np.linalg.norm(self._imus.rod_m(self._body_before_m)[used], axis=1)
-        return self._imus.ends[used], length_m * (self._imus.direction(self.state)[used] @ self._floor.normal)
+        return self._imus.ends[used], length_m * (self._imus.direction(self.state)[used] @ self.floor.normal)
 
     def _rows(
         self,
@@ -371,7 +379,7 @@ class PoseFilter:
         settings, floor, placed = self._settings, self._floor, predicted.placed
         samples, aids = frame.samples, frame.aids
         repeats = max(settings.shape_holds_s / frame.step_s, 1.0)
-        below = floor.clearance_m(placed.node_position_m) < -BELOW_M
+        below = floor.tilted(placed.state.floor_tilt).clearance_m(placed.node_position_m) < -BELOW_M
         at_height = np.flatnonzero(self._standing | below)
         rows = [
             height_rows(placed, floor, at_height, settings.floor_m, repeats),

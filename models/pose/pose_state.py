@@ -20,14 +20,14 @@ from ..values.rotations import rotation, rotation_vector
 class ErrorLayout:
     """The place of each part of the state in its vector of errors."""
 
-    def __init__(self, nodes: int, imus: int, ranges: int) -> None:
+    def __init__(self, nodes: int, imus: int, ranges: int, tilts: int) -> None:
         self.turn = slice(0, 3)
         self.position = slice(3, 6)
         self.rate = slice(6, 9)
         self.velocity = slice(9, 12)
         self.foothold = slice(12, 12 + 2 * nodes)
-        ends = self.foothold.stop + np.cumsum([0, 3 * imus, 3 * imus, 3 * imus, 2 * imus, ranges])
-        self.imu_turn, self.rate_bias, self.force_bias, self.misalignment, self.range_offset = (
+        ends = self.foothold.stop + np.cumsum([0, 3 * imus, 3 * imus, 3 * imus, 2 * imus, ranges, tilts])
+        self.imu_turn, self.rate_bias, self.force_bias, self.misalignment, self.range_offset, self.floor_tilt = (
             slice(int(start), int(stop)) for start, stop in pairwise(ends)
         )
         self.size = int(ends[-1])
@@ -66,11 +66,13 @@ class PoseState:
     """(imus, 2) of the rod's direction in the sensor's axes, across it, in rad."""
     range_offset_m: NDArray[np.float64]
     """(pairs,) of each pair of beacon and node."""
+    floor_tilt: NDArray[np.float64]
+    """(2,) of the floor against its normal as told, see `models.structure.floor`; (0,) where that is exact."""
 
     @cached_property
     def layout(self) -> ErrorLayout:
         """The place of each part in a vector of errors."""
-        return ErrorLayout(len(self.foothold_m), len(self.imu_turn), len(self.range_offset_m))
+        return ErrorLayout(len(self.foothold_m), len(self.imu_turn), len(self.range_offset_m), len(self.floor_tilt))
 
     def moved(self, error: NDArray[np.float64]) -> "PoseState":
         """Return the state with (size,) errors added."""
@@ -88,6 +90,7 @@ class PoseState:
             force_bias_m_per_s2=self.force_bias_m_per_s2 + error[at.force_bias].reshape(-1, 3),
             misalignment=self.misalignment + error[at.misalignment].reshape(-1, 2),
             range_offset_m=self.range_offset_m + error[at.range_offset],
+            floor_tilt=self.floor_tilt + error[at.floor_tilt],
         )
 
     def errors_to(self, other: "PoseState") -> NDArray[np.float64]:
@@ -106,6 +109,7 @@ class PoseState:
                 (other.force_bias_m_per_s2 - self.force_bias_m_per_s2).ravel(),
                 (other.misalignment - self.misalignment).ravel(),
                 other.range_offset_m - self.range_offset_m,
+                other.floor_tilt - self.floor_tilt,
             ]
         )
 

@@ -14,6 +14,7 @@ from ..values.errors import InputError
 from ..values.readings import TendonLengths
 from ..values.slip import Slip, slides
 from .external_loads import ExternalLoads
+from .floor import EstimatedNormal
 from .labelled import as_dataframe, as_dataset, columns_of
 from .lengths import length_jacobian, propagated_variance
 from .rigidity import branch, held_jacobian
@@ -82,6 +83,8 @@ class Reconstruction:
     """(frames, nodes) probability that the floor carries each node; None where there is no floor."""
     slips: tuple[tuple[Slip, ...], ...] = ()
     """(frames,) of nodes on the floor that are not where they stood."""
+    floor_normal: EstimatedNormal | None = None
+    """Of the floor, as the last frame tells it; None where it is told exactly, or there is no floor."""
     propagated: Propagated | None = None
     """What was written of a run that was loaded from files; None where it is computed from `covariance_m2`."""
 
@@ -121,6 +124,7 @@ class Reconstruction:
             drift_sigma=np.array([drift.sigma for drift in observed]) if drift_is_known else None,
             contacts=np.array(contacts) if contacts else None,
             slips=tuple(shape.slips for shape in collected),
+            floor_normal=collected[-1].floor_normal,
         )
 
     @property

@@ -11,6 +11,7 @@ from ..values.errors import InputError
 from ..values.readings import TendonLengths
 from ..values.slip import Slip
 from .external_loads import ExternalLoads
+from .floor import EstimatedNormal
 
 
 class Status(StrEnum):
@@ -139,6 +140,8 @@ class Shape:
     """(nodes,) probability that the floor carries each node; None where there is no floor."""
     slips: tuple[Slip, ...] = ()
     """Of nodes on the floor that are not where they stood."""
+    floor_normal: EstimatedNormal | None = None
+    """Of the floor; None where it is told exactly, or there is no floor."""
 
     def __repr__(self) -> str:
         nodes = len(self.node_position_m)

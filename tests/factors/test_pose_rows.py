@@ -19,10 +19,10 @@ from tensegraph.models.structure.suspension import Suspension
 from tensegraph.models.values.aids import Imu, PositionReading, RangeReading
 from tensegraph.models.values.rotations import rotation, rotation_vector
 
-STATE = any_state(imus=2, pairs=2)
+STATE = any_state(imus=2, pairs=2, tilts=2)
 SIZE = STATE.layout.size
 BODY_M = 0.15 * np.random.default_rng(5).standard_normal((12, 3))
-FLOOR = Floor(0.01, np.array([0.1, 0.0, 1.0]) / np.sqrt(1.01))
+FLOOR = Floor(0.01, np.array([0.1, 0.0, 1.0]) / np.sqrt(1.01), 0.17, np.array([0.2, -0.1, 0.0]))
 RODS = np.array([[0, 3], [4, 5], [1, 6], [7, 8], [2, 9], [10, 11]])
 IMUS = ImuArray([Imu(0, 0.5, np.array([0.0, 0, 1])), Imu(3, 0.2, np.array([0.6, 0, 0.8]))], RODS)
 BEFORE = STATE.turn @ np.linalg.inv(any_state(0, 0).turn)
@@ -99,9 +99,10 @@ def test_the_jacobian_is_that_of_the_predicted_value(name, check_jacobian) -> No
 
 def test_a_node_on_the_floor_has_no_error_of_height() -> None:
     """By hand: raised by 3 mm along the normal, its row says -3 mm."""
-    lowest = int(np.argmin(placed().node_position_m @ FLOOR.normal))
-    floor = Floor(float(placed().node_position_m[lowest] @ FLOOR.normal) - 0.003, FLOOR.normal)
-    rows = height_rows(placed(), floor, np.array([lowest]), 5e-4, 1.0)
+    shape = placed(any_state(imus=2, pairs=2))
+    lowest = int(np.argmin(shape.node_position_m @ FLOOR.normal))
+    floor = Floor(float(shape.node_position_m[lowest] @ FLOOR.normal) - 0.003, FLOOR.normal)
+    rows = height_rows(shape, floor, np.array([lowest]), 5e-4, 1.0)
     assert rows.error == pytest.approx([-0.003])
 
 

@@ -82,6 +82,12 @@ REFUSED_TABLES = {
     "ground.normal: expected a unit vector upward": lambda text: text.replace(
         "[mechanics]", "normal = [0.0, 0.0, -1.0]\n\n[mechanics]"
     ),
+    "ground.normal_sigma_rad: expected at most 0.3 rad, got 10.0": lambda text: text.replace(
+        "[ground]", "[ground]\nnormal_sigma_rad = 10.0"
+    ),
+    "ground.normal_sigma_rad: input should be greater than or equal to 0, got -0.1": lambda text: text.replace(
+        "[ground]", "[ground]\nnormal_sigma_rad = -0.1"
+    ),
     "imu[0].rod: expected a rod from 0 to 5": lambda text: text.replace("rod = 4", "rod = 9"),
     "imu[0].axis: expected a unit vector": lambda text: text.replace("axis = [0, 0, 1]", "axis = [0, 0, 3]"),
     "imu[0].fraction: expected a number from 0 to 1": lambda text: text.replace("fraction = 0.5", "fraction = 50"),
