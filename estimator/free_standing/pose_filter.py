@@ -6,6 +6,10 @@ aids (floor, footholds, rods with sensors, gravity, ranges, positions) correct t
 
     S = H P H^T + V,   K = P H^T S^-1,   d = K e,   P <- P - K S K^T
 
+Errors of the own frames of positions are considered and not estimated, after Schmidt: their rows of K are zero, and
+their block of P stays. Readings of a robot that rests have the same errors again and again, by which the filter would
+take a frame for exact.
+
 Batch runs the same filter, and then `pose_smoother` over its steps.
 """
 
@@ -77,7 +81,7 @@ class PoseFilter:
         self._number_of_pair = {pair: number for number, pair in enumerate(robot.range_pairs)}
         self.centre_m = rest.node_position_m.mean(axis=0)
         """(3,) c, the origin of body coordinates."""
-        self.state = self._start(len(robot.imus), len(robot.range_pairs))
+        self.state = self._start(len(robot.imus), len(robot.range_pairs), robot.own_frames)
         self.covariance = self._start_covariance()
         self._standing = robot.floor.carries_at_rest(rest.node_position_m)
         self._contacts = ContactsByHeight(robot.floor, self._standing, settings)
@@ -213,7 +217,7 @@ class PoseFilter:
         """(imus,) which inertial sensors agree with the attitude of their rods and are not silent."""
         return self._trust.is_used
 
-    def _start(self, imus: int, pairs: int) -> PoseState:
+    def _start(self, imus: int, pairs: int, own_frames: int) -> PoseState:
         return PoseState(
             turn=np.eye(3),
             position_m=self.centre_m,
@@ -225,6 +229,7 @@ class PoseFilter:
             force_bias_m_per_s2=np.zeros((imus, 3)),
             misalignment=np.zeros((imus, 2)),
             range_offset_m=np.zeros(pairs),
+            own_frame_error=np.zeros((own_frames, 6)),
         )
 
     def _start_covariance(self) -> NDArray[np.float64]:
@@ -235,6 +240,7 @@ class PoseFilter:
         sigma[at.force_bias] = settings.force_bias_m_per_s2
         sigma[at.misalignment] = settings.misalignment_rad
         sigma[at.range_offset] = settings.range_offset_m
+        sigma[at.own_frame] = 1.0
         return np.diag(sigma**2)
 
     def _imu_samples(self, t_s: float, aids: Sequence[AidReading]) -> ImuSamples | None:
@@ -431,10 +437,13 @@ class PoseFilter:
 
 
 def _corrected(predicted: Prediction, rows: Rows) -> tuple[PoseState, NDArray[np.float64]]:
-    """Return state and covariance after the correction by rows."""
+    """Return state and covariance after the correction by rows; errors of own frames stay as they are."""
+    considered = predicted.placed.state.layout.own_frame
     by_rows = predicted.covariance @ rows.jacobian.T
     S = rows.jacobian @ by_rows
     S[np.diag_indices(len(S))] += rows.variance
     K = np.linalg.solve(S, by_rows.T).T
     covariance = predicted.covariance - K @ by_rows.T
+    covariance[considered, considered] = predicted.covariance[considered, considered]
+    K[considered] = 0.0
     return predicted.placed.state.moved(K @ rows.error), 0.5 * (covariance + covariance.T)

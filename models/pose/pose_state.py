@@ -20,16 +20,15 @@ from ..values.rotations import rotation, rotation_vector
 class ErrorLayout:
     """The place of each part of the state in its vector of errors."""
 
-    def __init__(self, nodes: int, imus: int, ranges: int) -> None:
+    def __init__(self, nodes: int, imus: int, ranges: int, own_frames: int) -> None:
         self.turn = slice(0, 3)
         self.position = slice(3, 6)
         self.rate = slice(6, 9)
         self.velocity = slice(9, 12)
         self.foothold = slice(12, 12 + 2 * nodes)
-        ends = self.foothold.stop + np.cumsum([0, 3 * imus, 3 * imus, 3 * imus, 2 * imus, ranges])
-        self.imu_turn, self.rate_bias, self.force_bias, self.misalignment, self.range_offset = (
-            slice(int(start), int(stop)) for start, stop in pairwise(ends)
-        )
+        ends = self.foothold.stop + np.cumsum([0, 3 * imus, 3 * imus, 3 * imus, 2 * imus, ranges, 6 * own_frames])
+        parts = [slice(int(start), int(stop)) for start, stop in pairwise(ends)]
+        self.imu_turn, self.rate_bias, self.force_bias, self.misalignment, self.range_offset, self.own_frame = parts
         self.size = int(ends[-1])
         self.pose = slice(0, 6)
 
@@ -40,6 +39,10 @@ class ErrorLayout:
     def of_imu(self, part: slice, imu: int) -> slice:
         """Return the place of three numbers of one inertial sensor, in one of the parts that have three for each."""
         return slice(part.start + 3 * imu, part.start + 3 * imu + 3)
+
+    def of_own_frame(self, number: int) -> slice:
+        """Return the place of the six errors of one own frame."""
+        return slice(self.own_frame.start + 6 * number, self.own_frame.start + 6 * number + 6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +69,15 @@ class PoseState:
     """(imus, 2) of the rod's direction in the sensor's axes, across it, in rad."""
     range_offset_m: NDArray[np.float64]
     """(pairs,) of each pair of beacon and node."""
+    own_frame_error: NDArray[np.float64]
+    """(own frames, 6) z, in standard deviations, see `OwnFrame`; the filter considers them, and leaves them at zero."""
 
     @cached_property
     def layout(self) -> ErrorLayout:
         """The place of each part in a vector of errors."""
-        return ErrorLayout(len(self.foothold_m), len(self.imu_turn), len(self.range_offset_m))
+        return ErrorLayout(
+            len(self.foothold_m), len(self.imu_turn), len(self.range_offset_m), len(self.own_frame_error)
+        )
 
     def moved(self, error: NDArray[np.float64]) -> "PoseState":
         """Return the state with (size,) errors added."""
@@ -88,6 +95,7 @@ class PoseState:
             force_bias_m_per_s2=self.force_bias_m_per_s2 + error[at.force_bias].reshape(-1, 3),
             misalignment=self.misalignment + error[at.misalignment].reshape(-1, 2),
             range_offset_m=self.range_offset_m + error[at.range_offset],
+            own_frame_error=self.own_frame_error + error[at.own_frame].reshape(-1, 6),
         )
 
     def errors_to(self, other: "PoseState") -> NDArray[np.float64]:
@@ -106,6 +114,7 @@ class PoseState:
                 (other.force_bias_m_per_s2 - self.force_bias_m_per_s2).ravel(),
                 (other.misalignment - self.misalignment).ravel(),
                 other.range_offset_m - self.range_offset_m,
+                (other.own_frame_error - self.own_frame_error).ravel(),
             ]
         )
 

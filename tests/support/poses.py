@@ -6,7 +6,7 @@ from tensegraph.models.pose.pose_state import PoseState
 from tensegraph.models.values.rotations import rotation
 
 
-def any_state(imus: int, pairs: int, seed: int = 4) -> PoseState:
+def any_state(imus: int, pairs: int, seed: int = 4, own_frames: int = 0) -> PoseState:
     """Return a state in which every part differs from zero, of a structure with 12 nodes."""
     rng = np.random.default_rng(seed)
     return PoseState(
@@ -20,4 +20,5 @@ def any_state(imus: int, pairs: int, seed: int = 4) -> PoseState:
         force_bias_m_per_s2=0.1 * rng.standard_normal((imus, 3)),
         misalignment=0.02 * rng.standard_normal((imus, 2)),
         range_offset_m=0.05 * rng.standard_normal(pairs),
+        own_frame_error=rng.standard_normal((own_frames, 6)),
     )
