@@ -89,10 +89,6 @@ UNKNOWN = {
     "expected three nodes or more while the robot is at rest, got 2": ((2, 4), (2, 4), False),
     "expected nodes that are not on one line at rest, got 2, 4, 9": ((2, 4, 9), (2, 4, 9), True),
     "mm only: wrong node, unit or axis?": (SEEN, (4, 2, 9, 11), False),
-    "mm only: wrong node, unit or axis?": (
-        SEEN,
-        lambda rest: replace(rest, node_position_m=rest.node_position_m[::-1]),
-    ),
 }
 
 
