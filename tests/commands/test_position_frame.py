@@ -58,3 +58,13 @@ def test_a_frame_is_found_at_rest_and_told(trial, tmp_path) -> None:
     shape, truth = (read_positions(path, 12) for path in (tmp_path / "told" / "shape.csv", trial / "truth.csv"))
     last_m = truth.node_position_m[np.argmin(np.abs(truth.t_s - shape.t_s[-1]))]
     assert shape.node_position_m[-1, [2, 4, 9, 11]] == pytest.approx(last_m[[2, 4, 9, 11]], abs=0.005)
+
+
+def test_live_tells_the_frame_and_why_another_is_not_known(trial, tmp_path) -> None:
+    result = run("live", "--replay", trial, "--speed", "4", "--out", "told", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "frame of position 0: origin at (1." in result.stdout
+    assert "frame of position 1: not known, its positions are not used: expected three nodes" in result.stdout
+    seen, hidden = tomllib.loads((tmp_path / "told" / "run.toml").read_text())["own_frame"]
+    assert seen["nodes"] == [2, 4, 9, 11]
+    assert "unknown" in hidden
