@@ -20,6 +20,7 @@ from .io.model_file import read_sensor_model
 from .io.result import result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
 from .models.pose.imu_gate import ImuGate
+from .models.pose.position_frames import OwnFrames
 from .models.pose.robot import FreeStandingRobot, HangingRobot
 from .models.sensor.frames import FrameAssembler
 from .models.sensor.front_end import FrontEnd
@@ -33,7 +34,7 @@ from .models.structure.rest_shape import RestShape
 from .models.structure.shape import Shape
 from .models.structure.structure import Structure
 from .models.trial_description import TrialDescription
-from .models.values.aids import AidReading, ImuReading
+from .models.values.aids import AidReading, ImuReading, PositionReading
 from .models.values.errors import InputError
 from .models.values.readings import (
     BoardReading,
@@ -94,6 +95,7 @@ class Pipeline:
         )
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
         self.imu_gate = ImuGate(len(trial.imus))
+        self.own_frames = OwnFrames(self.rest, trial.own_frames, trial.rest_seconds, settings.pose.position_m)
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
         tendons = len(trial.structure.tendons)
         strips = np.arange(tendons, tendons + trial.reference_strips)
@@ -155,8 +157,9 @@ class Pipeline:
         aids: list[AidReading] = []
         for reading in readings:  # each is one row of one board, in order of arrival
             if isinstance(reading, AidReading):
-                if not isinstance(reading, ImuReading) or self.imu_gate.passes(reading):
-                    insort(aids, reading, key=lambda aid: aid.t_s)  # boards are not synchronous
+                aid = self._passed(reading)
+                if aid is not None:
+                    insort(aids, aid, key=lambda aid: aid.t_s)  # boards are not synchronous
                 continue
             if isinstance(reading, NaturalLengthReading):
                 self.winding.add(reading)
@@ -169,6 +172,14 @@ class Pipeline:
                 yield self._with_aids(self._of_tendons(frame), aids)
         for frame in self._frames.finish():
             yield self._with_aids(self._of_tendons(frame), aids)
+
+    def _passed(self, reading: AidReading) -> AidReading | None:
+        """Return a reading of another sensor as the estimators use it; None where it is left out."""
+        if isinstance(reading, PositionReading):
+            return self.own_frames.placed(reading)
+        if isinstance(reading, ImuReading) and not self.imu_gate.passes(reading):
+            return None
+        return reading
 
     def _of_tendons(self, frame: ResistanceFrame) -> TendonLengths:
         """Return the lengths of whole tendons: those of the strips, and of the strings that motors wind."""

@@ -111,6 +111,8 @@ def show_live(
     with source.feed(settings, sensor_model, terminal) as feed:
         session = Session(feed, Pipeline(feed.description, settings, sensor_model), seconds)
         run_session(session, feed, path, window_of(session.pipeline) if view else nullcontext(NoView()), terminal)
+    for fit in session.pipeline.own_frames.fits:
+        terminal.line(f"frame of position {fit.recording}: {fit.text()}")
     terminal.written(f"written to {path}")
     if source.record is not None:
         report_recording(source.record, feed.state(), terminal)

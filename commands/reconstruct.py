@@ -115,6 +115,8 @@ class Run:
             table.add_row("slips", slip_line(r.slides))
         if r.floor_normal is not None:
             table.add_row("normal of the floor", normal_line(r.floor_normal))
+        for fit in self.pipeline.own_frames.fits:
+            table.add_row(f"frame of position {fit.recording}", fit.text())
         for name, rows in self._rows_not_plain().items():
             table.add_row(name, str(rows))
         for key in self.trial.description.ignored_keys:
@@ -159,6 +161,7 @@ class Run:
             "versions": versions(),
             "inputs": self.trial.hashes(),
             "rows": self._rows_not_plain(),
+            **self.pipeline.own_frames.as_table(),
             "settings": asdict(self.settings),
             "timing": {"seconds": round(self.seconds, 3)},
         }
@@ -186,7 +189,7 @@ class Run:
         for board, clock in enumerate(self.pipeline.boards.counts if self.pipeline.boards else ()):
             for name, n in asdict(clock).items():
                 counts[f"board {board}: {name.replace('_', ' ')}"] = n if name != "rows" else 0
-        counts |= self.pipeline.imu_gate.counts() | self.pipeline.winding.counts()
+        counts |= self.pipeline.imu_gate.counts() | self.pipeline.winding.counts() | self.pipeline.own_frames.counts()
         counts |= {"half lines": self.trial.half_lines, "dropped rows": self.trial.dropped_rows}
         return {name: n for name, n in counts.items() if n}
 

@@ -1,8 +1,11 @@
-"""Positions of some nodes in the world, such as motion capture gives them.
+"""Positions of some nodes, such as motion capture gives them.
 
 A reading is older than its frame by dt, in which the node has moved. With its arm a = R (s - c) in the world,
 
     y = x - dt (v + w x a) + noise
+
+Where its recording has a frame of its own, y is placed in the world by an estimate of that frame, with errors z. In
+truth it is y + B z there, see `OwnFrame`.
 """
 
 from collections.abc import Sequence
@@ -29,6 +32,11 @@ def position_rows(placed: PlacedShape, readings: Sequence[PositionReading], t_s:
     measured_m = np.array([reading.position_m for reading in readings]).reshape(-1, 3)
     of_shape = np.einsum("kii->ki", placed.node_covariance_m2[nodes])
     predicted_m, jacobian = earlier_nodes(placed, nodes, age_s)
+    for k, reading in enumerate(readings):
+        if reading.frame is not None:
+            B, number = reading.frame.jacobian(reading.position_m), reading.frame.number
+            measured_m[k] += B @ placed.state.own_frame_error[number]
+            jacobian[k, :, placed.state.layout.of_own_frame(number)] = -B
     return Rows(
         error=(measured_m - predicted_m).ravel(),
         jacobian=jacobian.reshape(-1, placed.state.layout.size),

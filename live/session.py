@@ -141,6 +141,7 @@ class Session:
             "ports": {port.port: asdict(port.counts) for port in state.ports},
             "taring": self._feed.taring,
             "latency": {"median_ms": round(median_ms, 3), "p99_ms": round(p99_ms, 3)} if p.latency_s else {},
+            **self.pipeline.own_frames.as_table(),
             "settings": asdict(self.pipeline.settings),
         }
 

@@ -133,9 +133,10 @@ class RangeTable:
 
 @dataclass(frozen=True, slots=True)
 class PositionTable:
-    """`[[position]]`: one recording of positions of some nodes in the world."""
+    """`[[position]]`: one recording of positions of some nodes."""
 
     file: str
+    frame: Literal["world", "own"] = "world"
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,6 +300,8 @@ class TrialDescription:
     """What the structure stands on or hangs from, and carries; None where three anchors or more, or a hand, hold it."""
     beacon_position_m: tuple[NDArray[np.float64], ...]
     """(beacons, 3) for each recording of distances."""
+    own_frames: tuple[int, ...]
+    """Numbers of the recordings of positions that are in a frame of their own."""
     motors: tuple[Motors, ...]
     """What each recording of natural lengths tells."""
     ignored_keys: tuple[str, ...]
@@ -368,6 +371,7 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
         imus=imus,
         robot=_robot(table, structure, imus),
         beacon_position_m=tuple(_beacons(number, ranges) for number, ranges in enumerate(table.range)),
+        own_frames=_own_frames(table),
         motors=_motors(table.motor, structure),
         ignored_keys=ignored_keys,
     )
@@ -384,7 +388,8 @@ def _robot(table: TrialTable, structure: Structure, imus: tuple[Imu, ...]) -> Fr
         return None
     if not structure.is_free_standing:
         _check_hangs(table, structure)
-        return HangingRobot(imus, tuple(pairs), table.rest.seconds, table.structure.anchor_sigma_m)
+        anchor_m = table.structure.anchor_sigma_m
+        return HangingRobot(imus, tuple(pairs), table.rest.seconds, anchor_m, len(_own_frames(table)))
     if table.ground is None:
         aids = [name for name in ("imu", "range", "position") if getattr(table, name)]
         if aids:
@@ -395,7 +400,8 @@ def _robot(table: TrialTable, structure: Structure, imus: tuple[Imu, ...]) -> Fr
             "rest: expected seconds above 0 and node_position_m with [ground]: a structure without anchors is where "
             "it stands at the start"
         )
-    return FreeStandingRobot(_floor(table, table.ground, structure), imus, tuple(pairs), table.rest.seconds)
+    floor = _floor(table, table.ground, structure)
+    return FreeStandingRobot(floor, imus, tuple(pairs), table.rest.seconds, len(_own_frames(table)))
 
 
 def _floor(table: TrialTable, ground: GroundTable, structure: Structure) -> Floor:
@@ -410,6 +416,10 @@ def _floor(table: TrialTable, ground: GroundTable, structure: Structure) -> Floo
             "neither"
         )
     return floor.under(rest_m)
+
+
+def _own_frames(table: TrialTable) -> tuple[int, ...]:
+    return tuple(number for number, position in enumerate(table.position) if position.frame == "own")
 
 
 def _check_hangs(table: TrialTable, structure: Structure) -> None:

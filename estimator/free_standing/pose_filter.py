@@ -4,6 +4,10 @@ The shape is estimated in body coordinates, where lengths and forces need no bas
 between frames the body moves at constant rate and velocity, or as inertial sensors say; in each frame the rows of all
 aids (floor, footholds, rods with sensors, gravity, ranges, positions) correct the state, see `Prediction.corrected`.
 
+Errors of the own frames of positions are considered and not estimated, after Schmidt: their rows of K are zero, and
+their block of P stays. Readings of a robot that rests have the same errors again and again, by which the filter would
+take a frame for exact.
+
 Batch runs the same filter, and then `pose_smoother` over its steps.
 """
 
@@ -61,7 +65,7 @@ class PoseFilter:
         self._number_of_pair = {pair: number for number, pair in enumerate(robot.range_pairs)}
         self.centre_m = rest.node_position_m.mean(axis=0)
         """(3,) c, the origin of body coordinates."""
-        self.state = self._start(len(robot.imus), len(robot.range_pairs))
+        self.state = self._start(len(robot.imus), len(robot.range_pairs), robot.own_frames)
         self.covariance = self._start_covariance()
         self._standing = robot.floor.carries_at_rest(rest.node_position_m)
         self._contacts = ContactsByHeight(robot.floor, self._standing, settings)
@@ -235,7 +239,7 @@ class PoseFilter:
         """(imus,) which inertial sensors agree with the attitude of their rods and are not silent."""
         return self._trust.is_used
 
-    def _start(self, imus: int, pairs: int) -> PoseState:
+    def _start(self, imus: int, pairs: int, own_frames: int) -> PoseState:
         return PoseState(
             turn=np.eye(3),
             position_m=self.centre_m,
@@ -248,6 +252,7 @@ class PoseFilter:
             misalignment=np.zeros((imus, 2)),
             range_offset_m=np.zeros(pairs),
             floor_tilt=np.zeros(self._floor.tilt_count),
+            own_frame_error=np.zeros((own_frames, 6)),
         )
 
     def _start_covariance(self) -> NDArray[np.float64]:
@@ -259,6 +264,7 @@ class PoseFilter:
         sigma[at.misalignment] = settings.misalignment_rad
         sigma[at.range_offset] = settings.range_offset_m
         sigma[at.floor_tilt] = self._floor.normal_sigma_rad
+        sigma[at.own_frame] = 1.0
         return np.diag(sigma**2)
 
     def _imu_samples(self, t_s: float, aids: Sequence[AidReading]) -> tuple[ImuSamples | None, NDArray[np.float64]]:

@@ -54,10 +54,16 @@ class Prediction:
         """Return the state and (size, size) its covariance after the correction by rows.
 
         S = H P H^T + V,   K = P H^T S^-1,   d = K e,   P <- P - K S K^T
+
+        Errors of own frames of positions are considered and stay as they are: their rows of K are zero, and their block
+        of P stays (Schmidt).
         """
+        considered = self.placed.state.layout.own_frame
         by_rows = self.covariance @ rows.jacobian.T
         S = rows.jacobian @ by_rows
         S[np.diag_indices(len(S))] += rows.variance
         K = np.linalg.solve(S, by_rows.T).T
         covariance = self.covariance - K @ by_rows.T
+        covariance[considered, considered] = self.covariance[considered, considered]
+        K[considered] = 0.0
         return self.placed.state.moved(K @ rows.error), 0.5 * (covariance + covariance.T)

@@ -50,7 +50,7 @@ class HangingFilter(PoseFilter):
     """Follows the pose of a structure that hangs, frame by frame."""
 
     def __init__(self, rest: RestShape, robot: HangingRobot, settings: Settings) -> None:
-        in_the_air = FreeStandingRobot(NO_FLOOR, robot.imus, robot.range_pairs, robot.rest_seconds)
+        in_the_air = FreeStandingRobot(NO_FLOOR, robot.imus, robot.range_pairs, robot.rest_seconds, robot.own_frames)
         super().__init__(rest, in_the_air, settings.pose)
         unknown = replace(
             settings.pose,

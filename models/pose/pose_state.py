@@ -20,16 +20,17 @@ from ..values.rotations import rotation, rotation_vector
 class ErrorLayout:
     """The place of each part of the state in its vector of errors."""
 
-    def __init__(self, nodes: int, imus: int, ranges: int, tilts: int) -> None:
+    def __init__(self, nodes: int, imus: int, ranges: int, tilts: int, own_frames: int) -> None:
         self.turn = slice(0, 3)
         self.position = slice(3, 6)
         self.rate = slice(6, 9)
         self.velocity = slice(9, 12)
         self.foothold = slice(12, 12 + 2 * nodes)
-        ends = self.foothold.stop + np.cumsum([0, 3 * imus, 3 * imus, 3 * imus, 2 * imus, ranges, tilts])
-        self.imu_turn, self.rate_bias, self.force_bias, self.misalignment, self.range_offset, self.floor_tilt = (
-            slice(int(start), int(stop)) for start, stop in pairwise(ends)
-        )
+        counts = [0, 3 * imus, 3 * imus, 3 * imus, 2 * imus, ranges, tilts, 6 * own_frames]
+        ends = self.foothold.stop + np.cumsum(counts)
+        parts = [slice(int(start), int(stop)) for start, stop in pairwise(ends)]
+        self.imu_turn, self.rate_bias, self.force_bias, self.misalignment = parts[:4]
+        self.range_offset, self.floor_tilt, self.own_frame = parts[4:]
         self.size = int(ends[-1])
         self.pose = slice(0, 6)
 
@@ -40,6 +41,10 @@ class ErrorLayout:
     def of_imu(self, part: slice, imu: int) -> slice:
         """Return the place of three numbers of one inertial sensor, in one of the parts that have three for each."""
         return slice(part.start + 3 * imu, part.start + 3 * imu + 3)
+
+    def of_own_frame(self, number: int) -> slice:
+        """Return the place of the six errors of one own frame."""
+        return slice(self.own_frame.start + 6 * number, self.own_frame.start + 6 * number + 6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +73,19 @@ class PoseState:
     """(pairs,) of each pair of beacon and node."""
     floor_tilt: NDArray[np.float64]
     """(2,) of the floor against its normal as told, see `models.structure.floor`; (0,) where that is exact."""
+    own_frame_error: NDArray[np.float64]
+    """(own frames, 6) z, in standard deviations, see `OwnFrame`; the filter considers them, and leaves them at zero."""
 
     @cached_property
     def layout(self) -> ErrorLayout:
         """The place of each part in a vector of errors."""
-        return ErrorLayout(len(self.foothold_m), len(self.imu_turn), len(self.range_offset_m), len(self.floor_tilt))
+        return ErrorLayout(
+            nodes=len(self.foothold_m),
+            imus=len(self.imu_turn),
+            ranges=len(self.range_offset_m),
+            tilts=len(self.floor_tilt),
+            own_frames=len(self.own_frame_error),
+        )
 
     def moved(self, error: NDArray[np.float64]) -> "PoseState":
         """Return the state with (size,) errors added."""
@@ -91,6 +104,7 @@ class PoseState:
             misalignment=self.misalignment + error[at.misalignment].reshape(-1, 2),
             range_offset_m=self.range_offset_m + error[at.range_offset],
             floor_tilt=self.floor_tilt + error[at.floor_tilt],
+            own_frame_error=self.own_frame_error + error[at.own_frame].reshape(-1, 6),
         )
 
     def errors_to(self, other: "PoseState") -> NDArray[np.float64]:
@@ -110,6 +124,7 @@ class PoseState:
                 (other.misalignment - self.misalignment).ravel(),
                 other.range_offset_m - self.range_offset_m,
                 other.floor_tilt - self.floor_tilt,
+                (other.own_frame_error - self.own_frame_error).ravel(),
             ]
         )
 

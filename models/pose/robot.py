@@ -16,6 +16,8 @@ class FreeStandingRobot:
     """The pairs of beacon and node between which ranges may be measured, see `RangeReading.pair`."""
     rest_seconds: float
     """How long it stands at its rest shape at the start."""
+    own_frames: int = 0
+    """Number of recordings of positions in frames of their own."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,3 +31,5 @@ class HangingRobot:
     """How long it hangs at its rest shape at the start."""
     anchor_m: float
     """Standard deviation of an anchor's position, per axis."""
+    own_frames: int = 0
+    """See `FreeStandingRobot`."""

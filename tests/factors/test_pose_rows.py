@@ -16,10 +16,10 @@ from tensegraph.models.pose.placed import PlacedShape, Rows
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.structure.floor import UP, Floor
 from tensegraph.models.structure.suspension import Suspension
-from tensegraph.models.values.aids import Imu, PositionReading, RangeReading
+from tensegraph.models.values.aids import Imu, OwnFrame, PositionReading, RangeReading
 from tensegraph.models.values.rotations import rotation, rotation_vector
 
-STATE = any_state(imus=2, pairs=2, tilts=2)
+STATE = any_state(imus=2, pairs=2, tilts=2, own_frames=2)
 SIZE = STATE.layout.size
 BODY_M = 0.15 * np.random.default_rng(5).standard_normal((12, 3))
 FLOOR = Floor(0.01, np.array([0.1, 0.0, 1.0]) / np.sqrt(1.01), 0.17, np.array([0.2, -0.1, 0.0]))
@@ -31,6 +31,7 @@ BALL = Suspension(np.zeros(3), np.eye(3)[:2], RODS)
 HINGE = Suspension(np.zeros(3), np.array([[0.8, 0.6, 0.0]]), RODS)
 LEVER_M = np.array([0.03, -0.02, -0.16])
 HANDS_M = np.array([0.02, 0.05, -0.01])
+FRAME = OwnFrame(1, np.eye(3), np.zeros(3), np.array([0.4, -1.0, 0.2]), np.tril(np.full((6, 6), 0.003)))
 
 
 def placed(state=STATE) -> PlacedShape:
@@ -81,6 +82,9 @@ ROWS: dict[str, Callable[..., Rows]] = {
     "position": lambda state: position_rows(
         placed(state), [PositionReading(0.0, 3, np.array([0.1, 0.2, 0.3]))], 0.017, 5e-4
     ),
+    "position in its own frame": lambda state: position_rows(
+        placed(state), [PositionReading(0.0, 3, np.array([0.1, 0.2, 0.3]), 0, FRAME)], 0.017, 5e-4
+    ),
     "anchor": lambda state: anchor_rows(placed(state), NODES[:2], np.zeros((2, 3)), 1e-4),
     "torque about a ball": lambda state: torque_rows(placed(state), turned_ball(state), LEVER_M, HANDS_M, np.eye(3)),
     "torque about a hinge": lambda state: torque_rows(placed(state), HINGE, LEVER_M, HANDS_M, np.eye(3)),
@@ -110,7 +114,7 @@ def test_a_cap_rolls_by_its_radius_times_the_turn(check_jacobian) -> None:
     """By hand: turned by 0.1 rad about y on level ground, the centre of a cap of 10 mm moves by 1 mm along x."""
     floor = Floor(0.0, UP)
     at = placed().node_position_m[NODES] @ floor.axes.T
-    state = any_state(2, 2)
+    state = any_state(2, 2, own_frames=2)
     moved_m = np.array([0.001, 0.0, 0.0]) @ floor.axes.T
     foothold_m = state.foothold_m.copy()
     foothold_m[NODES] = at - moved_m
@@ -126,6 +130,15 @@ def test_a_position_is_that_of_its_own_time() -> None:
     shape = PlacedShape(state, np.tile([0.1, 0.0, 0.0], (12, 1)), np.zeros((36, 36)))
     measured_m = state.position_m + np.array([0.09, -0.002, 0.0])
     assert position_rows(shape, [PositionReading(0.99, 3, measured_m)], 1.0, 5e-4).error == pytest.approx(0, abs=1e-12)
+
+
+def test_a_frame_that_is_turned_moves_a_position_by_its_lever() -> None:
+    """By hand: turned by 2 mrad about z at 0.5 m along x from the pivot, a reading is 1 mm further along y."""
+    frame = OwnFrame(0, np.eye(3), np.zeros(3), STATE.position_m - np.array([0.5, 0, 0]), 0.002 * np.eye(6))
+    state = replace(STATE, own_frame_error=np.array([[0, 0, 1.0, 0, 0, 0]]))
+    shape = PlacedShape(state, np.zeros((12, 3)), np.zeros((36, 36)))
+    rows = position_rows(shape, [PositionReading(1.0, 3, state.position_m, 0, frame)], 1.0, 5e-4)
+    assert rows.error == pytest.approx([0, 0.001, 0], abs=1e-12)
 
 
 def test_a_range_that_a_wall_reflects_is_left_out() -> None:

@@ -104,6 +104,9 @@ REFUSED_TABLES = {
     "imu[1].sensor: expected a number from 0 to 255, each once on a board, got 0": lambda text: text.replace(
         'file = "imu0.csv"', "board = 0\nrod = 1\naxis = [0, 0, 1]\n\n[[imu]]\nboard = 0"
     ),
+    "position[0].frame: input should be 'world' or 'own', got 'lab'": lambda text: text.replace(
+        "[[imu]]", '[[position]]\nfile = "positions.csv"\nframe = "lab"\n\n[[imu]]'
+    ),
     "[[imu]]: expected [ground]": lambda text: text.replace("[ground]", "[grounds]"),
     "rest: expected seconds above 0 and node_position_m with [ground]": lambda text: text.replace(
         "seconds = 2.0", "seconds = 0.0"

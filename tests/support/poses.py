@@ -6,7 +6,7 @@ from tensegraph.models.pose.pose_state import PoseState
 from tensegraph.models.values.rotations import rotation
 
 
-def any_state(imus: int, pairs: int, seed: int = 4, tilts: int = 0) -> PoseState:
+def any_state(imus: int, pairs: int, seed: int = 4, tilts: int = 0, own_frames: int = 0) -> PoseState:
     """Return a state in which every part differs from zero, of a structure with 12 nodes."""
     rng = np.random.default_rng(seed)
     return PoseState(
@@ -21,4 +21,5 @@ def any_state(imus: int, pairs: int, seed: int = 4, tilts: int = 0) -> PoseState
         misalignment=0.02 * rng.standard_normal((imus, 2)),
         range_offset_m=0.05 * rng.standard_normal(pairs),
         floor_tilt=0.1 * rng.standard_normal(tilts),
+        own_frame_error=rng.standard_normal((own_frames, 6)),
     )

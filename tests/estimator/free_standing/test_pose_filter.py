@@ -12,7 +12,7 @@ from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.pose.robot import FreeStandingRobot
 from tensegraph.models.structure.floor import UP, Floor
 from tensegraph.models.structure.support import GRAVITY_M_PER_S2
-from tensegraph.models.values.aids import Imu, ImuReading, PositionReading
+from tensegraph.models.values.aids import Imu, ImuReading, OwnFrame, PositionReading
 from tensegraph.models.values.rotations import rotation, rotation_vector
 
 EXACT_M2 = 1e-10 * np.eye(36)
@@ -46,6 +46,29 @@ def test_positions_of_three_nodes_move_it(balanced, robot) -> None:
         step = poses.step(0.02 * k, x, EXACT_M2, aids)
     assert step.state.world_m(x - poses.centre_m) == pytest.approx(true_m, abs=1e-3)
     assert step.state.turn == pytest.approx(turn, abs=0.006)
+
+
+def test_a_frame_that_is_wrong_is_in_the_ellipsoids(balanced, robot) -> None:
+    """Carried 1 m away, by positions in a frame that is turned by two sigma of 4 mrad more than is told.
+
+    However often they are read, the frame stays as uncertain as it was, and so do the nodes: 4 mm each sigma, across.
+    """
+    robot = replace(robot, own_frames=1)
+    poses, x = PoseFilter(balanced, robot, PoseSettings()), balanced.node_position_m
+    root = np.diag([0.004, 0.004, 0.004, 1e-4, 1e-4, 1e-4])
+    frame = OwnFrame(0, np.eye(3), np.zeros(3), poses.centre_m, root)
+    wrong = rotation(np.array([0, 0, -0.008]))
+    for k in range(200):
+        true_m = x + min(max((k - 20) / 100, 0.0), 1.0) * np.array([1.0, 0, 0.2])
+        read_m = (true_m - poses.centre_m) @ wrong.T + poses.centre_m
+        aids = [PositionReading(0.02 * k, node, read_m[node], 0, frame) for node in (3, 5, 8, 11)] if k > 9 else []
+        step = poses.step(0.02 * k, x, EXACT_M2, aids)
+    own = step.state.layout.own_frame
+    assert step.covariance[own, own] == pytest.approx(np.eye(6))
+    assert not step.state.own_frame_error.any()
+    sigma_m = np.sqrt(np.diag(step.covariance)[step.state.layout.position])
+    assert sigma_m[1] == pytest.approx(0.004, rel=0.1)
+    assert step.state.position_m - poses.centre_m == pytest.approx([1.0, -0.008, 0.2], abs=0.001)
 
 
 def test_a_node_that_positions_lift_is_not_held_by_the_floor(balanced, robot) -> None:

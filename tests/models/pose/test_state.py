@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from poses import any_state
 from tensegraph.models.pose.placed import PlacedShape
 
-STATE = any_state(imus=2, pairs=3, tilts=2)
+STATE = any_state(imus=2, pairs=3, tilts=2, own_frames=2)
 
 
 @given(arrays(np.float64, STATE.layout.size, elements=st.floats(-1, 1, allow_subnormal=False)))
