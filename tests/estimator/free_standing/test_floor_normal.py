@@ -3,6 +3,7 @@
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -72,7 +73,10 @@ def cut_trial(folder: Path, ground: str) -> Path:
 
 
 def test_the_command_line_tells_the_normal(tmp_path) -> None:
-    """A level floor that is told to slope by 8 degrees; `[floor_normal]` and the table say that it does not."""
+    """A level floor that is told to slope by 8 degrees; `[floor_normal]` and the table say that it does not.
+
+    A live session tells the same to the last digit.
+    """
     cut_trial(tmp_path / "trial", "normal = [0.1, -0.1, 0.98995]\nnormal_sigma_rad = 0.17")
     result = run("reconstruct", "trial", "--live", "--no-figures", "--out", "out", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
@@ -81,6 +85,10 @@ def test_the_command_line_tells_the_normal(tmp_path) -> None:
     off_rad = np.arccos(told["direction"][2])
     assert off_rad < 0.02
     assert off_rad < 4 * told["sigma_rad"] < 0.04
+    with mock.patch("tensegraph.io.figures.shape_figures.write_figures"):
+        result = run("live", "--replay", "trial", "--speed", 1000, "--out", "live", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert tomllib.loads((tmp_path / "live" / "run.toml").read_text())["floor_normal"] == told
 
 
 def test_without_gravity_the_normal_is_refused(tmp_path) -> None:
