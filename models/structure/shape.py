@@ -149,8 +149,9 @@ class Shape:
         return f"Shape(t = {self.t_s:.2f} s, {nodes} nodes, {self.status}, mean sigma of a node {sigma_mm:.2f} mm)"
 
     def in_doubt(self, reason: Reason) -> "Shape":
-        """Return the shape with the status `doubt` for a reason, unless another reason stands already."""
-        return replace(self, status=Status.DOUBT, doubt=reason) if self.doubt is None else self
+        """Return the shape with the status `doubt` for a reason, unless another reason or a worse status stands."""
+        worse = self.status in (Status.PRIOR_ONLY, Status.NOT_CONVERGED, Status.FAILED)
+        return self if worse or self.doubt is not None else replace(self, status=Status.DOUBT, doubt=reason)
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:

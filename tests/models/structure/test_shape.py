@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from tensegraph.models.structure.shape import ellipsoids
+from tensegraph.models.structure.shape import Reason, Shape, Status, ellipsoids
 
 
 class TestEllipsoids:
@@ -30,3 +30,17 @@ class TestEllipsoids:
         region = ellipsoids(covariance, 0.5)
         inside = (((points @ region.axes) / region.semi_axis_m) ** 2).sum(axis=1) <= 1
         assert inside.mean() == pytest.approx(0.5, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (Status.OK, Status.DOUBT),
+        (Status.PARTIAL, Status.DOUBT),
+        (Status.PRIOR_ONLY, Status.PRIOR_ONLY),
+        (Status.NOT_CONVERGED, Status.NOT_CONVERGED),
+    ],
+)
+def test_doubt_does_not_hide_a_worse_status(rest, structure, lengths_of, before: Status, after: Status) -> None:
+    shape = Shape(0.0, rest.node_position_m, np.eye(36), before, lengths_of(structure, rest.node_position_m))
+    assert shape.in_doubt(Reason.IMU).status == after
