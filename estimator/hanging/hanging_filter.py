@@ -77,6 +77,7 @@ class HangingFilter(PoseFilter):
         self._hands: HandTorque | None = None
         self.is_contradicted = False
         """Whether torques contradicted the pose in the last frame, or it may have spun unseen: it may be wrong."""
+        self._has_spun = False
         self._spins_unseen = self._suspension.is_ball and are_parallel([imu.rod for imu in robot.imus], rest)
 
     def hanging(self, node_position_m: NDArray[np.float64]) -> Hanging:
@@ -105,8 +106,8 @@ class HangingFilter(PoseFilter):
         if self._hands is not None:
             torque = self._torque_rows(placed, self._hands, step_s)
             rows.append(limited(torque, covariance))
-            unseen = self._spins_unseen and self._swing.seen_rad > FAST_RAD
-            self.is_contradicted = unseen or bool(contradicted(torque, covariance).any())
+            self._has_spun |= self._spins_unseen and self._swing.seen_rad > FAST_RAD
+            self.is_contradicted = self._has_spun or bool(contradicted(torque, covariance).any())
         return rows
 
     def _measured_rad_per_s(self) -> float:
