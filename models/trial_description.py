@@ -13,6 +13,7 @@ from .sensor.clock import ClockSettings
 from .sensor.divider import Divider
 from .sensor.resistance import Boards
 from .structure.floor import Floor
+from .structure.lengths import member_length_m
 from .structure.natural_lengths import Motors
 from .structure.rest_shape import GeometrySigma
 from .structure.statics import Mechanics
@@ -25,6 +26,8 @@ from .values.tables import AtLeastOne, NotNegative, Positive, parse_table, unkno
 _DEFAULT = GeometrySigma()
 FAR_FROM_ANCHOR_M = 0.01
 """Distance of a node's measured rest position from its anchor, beyond which they are told in different frames."""
+MOST_OFF = 0.5
+"""Share of its length by which a rod of the measured rest shape may differ from it."""
 LEAST_TOLD_RAD = 0.3
 """Largest standard deviation of the floor's normal, 17 degrees: beyond it, others may stand than the lowest nodes."""
 ASKEW_RAD = 0.2
@@ -515,6 +518,10 @@ def _rest_position(rest: RestTable, structure: Structure) -> NDArray[np.float64]
             f"rest.node_position_m: expected {structure.node_count} finite rows of x, y, z, got shape {position.shape}"
         )
     structure.check_unit("rest.node_position_m", position)
+    rod_m = member_length_m(position, structure.rods)
+    for rod in np.flatnonzero(np.abs(rod_m - structure.rod_length_m) > MOST_OFF * structure.rod_length_m)[:1]:
+        told_m = structure.rod_length_m[rod]
+        raise InputError(f"rest.node_position_m: expected rod {rod} to be {told_m:g} m long, got {rod_m[rod]:g} m")
     return position
 
 

@@ -81,3 +81,15 @@ def test_an_integer_of_thousands_of_digits_is_refused(trial_copy: Callable[..., 
     ended = run("reconstruct", trial, cwd=trial.parent)
     assert ended.returncode == 2
     assert "cannot be read as TOML" in ended.stderr
+
+
+def test_a_node_of_the_rest_shape_far_away_is_refused(trial_copy: Callable[..., Path]) -> None:
+    def edit(text: str) -> str:
+        content = tomllib.loads(text)
+        content["rest"]["node_position_m"][7][1] = 12.0
+        return tomli_w.dumps(content)
+
+    trial = trial_copy(trial=edit)
+    ended = run("reconstruct", trial, cwd=trial.parent)
+    assert ended.returncode == 2
+    assert "rest.node_position_m: expected rod 3 to be 0.3 m long, got 1" in ended.stderr
