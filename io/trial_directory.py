@@ -267,9 +267,10 @@ class Trial:
     def _forward(self, file: CsvFile) -> Iterator[list[float]]:
         """Yield the rows whose stamp is later than all stamps before; count the others."""
         latest_s = -np.inf
-        for number, row in enumerate(file, start=file.head().first_row):
+        first_row = file.head().first_row
+        for number, row in enumerate(file, start=first_row):
             if row[0] > latest_s:
-                if number == file.head().first_row + 1 and row[0] - latest_s > LONGEST_STEP_S:
+                if number == first_row + 1 and row[0] - latest_s > LONGEST_STEP_S:
                     raise InputError(
                         f"{file.path}: row {number}, column t_s: expected at most {LONGEST_STEP_S:g} s after "
                         f"{latest_s:g}, got {row[0]:g}: is the unit right?"

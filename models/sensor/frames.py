@@ -142,15 +142,15 @@ class FrameAssembler:
         self._gate = gate
         self._sources: list[_Source | None] = [None] * sources
         self._next: int | None = None
-        self._last_s = np.inf
+        self._last_s = -np.inf
         self._first_arrival_s = np.nan
 
     def add(self, reading: ResistanceReading) -> Iterator[ResistanceFrame]:
         """Add one reading, and yield the frames that are complete with it."""
-        if reading.t_s - self._last_s > LONGEST_SILENCE_S:
+        if self._next is not None and reading.t_s - self._last_s > LONGEST_SILENCE_S:
             yield from self.finish()
             self._next = round(reading.t_s * self._settings.rate_hz)
-        self._last_s = max(reading.t_s, self._last_s if self._next is not None else reading.t_s)
+        self._last_s = max(reading.t_s, self._last_s)
         source = self._sources[reading.source]
         if source is None:
             source = self._sources[reading.source] = _Source(reading, self._natural_ohm, self._gate)
