@@ -1,20 +1,21 @@
 """Sensor models on disk: safetensors, all metadata as one JSON string, so that one model gives the same bytes."""
 
 import json
-from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from importlib.resources import files
+from math import comb, isfinite
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Interval, Le
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from ..models.sensor.gauge import StaticGauge
 from ..models.sensor.lstm import LstmWeights, Scaling
-from ..models.sensor.rate_curve import RateCurve
+from ..models.sensor.rate_curve import DEGREE, RateCurve
 from ..models.sensor.sensor_model import (
     BendingCoefficients,
     GoldenVector,
@@ -26,35 +27,57 @@ from ..models.sensor.sensor_model import (
     TrainedRanges,
 )
 from ..models.values.errors import InputError
-from ..models.values.tables import parse_table
+from ..models.values.tables import Positive, parse_table
+from ..models.values.tensors import Tensors, check_covariance, check_rising, checked_tensors
 
 FORMAT: Literal[2] = 2
 METADATA_KEY = "tensegraph"
 UNITS = {"change": "dR/R, fraction", "strain": "fraction of L0", "rate": "1/s", "step": "s"}
 GATES = "i f g o"
 """Order of the gates in the weights of the LSTM, the same as in torch."""
+AXES = {
+    "weight_hh": "4 hidden, hidden",
+    "weight_ih": "4 hidden, features",
+    "bias": "4 hidden",
+    "head_weight": "2, hidden",
+    "head_bias": "2",
+    "golden_input": "steps, features",
+    "golden_output": "steps, 2",
+    "strain_knots": "knots",
+    "change_knots": "knots",
+    "curve_scale": "inputs",
+    "curve_range": "2, inputs",
+    "curve_coefficients": "terms",
+    "curve_factor": "terms, terms",
+    "mode_change": "bins",
+    "mode_log_odds": "bins",
+}
+"""Axes of every tensor, see `checked_tensors`, in the words of the docstrings of `SensorModel` and its parts."""
+BENDING_AXES = {"bending": "6", "bending_covariance": "6, 6"}
+"""Axes of the tensors that are there if a strip was bent in the recordings."""
 
-Tensors = Mapping[str, NDArray[np.float64]]
+SmallSigma = Annotated[float, Interval(ge=0, le=10)]
+"""Standard deviation of a gain, whose mean is 1, or of an offset of dR/R."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Spread:
     """Standard deviations over strips."""
 
-    gain_sigma: float
-    offset_sigma: float
+    gain_sigma: SmallSigma
+    offset_sigma: SmallSigma
 
 
 @dataclass(frozen=True, slots=True)
 class _Metadata:
     """The metadata of a model file, except its `Provenance`."""
 
-    memory_s: list[float]
+    memory_s: list[Annotated[Positive, Le(1e5)]]
     spread: _Spread
     ranges: TrainedRanges
-    sigma_scale: tuple[float, float]
+    sigma_scale: tuple[Annotated[float, Interval(ge=0.01, le=100)], Annotated[float, Interval(ge=-2, le=2)]]
     scaling: Scaling = field(default_factory=Scaling)
-    lag_s: float = 0.0
+    lag_s: Annotated[float, Interval(ge=0, le=60)] = 0.0
     unified: bool = False
 
 
@@ -78,12 +101,14 @@ def read_sensor_model(path: Path | None = None) -> SensorModel:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
-    except (OSError, SafetensorError, json.JSONDecodeError) as error:
+    except (OSError, SafetensorError, TypeError, ValueError, RecursionError) as error:  # damaged header, or odd JSON
         raise InputError(f"{path}: is no model file: {error}") from error
     try:
-        return _sensor_model({name: tensor.astype(np.float64) for name, tensor in tensors.items()}, metadata)
+        model = _sensor_model(tensors, metadata)
+        _check_curve(model)
     except InputError as error:
         raise InputError(f"{path}: sensor model: {error}") from error
+    return model
 
 
 def _tensors(model: SensorModel) -> Tensors:
@@ -125,45 +150,82 @@ def _metadata(model: SensorModel) -> dict[str, Any]:
     }
 
 
-def _sensor_model(tensors: Tensors, table: Mapping[str, Any]) -> SensorModel:
-    if table.get("format") != FORMAT:
-        raise InputError(f"expected format {FORMAT}, got {table.get('format')}")
+def _sensor_model(tensors: Tensors, table: Any) -> SensorModel:
+    if not isinstance(table, dict) or table.get("format") != FORMAT:
+        got = table.get("format") if isinstance(table, dict) else type(table).__name__
+        raise InputError(f"expected format {FORMAT}, got {got}")
     metadata = parse_table(_Metadata, table, "metadata")
-
-    def tensor(name: str) -> NDArray[np.float64]:
-        if name not in tensors:
-            raise InputError(f"tensor '{name}' is missing")
-        if not np.isfinite(tensors[name]).all():
-            raise InputError(f"tensor '{name}' has values that are not finite")
-        return tensors[name]
-
-    weights = LstmWeights(**{part.name: tensor(part.name) for part in fields(LstmWeights)})
+    provenance = parse_table(Provenance, table, "metadata")
+    tensors = _checked(tensors, metadata)
+    weights = LstmWeights(**{part.name: tensors[part.name] for part in fields(LstmWeights)})
     memory_s = np.array(metadata.memory_s, dtype=np.float64)
-    golden = GoldenVector(tensor("golden_input"), tensor("golden_output"))
+    golden = GoldenVector(tensors["golden_input"], tensors["golden_output"])
     bends = "bending" in tensors
     return SensorModel(
         network=StretchingNetwork(weights, metadata.scaling, memory_s, golden),
-        curve=_rate_curve(tensor, memory_s, metadata.spread),
-        mode_odds=ModeOdds(tensor("mode_change"), tensor("mode_log_odds")),
-        bending=BendingCoefficients(tensor("bending"), tensor("bending_covariance")) if bends else None,
+        curve=_rate_curve(tensors, memory_s, metadata.spread),
+        mode_odds=ModeOdds(tensors["mode_change"], tensors["mode_log_odds"]),
+        bending=BendingCoefficients(tensors["bending"], tensors["bending_covariance"]) if bends else None,
         ranges=metadata.ranges,
-        provenance=parse_table(Provenance, table, "metadata"),
+        provenance=provenance,
         sigma_scale=SigmaScale(*metadata.sigma_scale),
         lag_s=metadata.lag_s,
         unified=metadata.unified,
     )
 
 
-def _rate_curve(
-    tensor: Callable[[str], NDArray[np.float64]], memory_s: NDArray[np.float64], spread: _Spread
-) -> RateCurve:
-    gauge = StaticGauge(tensor("strain_knots"), tensor("change_knots"), spread.gain_sigma, spread.offset_sigma)
-    scale = tensor("curve_scale")
+def _checked(tensors: Tensors, metadata: _Metadata) -> Tensors:
+    """Return the tensors of a model, all of which fit together, before any of them is used."""
+    memories = len(metadata.memory_s)
+    inputs = tensors["curve_scale"].size if "curve_scale" in tensors else 1
+    if not 1 <= inputs <= 1 + memories:
+        raise InputError(f"tensor 'curve_scale': expected 1 to {1 + memories} numbers, got {inputs}")
+    sizes = {"features": 3 + memories, "inputs": inputs, "terms": comb(inputs + DEGREE, DEGREE) + 1}
+    bends = bool(BENDING_AXES.keys() & tensors.keys())
+    checked = checked_tensors(tensors, AXES | (BENDING_AXES if bends else {}), sizes)
+    for name in ("strain_knots", "change_knots", "mode_change"):
+        check_rising(name, checked[name])
+    if (checked["curve_scale"] <= 0).any():
+        raise InputError("tensor 'curve_scale': expected positive numbers")
+    if (np.diff(checked["curve_range"], axis=0) < 0).any():
+        raise InputError("tensor 'curve_range': expected the least values in the first row, the greatest in the second")
+    if bends:
+        check_covariance("bending_covariance", checked["bending_covariance"])
+    _check_ranges(metadata.ranges, checked["strain_knots"])
+    return checked
+
+
+def _check_ranges(ranges: TrainedRanges, strain_knots: NDArray[np.float64]) -> None:
+    """Check that the ranges of the training are ranges, and that of strain is that of the static gauge curve."""
+    for name in ("change", "strain", "step_s"):
+        least, most = getattr(ranges, name)
+        if not (isfinite(least) and isfinite(most) and least <= most):
+            raise InputError(f"metadata: ranges.{name}: expected [least, most], got [{least:g}, {most:g}]")
+    if ranges.step_s[0] <= 0:
+        raise InputError(f"metadata: ranges.step_s: expected positive times, got {ranges.step_s[0]:g}")
+    if strain_knots[0] != 0 or not 0.5 < strain_knots[-1] / ranges.strain[1] < 2:
+        got = f"{strain_knots[0]:.3g} to {strain_knots[-1]:.3g}"
+        raise InputError(f"tensor 'strain_knots': expected 0 to about ranges.strain, {ranges.strain[1]:.3g}, got {got}")
+
+
+def _check_curve(model: SensorModel) -> None:
+    """Check that the curve gives strains like those of its training at each dR/R of its training, held for long."""
+    change = np.linspace(0, max(model.ranges.change[1], 0))
+    strain = model.curve.strain(change, np.repeat(change[:, None], len(model.curve.memory_s), axis=1))
+    most = 2 * model.gauge.most_strain
+    if np.abs(strain).max() > most:
+        got = f"{strain.min():.3g} to {strain.max():.3g}"
+        raise InputError(f"its curve gives strains from {got}: expected magnitudes of at most {most:.3g}")
+
+
+def _rate_curve(tensors: Tensors, memory_s: NDArray[np.float64], spread: _Spread) -> RateCurve:
+    gauge = StaticGauge(tensors["strain_knots"], tensors["change_knots"], spread.gain_sigma, spread.offset_sigma)
+    scale = tensors["curve_scale"]
     return RateCurve(
         gauge=gauge,
         memory_s=memory_s[: len(scale) - 1],
         scale=scale,
-        range=tensor("curve_range"),
-        coefficients=tensor("curve_coefficients"),
-        factor=tensor("curve_factor"),
+        range=tensors["curve_range"],
+        coefficients=tensors["curve_coefficients"],
+        factor=tensors["curve_factor"],
     )

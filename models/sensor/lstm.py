@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..values.low_pass import low_pass_weight
+from ..values.tables import Positive
 
 STRAIN_SCALE = 0.05
 """Unit of strain in which the network's outputs are given."""
@@ -30,11 +31,11 @@ class Scaling:
 
     change_middle: float = 0.15
     """Value that is subtracted from dR/R before it is divided by `change`."""
-    change: float = 0.3
+    change: Positive = 0.3
     """Divisor of dR/R and of its differences from its running means."""
-    rate_per_s: float = 0.3
+    rate_per_s: Positive = 0.3
     """Divisor of the rate of dR/R."""
-    step_s: float = 0.03
+    step_s: Positive = 0.03
     """Divisor of the time step before its natural logarithm is taken."""
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..values.errors import InputError
+from ..values.tables import Positive
 from .bending import BendingCurve
 from .gauge import StaticGauge
 from .lstm import Lstm, LstmWeights, Scaling, run_lstm
@@ -104,13 +105,13 @@ class TrainedRanges:
 
     change: tuple[float, float]
     """Least and largest dR/R."""
-    rate_per_s: float
+    rate_per_s: Positive
     """Rate of dR/R, which 99.9 % of the training samples do not exceed."""
     strain: tuple[float, float]
     """Least and largest strain."""
     step_s: tuple[float, float]
     """Shortest and longest time step."""
-    strain_rate_per_s: float = float("inf")
+    strain_rate_per_s: Positive = float("inf")
     """Rate of strain, which 99.9 % of the stretched training samples do not exceed."""
 
 

@@ -16,6 +16,7 @@ import tensegraph.cli
 from mutations import mutate
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+SHIPPED_MODEL = EXAMPLES.parent / "models" / "data" / "stretching.safetensors"
 CPU_S = 25
 MEMORY_BYTES = 12 << 30
 FARTHEST_M = 3.0
@@ -35,6 +36,7 @@ def cut(source: Path, target: Path, until_s: float) -> Path:
 
 
 def with_config(trial: Path) -> Path:
+    shutil.copy(SHIPPED_MODEL, trial / "model.safetensors")
     (trial / "config.toml").write_text("[frames]\nrate_hz = 50.0\n[noise]\nforce_n = 0.1\n[smoother]\nlag = 5\n")
     return trial
 
@@ -43,7 +45,7 @@ MAKE: dict[str, Callable[[Path], Path]] = {
     "press": lambda target: with_config(cut(EXAMPLES / "press_01", target, 2.6)),
     "roll": lambda target: with_config(cut(EXAMPLES / "roll_02", target, 2.6)),
 }
-FILES = ("trial.toml", "trial.toml", "board0.csv", "truth.csv", "config.toml", "imu0.csv")
+FILES = ("trial.toml", "trial.toml", "board0.csv", "truth.csv", "config.toml", "imu0.csv", "model.safetensors")
 
 
 @pytest.fixture(scope="module", params=MAKE)
@@ -77,8 +79,8 @@ def _reconstruct(directory: Path, out: Path, error: Path) -> None:
         sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w")
         resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S + 1))
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
-        options = ["--config", str(directory / "config.toml"), "--out", str(out), "--no-figures", "--live"]
-        sys.argv = ["tensegraph", "reconstruct", str(directory), *options]
+        options = ["--config", str(directory / "config.toml"), "--model", str(directory / "model.safetensors")]
+        sys.argv = ["tensegraph", "reconstruct", str(directory), "--out", str(out), "--no-figures", "--live", *options]
         try:
             tensegraph.cli.main()
         except SystemExit as ended:

@@ -56,7 +56,19 @@ class TestModelFile:
         [
             ("weight_hh", None, "'weight_hh' is missing"),
             ("bias", np.full(64, np.nan), "not finite"),
-            ("weight_ih", np.zeros((64, 2)), "do not fit together"),
+            ("weight_ih", np.zeros((64, 2)), r"expected the shape \(4 hidden, features\) = \(64, 6\), got \(64, 2\)"),
+            ("weight_hh", np.zeros(64), r"tensor 'weight_hh': expected the shape"),
+            ("bias", np.zeros(64, dtype=np.int64), "expected floating-point numbers, got int64"),
+            ("head_bias", np.full(2, 1e300), "magnitudes of at most 1e"),
+            ("curve_factor", np.zeros((20, 20)), r"\(terms, terms\) = \(21, 21\), got \(20, 20\)"),
+            ("curve_scale", np.zeros(3), "expected positive numbers"),
+            ("curve_scale", np.ones(9), "expected 1 to 4 numbers, got 9"),
+            ("curve_range", np.ones((2, 3)) * [[1], [0]], "the least values in the first row"),
+            ("curve_coefficients", np.full(21, 100.0), "its curve gives strains from"),
+            ("mode_change", np.zeros(599), "each greater than the one before"),
+            ("strain_knots", 1e3 * np.arange(8.0), "expected 0 to about ranges.strain, 0.689, got 0 to 7e"),
+            ("bending_covariance", -np.eye(6), "without a negative eigenvalue"),
+            ("golden_input", np.zeros((20, 6)), "its golden vector is off by"),
         ],
     )
     def test_unsound_files_are_refused(self, tmp_path, name, value, message) -> None:
@@ -66,6 +78,31 @@ class TestModelFile:
             tensors[name] = value
         save_file(tensors, tmp_path / "m", {"tensegraph": json.dumps(metadata)})
         with pytest.raises(InputError, match=message):
+            read_sensor_model(tmp_path / "m")
+
+    @pytest.mark.parametrize(
+        ("key", "value", "message"),
+        [
+            ("memory_s", [2.0, -1.0, 50.0], r"metadata: memory_s\[1\]: .*greater than 0, got -1"),
+            ("memory_s", [2.0, 10.0], r"= \(64, 5\), got \(64, 6\)"),
+            ("lag_s", float("inf"), "metadata: lag_s: .*less than or equal to 60, got inf"),
+            ("sigma_scale", [0.0, 0.0], r"sigma_scale\[0\]"),
+            ("scaling", {"change": 0.0}, "scaling.change: .*greater than 0"),
+            ("ranges", {"change": [1, 0], "rate_per_s": 1, "strain": [0, 1], "step_s": [0.01, 0.1]}, "ranges.change"),
+            ("format", 3, "expected format 2, got 3"),
+        ],
+    )
+    def test_unsound_metadata_is_refused(self, tmp_path, key, value, message) -> None:
+        tensors, metadata = stored(SHIPPED)
+        save_file(tensors, tmp_path / "m", {"tensegraph": json.dumps(metadata | {key: value})})
+        with pytest.raises(InputError, match=message) as error:
+            read_sensor_model(tmp_path / "m")
+        assert "\n" not in str(error.value)
+
+    @pytest.mark.parametrize("text", ["[]", "null", "{", "[" * 100_000])
+    def test_metadata_that_is_no_table_is_refused(self, tmp_path, text) -> None:
+        save_file({"a": np.zeros(1)}, tmp_path / "m", {"tensegraph": text})
+        with pytest.raises(InputError, match=r"is no model file|expected format 2, got"):
             read_sensor_model(tmp_path / "m")
 
     def test_what_is_no_model_is_refused(self, tmp_path) -> None:

@@ -4,13 +4,17 @@ The changes are those that labs make (wrong unit, cut file, lost row, edited cel
 purpose (huge numbers, not-a-numbers, bytes that are no text).
 """
 
+import json
 import random
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomli_w
+from safetensors import safe_open
+from safetensors.numpy import save_file
 
 NUMBERS = ("0", "-1", "1e-300", "-4e305", "1e20", "nan", "inf", "-inf", "1e308", "9" * 400, "0.0001", "1e9", "-0.0")
 CELLS = (*NUMBERS, "", " ", "x", "1,5", "0x10", "1_000", "٣", '"1"', "1e", "true", "1.5.2")
@@ -25,6 +29,8 @@ Change = Callable[[str, random.Random], str | bytes]
 
 def mutate(path: Path, rng: random.Random) -> str:
     """Change a file once or twice, and return the names of the changes."""
+    if path.suffix == ".safetensors":
+        return f"{path.name}: {mutate_model(path, rng)}"
     names = []
     for _ in range(rng.choice((1, 1, 2))):
         try:
@@ -36,6 +42,49 @@ def mutate(path: Path, rng: random.Random) -> str:
         path.write_bytes(result if isinstance(result, bytes) else result.encode())
         names.append(change.__name__)
     return f"{path.name}: {', '.join(names)}"
+
+
+def mutate_model(path: Path, rng: random.Random) -> str:
+    """Change a tensor, the metadata or the bytes of a model file, and return what was changed."""
+    with safe_open(path, framework="numpy") as file:
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
+        metadata = dict(file.metadata())
+    name, kind = rng.choice(list(tensors)), rng.choice((*TENSOR_CHANGES, *["metadata"] * 4, "bytes", "cut"))
+    if kind == "metadata":
+        name, metadata["tensegraph"] = _with_json_leaf(metadata["tensegraph"], rng)
+    elif kind in TENSOR_CHANGES:
+        tensors[name] = TENSOR_CHANGES[kind](tensors[name], rng)
+    save_file(tensors, path, metadata)
+    data = bytearray(path.read_bytes())
+    if kind == "bytes":
+        data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+    path.write_bytes(data[: rng.randrange(len(data))] if kind == "cut" else data)
+    return f"{kind} {name}"
+
+
+def number_replaced(tensor: np.ndarray, rng: random.Random) -> np.ndarray:
+    tensor = tensor.copy()
+    tensor.flat[rng.randrange(tensor.size)] = rng.choice((0, -1, 1e-300, 1e300, 1e20, np.nan, np.inf, 1000.0))
+    return tensor
+
+
+TENSOR_CHANGES: dict[str, Callable[[np.ndarray, random.Random], np.ndarray]] = {
+    "number": number_replaced,
+    "scale": lambda tensor, rng: tensor * rng.choice((1000.0, -1.0, 0.0, 1e9, 1e100)),
+    "shape": lambda tensor, rng: rng.choice((tensor.ravel(), tensor[None], tensor.T.copy(), tensor[:0], tensor[:1])),
+    "type": lambda tensor, rng: tensor.astype(rng.choice(("f4", "f2", "i8", "u1", "?"))),
+    "reversed": lambda tensor, rng: tensor[::-1].copy(),
+}
+
+
+def _with_json_leaf(text: str, rng: random.Random) -> tuple[str, str]:
+    """Return the name of a changed value, and the JSON with it; seldom something that is no table."""
+    if rng.random() < 0.1:
+        return "all", rng.choice(("[]", "1", "null", "{", "[" * 100_000))
+    table = json.loads(text)
+    holder, key = rng.choice(list(_places(table, rng.random() < 0.5)))
+    holder[key] = rng.choice(VALUES) if rng.random() < 0.6 else _scaled(holder[key], rng.choice(FACTORS))
+    return str(key), json.dumps(table)
 
 
 def value_replaced(text: str, rng: random.Random) -> str:
