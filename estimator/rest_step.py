@@ -33,6 +33,7 @@ from ..models.structure.rigidity import find_rest_shape
 from ..models.structure.statics import Mechanics, Statics
 from ..models.structure.structure import Structure
 from ..models.structure.support import Support, hung_up, standing, weightless
+from ..models.values.errors import IndeterminateError
 
 WRONG_ROD_M = 0.001
 """Standard deviation of a rod's length, if the rods are what was told wrongly."""
@@ -42,6 +43,8 @@ WRONG_SHAPE_M = 0.002
 """Standard deviation of a measured position per axis, if the measured shape is what was told wrongly."""
 WRONG_HUB_M = 0.0075
 """Distance from a rod's end at which its tendons end, if it was not told that they end on hubs."""
+MOST_STEPS = 200
+"""Number of steps to a minimum after which there is none; six to eight are usual, from a measured shape."""
 LOG_PRIOR_ODDS = 3.0
 """Log of the prior odds of a part told correctly to one told wrongly: one trial in twenty."""
 
@@ -65,7 +68,7 @@ def rest_step(
         floor: the floor that the structure stands on; None where anchors hold it.
 
     Raises:
-        IndeterminateError: when neither a measurement nor form finding gives a shape.
+        IndeterminateError: when neither a measurement nor form finding gives a shape, or no forces balance there.
     """
     source: Literal["measured", "found"] = "found" if measured_position_m is None else "measured"
     if measured_position_m is None:
@@ -181,6 +184,7 @@ class _RestProblem:
             lambda z: np.concatenate([self.rows(z)[1], np.eye(size)]),
             method="lm",
             xtol=1e-10,
+            max_nfev=MOST_STEPS,
         )
         hessian = solution.jac.T @ solution.jac
         log_sigma = len(self.structure.rods) * np.log(self.geometry.rod_length_m)
@@ -189,7 +193,7 @@ class _RestProblem:
             statics = Statics(self.structure, self.nominal)
             log_sigma += statics.rank * np.log(self._force_sigma_n)
         log_evidence = -solution.cost - 0.5 * np.linalg.slogdet(hessian)[1] - log_sigma
-        return _Minimum(solution.x, hessian, float(log_evidence))
+        return _Minimum(solution.x, hessian, float(log_evidence) if solution.success else -np.inf)
 
     def rows(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the residuals over their sigmas, without those of the priors, and their Jacobian by z."""
@@ -253,7 +257,11 @@ class _RestProblem:
 def _most_probable(
     told: _RestProblem, source: Literal["measured", "found"]
 ) -> tuple[_RestProblem, _Minimum, WrongPart | None]:
-    """Return the problem of most evidence, its minimum, and the part of the geometry that it takes as told wrongly."""
+    """Return the problem of most evidence, its minimum, and the part of the geometry that it takes as told wrongly.
+
+    Raises:
+        IndeterminateError: when none of them has a minimum.
+    """
     sigma = told.geometry
     less_certain: dict[WrongPart, _RestProblem] = {
         "rods": replace(told, geometry=replace(sigma, rod_length_m=max(sigma.rod_length_m, WRONG_ROD_M))),
@@ -270,6 +278,11 @@ def _most_probable(
         if minimum.log_evidence > least:
             least = minimum.log_evidence
             chosen = (problem, minimum, part)
+    if np.isinf(chosen[1].log_evidence):
+        raise IndeterminateError(
+            f"no forces of the tendons balance at rest, in {MOST_STEPS} steps: are all lengths in m, the stiffnesses in "
+            "N/m and the masses in kg?"
+        )
     return chosen
 
 

@@ -163,9 +163,10 @@ def read_blocks(
     Raises:
         InputError: when a row is missing, or a cell is no number and no word.
     """
-    rows = np.array(list(CsvFile(path, ["t_s", label, *columns], words=words)))
+    names = ["t_s", label, *columns]
+    rows = np.array(list(CsvFile(path, names, words=words))).reshape(-1, len(names))
     expected = np.stack([np.repeat(t_s, len(labels)), np.tile(labels, len(t_s))], axis=1)
-    if rows.shape[:1] != expected.shape[:1] or not np.array_equal(rows[:, :2], expected):
+    if not np.array_equal(rows[:, :2], expected):
         which = f"{len(labels)} rows ({label} {labels[0]} to {labels[-1]})"
         raise InputError(f"{path}: expected {which} for each row of shape.csv")
     return rows[:, 2:].reshape(len(t_s), len(labels), len(columns))

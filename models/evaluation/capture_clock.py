@@ -139,7 +139,7 @@ def search_offset(estimated: MotionSignals, captured: MotionSignals) -> OffsetSe
     explains little.
     """
     e, m = estimated.signal_m, captured.signal_m
-    s_em, s_mm, s_ee = _products_about_means(e - np.nanmean(e, axis=0), m - np.nanmean(m, axis=0))
+    s_em, s_mm, s_ee = _products_about_means(_about_mean(e), _about_mean(m))
     explained = 2 * s_em - s_mm
     offsets_s = estimated.t_s[0] - captured.t_s[0] + STEP_S * (np.arange(len(explained)) - len(m) + 1)
     best = int(np.argmax(explained))
@@ -153,6 +153,12 @@ def search_offset(estimated: MotionSignals, captured: MotionSignals) -> OffsetSe
         other_offset_s=np.nan if other is None else float(offsets_s[other]),
         other_explained_m2=0.0 if other is None else float(explained[other]),
     )
+
+
+def _about_mean(signal_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (times, signals) minus the mean of what is known of each signal, of which there may be nothing."""
+    known = np.isfinite(signal_m)
+    return np.asarray(signal_m - np.where(known, signal_m, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
 
 
 def _products_about_means(

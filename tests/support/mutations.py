@@ -135,33 +135,33 @@ def column_scaled(text: str, rng: random.Random) -> str:
 def all_scaled(text: str, rng: random.Random) -> str:
     """All columns but the first, as positions in millimetres are."""
     factor = rng.choice(FACTORS)
-    header, *rows = text.splitlines()
+    header, *rows = text.splitlines() or [""]
     scaled = [",".join([c if k == 0 else _scaled_cell(c, factor) for k, c in enumerate(r.split(","))]) for r in rows]
     return "\n".join([header, *scaled]) + "\n"
 
 
 def time_jumps(text: str, rng: random.Random) -> str:
     jump_s = rng.choice((1e9, -1e9, 1e5, 100.0, -1.0, 1e18, 0.5))
-    header, *rows = text.splitlines()
+    header, *rows = text.splitlines() or [""]
     from_row = rng.randrange(len(rows) + 1)
     moved = [_first_cell(row, lambda t: t + jump_s) if k >= from_row else row for k, row in enumerate(rows)]
     return "\n".join([header, *moved]) + "\n"
 
 
 def time_stands(text: str, rng: random.Random) -> str:
-    header, *rows = text.splitlines()
+    header, *rows = text.splitlines() or [""]
     return "\n".join([header, *(_first_cell(row, lambda _: 1.0) for row in rows)]) + "\n"
 
 
 def header_renamed(text: str, rng: random.Random) -> str:
-    header, *rows = text.splitlines()
+    header, *rows = text.splitlines() or [""]
     names = header.split(",")
     names[rng.randrange(len(names))] = rng.choice(("", "t_s", "x", names[0], names[-1]))
     return "\n".join([",".join(names), *rows]) + "\n"
 
 
 def columns_exchanged(text: str, rng: random.Random) -> str:
-    header, *rows = text.splitlines()
+    header, *rows = text.splitlines() or [""]
     names = header.split(",")
     a, b = rng.randrange(len(names)), rng.randrange(len(names))
     names[a], names[b] = names[b], names[a]
@@ -169,7 +169,7 @@ def columns_exchanged(text: str, rng: random.Random) -> str:
 
 
 def lines_shuffled(text: str, rng: random.Random) -> str:
-    header, *rows = text.splitlines()
+    header, *rows = text.splitlines() or [""]
     rng.shuffle(rows)
     return "\n".join([header, *rows]) + "\n"
 
