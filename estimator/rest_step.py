@@ -280,8 +280,8 @@ def _most_probable(
             chosen = (problem, minimum, part)
     if np.isinf(chosen[1].log_evidence):
         raise IndeterminateError(
-            f"no forces of the tendons balance at rest, in {MOST_STEPS} steps: are all lengths in m, the stiffnesses in "
-            "N/m and the masses in kg?"
+            f"no forces of the tendons balance at rest, in {MOST_STEPS} steps: are all lengths in m, the stiffnesses "
+            "in N/m and the masses in kg?"
         )
     return chosen
 

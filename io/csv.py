@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..models.values.errors import InputError
 from ..models.values.units import beyond, largest
+from .input_files import check_regular, lines_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +54,10 @@ class CsvFile:
     def head(self) -> CsvHead:
         """Return the comment lines and the header."""
         pairs: dict[str, str] = {}
+        check_regular(self.path)
         try:
             with self.path.open(encoding="utf-8-sig", newline="") as file:
-                for row, line in enumerate(file, start=1):
+                for row, line in enumerate(lines_of(file, self.path), start=1):
                     if not line.startswith("#"):
                         names = [name.strip() for name in line.split(",")]
                         if self.numbered:
@@ -63,8 +65,6 @@ class CsvFile:
                         return CsvHead(pairs, names, row, first_row=row + 1)
                     name, _, value = line.lstrip("#").partition("=")
                     pairs[name.strip()] = value.strip()
-        except FileNotFoundError as error:
-            raise InputError(f"{self.path}: no such file") from error
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"{self.path}: cannot be read: {error}") from error
         raise InputError(f"{self.path}: is empty: expected a header with {', '.join(self.columns)}")
@@ -81,7 +81,9 @@ class CsvFile:
         may_be_blank = frozenset(self.blank)
         limits = [largest(name) for name in names]
         with self.path.open(encoding="utf-8-sig", newline="", errors="replace") as file:
-            for row, line in enumerate(islice(file, head.first_row - 1, None), start=head.first_row):
+            for row, line in enumerate(
+                islice(lines_of(file, self.path), head.first_row - 1, None), start=head.first_row
+            ):
                 if not line.endswith("\n"):
                     self.half_lines += 1
                     return

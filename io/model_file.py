@@ -29,6 +29,7 @@ from ..models.sensor.sensor_model import (
 from ..models.values.errors import InputError
 from ..models.values.tables import Positive, parse_table
 from ..models.values.tensors import Tensors, check_covariance, check_rising, checked_tensors
+from .input_files import check_regular
 
 FORMAT: Literal[2] = 2
 METADATA_KEY = "tensegraph"
@@ -95,12 +96,11 @@ def read_sensor_model(path: Path | None = None) -> SensorModel:
         InputError: when the file is missing or is no sound model.
     """
     path = Path(str(files("tensegraph.models.data").joinpath("stretching.safetensors"))) if path is None else path
+    check_regular(path)
     try:
         with safe_open(path, framework="numpy") as file:
             metadata = json.loads((file.metadata() or {}).get(METADATA_KEY, "{}"))
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
     except (OSError, SafetensorError, TypeError, ValueError, RecursionError) as error:  # damaged header, or odd JSON
         raise InputError(f"{path}: is no model file: {error}") from error
     try:

@@ -69,7 +69,7 @@ def _base_path(path: Path, table: Mapping[str, Any]) -> Path | None:
 
 def _place(path: Path, key: str) -> str:
     """Return the file and the line of a key, for the text of an error."""
-    return f"{path}: line {line_of(path.read_text(encoding='utf-8'), key)}"
+    return f"{path}: line {line_of(path.read_text(encoding='utf-8-sig'), key)}"
 
 
 def _layers(path: Path) -> list[_Layer]:

@@ -8,6 +8,7 @@ from typing import Any
 from ..models.settings import Settings
 from ..models.values.errors import InputError
 from ..models.values.tables import parse_table, unknown_keys
+from .input_files import LARGEST_TABLE_BYTES, check_regular
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -16,10 +17,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises:
         InputError: when it is missing or not TOML.
     """
+    check_regular(path, LARGEST_TABLE_BYTES)
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
     except (OSError, ValueError, RecursionError) as error:  # no text, no TOML, or an integer of thousands of digits
         raise InputError(f"{path}: cannot be read as TOML: {error}") from error
 

@@ -21,7 +21,7 @@ from .structure.structure import Structure
 from .structure.suspension import Suspension
 from .values.aids import Imu
 from .values.errors import InputError
-from .values.tables import AtLeastOne, NotNegative, Positive, parse_table, unknown_keys
+from .values.tables import AtLeastOne, FileName, NotNegative, Positive, parse_table, unknown_keys
 
 _DEFAULT = GeometrySigma()
 FAR_FROM_ANCHOR_M = 0.01
@@ -121,7 +121,7 @@ class ImuTable:
     rod: int
     axis: tuple[float, float, float]
     fraction: float = 0.5
-    file: str | None = None
+    file: FileName | None = None
     board: int | None = None
     sensor: int = 0
 
@@ -130,7 +130,7 @@ class ImuTable:
 class RangeTable:
     """`[[range]]`: one recording of distances between beacons and nodes."""
 
-    file: str
+    file: FileName
     beacon_position_m: list[tuple[float, float, float]]
 
 
@@ -138,7 +138,7 @@ class RangeTable:
 class PositionTable:
     """`[[position]]`: one recording of positions of some nodes."""
 
-    file: str
+    file: FileName
     frame: Literal["world", "own"] = "world"
 
 
@@ -146,7 +146,7 @@ class PositionTable:
 class MotorTable:
     """`[[motor]]`: one recording of the natural lengths of tendons that motors wind, see `Motors`."""
 
-    file: str
+    file: FileName
     tendons: list[int]
     strip_length_m: Positive
 
@@ -193,7 +193,7 @@ class SensorsTable:
 class BoardTable:
     """`[[board]]`: one recording of one board, and the tendon wired to each of its channels."""
 
-    file: str
+    file: FileName
     tendon_of_channel: list[int | str]
     board_id: str | int | None = None
     firmware: str | None = None
@@ -213,7 +213,7 @@ class LinkTable:
 class FileTable:
     """`[resistance]` or `[lengths]`: one file that replaces the boards."""
 
-    file: str
+    file: FileName
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,9 +240,9 @@ class MarkerTable:
 class TruthTable:
     """`[truth]`: the files of true positions and loads, for evaluation only, never an input to an estimator."""
 
-    file: str
-    loads: str | None = None
-    contacts: str | None = None
+    file: FileName
+    loads: FileName | None = None
+    contacts: FileName | None = None
     markers: dict[str, MarkerTable] = field(default_factory=dict)
     fault: list[FaultTable] = field(default_factory=list)
 

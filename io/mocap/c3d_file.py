@@ -8,6 +8,7 @@ import numpy as np
 from ...models.values.errors import InputError
 from ...models.values.extras import needs_extra
 from ...models.values.marker_tracks import MarkerTracks
+from ..input_files import check_regular
 from .marker_rows import different_names, metres_per, positive_number
 
 MAGIC = 0x50
@@ -20,11 +21,10 @@ def read_c3d(path: Path) -> MarkerTracks:
     Raises:
         InputError: for a file that cannot be read or is no C3D, without ezc3d, or without points, rate or unit.
     """
-    try:
-        if path.read_bytes()[1:2] != bytes([MAGIC]):
+    check_regular(path)
+    with path.open("rb") as start:
+        if start.read(2)[1:] != bytes([MAGIC]):
             raise InputError(f"{path}: is no C3D file: expected 0x50 as its second byte")
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
     with needs_extra(f"{path}: C3D", "mocap"):
         import ezc3d
     try:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...models.values.errors import InputError
 from ...models.values.marker_tracks import MarkerTracks
+from ..input_files import check_regular, lines_of
 
 METRES = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
 """Length of each unit that the programs write."""
@@ -31,11 +32,10 @@ def read_cells(path: Path, delimiter: str) -> list[list[str]]:
     Raises:
         InputError: for a file that cannot be read.
     """
+    check_regular(path)
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            return [[cell.strip() for cell in row] for row in csv.reader(file, delimiter=delimiter)]
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
+            return [[cell.strip() for cell in row] for row in csv.reader(lines_of(file, path), delimiter=delimiter)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from ...models.values.errors import InputError
 from ...models.values.marker_tracks import MarkerTracks
 from ...models.values.stamped_positions import StampedPositions
+from ..input_files import check_regular
 from ..positions import read_positions
 from .c3d_file import read_c3d
 from .motive_csv import FIRST_CELL, read_motive_csv
@@ -34,10 +35,9 @@ def read_truth(path: Path, node_count: int) -> StampedPositions | MarkerTracks:
 
 
 def _head(path: Path) -> str:
+    check_regular(path)
     try:
         with path.open("rb") as file:
             return file.read(HEAD_BYTES).decode("utf-8-sig", errors="replace")
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error}") from error

@@ -34,6 +34,8 @@ class FrameSettings:
 
 LONGEST_SILENCE_S = 60.0
 """Time without any reading after which no frames are made until the next one: nothing is known by then of the shape."""
+MOST_SILENT_FRAMES = 3000
+"""The same as a number of frames, a minute at 50 Hz, so that two rows far apart cannot make frames by the million."""
 
 
 class _Source:
@@ -140,6 +142,7 @@ class FrameAssembler:
         self._natural_ohm = natural_ohm
         self._settings = frames
         self._gate = gate
+        self._longest_silence_s = min(LONGEST_SILENCE_S, MOST_SILENT_FRAMES / frames.rate_hz)
         self._sources: list[_Source | None] = [None] * sources
         self._next: int | None = None
         self._last_s = -np.inf
@@ -147,7 +150,7 @@ class FrameAssembler:
 
     def add(self, reading: ResistanceReading) -> Iterator[ResistanceFrame]:
         """Add one reading, and yield the frames that are complete with it."""
-        if self._next is not None and reading.t_s - self._last_s > LONGEST_SILENCE_S:
+        if self._next is not None and reading.t_s - self._last_s > self._longest_silence_s:
             yield from self.finish()
             self._next = round(reading.t_s * self._settings.rate_hz)
         self._last_s = max(reading.t_s, self._last_s)

@@ -16,8 +16,18 @@ from .specimens import SensorPhysics
 
 LARGEST_HUB = 0.25
 """Largest radius of a hub, as a share of the shortest tendon."""
+CARRIED = ("imu", "range", "position", "motor")
+"""Lists of a plan whose entries have a rate."""
 LARGEST_ERROR = 0.1
 """Largest standard deviation or offset of a length, as a share of the shortest one."""
+
+
+MOST_BYTES = 8 << 30
+"""Memory that a simulation may take: half an hour of the paper's structure, in steps of a millisecond, takes 6 GiB."""
+BYTES_PER_ROW = 1000
+"""Memory that a row of a board or of another sensor takes, as the object that a recorder is given."""
+LEAST_STEP_S = 1e-4
+"""Shortest step of the integration: coming to rest may take five minutes of simulated time."""
 
 
 def problems(plan: Plan) -> Iterator[tuple[str, str]]:
@@ -36,6 +46,7 @@ def problems(plan: Plan) -> Iterator[tuple[str, str]]:
         return
     yield from _problems_of_structure(plan, structure)
     yield from _problems_of_time(plan)
+    yield from _problems_of_size(plan, structure)
     yield from _problems_of_sensors(plan.sensors)
     yield from _problems_of_drift(plan)
     yield from _problems_of_geometry(plan, structure)
@@ -67,6 +78,27 @@ def _problems_of_time(plan: Plan) -> Iterator[tuple[str, str]]:
         if abs(period_s / step_s - round(period_s / step_s)) > 1e-6 or period_s < step_s:
             yield key, f"expected a whole number of steps of {step_s} s (mechanics.step_s), got {period_s / step_s:.6g}"
             return
+
+
+def _problems_of_size(plan: Plan, structure: Structure) -> Iterator[tuple[str, str]]:
+    """Yield what would take more memory or time than there is, before any of it is taken."""
+    if plan.mechanics.step_s < LEAST_STEP_S:
+        yield "mechanics.step_s", f"expected at least {LEAST_STEP_S:g} s, got {plan.mechanics.step_s:g}"
+        return
+    numbers = 6 * structure.node_count + 10 * len(structure.tendons) + 9 * len(structure.rods)
+    steps_bytes = 8.0 * numbers * plan.duration_s / plan.mechanics.step_s
+    if steps_bytes > MOST_BYTES:
+        yield "duration_s", _too_large(f"{plan.duration_s:g} s in steps of {plan.mechanics.step_s:g} s", steps_bytes)
+    rates = {f"{kind}[{k}].rate_hz": one.rate_hz for kind in CARRIED for k, one in enumerate(getattr(plan, kind))}
+    rates["boards.period_us"] = len(plan.boards.tendon_of_channel) * 1e6 / plan.boards.period_us
+    for key, rate_hz in rates.items():
+        rows_bytes = BYTES_PER_ROW * rate_hz * plan.duration_s
+        if rows_bytes > MOST_BYTES:
+            yield key, _too_large(f"{rate_hz * plan.duration_s:.3g} rows", rows_bytes)
+
+
+def _too_large(what: str, size_bytes: float) -> str:
+    return f"{what} take {size_bytes / 2**30:.3g} GiB of memory: expected at most {MOST_BYTES >> 30} GiB"
 
 
 def _problems_of_sensors(sensors: SensorPhysics) -> Iterator[tuple[str, str]]:

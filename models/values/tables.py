@@ -1,5 +1,6 @@
 """Conversion of tables (from TOML) to frozen dataclasses; a value that does not fit gives an error of one line."""
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
@@ -30,6 +31,16 @@ Share = Annotated[float, Interval(ge=0, lt=1)]
 """A number from 0 up to, but not including, 1."""
 Probability = Annotated[float, Interval(gt=0, lt=1)]
 """A number strictly between 0 and 1."""
+
+
+def _inside(name: str) -> str:
+    if not name or "\0" in name or name.startswith(("/", "\\")) or ":" in name[:2] or ".." in re.split(r"[/\\]", name):
+        raise ValueError("expected a file in the directory of this one, or below it")
+    return name
+
+
+FileName = Annotated[str, AfterValidator(_inside)]
+"""Name of a file that does not lead out of the directory; a link that someone made there may."""
 
 T = TypeVar("T")
 

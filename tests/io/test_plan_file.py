@@ -42,6 +42,9 @@ REFUSED = [
     ("[12, 13, 14,", "[24, 13, 14,", r"boards.tendon_of_channel\[1\]: expected tendons from 0 to 23, got 24"),
     ("lost_rows = 0.004", "lost_rows = 1.0", r"boards.lost_rows: .*less than 1, got 1.0"),
     ("anchors = [0, 1, 2] ", "anchors = [0, 1, 3] ", r"structure.anchors: rod 0 is 0.3 m long, its anchors 0.183\d+ m apart"),
+    ("duration_s = 30.0", "duration_s = 1e5", r"duration_s: 100000 s in steps of 0.001 s take .* GiB of memory: expected at"),
+    ("step_s = 0.001", "step_s = 0.00001", r"mechanics.step_s: expected at least 0.0001 s, got 1e-05"),
+    ("period_us = 20000", "period_us = 1", r"boards.period_us: 6e\+07 rows take 55.9 GiB of memory: expected at most 8 GiB"),
     ("rod_length_m = 0.3", "rod_length_m = -0.3", r"structure.rod_length_m\[0\]: expected a positive, finite length"),
 ]  # fmt: skip
 

@@ -1,0 +1,53 @@
+"""Input files before they are opened: a file that never ends, or waits for ever, is refused."""
+
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TextIO
+
+from ..models.values.errors import InputError
+
+LONGEST_LINE = 1 << 20
+"""Number of characters of a line above which a file is not read on; a row of a thousand numbers has 20 000."""
+LARGEST_TABLE_BYTES = 64 << 20
+"""Size above which a file is not read at once; a trial.toml has some kilobytes."""
+
+
+def check_regular(path: Path, largest_bytes: int | None = None) -> None:
+    """Check that a path leads to a regular file; opening a pipe would wait for ever, reading a device may never end.
+
+    Args:
+        path: of a file to read.
+        largest_bytes: its largest size; None if it is read in parts.
+
+    Raises:
+        InputError: when there is no file, or another kind of one, or a larger one.
+    """
+    try:
+        found = path.stat()
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except (OSError, ValueError) as error:  # a ValueError for a name with a zero byte
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if not stat.S_ISREG(found.st_mode):
+        raise InputError(f"{path}: expected a file, got {_kind(found.st_mode)}")
+    if largest_bytes is not None and found.st_size > largest_bytes:
+        raise InputError(f"{path}: expected at most {largest_bytes >> 20} MiB, got {found.st_size >> 20} MiB")
+
+
+def lines_of(file: TextIO, path: Path) -> Iterator[str]:
+    """Yield the lines of an open file, each with its end.
+
+    Raises:
+        InputError: for a line that is too long to be one.
+    """
+    for row, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), start=1):
+        if len(line) > LONGEST_LINE:
+            raise InputError(f"{path}: row {row}: expected at most {LONGEST_LINE} characters in a line")
+        yield line
+
+
+def _kind(mode: int) -> str:
+    if stat.S_ISDIR(mode):
+        return "a directory"
+    return "a pipe" if stat.S_ISFIFO(mode) else "a device or a socket"

@@ -1,0 +1,78 @@
+"""Files that never end or wait for ever, and names that lead out of a trial: as a user meets them, and at once."""
+
+import os
+from io import StringIO
+from pathlib import Path
+
+import pytest
+
+from command_line import run
+from tensegraph import InputError
+from tensegraph.io.csv import CsvFile
+from tensegraph.io.input_files import LONGEST_LINE, check_regular, lines_of
+from tensegraph.io.mocap.truth_file import read_truth
+from tensegraph.io.model_file import read_sensor_model
+from tensegraph.io.toml import read_toml
+
+READERS = {
+    "toml": read_toml,
+    "csv": lambda path: list(CsvFile(path, ["t_s"])),
+    "model": read_sensor_model,
+    "truth": lambda path: read_truth(path, 12),
+    "c3d": lambda path: read_truth(path, 12),
+}
+
+
+@pytest.mark.parametrize("kind", READERS)
+@pytest.mark.parametrize("what", ["a directory", "a pipe", "a device or a socket"])
+def test_what_is_no_file_is_refused_before_it_is_opened(tmp_path, kind, what) -> None:
+    path = tmp_path / f"input.{kind}"
+    if what == "a directory":
+        path.mkdir()
+    elif what == "a pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to("/dev/zero")
+    with pytest.raises(InputError, match=f"input.{kind}: expected a file, got {what}"):
+        READERS[kind](path)
+
+
+def test_a_line_of_a_gigabyte_is_not_read_to_its_end(tmp_path) -> None:
+    path = tmp_path / "rows.csv"
+    path.write_bytes(b"t_s\n1\n")
+    os.truncate(path, 1 << 30)  # a hole, which takes no space on the disk
+    with pytest.raises(InputError, match=f"row 3: expected at most {LONGEST_LINE} characters in a line"):
+        list(CsvFile(path, ["t_s"]))
+    with pytest.raises(InputError, match="expected at most 64 MiB, got 1024 MiB"):
+        read_toml(path)
+
+
+def test_lines_keep_their_ends() -> None:
+    text = "a\n\nb\r\nc"
+    assert list(lines_of(StringIO(text, newline=""), Path("x"))) == ["a\n", "\n", "b\r\n", "c"]
+    longest = "x" * (LONGEST_LINE - 1) + "\n"
+    assert list(lines_of(StringIO(longest), Path("x"))) == [longest]
+
+
+def test_a_name_with_a_zero_byte_is_no_file() -> None:
+    with pytest.raises(InputError, match="cannot be read: embedded null byte"):
+        check_regular(Path("a\0b"))
+
+
+@pytest.mark.parametrize("name", ["../board0.csv", "/etc/passwd", "a/../../b.csv", "..\\\\b.csv", "C:b.csv", ""])
+@pytest.mark.parametrize("old", ['file = "board0.csv"', 'file = "truth.csv"', 'loads = "loads.csv"'])
+def test_names_in_trial_toml_do_not_lead_out_of_it(trial_copy, name, old) -> None:
+    trial = trial_copy(trial=lambda text: text.replace(old, f'{old.partition(" ")[0]} = "{name}"'))
+    ended = run("reconstruct", trial, cwd=trial.parent)
+    assert ended.returncode == 2
+    assert "expected a file in the directory of this one, or below it" in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
+
+
+def test_a_link_in_a_trial_may_lead_out_of_it(trial_copy) -> None:
+    trial = trial_copy()
+    (trial / "truth.csv").rename(trial.parent / "elsewhere.csv")
+    (trial / "truth.csv").symlink_to("../elsewhere.csv")
+    ended = run("reconstruct", trial, "--method", "least-squares", "--no-figures", cwd=trial.parent)
+    assert ended.returncode == 0
+    assert "node RMSE" in ended.stdout
