@@ -1,11 +1,13 @@
 """Writing files and directories completely or not at all.
 
 New files are first written to a hidden directory beside their destination, then flushed to the disk, then renamed into
-place. The directory is on the same file system, so that renaming is a single step. File modes follow the umask.
+place. The directory is on the same file system, so that renaming is a single step. Nobody else may enter it; the modes
+of what is written follow the umask. A run that is killed leaves the hidden directory, which the next run removes.
 """
 
 import errno
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator, Sequence
@@ -14,6 +16,21 @@ from pathlib import Path
 
 from ..models.values.errors import InputError
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+WRITTEN_NAMES = frozenset(
+    [
+        *("run.toml", "shape.csv", "ellipsoids.csv", "lengths.csv", "status.csv", "other_shape.csv"),
+        *("sensor_drift.csv", "estimated_loads.csv", "contacts.csv", "track.csv", "slips.csv"),
+        *("evaluation.json", "comparison.csv", "comparison.png"),
+        *("lengths.png", "shape.png", "sensor_drift.png", "track.png", "heights.png", "errors.png", "loads.png"),
+        *("curves.png", "losses.png", "predictions.png", "sweep.png"),
+    ]
+)
+"""Names of the files that commands write into directories; others in them are the user's, and stay there."""
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of the system that only writing can cause."""
 
@@ -32,10 +49,13 @@ def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
         InputError: when the disk is full, or the paths cannot be created, flushed or moved. Other errors of the block
             are passed on as they are.
     """
-    places = [Path(os.path.abspath(path)) for path in paths]  # gives `.` a name as well
+    places = [Path(os.path.realpath(path)) for path in paths]  # gives `.` a name as well; a link stays a link
     aside = places[0].with_name(f".{places[0].name}-{secrets.token_hex(4)}")
     with _cannot_be_written(paths[-1]):
-        aside.mkdir(parents=True)
+        _remove_left_over(places)
+        aside.parent.mkdir(parents=True, exist_ok=True)
+        aside.mkdir(mode=0o700)
+    lock = _locked(aside)
     try:
         written = tuple(aside / place.name for place in places)
         try:
@@ -51,6 +71,46 @@ def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
             _sync(aside.parent)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
+
+
+def _remove_left_over(places: Sequence[Path]) -> None:
+    """Remove the hidden directories of runs that were killed; what they had moved aside is moved back."""
+    parent = places[0].parent
+    own = re.compile(rf"\.{re.escape(places[0].name)}-[0-9a-f]{{8}}(-earlier)?")
+    for aside in [path for path in parent.iterdir() if own.fullmatch(path.name)] if parent.is_dir() else ():
+        if _in_use(aside.with_name(aside.name.removesuffix("-earlier"))):
+            continue
+        for place in places if aside.name.endswith("-earlier") else ():
+            if (aside / place.name).exists() and not place.exists():
+                (aside / place.name).rename(place)
+            _keep_others(aside / place.name, place)
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _locked(directory: Path) -> int | None:
+    """Lock a directory until its descriptor is closed or the process ends, however it ends; None without locks."""
+    if fcntl is None:
+        return None
+    descriptor = os.open(directory, os.O_RDONLY)
+    with suppress(OSError):  # some network file systems have no locks
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return descriptor
+
+
+def _in_use(directory: Path) -> bool:
+    """Return whether a process has locked a directory, or that cannot be known."""
+    if fcntl is None or not directory.exists():
+        return fcntl is None
+    descriptor = os.open(directory, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
 
 
 def check_vacant(path: Path) -> None:
@@ -122,10 +182,19 @@ def _move(written: Sequence[Path], places: Sequence[Path]) -> None:
                 inside.replace(place)
                 undo.callback(place.rename, inside)
             undo.pop_all()
-            shutil.rmtree(earlier, ignore_errors=True)
+        for place in places:
+            _keep_others(earlier / place.name, place)
+        shutil.rmtree(earlier, ignore_errors=True)
     finally:
         with suppress(OSError):
             earlier.rmdir()
+
+
+def _keep_others(earlier: Path, place: Path) -> None:
+    """Move what no command has written from an earlier directory, if it is one, into the one that replaces it."""
+    for path in earlier.iterdir() if earlier.is_dir() else ():
+        if path.name not in WRITTEN_NAMES and not (place / path.name).exists():
+            path.rename(place / path.name)
 
 
 def _sync_all(path: Path) -> None:

@@ -11,6 +11,9 @@ from ..values.errors import InputError
 from ..values.units import OTHER_UNIT
 from .lengths import member_length_m
 
+MOST_NODES = 1000
+"""Number of nodes above which a number is taken for a slip of the pen."""
+
 
 @dataclass(frozen=True, eq=False)
 class Structure:
@@ -273,6 +276,8 @@ def _anchor_positions(value: ArrayLike, count: int) -> NDArray[np.float64]:
 def _check_topology(rods: NDArray[np.int64], tendons: NDArray[np.int64], anchors: NDArray[np.int64]) -> None:
     """Raise InputError for what is not a tensegrity of disjoint rods and tendons."""
     node_count = int(rods.max()) + 1
+    if node_count > MOST_NODES:
+        raise InputError(f"rods: expected nodes below {MOST_NODES}, numbered from 0 without gaps, got {node_count - 1}")
     for name, pairs in (("rod", rods), ("tendon", tendons)):
         for index, (a, b) in enumerate(pairs):
             if not (0 <= a < node_count and 0 <= b < node_count):

@@ -1,7 +1,10 @@
 """Files that are there whole or not at all: what is replaced, what is refused, what is left after an error."""
 
 import os
+import signal
 import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,7 +17,7 @@ def test_files_and_directories_take_their_places_together(tmp_path) -> None:
     """An earlier directory is replaced as a whole, an earlier file too; nothing else is left."""
     folder, file = tmp_path / "figures", tmp_path / "model"
     folder.mkdir()
-    (folder / "old.png").write_text("old")
+    (folder / "losses.png").write_text("old")
     file.write_text("old")
     with written_whole(folder, file) as (new_folder, new_file):
         new_folder.mkdir()
@@ -121,3 +124,97 @@ def test_a_directory_without_permission_is_refused(tmp_path, monkeypatch) -> Non
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write anywhere
     with pytest.raises(InputError, match=f"no permission to write in {tmp_path}"):
         check_vacant(tmp_path / "out")
+
+
+def result(path: Path) -> Path:
+    """An earlier result in which someone keeps a file and a folder of their own."""
+    (path / "mine").mkdir(parents=True)
+    (path / "mine" / "thesis.tex").write_text("mine")
+    (path / "notes.txt").write_text("mine")
+    for name in ("run.toml", "shape.csv", "slips.csv"):
+        (path / name).write_text("old")
+    return path
+
+
+def write(path: Path) -> None:
+    with written_whole(path) as (inside,):
+        inside.mkdir()
+        for name in ("run.toml", "shape.csv"):
+            (inside / name).write_text("new")
+
+
+def test_what_no_command_wrote_stays_in_a_result(tmp_path) -> None:
+    """Slips of the earlier run are gone, because the new one has none; files and folders of the user are there."""
+    path = result(tmp_path / "out")
+    write(path)
+    assert sorted(p.name for p in path.iterdir()) == ["mine", "notes.txt", "run.toml", "shape.csv"]
+    assert (path / "mine" / "thesis.tex").read_text() == "mine"
+    assert (path / "shape.csv").read_text() == "new"
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_link_stays_a_link(tmp_path) -> None:
+    """The result is where the link leads to."""
+    path = result(tmp_path / "disk" / "out")
+    (tmp_path / "out").symlink_to(path)
+    check_replaceable(tmp_path / "out", "run.toml")
+    write(tmp_path / "out")
+    assert (tmp_path / "out").is_symlink()
+    assert (path / "shape.csv").read_text() == "new"
+    assert (path / "notes.txt").read_text() == "mine"
+
+
+def test_nobody_else_may_look_into_what_is_being_written(tmp_path) -> None:
+    with written_whole(tmp_path / "out") as (inside,):
+        assert stat.S_IMODE(inside.parent.stat().st_mode) == 0o700
+        inside.write_text("x")
+    umask = os.umask(0)
+    os.umask(umask)
+    assert stat.S_IMODE((tmp_path / "out").stat().st_mode) == 0o666 & ~umask
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from tensegraph.io import whole
+
+def killed(*_):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+if sys.argv[2] == "moving":
+    whole._keep_others = killed
+if sys.argv[2] == "moved aside":
+    replace = Path.replace
+    Path.replace = lambda self, target: killed() if self.name == "out" else replace(self, target)
+with whole.written_whole(Path(sys.argv[1])) as (inside,):
+    inside.mkdir()
+    (inside / "run.toml").write_text("killed")
+    if sys.argv[2] == "writing":
+        killed()
+"""
+
+
+@pytest.mark.parametrize("moment", ["writing", "moved aside", "moving"])
+def test_what_a_killed_run_left_is_removed_by_the_next_one(tmp_path, moment) -> None:
+    """At every moment of its end; what it had moved aside comes back."""
+    path = result(tmp_path / "out")
+    ended = subprocess.run([sys.executable, "-c", KILLED, path, moment], check=False)
+    assert ended.returncode == -signal.SIGKILL
+    assert len(list(tmp_path.glob(".out-*"))) == (1 if moment == "writing" else 2)
+    write(path)
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    assert (path / "notes.txt").read_text() == "mine"
+    assert (path / "mine" / "thesis.tex").read_text() == "mine"
+    assert (path / "shape.csv").read_text() == "new"
+
+
+def test_what_another_run_is_writing_stays(tmp_path) -> None:
+    """Two runs to one place at once, and a folder that only looks alike."""
+    (tmp_path / ".out-mine").mkdir()
+    with written_whole(tmp_path / "out") as (first,):
+        first.write_text("first")
+        with written_whole(tmp_path / "out") as (second,):
+            second.write_text("second")
+        assert first.read_text() == "first"
+    assert (tmp_path / "out").read_text() == "first"
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".out-mine", "out"]
