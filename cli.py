@@ -290,6 +290,7 @@ def record(
         Path, typer.Option(help="TOML file that describes structure, sensors and boards, like examples/rig.toml.")
     ],
     out: Annotated[Path, typer.Option(help="Trial directory to write; must not exist.")],
+    config: Config = None,
     model: Model = None,
     port: Ports = None,
     seconds: Seconds = math.inf,
@@ -300,7 +301,7 @@ def record(
     from .commands.record import record_boards
 
     terminal = _terminal(quiet, verbose)
-    record_boards(rig, out, model=model, ports=port or [], seconds=seconds, terminal=terminal)
+    record_boards(rig, out, config=config, model=model, ports=port or [], seconds=seconds, terminal=terminal)
 
 
 @app.command(

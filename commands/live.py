@@ -124,7 +124,13 @@ def run_session(
     """Run a session to its end, on the screen and into a result directory."""
     pipeline = session.pipeline
     clocks = pipeline.boards.counts if pipeline.boards else []
-    panel = Panel(f"live, from {feed.origin}; Ctrl-C ends it", session.activity, lambda: clocks, feed.state)
+    panel = Panel(
+        f"live, from {feed.origin}; Ctrl-C ends it",
+        session.activity,
+        lambda: clocks,
+        feed.state,
+        lambda: pipeline.front_end.exchanged,
+    )
     with LiveResult(path, pipeline.trial.structure, pipeline.settings) as result:
         with ExitStack() as stack:
             window = stack.enter_context(view)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from ..io.model_file import read_sensor_model
 from ..io.reports.terminal import Terminal
+from ..io.toml import read_settings
 from ..io.trial_directory import arrival_s
 from ..io.whole import check_vacant
 from ..live.activity import Activity
@@ -12,20 +13,27 @@ from ..live.feeds import boards_feed
 from ..live.panel import OperatorAtTerminal, Panel, shown
 from ..live.rig import Rig
 from ..live.session import stopped_by_signals
-from ..models.settings import Settings
 from ..models.values.errors import RecordingError
 from ..models.values.link import LinkState
 from ..models.values.readings import BoardReading
 
 
 def record_boards(
-    rig: Path, out: Path, *, model: Path | None, ports: Sequence[str], seconds: float, terminal: Terminal
+    rig: Path,
+    out: Path,
+    *,
+    config: Path | None,
+    model: Path | None,
+    ports: Sequence[str],
+    seconds: float,
+    terminal: Terminal,
 ) -> None:
     """Record until `seconds` have passed or Ctrl-C is pressed.
 
     Args:
         rig: path of the description of the rig.
         out: trial directory, which must not exist yet.
+        config: file of settings, of which those of the clocks count; defaults if None.
         model: sensor model, from which motion during taring is computed; the one in the package if None.
         ports: see `Rig.plan`.
         seconds: duration; may be infinite.
@@ -36,7 +44,7 @@ def record_boards(
     """
     check_vacant(out)
     setup = Rig.read(rig)
-    settings = Settings()
+    settings = read_settings(config)
     boards = setup.description.boards(settings.clock)
     activity = Activity.of(len(setup.table.board), len(setup.table.imu))
     operator = OperatorAtTerminal(terminal)

@@ -1,5 +1,6 @@
 """The origin of a result: versions of software, and the path to its trial."""
 
+import hashlib
 import os
 import platform
 from importlib.metadata import version
@@ -10,6 +11,12 @@ def versions(solver: str = "gtsam") -> dict[str, str]:
     """Return the versions of the software that made a result; for a model, `solver` is torch."""
     packages = ("tensegraph", solver, "numpy", "scipy")
     return {"python": platform.python_version(), **{name: version(name) for name in packages}}
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def relative_path(start: Path, end: Path) -> str:

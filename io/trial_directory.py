@@ -45,6 +45,7 @@ from .aid_files import (
 from .csv import CsvFile
 from .mocap.truth_file import read_truth
 from .positions import read_contacts, read_forces
+from .provenance import sha256_of
 from .toml import read_toml
 
 MOST_STRETCH = 20.0
@@ -125,7 +126,7 @@ class Trial:
         inputs = json.dumps({key: value for key, value in self.toml.items() if key != "truth"}, sort_keys=True)
         result = {"trial.toml": hashlib.sha256(inputs.encode()).hexdigest()}
         for name in self.files():
-            result[name] = hashlib.sha256((self.path / name).read_bytes()).hexdigest()
+            result[name] = sha256_of(self.path / name)
         return result
 
     def truth(self) -> StampedPositions | None:

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 from ..io.boards.process import SerialLink
 from ..io.boards.recorder import Recorder, RecorderThread
 from ..io.plan_file import read_plan
-from ..io.provenance import simulation_provenance
+from ..io.provenance import sha256_of, simulation_provenance
 from ..io.replay import Replay
 from ..io.trial_directory import Reading, arrival_s, open_trial
 from ..models.sensor.sensor_model import SensorModel
@@ -61,6 +61,8 @@ class Feed:
     """Description of the source, for the screen."""
     state: Callable[[], LinkState]
     """Function that returns the present state of ports and recording."""
+    inputs: Mapping[str, str]
+    """SHA-256 of the files from which the session was begun: those of a trial, the rig, or the plan."""
     trial: Path | None
     """Directory in which the same readings can be found afterwards; None if they are not recorded."""
     taring: str = ""
@@ -107,6 +109,7 @@ def boards_feed(
             name=name,
             origin=f"the boards of {rig.path}",
             state=lambda: link.state,
+            inputs={rig.path.name: sha256_of(rig.path)},
             trial=record,
             taring=str(taring.motion or ""),
         )
@@ -128,6 +131,7 @@ def replay_feed(path: Path, speed: float, record: Path | None) -> Iterator[Feed]
         name=trial.name,
         origin=f"{path}, replayed",
         state=LinkState,
+        inputs=trial.hashes(),
         trial=path,
     )
     with _recorded(feed, trial.toml, record) as recorded:
@@ -152,6 +156,7 @@ def twin_feed(plan: Path, speed: float, record: Path | None) -> Iterator[Feed]:
         name=plan.stem,
         origin=f"the twin of {plan}",
         state=LinkState,
+        inputs={plan.name: sha256_of(plan)},
         trial=record,
     )
     with _recorded(feed, trial.metadata, record) as recorded:

@@ -28,11 +28,13 @@ class Panel:
         activity: Activity,
         clocks: Callable[[], Sequence[ClockCounts]],
         state: Callable[[], LinkState],
+        exchanged: Callable[[], Sequence[tuple[int, int]]] = tuple,
     ) -> None:
         self._title = title
         self._activity = activity
         self._clocks = clocks
         self._state = state
+        self._exchanged = exchanged
 
     def __rich__(self) -> RenderableType:
         activity = self._activity
@@ -43,7 +45,11 @@ class Panel:
         if activity.imus:
             parts.append(_imus(activity, state))
         parts.append(_summary(activity, state))
-        return Group(*parts, *(Text(complaint, style="red") for complaint in _complaints(activity, state)))
+        complaints = _complaints(activity, state)
+        complaints += [
+            f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel" for a, b in self._exchanged()
+        ]
+        return Group(*parts, *(Text(complaint, style="red") for complaint in complaints))
 
 
 @contextmanager

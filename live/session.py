@@ -24,6 +24,8 @@ from ..pipeline import Pipeline
 from .activity import Activity, NewestFrames
 from .feeds import Feed, Source
 
+STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
+"""Names of the signals that end a session; Windows has no SIGHUP."""
 CHUNK = 5
 """Number of frames that are written to the result together, in 3 ms; 25 would delay the next frame by 12 ms."""
 FIGURE_FRAMES = 2000
@@ -136,6 +138,7 @@ class Session:
             "recorded_rows": state.recorded_rows,
             **({"floor_normal": asdict(normal)} if normal else {}),
             "versions": versions(),
+            "inputs": dict(self._feed.inputs),
             "boards": [asdict(counts) for counts in boards.counts] if boards else [],
             "imus": self._imus(state),
             "ports": {port.port: asdict(port.counts) for port in state.ports},
@@ -163,16 +166,20 @@ class Session:
 
 @contextmanager
 def stopped_by_signals(source: Source) -> Iterator[None]:
-    """Let Ctrl-C or a termination stop the source, so that the session ends in order; a second one ends it at once."""
-    numbers = signal.SIGINT, signal.SIGTERM
+    """Let Ctrl-C, a termination or a terminal that is closed stop the source, so that the session ends in order.
+
+    A second one ends it at once. What asks a process to go on in the background (`nohup`) still does.
+    """
+    numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
     earlier = {number: signal.getsignal(number) for number in numbers}
+    earlier = {number: handler for number, handler in earlier.items() if handler is not signal.SIG_IGN}
 
     def stop(*_: object) -> None:
         for number, handler in earlier.items():
             signal.signal(number, handler)
         source.stop()
 
-    for number in numbers:
+    for number in earlier:
         signal.signal(number, stop)
     try:
         yield

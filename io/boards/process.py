@@ -22,6 +22,8 @@ from ...models.values.errors import TensegraphError
 from ...models.values.link import LinkReading, LinkState
 from .hub import STATE_S, WAITING_ROWS, Begin, Hub, LinkPlan
 
+TERMINAL_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name))
+"""What a terminal sends to both processes, at Ctrl-C and when it is closed; only the command's own handles it."""
 SWITCH_S = 0.0002
 """Switch interval of Python's threads. With the default, 5 ms, the start of a recording delayed a reader by 100 ms."""
 
@@ -40,10 +42,10 @@ class SerialLink:
         context = multiprocessing.get_context("spawn")  # gtsam's threads do not survive a fork
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(plan, theirs), daemon=True)
-        # Ctrl-C is sent to both processes; only this one handles it
-        on_interrupt = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        handlers = {number: signal.signal(number, signal.SIG_IGN) for number in TERMINAL_SIGNALS}
         self._process.start()
-        signal.signal(signal.SIGINT, on_interrupt)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
         theirs.close()
 
     def __enter__(self) -> Self:

@@ -341,3 +341,69 @@ def test_ten_minutes(tmp_path, rig, emulated) -> None:
     assert live["skipped_rows"] == 0
     assert settled[-3][1] - settled[0][1] < 60
     assert settled[-3][2] - settled[0][2] < 10
+
+
+def began(process: subprocess.Popen, trial: Path) -> None:
+    """Wait until a trial is being recorded."""
+    until_s = time.monotonic() + 60
+    while not trial.exists():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < until_s
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
+def test_a_closed_terminal_or_a_termination_leaves_a_whole_trial(tmp_path, rig, pty_boards, number) -> None:
+    """Sent to all of the group, as a terminal that is closed does; settings are read from a file, too."""
+    rig.write_text(replaced(rig.read_text(), ("seconds = 2.0", "seconds = 0.0")))
+    (tmp_path / "settings.toml").write_text("[clock]\nwindow_s = 30.0\n")
+    ports = [word for board in (pty_boards("a", 0), pty_boards("b", 1)) for word in ("--port", board.port)]
+    process = start("record", "--rig", rig, *ports, "--out", "t", "--config", "settings.toml", cwd=tmp_path)
+    began(process, tmp_path / "t")
+    time.sleep(1.0)
+    (os.killpg if number == signal.SIGHUP else os.kill)(process.pid, number)
+    out, error = process.communicate(timeout=30)
+    assert process.returncode == 0, error
+    rows = list(open_trial(tmp_path / "t").readings())
+    assert f"{len(rows)} rows recorded in t" in out
+    assert len(rows) > 50
+
+
+def test_a_process_that_stood_still_goes_on(tmp_path, rig, pty_boards) -> None:
+    """SIGSTOP to all of the group for two seconds: what the ports kept meanwhile is read, and stamps go forward."""
+    rig.write_text(replaced(rig.read_text(), ("seconds = 2.0", "seconds = 0.0")))
+    ports = [word for board in (pty_boards("a", 0), pty_boards("b", 1)) for word in ("--port", board.port)]
+    process = start("record", "--rig", rig, *ports, "--out", "t", cwd=tmp_path)
+    began(process, tmp_path / "t")
+    for number, wait_s in ((signal.SIGSTOP, 2.0), (signal.SIGCONT, 1.0), (signal.SIGINT, 0.0)):
+        os.killpg(process.pid, number)
+        time.sleep(wait_s)
+    _, error = process.communicate(timeout=30)
+    assert process.returncode == 0, error
+    rows = list(open_trial(tmp_path / "t").readings())
+    for board in (0, 1):
+        seqs = [row.seq for row in rows if row.board == board]
+        assert seqs == sorted(set(seqs))
+        assert seqs[-1] - seqs[0] > 2.0 / 0.02
+
+
+def test_settings_of_record_are_checked(tmp_path, rig, typed) -> None:
+    (tmp_path / "settings.toml").write_text("[clock]\nwindow = 30.0\n")
+    code, _, error = typed("record", "--rig", rig, "--out", "t", "--config", "settings.toml", cwd=tmp_path)
+    assert code == 2
+    assert error == "tensegraph: settings.toml: clock.window: is no setting; a run's run.toml lists them all\n"
+
+
+def test_exchanged_wires_and_inputs_are_told_live(tmp_path, trial_copy, typed) -> None:
+    """Two plugs are in each other's places; run.toml says of what the result was made, and `evaluate` checks it."""
+    swapped = trial_copy(trial=lambda text: replaced(text, ("[0, 1, 2, 3, 4, 5,", "[3, 1, 2, 0, 4, 5,")))
+    code, said, error = typed("live", "--replay", swapped, "--speed", 1000, "--out", "live", cwd=tmp_path)
+    assert code == 0, error
+    assert "the sensors of tendons 0 and 3 look exchanged: see tendon_of_channel" in said
+    inputs = tomllib.loads((tmp_path / "live" / "run.toml").read_text())["inputs"]
+    assert inputs == open_trial(swapped).hashes()
+    with (swapped / "board0.csv").open("a") as file:
+        file.write("\n")
+    code, _, error = typed("evaluate", "live", cwd=tmp_path)
+    assert code == 2
+    assert "board0.csv: is not what live was made from" in error
