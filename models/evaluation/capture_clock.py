@@ -109,13 +109,17 @@ class OffsetSearch:
 
     @property
     def unexplained_share(self) -> float:
-        """Share of the motion that is left over at the best offset."""
-        return self.unexplained_m2 / (self.explained_m2 + self.unexplained_m2)
+        """Share of the motion that is left over at the best offset; all of it where nothing moves."""
+        return self._left_over(self.explained_m2)
 
     @property
     def other_unexplained_share(self) -> float:
         """Share of the same motion that is left over at the next best offset."""
-        return 1 - self.other_explained_m2 / (self.explained_m2 + self.unexplained_m2)
+        return self._left_over(self.other_explained_m2)
+
+    def _left_over(self, explained_m2: float) -> float:
+        motion_m2 = self.explained_m2 + self.unexplained_m2
+        return 1 - explained_m2 / motion_m2 if motion_m2 > 0 else 1.0
 
     @property
     def is_clear(self) -> bool:

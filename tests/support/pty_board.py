@@ -16,6 +16,8 @@ class PtyBoard:
     def __init__(self, port: Path, board_id: int, channels: int = 12) -> None:
         self.port, self.board_id, self.channels = port, board_id, channels
         self.boot, self.seq = 0, 0
+        self.period_s = 0.02
+        """Time from row to row, which the board's own stamps do not follow."""
         self.sensors: tuple[int, ...] = ()
         """Numbers of the inertial sensors that are wired to it, which are read twice for each row."""
         self.interfere: bytes = b""
@@ -52,8 +54,9 @@ class PtyBoard:
         )
 
     def _run(self) -> None:
-        start_s = time.perf_counter()
-        while not self._stop.wait(max(start_s + 0.02 * self.seq - time.perf_counter(), 0)):
+        next_s = time.perf_counter()
+        while not self._stop.wait(max(next_s - time.perf_counter(), 0)):
+            next_s += self.period_s
             codes = tuple((self.seq + 31 * c) % 1024 for c in range(self.channels))
             data = b"".join(frame(self.sample(sensor, 2 * self.seq + k)) for sensor in self.sensors for k in (0, 1))
             data += frame(Row(self.board_id, self.boot, self.seq, 20_000 * self.seq, codes))

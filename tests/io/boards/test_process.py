@@ -84,6 +84,20 @@ def test_a_stranger_a_double_and_a_wrong_number_of_channels(pty_boards) -> None:
     assert complaints[ports[0] + "-absent"] == "not there"
 
 
+def test_a_burst_at_ten_times_the_rate_is_read_whole(pty_boards) -> None:
+    """For a second one board sends a row each 2 ms; every row of both boards comes, in one order of arrival."""
+    fast, calm = pty_boards("a", 0), pty_boards("b", 1)
+    with SerialLink(LinkPlan((0, 1), (12, 12), (str(fast.port), str(calm.port)), 500_000)) as link:
+        rows = taken(link, lambda rows: len(of(0, rows)) > 10 and len(of(1, rows)) > 10)
+        fast.period_s = 0.002
+        rows += taken(link, lambda rows: len(of(0, rows)) > 500)
+        fast.period_s = 0.02
+        rows += taken(link, lambda rows: len(of(0, rows)) > 25 and len(of(1, rows)) > 25)
+    assert (np.diff([row.host_s for row in rows]) > 0).all()
+    for board in (0, 1):
+        assert (np.diff([seq for _, seq in of(board, rows)]) == 1).all()
+
+
 @pytest.mark.long
 def test_an_estimator_that_sleeps_skips_and_a_recorder_never(tmp_path, example, pty_boards) -> None:
     """A reader that stands still for 40 s gets the newest rows and a count of the others; the disk has them all."""

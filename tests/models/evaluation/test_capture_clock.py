@@ -84,6 +84,15 @@ def test_what_stands_still_tells_no_offset() -> None:
     assert not search_offset(*(MotionSignals.of_distances(host_s, x, PAIRS) for x in noisy)).is_clear
 
 
+def test_a_capture_that_saw_nothing_tells_no_offset() -> None:
+    """Every marker was hidden in every frame: no warning, no division by zero."""
+    estimated, captured = motions(0.0, 0.0, 20.0)
+    captured.signal_m[:] = np.nan
+    search = search_offset(estimated, captured)
+    assert not search.is_clear
+    assert search.unexplained_share == search.other_unexplained_share == 1
+
+
 def test_jacobian(check_jacobian) -> None:
     estimated, captured = motions(1.37, 80e-6, 30.0)
     fit = ClockFit(estimated, captured, 1.35)
