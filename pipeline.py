@@ -60,12 +60,21 @@ def unscented_kalman(structure: Structure, rest: RestShape, settings: Settings) 
     return UnscentedKalman(structure, rest, settings)
 
 
+def recurrent_network(structure: Structure, rest: RestShape, settings: Settings) -> Estimator:
+    """Return a `RecurrentNetwork` with the weights that ship with the package; it has no settings."""
+    from .estimator.recurrent_network import RecurrentNetwork
+    from .io.shape_network_file import read_shape_network
+
+    return RecurrentNetwork(read_shape_network(), structure, rest)
+
+
 ESTIMATORS: dict[str, Callable[[Structure, RestShape, Settings], Estimator]] = {
     "batch": BatchOptimizer,
     "live": LiveSmoother,
     "frame": FrameEstimator,
     "least-squares": LeastSquares,
     "ukf": unscented_kalman,
+    "network": recurrent_network,
 }
 """The estimator of each method, by name. To add one: `tensegraph.pipeline.ESTIMATORS["mine"] = MyEstimator`; after that
 `reconstruct`, `stream` and the comparison of methods can use it in this process."""
