@@ -30,10 +30,17 @@ def read_shape_network(path: Path | None = None) -> ShapeNetwork:
     try:
         tensors = load(path.read_bytes())
         weights = LstmWeights(**{f.name: tensors[f.name].astype(np.float64) for f in fields(LstmWeights)})
-        scales = {name: float(tensors[name]) for name in ("change_scale", "displacement_scale_m")}
-        rest = {f.name: tensors[f.name] for f in fields(ShapeNetwork) if f.name not in (*scales, "weights")}
+        return ShapeNetwork(
+            weights=weights,
+            change_scale=float(tensors["change_scale"]),
+            displacement_scale_m=float(tensors["displacement_scale_m"]),
+            covariance_m2=tensors["covariance_m2"],
+            rods=tensors["rods"],
+            tendons=tensors["tendons"],
+            anchors=tensors["anchors"],
+            rest_length_m=tensors["rest_length_m"],
+        )
     except (OSError, SafetensorError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
     except KeyError as error:
         raise InputError(f"{path}: is no network of shapes: {error} is missing") from error
-    return ShapeNetwork(weights=weights, **scales, **rest)
