@@ -16,7 +16,7 @@ class FieldHelp:
 
     def __get__(self, instance: object, cls: type) -> str:
         texts = _texts_of(cls)
-        lines = [f"    {f.name}: {texts.get(f.name, _type_name(f.type))}" for f in fields(cls)]  # type: ignore[arg-type]
+        lines = [f"    {f.name}: {texts.get(f.name, _type_name(f.type))}" for f in fields(cls)]
         return "\n".join([inspect.cleandoc(self._text), "", "Fields:", *lines, ""])
 
 

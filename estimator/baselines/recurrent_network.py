@@ -4,14 +4,14 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from ..models.sensor.lstm import Lstm
-from ..models.shape_network import LOG_SCALE_RANGE, ShapeNetwork
-from ..models.structure.rest_shape import RestShape
-from ..models.structure.shape import Shape
-from ..models.structure.structure import Structure
-from ..models.values.errors import InputError
-from ..models.values.readings import TendonLengths
-from .graph import status_of
+from ...models.sensor.lstm import Lstm
+from ...models.shape_network import LOG_SCALE_RANGE, ShapeNetwork
+from ...models.structure.rest_shape import RestShape
+from ...models.structure.shape import Shape
+from ...models.structure.structure import Structure
+from ...models.values.errors import InputError
+from ...models.values.readings import TendonLengths
+from ..graph import status_of
 
 
 class RecurrentNetwork:
