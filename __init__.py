@@ -12,7 +12,11 @@ _public_name, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 def __getattr__(name: str) -> Any:
     if name != "__version__":
-        return _public_name(name)
+        value = _public_name(name)
+        from .models.values.field_help import describe_fields
+
+        describe_fields(value)
+        return value
     from importlib.metadata import version  # as long as the rest of the import
 
     return version("tensegraph")

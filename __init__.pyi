@@ -5,6 +5,7 @@ from .io.exports.formats import export as export
 from .io.stored_result import load as load
 from .io.trial_directory import Trial as Trial
 from .io.trial_directory import open_trial as open_trial
+from .live.boards import Boards as Boards
 from .models.settings import Settings as Settings
 from .models.structure.reconstruction import Reconstruction as Reconstruction
 from .models.structure.shape import Ellipsoids as Ellipsoids

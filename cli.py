@@ -86,10 +86,10 @@ def tensegraph(
 def reconstruct(
     trials: Annotated[list[Path], typer.Argument(help="Trial directories, each with a trial.toml.")],
     method: Annotated[
-        Literal["graph", "frame", "least-squares", "ukf"],
+        Literal["graph", "frame", "least-squares", "ukf", "network"],
         typer.Option(
             help="Factor graph over all frames, factor graph of each frame by itself, least squares as in the paper, "
-            "or unscented Kalman filter."
+            "unscented Kalman filter, or a recurrent network alone."
         ),
     ] = "graph",
     live: Annotated[

@@ -8,11 +8,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from .estimator.baselines.least_squares import LeastSquares
 from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
 from .estimator.free_standing.estimators import FreeStandingOptimizer, FreeStandingSmoother
 from .estimator.hanging.hanging_estimators import HangingOptimizer, HangingSmoother
-from .estimator.least_squares import LeastSquares
 from .estimator.moving_base import MovingBase
 from .estimator.rest_step import rest_step
 from .estimator.smoother import LiveSmoother
@@ -55,9 +55,17 @@ class Estimator(Protocol):
 
 def unscented_kalman(structure: Structure, rest: RestShape, settings: Settings) -> Estimator:
     """Return an `UnscentedKalman`; its module is imported here because only this method needs filterpy."""
-    from .estimator.unscented_kalman import UnscentedKalman
+    from .estimator.baselines.unscented_kalman import UnscentedKalman
 
     return UnscentedKalman(structure, rest, settings)
+
+
+def recurrent_network(structure: Structure, rest: RestShape, settings: Settings) -> Estimator:
+    """Return a `RecurrentNetwork` with the weights that ship with the package; it has no settings."""
+    from .estimator.baselines.recurrent_network import RecurrentNetwork
+    from .io.shape_network_file import read_shape_network
+
+    return RecurrentNetwork(read_shape_network(), structure, rest)
 
 
 ESTIMATORS: dict[str, Callable[[Structure, RestShape, Settings], Estimator]] = {
@@ -66,6 +74,7 @@ ESTIMATORS: dict[str, Callable[[Structure, RestShape, Settings], Estimator]] = {
     "frame": FrameEstimator,
     "least-squares": LeastSquares,
     "ukf": unscented_kalman,
+    "network": recurrent_network,
 }
 """The estimator of each method, by name. To add one: `tensegraph.pipeline.ESTIMATORS["mine"] = MyEstimator`; after that
 `reconstruct`, `stream` and the comparison of methods can use it in this process."""

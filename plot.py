@@ -25,7 +25,7 @@ def shape(result: Reconstruction, t_s: float, ax: "Axes3D | None" = None, *, pro
     Raises:
         InputError: for a time outside the run, or axes of two dimensions.
     """
-    from .io.figures.shape_figures import draw_structure  # matplotlib takes a third of a second to import
+    from .io.figures.structure_view import Scale, draw_structure  # matplotlib takes a third of a second to import
     from .io.figures.style import set_cube
 
     k = result.frame_at(t_s)
@@ -35,9 +35,10 @@ def shape(result: Reconstruction, t_s: float, ax: "Axes3D | None" = None, *, pro
         ax = plt.figure().add_subplot(projection="3d")
     if ax.name != "3d":
         raise InputError(f"ax: expected axes with projection='3d', got {type(ax).__name__}")
-    draw_structure(ax, result, k, probability)
+    scale = Scale.of(result, [k], probability)
+    draw_structure(ax, result, k, probability, scale)
     set_cube(ax, 1e3 * result.node_position_m.reshape(-1, 3), 0.52)
-    ax.set_title(f"t = {result.t_s[k]:.2f} s")
+    ax.set_title(f"t = {result.t_s[k]:.2f} s, ellipsoids × {scale.magnification}")
     return ax
 
 

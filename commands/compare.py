@@ -37,6 +37,7 @@ NO_METHOD = "rest shape held"
 METHODS = {
     "least-squares": "least squares",
     "ukf": "UKF",
+    "network": "network alone",
     "frame": "graph, frame by frame",
     "live": "graph, live",
     "batch": "graph, batch",

@@ -14,6 +14,7 @@ from tensegraph.io.model_file import read_sensor_model
 
 ROOT = Path(__file__).parents[1]
 PUBLIC = [
+    "Boards",
     "BoardReading",
     "Ellipsoids",
     "Flag",

@@ -25,7 +25,13 @@ from import_graph import (
 ROOT = Path(__file__).parents[1]
 MOST_MODULES = 15
 BASIS = {"models.values", "models.structure", "models.sensor"}
-RUNNING = BASIS | {"models.pose", "models.trial_description", "models.settings", "models.estimation"}
+RUNNING = BASIS | {
+    "models.pose",
+    "models.trial_description",
+    "models.settings",
+    "models.estimation",
+    "models.shape_network",
+}
 """What of models/ runs with every trial; sensors are calibrated, simulated and evaluated beside it."""
 
 MODELS_MAY_IMPORT = {
@@ -35,6 +41,7 @@ MODELS_MAY_IMPORT = {
     "models.pose": {"models.values", "models.structure"},
     "models.trial_description": BASIS | {"models.pose"},
     "models.estimation": BASIS,
+    "models.shape_network": BASIS,
     "models.settings": BASIS | {"models.pose", "models.estimation"},
     "models.calibration": BASIS,
     "models.twin": RUNNING,
@@ -55,7 +62,7 @@ MAY_IMPORT = {
 ALONE = {
     "torch": {"models.calibration.training", "models.calibration.torch_network"},
     "mujoco": {"models.twin.engine"},
-    "filterpy": {"estimator"},
+    "filterpy": {"estimator.baselines"},
     "gtsam": {"factors", "estimator"},
     "matplotlib": {"io.figures", "plot"},
     "serial": {"io.boards"},

@@ -22,7 +22,7 @@ def test_a_shape_on_given_axes(result) -> None:
     drawn = [np.array(line.get_data_3d()).T for line in axis.get_lines()]
     now_mm = 1e3 * result[1.0].node_position_m[[a, b]]
     assert any(line.shape == now_mm.shape and np.allclose(line, now_mm) for line in drawn)
-    assert axis.get_title() == "t = 1.00 s"
+    assert axis.get_title() == "t = 1.00 s, ellipsoids × 20"
     low_mm, high_mm = axis.get_zlim()
     assert low_mm < 1e3 * result.node_position_m[..., 2].min()
     assert high_mm > 1e3 * result.node_position_m[..., 2].max()

@@ -1,6 +1,5 @@
 """Figures of a run: lengths over time, the structure in space."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +7,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import NDArray
 
 from ...models.settings import Settings
 from ...models.structure.reconstruction import Reconstruction
 from ...models.values.readings import LEFT_OUT, Mode
+from .structure_view import LoadArrows, Scale, draw_structure, drawn_loads
 from .style import (
     BAND,
     BLACK,
@@ -30,14 +29,8 @@ from .style import (
     save_figure,
     set_cube,
     structure_handles,
-    tendon_style,
 )
 from .track_figure import write_track_figure
-
-LOAD_MM_PER_N = 30.0
-"""Length of the arrow of a load."""
-SURE = 2.0
-"""Ratio of a load to its sigma above which it is drawn."""
 
 
 def write_figures(r: Reconstruction, settings: Settings, title: str, directory: Path) -> None:
@@ -127,31 +120,34 @@ def write_drift_figure(
 
 
 def write_shape_figure(r: Reconstruction, probability: float, load_threshold_n: float, title: str, path: Path) -> None:
-    """Draw the structure at the start and when it was farthest from there, with ellipsoids and loads.
+    """Draw the structure at the start and when it was farthest from there, and below, heights of nodes over time.
 
     Args:
         r: all frames.
         probability: of the ellipsoids.
         load_threshold_n: loads are drawn that are larger, and larger than two of their sigmas.
         title: what was reconstructed.
-        path: of the PNG.
+        path: of the file.
     """
     frames = interesting_frames(r)
-    figure = Figure(figsize=(11, 11.5 if len(frames) > 2 else 6.5), layout="constrained")
-    arrows = [load_arrows(r, k, load_threshold_n) for k in frames]
-    nodes_mm = 1e3 * r.node_position_m.reshape(-1, 3)
-    drawn_mm = np.concatenate([nodes_mm, *(some.tail_mm for some in arrows)])
+    scale = Scale.of(r, frames, probability, load_threshold_n)
+    arrows = [LoadArrows.of(r, k, load_threshold_n, scale.load_mm_per_n) for k in frames]
+    drawn_mm = np.concatenate([1e3 * r.node_position_m.reshape(-1, 3), *(some.tail_mm for some in arrows)])
+    rows = -(-len(frames) // 2)
+    figure = Figure(figsize=(11, 5 * rows + 4), layout="constrained")
+    grid = figure.add_gridspec(rows + 1, 2, height_ratios=[*[1.0] * rows, 0.55])
     for panel, (k, some) in enumerate(zip(frames, arrows, strict=True)):
-        axis = figure.add_subplot(-(-len(frames) // 2), min(len(frames), 2), panel + 1, projection="3d")
-        draw_structure(axis, r, k, probability)
+        axis = figure.add_subplot(grid[divmod(panel, 2)], projection="3d")
+        draw_structure(axis, r, k, probability, scale)
+        some.draw(axis)
         set_cube(axis, drawn_mm, 0.52, fontsize=8)
-        axis.quiver(*some.tail_mm.T, *some.push_mm.T, color=PURPLE, lw=2, arrow_length_ratio=0.2)
         axis.set_title(f"t = {r.t_s[k]:.2f} s", fontsize=10)
-    figure.suptitle(f"{title}: shape with {100 * probability:g} % ellipsoids, drawn to scale")
-    load_label = f"load over {load_threshold_n:g} N, {LOAD_MM_PER_N:g} mm per N"
+    draw_heights(figure.add_subplot(grid[rows, :]), r, nodes_of_interest(r, load_threshold_n), frames)
+    figure.suptitle(f"{title}: shape with {100 * probability:g} % ellipsoids × {scale.magnification}")
+    load_label = f"load over {load_threshold_n:g} N, {scale.load_mm_per_n:g} mm per N"
     handles = [
         *structure_handles(),
-        Patch(color=RED, alpha=0.4, label="ellipsoid"),
+        Patch(color=RED, alpha=0.4, label=f"ellipsoid × {scale.magnification}"),
         *([anchor_handle()] if len(r.structure.anchors) else []),
         Line2D([], [], color=GREY, lw=1, label="at the start"),
         *([Line2D([], [], color=PURPLE, lw=2, label=load_label)] if r.loads else []),
@@ -160,55 +156,39 @@ def write_shape_figure(r: Reconstruction, probability: float, load_threshold_n: 
     save_figure(figure, path)
 
 
+def nodes_of_interest(r: Reconstruction, load_threshold_n: float, count: int = 3) -> list[int]:
+    """Return the nodes that carry loads in the most frames; where none is loaded, those that move most."""
+    loaded = np.zeros(r.structure.node_count, dtype=np.int64)
+    for k in range(len(r)):
+        loaded[drawn_loads(r, k, load_threshold_n)[0]] += 1
+    if loaded.any():
+        most = np.argsort(-loaded, kind="stable")[: min(count, np.count_nonzero(loaded))]
+    else:
+        most = np.argsort(-np.ptp(r.node_position_m, axis=0).max(axis=-1), kind="stable")[:count]
+    return sorted(int(node) for node in most)
+
+
+def draw_heights(axis: Axes, r: Reconstruction, nodes: list[int], frames: list[int]) -> None:
+    """Draw the change of height of nodes since the start in mm, with 95 % bands, and mark the frames drawn above."""
+    for node, color in zip(nodes, (BLUE, ORANGE, GREEN), strict=False):
+        height_mm = 1e3 * (r.node_position_m[:, node, 2] - r.node_position_m[0, node, 2])
+        half_mm = BAND * 1e3 * np.sqrt(r.node_covariance_m2[:, node, 2, 2])
+        axis.fill_between(r.t_s, height_mm - half_mm, height_mm + half_mm, color=color, alpha=0.25, lw=0)
+        axis.plot(r.t_s, height_mm, color=color, lw=1.1, label=f"node {node}")
+    for k in frames:
+        axis.axvline(r.t_s[k], color=GREY, lw=0.8, ls=":")
+    axis.set_xlabel("time [s]")
+    axis.set_ylabel("height since the start [mm]")
+    axis.set_title(
+        "Height of the nodes that are loaded or move most, with 95 % bands; dotted: the instants above", fontsize=9
+    )
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)
+    axis.margins(x=0)
+    add_grid(axis)
+
+
 def interesting_frames(r: Reconstruction, count: int = 4) -> list[int]:
     """Return the first frame, and the one farthest from it in each of the following parts of the run."""
     moved = np.sum((r.node_position_m - r.node_position_m[0]) ** 2, axis=(1, 2))
     parts = np.array_split(np.arange(len(r)), count - 1)
     return sorted({0, *(int(part[np.argmax(moved[part])]) for part in parts if len(part))})
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LoadArrows:
-    """The loads of one frame as arrows, each of which ends at the loaded node."""
-
-    tail_mm: NDArray[np.float64]
-    """(loads, 3) positions at which the arrows begin."""
-    push_mm: NDArray[np.float64]
-    """(loads, 3) vectors from there to the node, `LOAD_MM_PER_N` long for each newton."""
-
-
-def load_arrows(r: Reconstruction, k: int, load_threshold_n: float) -> LoadArrows:
-    """Return the loads of frame `k` that are above the threshold, and above `SURE` times their sigma."""
-    if r.loads is None:
-        return LoadArrows(np.empty((0, 3)), np.empty((0, 3)))
-    force_n = np.nan_to_num(r.loads.force_n[k])
-    drawn = np.linalg.norm(force_n, axis=-1) > np.maximum(load_threshold_n, SURE * r.loads.sigma_n[k])
-    push_mm = LOAD_MM_PER_N * force_n[drawn]
-    return LoadArrows(1e3 * r.node_position_m[k, drawn] - push_mm, push_mm)
-
-
-def draw_structure(axis: Axes3D, r: Reconstruction, k: int, probability: float) -> None:
-    """Draw the structure of frame `k` in mm with its ellipsoids, and in grey the rods at the start."""
-    now_mm = 1e3 * r.node_position_m[k]
-    start_mm = 1e3 * r.node_position_m[0]
-    for a, b in r.structure.rods:
-        axis.plot(*start_mm[[a, b]].T, color=GREY, lw=1, alpha=0.6)
-        axis.plot(*now_mm[[a, b]].T, color=BLACK, lw=3, solid_capstyle="round")
-    for e, (a, b) in enumerate(r.structure.tendons):
-        axis.plot(*now_mm[[a, b]].T, lw=1.2, **tendon_style(r.length_m[k, e], r.mode[k, e]))
-    axis.scatter(*now_mm[r.structure.anchors].T, marker="^", color=GREEN, s=30)
-    _draw_ellipsoids(axis, r, k, probability)
-    axis.tick_params(labelsize=7)
-    axis.set_box_aspect((1, 1, 1), zoom=0.92)
-
-
-def _draw_ellipsoids(axis: Axes3D, r: Reconstruction, k: int, probability: float) -> None:
-    now_mm = 1e3 * r.node_position_m[k]
-    regions = r.ellipsoids(probability)
-    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 17), np.linspace(0, np.pi, 9))
-    sphere = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
-    for node in r.structure.free_nodes:
-        scaled = 1e3 * regions.axes[k, node] * regions.semi_axis_m[k, node]
-        surface = now_mm[node] + sphere @ scaled.T
-        axis.plot_surface(*np.moveaxis(surface, -1, 0), color=RED, alpha=0.35, linewidth=0, shade=True)
-        axis.text(*(now_mm[node] + 6), str(node), fontsize=7)

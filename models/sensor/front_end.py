@@ -130,7 +130,12 @@ class FrontEnd:
             sigma_m=np.hypot(np.stack([stretched.sigma, bent.sigma]), swing) * self._L0,
             bending_probability=probability,
         )
-        return replace(lengths, drift=self._taken_off(drift, held.change, strain.value), modes=modes)
+        return replace(
+            lengths,
+            drift=self._taken_off(drift, held.change, strain.value),
+            modes=modes,
+            change_since_rest=change - self._taring.rest_change,
+        )
 
     def _taken_off(
         self, drift: ReferenceDrift, change: NDArray[np.float64], strain: NDArray[np.float64]

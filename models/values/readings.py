@@ -204,6 +204,9 @@ class TendonLengths:
     """The lengths in each mode; None for lengths that were not computed from resistance."""
     aids: tuple[AidReading, ...] = ()
     """The readings of other sensors since the instant before, in order of time."""
+    change_since_rest: NDArray[np.float64] | None = None
+    """(tendons,) dR/R since the rest shape, of tared sensors; nan where none was read or tared, None for lengths that
+    were not computed from resistance."""
     natural: NaturalLengths | None = None
     """The natural lengths at the instant that the lengths show, `lag_s` before t_s; None where no motor changes any."""
 

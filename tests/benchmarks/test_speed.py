@@ -11,10 +11,10 @@ import pytest
 
 from tensegraph import Reconstruction, Settings, open_trial
 from tensegraph.commands.simulate import simulate
+from tensegraph.estimator.baselines.least_squares import LeastSquares
+from tensegraph.estimator.baselines.unscented_kalman import UnscentedKalman
 from tensegraph.estimator.batch import BatchOptimizer
-from tensegraph.estimator.least_squares import LeastSquares
 from tensegraph.estimator.smoother import LiveSmoother
-from tensegraph.estimator.unscented_kalman import UnscentedKalman
 from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.sensor.stretching import StretchingSensors

@@ -5,11 +5,11 @@ import pytest
 
 from noise_settings import with_noise
 from tensegraph import Reconstruction, Settings, Status, three_strut
+from tensegraph.estimator.baselines.least_squares import LeastSquares
+from tensegraph.estimator.baselines.unscented_kalman import UnscentedKalman
 from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.frame import FrameEstimator
-from tensegraph.estimator.least_squares import LeastSquares
 from tensegraph.estimator.smoother import LiveSmoother
-from tensegraph.estimator.unscented_kalman import UnscentedKalman
 from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.structure.rigidity import find_rest_shape

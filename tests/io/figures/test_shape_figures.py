@@ -5,18 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tensegraph.io.figures.shape_figures import load_arrows, write_shape_figure
+from tensegraph.io.figures.shape_figures import nodes_of_interest, write_shape_figure
+from tensegraph.io.figures.structure_view import LoadArrows, Scale, round_down
 
 
 def test_an_arrow_ends_at_the_node_it_pushes(loaded) -> None:
     """2 N downwards is 60 mm, from above; at a sigma of 0.3 N, 0.5 N is not drawn."""
     loaded.loads.sigma_n[15, 8] = 0.3
-    arrows = load_arrows(loaded, 15, 0.2)
+    arrows = LoadArrows.of(loaded, 15, 0.2, 30.0)
     np.testing.assert_allclose(arrows.push_mm, [[0, 0, -60]])
     np.testing.assert_allclose(arrows.tail_mm + arrows.push_mm, 1e3 * loaded.node_position_m[15, [5]])
-    assert len(load_arrows(loaded, 12, 0.2).tail_mm) == 2
-    assert len(load_arrows(loaded, 0, 0.2).tail_mm) == 0
-    assert len(load_arrows(replace(loaded, loads=None), 15, 0.2).tail_mm) == 0
+    assert len(LoadArrows.of(loaded, 12, 0.2, 30.0).tail_mm) == 2
+    assert len(LoadArrows.of(loaded, 0, 0.2, 30.0).tail_mm) == 0
+    assert len(LoadArrows.of(replace(loaded, loads=None), 15, 0.2, 30.0).tail_mm) == 0
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -24,3 +25,30 @@ def test_the_figure_is_drawn_with_loads_and_without(loaded, tmp_path, known) -> 
     shapes = loaded if known else replace(loaded, loads=None)
     write_shape_figure(shapes, 0.95, 0.2, "toy", tmp_path / "shape.png")
     assert (tmp_path / "shape.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_lengths_are_rounded_down_to_1_2_or_5() -> None:
+    assert [round_down(value) for value in (0.2, 4.9, 5.0, 36.4, 0.999)] == pytest.approx([0.2, 2, 5, 20, 0.5])
+
+
+def test_a_large_load_is_drawn_within_the_figure(loaded) -> None:
+    """137 N at 30 mm per N would be an arrow of 4 m."""
+    loaded.loads.force_n[15, 5] = [0, 0, -137]
+    scale = Scale.of(loaded, [0, 15], 0.95)
+    arrows = LoadArrows.of(loaded, 15, 0.2, scale.load_mm_per_n)
+    assert 0.1 * scale.extent_mm < np.abs(arrows.push_mm).max() <= 0.4 * scale.extent_mm
+
+
+@pytest.mark.parametrize(("sigma_mm", "magnification"), [(0.1, 50), (2.0, 5), (1000.0, 1)])
+def test_ellipsoids_are_magnified_while_they_leave_the_structure_visible(loaded, sigma_mm, magnification) -> None:
+    """The structure is 0.3 m wide: at 95 %, 2 mm is 5.6 mm of semi-axis, of which five are below 36 mm."""
+    size = 3 * loaded.structure.node_count
+    covariance_m2 = np.broadcast_to(np.eye(size) * (1e-3 * sigma_mm) ** 2, (len(loaded), size, size))
+    shapes = replace(loaded, covariance_m2=covariance_m2)
+    assert Scale.of(shapes, [0], 0.95).magnification == magnification
+
+
+def test_the_nodes_that_are_loaded_are_of_interest(loaded) -> None:
+    """Nodes 5 and 8 are loaded; without loads those that move most."""
+    assert nodes_of_interest(loaded, 0.2) == [5, 8]
+    assert len(nodes_of_interest(replace(loaded, loads=None), 0.2)) <= 3

@@ -5,14 +5,14 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ..factors.noise import tendon_sigma_m
-from ..models.settings import Settings
-from ..models.structure.lengths import length_jacobian, member_length_m
-from ..models.structure.rest_shape import RestShape
-from ..models.structure.shape import Shape, Status
-from ..models.structure.structure import Structure
-from ..models.values.readings import TendonLengths
-from .graph import status_of
+from ...factors.noise import tendon_sigma_m
+from ...models.settings import Settings
+from ...models.structure.lengths import length_jacobian, member_length_m
+from ...models.structure.rest_shape import RestShape
+from ...models.structure.shape import Shape, Status
+from ...models.structure.structure import Structure
+from ...models.values.readings import TendonLengths
+from ..graph import status_of
 
 
 class LeastSquares:

@@ -9,15 +9,15 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 
-from ..factors.noise import tendon_sigma_m
-from ..models.settings import Settings
-from ..models.structure.lengths import member_length_m
-from ..models.structure.rest_shape import RestShape
-from ..models.structure.shape import Shape
-from ..models.structure.structure import Structure
-from ..models.values.errors import IndeterminateError
-from ..models.values.readings import TendonLengths
-from .graph import status_of
+from ...factors.noise import tendon_sigma_m
+from ...models.settings import Settings
+from ...models.structure.lengths import member_length_m
+from ...models.structure.rest_shape import RestShape
+from ...models.structure.shape import Shape
+from ...models.structure.structure import Structure
+from ...models.values.errors import IndeterminateError
+from ...models.values.readings import TendonLengths
+from ..graph import status_of
 
 
 class UnscentedKalman:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tensegraph import Settings, Status
-from tensegraph.estimator.least_squares import LeastSquares
+from tensegraph.estimator.baselines.least_squares import LeastSquares
 
 
 class TestLeastSquares:

@@ -7,7 +7,7 @@ import pytest
 
 from noise_settings import with_noise
 from tensegraph import IndeterminateError, Settings
-from tensegraph.estimator.unscented_kalman import UnscentedKalman
+from tensegraph.estimator.baselines.unscented_kalman import UnscentedKalman
 from tensegraph.models.estimation import NoiseSettings
 from tensegraph.models.structure.lengths import length_jacobian, member_length_m
 from tensegraph.models.structure.rest_shape import RestShape

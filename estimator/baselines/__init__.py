@@ -1,0 +1,1 @@
+"""Methods to compare with: the paper's, an unscented Kalman filter, and a network alone."""

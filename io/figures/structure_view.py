@@ -1,0 +1,131 @@
+"""The structure of one frame in space: rods, tendons, ellipsoids at a stated magnification, loads as arrows."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from mpl_toolkits.mplot3d import Axes3D
+from numpy.typing import NDArray
+
+from ...models.structure.reconstruction import Reconstruction
+from .style import BLACK, GREEN, GREY, PURPLE, RED, tendon_style
+
+SURE = 2.0
+"""Ratio of a load to its sigma above which it is drawn."""
+LONGEST_ARROW = 0.4
+"""Longest arrow of a load at most, relative to the largest extent of the structure at the start."""
+WIDEST_ELLIPSOID = 0.12
+"""Semi-axis of the magnified ellipsoids at most, relative to the same extent: they should not cover the structure."""
+MAGNIFICATIONS = (1, 2, 5, 10, 20, 50)
+DRAWN_FIRST = ("start", "tendon", "rod", "anchor", "ellipsoid", "load", "name")
+"""Order in which the parts are drawn, from below to above. Matplotlib would order whole lines by their middle, which
+hides rods behind tendons."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """How large ellipsoids and loads are drawn in all panels of a figure."""
+
+    extent_mm: float
+    """Largest extent of the structure at the start."""
+    magnification: int
+    """Drawn over true size of the ellipsoids."""
+    load_mm_per_n: float
+    """Length of the arrow of a load."""
+
+    @classmethod
+    def of(cls, r: Reconstruction, frames: list[int], probability: float, load_threshold_n: float = 0.2) -> Self:
+        """Return the largest scale of round numbers at which some frames are legible.
+
+        Args:
+            r: all frames.
+            frames: the frames that are drawn.
+            probability: of the ellipsoids.
+            load_threshold_n: see `drawn_loads`.
+        """
+        extent_mm = 1e3 * float(np.max(np.ptp(r.node_position_m[0], axis=0)))
+        semi_axis_mm = 1e3 * r.ellipsoids(probability).semi_axis_m[frames][:, r.structure.free_nodes]
+        widest_mm = np.max(semi_axis_mm, initial=0.0, where=np.isfinite(semi_axis_mm))
+        fitting = [m for m in MAGNIFICATIONS if m * widest_mm <= WIDEST_ELLIPSOID * extent_mm]
+        force_n = [np.linalg.norm(drawn_loads(r, k, load_threshold_n)[1], axis=-1) for k in frames]
+        largest_n = float(np.max(np.concatenate(force_n), initial=load_threshold_n))
+        return cls(extent_mm, max(fitting, default=1), round_down(LONGEST_ARROW * extent_mm / largest_n))
+
+
+def round_down(value: float) -> float:
+    """Return the largest of 1, 2 or 5 times a power of ten that is not above a positive value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(digit for digit in (1, 2, 5) if digit * power <= value * (1 + 1e-12)))
+
+
+def drawn_loads(r: Reconstruction, k: int, load_threshold_n: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return nodes and (nodes, 3) loads of frame `k` above a threshold, and above `SURE` times their sigma."""
+    if r.loads is None:
+        return np.empty(0, dtype=np.int64), np.empty((0, 3))
+    force_n = np.nan_to_num(r.loads.force_n[k])
+    nodes = np.flatnonzero(np.linalg.norm(force_n, axis=-1) > np.maximum(load_threshold_n, SURE * r.loads.sigma_n[k]))
+    return nodes, force_n[nodes]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadArrows:
+    """The loads of one frame as arrows, each of which ends at the loaded node."""
+
+    tail_mm: NDArray[np.float64]
+    """(loads, 3) positions at which the arrows begin."""
+    push_mm: NDArray[np.float64]
+    """(loads, 3) vectors from there to the node."""
+
+    @classmethod
+    def of(cls, r: Reconstruction, k: int, load_threshold_n: float, mm_per_n: float) -> Self:
+        """Return the arrows of the loads of frame `k` that are drawn, see `drawn_loads`."""
+        nodes, force_n = drawn_loads(r, k, load_threshold_n)
+        push_mm = mm_per_n * force_n
+        return cls(1e3 * r.node_position_m[k, nodes] - push_mm, push_mm)
+
+    def draw(self, axis: Axes3D) -> None:
+        """Draw them."""
+        axis.quiver(*self.tail_mm.T, *self.push_mm.T, color=PURPLE, lw=2, arrow_length_ratio=0.2, zorder=_order("load"))
+
+
+def draw_structure(axis: Axes3D, r: Reconstruction, k: int, probability: float, scale: Scale) -> None:
+    """Draw the structure of frame `k` in mm with its ellipsoids, and in grey the rods at the start."""
+    axis.computed_zorder = False
+    now_mm = 1e3 * r.node_position_m[k]
+    start_mm = 1e3 * r.node_position_m[0]
+    for a, b in r.structure.rods:
+        axis.plot(*start_mm[[a, b]].T, color=GREY, lw=1, alpha=0.6, zorder=_order("start"))
+        axis.plot(*now_mm[[a, b]].T, color=BLACK, lw=3, solid_capstyle="round", zorder=_order("rod"))
+    for e, (a, b) in enumerate(r.structure.tendons):
+        style = tendon_style(r.length_m[k, e], r.mode[k, e])
+        axis.plot(*now_mm[[a, b]].T, lw=1.2, zorder=_order("tendon"), **style)
+    axis.scatter(*now_mm[r.structure.anchors].T, marker="^", color=GREEN, s=30, zorder=_order("anchor"), alpha=1)
+    _draw_ellipsoids(axis, r, k, probability, scale)
+    for node, position_mm in enumerate(now_mm + 0.03 * scale.extent_mm):
+        axis.text(*position_mm, str(node), fontsize=7, zorder=_order("name"))
+    axis.tick_params(labelsize=7)
+    axis.set_box_aspect((1, 1, 1), zoom=0.92)
+
+
+def _draw_ellipsoids(axis: Axes3D, r: Reconstruction, k: int, probability: float, scale: Scale) -> None:
+    """Draw them at their magnification, the wider the more transparent: one as large as the structure hides it."""
+    now_mm = 1e3 * r.node_position_m[k]
+    regions = r.ellipsoids(probability)
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 17), np.linspace(0, np.pi, 9))
+    sphere = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
+    for node in r.structure.free_nodes:
+        semi_axis_mm = 1e3 * scale.magnification * regions.semi_axis_m[k, node]
+        surface = now_mm[node] + sphere @ (regions.axes[k, node] * semi_axis_mm).T
+        alpha = 0.35 * min(1.0, WIDEST_ELLIPSOID * scale.extent_mm / float(np.max(semi_axis_mm)))
+        axis.plot_surface(
+            *np.moveaxis(surface, -1, 0),
+            color=RED,
+            alpha=max(alpha, 0.03),
+            linewidth=0,
+            shade=True,
+            zorder=_order("ellipsoid"),
+        )
+
+
+def _order(part: str) -> int:
+    return DRAWN_FIRST.index(part)

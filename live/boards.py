@@ -1,0 +1,109 @@
+"""The boards of a rig from Python: `tensegraph.Boards`."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from ..io.model_file import read_sensor_model
+from ..io.trial_directory import Reading
+from ..models.sensor.sensor_model import SensorModel
+from ..models.settings import Settings, checked_settings
+from ..models.structure.shape import Shape
+from ..models.trial_description import TrialDescription
+from ..models.values.errors import TensegraphError
+from ..pipeline import Pipeline
+from .feeds import Feed, boards_feed
+from .rig import Rig
+
+
+class Boards:
+    """The live rig as an iterator of shapes.
+
+        with tg.Boards("rig.toml") as boards:
+            for shape in boards:
+                print(shape.t_s, shape.node_position_m[8])
+
+    On entry the ports are opened and the sensors tared, for which the structure has to stand still; on exit the ports
+    are closed, and a recording is complete.
+
+    Args:
+        rig: path of rig.toml.
+        ports: serial ports; those of the rig, or every USB serial port, if none are given.
+        record: trial directory to record into, which must not exist yet; nothing is recorded if None.
+        settings: the settings of the run; the defaults if None.
+        model: the sensor model; the one that ships with the package if None.
+        say: function that is given each message to the operator.
+
+    Raises:
+        TensegraphError: on entry, when the rig cannot be read, no board answers, or the structure does not stand still.
+    """
+
+    def __init__(
+        self,
+        rig: str | Path,
+        *,
+        ports: Sequence[str] = (),
+        record: str | Path | None = None,
+        settings: Settings | None = None,
+        model: SensorModel | None = None,
+        say: Callable[[str], None] = print,
+    ) -> None:
+        self._rig = Path(rig)
+        self._ports = tuple(ports)
+        self._record = None if record is None else Path(record)
+        self._settings = checked_settings(settings)
+        self._model = model
+        self._say = say
+        self._open = ExitStack()
+        self._feed: Feed | None = None
+
+    def __enter__(self) -> Self:
+        self._model = self._model or read_sensor_model()
+        feed = boards_feed(
+            Rig.read(self._rig), self._ports, self._record, self._settings, self._model, _Listener(self._say)
+        )
+        self._feed = self._open.enter_context(feed)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._feed = None
+        self._open.close()
+
+    def __iter__(self) -> Iterator[Shape]:
+        """Yield the shape of every frame as soon as the frame is complete, until `stop`."""
+        pipeline = Pipeline(self.description, self._settings, self._model or read_sensor_model())
+        return pipeline.estimate(self.readings(), "live")
+
+    def readings(self) -> Iterator[Reading]:
+        """Yield the rows of the boards and the samples of their inertial sensors instead, for `tensegraph.stream`."""
+        return self._opened.rows
+
+    @property
+    def description(self) -> TrialDescription:
+        """What is known of the trial before its first reading."""
+        return self._opened.description
+
+    def stop(self) -> None:
+        """Stop reading; what has arrived is still yielded."""
+        self._opened.source.stop()
+
+    @property
+    def _opened(self) -> Feed:
+        if self._feed is None:
+            raise TensegraphError("Boards: expected 'with tensegraph.Boards(...) as boards:', got boards not entered")
+        return self._feed
+
+
+class _Listener:
+    """An operator who is told what to do and does it."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self.say = say
+
+    def ask_for_rest(self, seconds: float) -> None:
+        """Say for how long the structure has to stand still."""
+        self.say(f"taring for {seconds:g} s: leave the structure alone, standing at its rest shape ...")

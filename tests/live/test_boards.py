@@ -1,0 +1,32 @@
+"""The boards of a rig from Python."""
+
+from itertools import islice, pairwise
+
+import pytest
+
+import tensegraph as tg
+
+
+def test_shapes_come_from_boards_on_ptys_and_are_recorded(tmp_path, rig, pty_boards) -> None:
+    rig.write_text(rig.read_text().replace("seconds = 2.0", "seconds = 0.0"))  # what these boards send never rests
+    boards_on_ptys = [pty_boards(name, k) for k, name in enumerate(("zero", "one"))]
+    said: list[str] = []
+    ports = [str(board.port) for board in boards_on_ptys]
+    with tg.Boards(rig, ports=ports, record=tmp_path / "recorded", say=said.append) as boards:
+        shapes = list(islice(boards, 20))
+        boards.stop()
+    assert all(later.t_s > shape.t_s for shape, later in pairwise(shapes))
+    assert shapes[0].node_position_m.shape == (boards_on_ptys[0].channels, 3)
+    assert said[0] == "looking for boards ..."
+    assert tg.open_trial(tmp_path / "recorded").row_count() >= 2 * len(shapes)
+
+
+def test_boards_are_entered_first(rig) -> None:
+    with pytest.raises(tg.TensegraphError, match="expected 'with"):
+        next(iter(tg.Boards(rig)))
+
+
+def test_no_board_answers(tmp_path, rig, monkeypatch) -> None:
+    monkeypatch.setattr("tensegraph.live.rig.PATIENCE_S", 0.1)
+    with pytest.raises(tg.TensegraphError, match="no board"), tg.Boards(rig, ports=[str(tmp_path / "none")]):
+        pass
