@@ -23,6 +23,7 @@ from scipy.special import expit, logit
 from ..factors.noise import WeightedLengths
 from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.shape import Shape
+from ..models.values.interpolated import interpolated
 from ..models.values.low_pass import low_pass_weight
 from ..models.values.readings import Flag, Mode, ModeReadings, TendonLengths
 from .graph import GraphBuilder
@@ -46,8 +47,8 @@ class ModeChoice:
         self._ambiguous_probability = ambiguous_probability
         self._log_odds = np.zeros(len(builder.structure.tendons))
         self._last_s = np.nan
-        self.kept: list[NDArray[np.float64]] | None = None
-        """(tendons,) evidence of each frame, for a smoother that puts a list here; live, memory is bounded."""
+        self.kept: list[tuple[float, NDArray[np.float64]]] | None = None
+        """Time and (tendons,) evidence of each frame, for a smoother that puts a list here; live, memory is bounded."""
 
     def choose(self, lengths: TendonLengths) -> TendonLengths:
         """Return the lengths with the evidence of the shapes before."""
@@ -64,15 +65,18 @@ class ModeChoice:
             evidence = self._evidence(shape, measured, measured.lengths.modes)
         self._log_odds += low_pass_weight(step_s, EVIDENCE_S) * (evidence - self._log_odds)
         if self.kept is not None:
-            self.kept.append(evidence)
+            self.kept.append((shape.t_s, evidence))
 
     def smoothed(self, frames: Sequence[TendonLengths]) -> list[TendonLengths]:
         """Return the lengths with the evidence of all shapes that were kept, later ones too."""
-        if not self.kept or len(frames) < 2:
+        if not self.kept or len(self.kept) < 2:
             return list(frames)
-        step_s = float(np.median(np.diff([lengths.t_s for lengths in frames])))
-        log_odds = gaussian_filter1d(np.array(self.kept), EVIDENCE_S / step_s, axis=0, mode="nearest")
-        return list(map(self._chosen, frames, log_odds))
+        kept_s = np.array([t_s for t_s, _ in self.kept])
+        evidence = np.array([evidence for _, evidence in self.kept])
+        step_s = float(np.median(np.diff(kept_s)))
+        log_odds = gaussian_filter1d(evidence, EVIDENCE_S / step_s, axis=0, mode="nearest")
+        between = interpolated(np.array([lengths.t_s for lengths in frames]), kept_s, log_odds)
+        return list(map(self._chosen, frames, between))
 
     def _evidence(self, shape: Shape, measured: WeightedLengths, modes: ModeReadings) -> NDArray[np.float64]:
         """Return (tendons,) the log-likelihood ratio of bent to stretched, of the shape without each reading."""
