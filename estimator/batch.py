@@ -34,8 +34,10 @@ from .whole_trial.trial_chain import TrialChain, minimised
 from .whole_trial.trial_factors import TrialFactors
 
 LEARN_EVERY_S = 0.1
-"""Time between the frames of the live pass, from which modes, drift, health and doubt are learned: each of these is
-updated ten times a second."""
+"""Time between the frames of the live pass, from which modes, drift and health are learned: sensors are checked ten
+times a second."""
+DOUBT_EVERY_S = 0.2
+"""Time between two comparisons of explanations in it: their evidence is counted by time, and changes in seconds."""
 PUSH_S = 0.12
 """Standard deviation of the Gaussian window that averages the loads. Its width at half its height is 0.3 s, the time in
 which a push builds up."""
@@ -77,7 +79,7 @@ class BatchOptimizer:
         Raises:
             IndeterminateError: when measurements and priors leave some node undetermined.
         """
-        live = LiveSmoother(self._builder.structure, self._builder.rest, self._settings)
+        live = LiveSmoother(self._builder.structure, self._builder.rest, _learning(self._settings))
         live.keep()
         frames = without_lag(list(frames))
         shapes = [live.first_shape(lengths) for lengths in _some_of(frames)]
@@ -215,6 +217,16 @@ class BatchOptimizer:
         position_m = assessment.node_position_m[searched - window.start]
         found = second_shapes(self._builder.structure, self._settings.branch, factors, position_m)
         return dict(zip(searched.tolist(), found, strict=True))
+
+
+def _learning(settings: Settings) -> Settings:
+    """Return the settings of the live pass: few updates of the doubt, and the shortest window, of 0.2 s."""
+    every_s = max(settings.doubt.update_every_s, DOUBT_EVERY_S)
+    return replace(
+        settings,
+        doubt=replace(settings.doubt, update_every_s=every_s),
+        smoother=replace(settings.smoother, lag=2),
+    )
 
 
 def _some_of(frames: Sequence[TendonLengths]) -> Iterator[TendonLengths]:
