@@ -38,6 +38,8 @@ LEARN_EVERY_S = 0.1
 times a second."""
 DOUBT_EVERY_S = 0.2
 """Time between two comparisons of explanations in it: their evidence is counted by time, and changes in seconds."""
+DRIFT_EVERY_S = 0.5
+"""Time between two updates of the drift in it, which a smoother keeps: in this time a length drifts by 0.02 mm."""
 PUSH_S = 0.12
 """Standard deviation of the Gaussian window that averages the loads. Its width at half its height is 0.3 s, the time in
 which a push builds up."""
@@ -220,11 +222,12 @@ class BatchOptimizer:
 
 
 def _learning(settings: Settings) -> Settings:
-    """Return the settings of the live pass: few updates of the doubt, and the shortest window, of 0.2 s."""
-    every_s = max(settings.doubt.update_every_s, DOUBT_EVERY_S)
+    """Return the settings of the live pass: few updates of doubt and drift, and the shortest window, of 0.2 s."""
+    doubt, drift = settings.doubt, settings.drift
     return replace(
         settings,
-        doubt=replace(settings.doubt, update_every_s=every_s),
+        doubt=replace(doubt, update_every_s=max(doubt.update_every_s, DOUBT_EVERY_S)),
+        drift=replace(drift, update_every_s=max(drift.update_every_s, DRIFT_EVERY_S)),
         smoother=replace(settings.smoother, lag=2),
     )
 
