@@ -24,6 +24,7 @@ from ..models.values.readings import Flag, TendonLengths
 from .doubt import Doubt
 from .graph import GraphBuilder, status_of
 from .linear_frame import FrameData, linearised_frames
+from .mode_choice import is_uncertain, stacked_modes
 from .sensor_drift import DriftState, smoothed
 from .smoother import LiveSmoother
 from .uncertainty import Assessment, FrameEvidence, Mixture
@@ -40,6 +41,8 @@ DOUBT_EVERY_S = 0.2
 """Time between two comparisons of explanations in it: their evidence is counted by time, and changes in seconds."""
 DRIFT_EVERY_S = 0.5
 """Time between two updates of the drift in it, which a smoother keeps: in this time a length drifts by 0.02 mm."""
+MODE_STEPS = 2
+"""Number of steps after which the shapes of all frames tell the modes of the tendons."""
 PUSH_S = 0.12
 """Standard deviation of the Gaussian window that averages the loads. Its width at half its height is 0.3 s, the time in
 which a push builds up."""
@@ -59,6 +62,11 @@ class _Problem:
     """The doubt about the model in each frame."""
     balance: TrialBalance | None
     """The balance of forces near the start; None without mechanics."""
+
+    @property
+    def t_s(self) -> NDArray[np.float64]:
+        """(frames,) their times."""
+        return np.array([measured.lengths.t_s for measured in self.measured])
 
 
 class BatchOptimizer:
@@ -110,12 +118,37 @@ class BatchOptimizer:
         if not frames:
             return
         problem = self._problem(frames, live, shapes, supports)
-        factors = TrialFactors(self._builder, problem.measured, problem.balance)
         try:
-            position_m, converged = minimised(self._chain(factors, frames), problem.start_m, progress)
+            if len(shapes) < len(frames) and self._builder.statics is not None:
+                problem = self._with_modes(problem, frames, live, shapes)
+            position_m, converged = minimised(self._chain(problem), problem.start_m, progress)
         except np.linalg.LinAlgError as error:
             raise IndeterminateError("a node is undetermined: no shape prior, and too few lengths") from error
         yield from self._shapes(problem, position_m, converged)
+
+    def _with_modes(
+        self, problem: _Problem, frames: list[TendonLengths], live: LiveSmoother, shapes: list[Shape]
+    ) -> _Problem:
+        """Return the problem with the modes as the shapes of all frames tell them, after `MODE_STEPS` steps."""
+        asked = np.array([k for k, one in enumerate(problem.measured) if is_uncertain(one.lengths)], dtype=np.int64)
+        if not len(asked):
+            return problem
+        position_m, _ = minimised(self._chain(problem), problem.start_m, steps=MODE_STEPS)
+        evidence = np.zeros((len(frames), len(self._builder.structure.tendons)))
+        for part in parts(len(asked)):
+            numbers = asked[part]
+            assessment = self._assessed_frames(problem, position_m, numbers)
+            measured = [problem.measured[k] for k in numbers]
+            evidence[numbers] = live.modes.evidence(
+                assessment.node_position_m,
+                assessment.covariance_m2,
+                np.array([one.lengths.length_m for one in measured]),
+                np.array([one.sigma_m for one in measured]),
+                stacked_modes([one.lengths for one in measured]),
+            )
+        live.modes.kept = [(lengths.t_s, told) for lengths, told in zip(frames, evidence, strict=True)]
+        measured = self._measured(frames, live, shapes, problem.doubts)
+        return replace(problem, start_m=position_m, measured=measured)
 
     def _problem(
         self,
@@ -126,13 +159,7 @@ class BatchOptimizer:
     ) -> _Problem:
         """Return the lengths as all frames tell them, and the shapes between those of the live estimate."""
         doubts = live.doubt.smoothed(frames)
-        admitted = _admitted(live.modes.smoothed(frames), shapes, smoothed(live.drift.kept or []))
-        for lengths in admitted:
-            self._builder.check_determined(lengths)
-        measured = [
-            weigh(lengths, self._builder.noise).scaled(doubt.length_scale)
-            for lengths, doubt in zip(admitted, doubts, strict=True)
-        ]
+        measured = self._measured(frames, live, shapes, doubts)
         start_m = interpolated(
             np.array([lengths.t_s for lengths in frames]),
             np.array([shape.t_s for shape in shapes]),
@@ -141,25 +168,35 @@ class BatchOptimizer:
         balance = TrialBalance.of(self._builder, frames, supports)
         return _Problem(start_m, measured, doubts, balance.near(self._builder, start_m) if balance else None)
 
-    def _chain(self, factors: TrialFactors, frames: Sequence[TendonLengths]) -> TrialChain:
+    def _measured(
+        self, frames: list[TendonLengths], live: LiveSmoother, shapes: list[Shape], doubts: list[Doubt]
+    ) -> list[WeightedLengths]:
+        """Return the lengths with mode, drift, health and sigma as the live pass and later frames tell them."""
+        admitted = _admitted(live.modes.smoothed(frames), shapes, smoothed(live.drift.kept or []))
+        for lengths in admitted:
+            self._builder.check_determined(lengths)
+        return [
+            weigh(lengths, self._builder.noise).scaled(doubt.length_scale)
+            for lengths, doubt in zip(admitted, doubts, strict=True)
+        ]
+
+    def _chain(self, problem: _Problem) -> TrialChain:
         """Return the frames with the motion prior between them."""
         rest = self._builder.rest
-        rows = motion_rows(
-            np.array([lengths.t_s for lengths in frames]),
-            self._builder.noise.motion_m_per_s15,
-            rest.largest_sigma_m if rest.at_start else None,
-        )
+        factors = TrialFactors(self._builder, problem.measured, problem.balance)
+        sigma_m = rest.largest_sigma_m if rest.at_start else None
+        rows = motion_rows(problem.t_s, self._builder.noise.motion_m_per_s15, sigma_m)
         return TrialChain(factors, rows, self._builder.structure.free_coordinates, rest.node_position_m)
 
     def _shapes(self, problem: _Problem, position_m: NDArray[np.float64], converged: bool) -> Iterator[Shape]:
         """Yield the shapes of all frames with their covariances, loads and second shapes."""
         balance = problem.balance.near(self._builder, position_m) if problem.balance else None
         trial = replace(problem, balance=balance)
-        t_s = np.array([measured.lengths.t_s for measured in problem.measured])
+        t_s = problem.t_s
         search = np.array(frames_to_search(t_s, self._settings.branch.look_every_s))
         other: OtherShape | None = None
         for window in parts(len(t_s), WINDOW):
-            assessment = self._assessed(trial, position_m, window, t_s)
+            assessment = self._assessed(trial, position_m, window)
             others = self._second_shapes(trial, assessment, window, search)
             for k in range(window.start, window.stop):
                 other = others.get(k, other)
@@ -179,33 +216,34 @@ class BatchOptimizer:
             doubt=reason,
         )
 
-    def _assessed(
-        self, trial: _Problem, position_m: NDArray[np.float64], window: slice, t_s: NDArray[np.float64]
-    ) -> Assessment:
+    def _assessed(self, trial: _Problem, position_m: NDArray[np.float64], window: slice) -> Assessment:
         """Return the shapes of a window of frames, with their covariances and the loads averaged over `PUSH_S`."""
-        frames_per_push = PUSH_S / float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.0
+        count = len(position_m)
+        frames_per_push = PUSH_S / float(np.median(np.diff(trial.t_s))) if count > 1 else 0.0
         reach = int(np.ceil(FILTER_REACH * frames_per_push))
-        around = slice(max(window.start - reach, 0), min(window.stop + reach, len(t_s)))
-        assessed = []
-        for part in parts(around.stop - around.start):
-            frames = slice(around.start + part.start, around.start + part.stop)
-            data = self._data(trial, frames)
-            linear = linearised_frames(self._builder, position_m[frames], data)
-            mixture = Mixture.of(trial.doubts[frames])
-            assessed.append(self._evidence.assess_frames(linear, position_m[frames], data.statics, mixture))
-        assessment = Assessment.joined(assessed)
+        around = np.arange(max(window.start - reach, 0), min(window.stop + reach, count))
+        assessment = Assessment.joined(
+            [self._assessed_frames(trial, position_m, around[part]) for part in parts(len(around))]
+        )
         if assessment.loads is not None and frames_per_push:
             averaged_n = gaussian_filter1d(
                 assessment.loads.force_n, frames_per_push, axis=0, mode="nearest", truncate=FILTER_REACH
             )
             assessment = replace(assessment, loads=replace(assessment.loads, force_n=averaged_n))
-        return assessment[window.start - around.start : window.stop - around.start]
+        first = window.start - int(around[0])
+        return assessment[first : first + window.stop - window.start]
 
-    def _data(self, trial: _Problem, frames: slice) -> FrameData:
-        if trial.balance is None:
-            return FrameData.stacked(trial.measured[frames], None, np.zeros((frames.stop - frames.start, 0)))
-        statics = trial.balance.statics_of(frames)
-        return FrameData.stacked(trial.measured[frames], statics, trial.balance.sigma_n[frames])
+    def _assessed_frames(
+        self, trial: _Problem, position_m: NDArray[np.float64], frames: NDArray[np.int64]
+    ) -> Assessment:
+        """Return the shapes of some frames with their covariances, and the loads of each frame alone."""
+        balance = trial.balance
+        statics = balance.statics_of(frames) if balance else None
+        force_sigma_n = balance.sigma_n[frames] if balance else np.zeros((len(frames), 0))
+        data = FrameData.stacked([trial.measured[k] for k in frames], statics, force_sigma_n)
+        linear = linearised_frames(self._builder, position_m[frames], data)
+        mixture = Mixture.of([trial.doubts[k] for k in frames])
+        return self._evidence.assess_frames(linear, position_m[frames], statics, mixture)
 
     def _second_shapes(
         self, trial: _Problem, assessment: Assessment, window: slice, search: NDArray[np.int64]

@@ -130,7 +130,10 @@ def _windows(count: int) -> Iterator[tuple[slice, slice]]:
 
 
 def minimised(
-    chain: TrialChain, node_position_m: NDArray[np.float64], progress: Callable[[int, float], None]
+    chain: TrialChain,
+    node_position_m: NDArray[np.float64],
+    progress: Callable[[int, float], None] = lambda iteration, error: None,
+    steps: int = MAX_BATCH_ITERATIONS,
 ) -> tuple[NDArray[np.float64], bool]:
     """Return the (frames, nodes, 3) shapes of least error, and whether the search converged, by Levenberg-Marquardt.
 
@@ -142,13 +145,14 @@ def minimised(
         chain: the factors.
         node_position_m: (frames, nodes, 3) shapes at which the search starts.
         progress: called after each iteration with its number and the error.
+        steps: largest number of iterations.
 
     Raises:
         LinAlgError: when the factors leave some motion undetermined.
     """
     error = chain.error(node_position_m)
     damping = 0.0
-    for iteration in range(MAX_BATCH_ITERATIONS):
+    for iteration in range(steps):
         before = error
         while damping <= MAX_DAMPING:
             candidate_m = node_position_m + chain.step(node_position_m, damping)

@@ -67,7 +67,7 @@ def at_once(press: Press) -> np.ndarray:
     factors = TrialFactors(builder, press.measured, balance.near(builder, press.start_m))
     rows = motion_rows(press.t_s, builder.noise.motion_m_per_s15, rest.largest_sigma_m)
     chain = TrialChain(factors, rows, builder.structure.free_coordinates, rest.node_position_m)
-    return minimised(chain, press.start_m, lambda iteration, error: None)[0]
+    return minimised(chain, press.start_m)[0]
 
 
 @pytest.mark.parametrize("optimised", [by_gtsam, at_once])

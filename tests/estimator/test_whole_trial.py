@@ -111,8 +111,7 @@ def test_shapes_of_least_error_are_those_of_gtsam(balanced, lengths_of, monkeypa
     """To 1e-6 m, when both search until nothing changes."""
     trial = Trial(balanced, lengths_of)
     monkeypatch.setattr(trial_chain, "RELATIVE_DECREASE", 1e-13)
-    monkeypatch.setattr(trial_chain, "MAX_BATCH_ITERATIONS", 300)
-    position_m, _ = minimised(trial.chain, trial.start_m, lambda iteration, error: None)
+    position_m, _ = minimised(trial.chain, trial.start_m, steps=300)
     graph, values = trial.graph(), trial.values(trial.start_m)
     for _ in range(300):
         step = graph.linearize(values).optimize()
@@ -152,12 +151,11 @@ def test_windows_do_not_show(balanced, lengths_of, monkeypatch) -> None:
     """The shapes of least error of a trial in windows of two frames that overlap by two are those of one piece."""
     trial = Trial(balanced, lengths_of)
     monkeypatch.setattr(trial_chain, "RELATIVE_DECREASE", 1e-13)
-    monkeypatch.setattr(trial_chain, "MAX_BATCH_ITERATIONS", 300)
-    whole_m, _ = minimised(trial.chain, trial.start_m, lambda iteration, error: None)
+    whole_m, _ = minimised(trial.chain, trial.start_m, steps=300)
     monkeypatch.setattr(trial_chain, "WINDOW", 2)
     monkeypatch.setattr(trial_chain, "OVERLAP", 2)
     assert len(list(trial_chain._windows(len(T_S)))) == 4
-    parts_m, _ = minimised(trial.chain, trial.start_m, lambda iteration, error: None)
+    parts_m, _ = minimised(trial.chain, trial.start_m, steps=300)
     np.testing.assert_allclose(parts_m, whole_m, atol=1e-6)
 
 
