@@ -1,39 +1,72 @@
-"""The batch estimator: all frames of a trial in one graph, optimised by Levenberg-Marquardt."""
+"""The batch estimator: all frames of a trial in one graph, optimised by Levenberg-Marquardt.
+
+The graph is that of `GraphBuilder`, with every frame in it; `estimator/whole_trial/` holds its factors as stacked
+arrays, because gtsam calls those that are written in Python once for each frame and iteration.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from ..factors.motion import motion_rows
 from ..factors.noise import WeightedLengths, weigh
 from ..models.settings import Settings
-from ..models.structure.external_loads import ExternalLoads
 from ..models.structure.rest_shape import RestShape
-from ..models.structure.shape import Shape, Status
+from ..models.structure.shape import OtherShape, Shape, Status
 from ..models.structure.structure import Structure
 from ..models.structure.support import Support
 from ..models.values.errors import IndeterminateError
+from ..models.values.interpolated import interpolated
 from ..models.values.readings import Flag, TendonLengths
-from .branches import OtherBranch
 from .doubt import Doubt
 from .graph import GraphBuilder, status_of
-from .linear_frame import linearised
+from .linear_frame import FrameData, linearised_frames
+from .mode_choice import is_uncertain, stacked_modes
 from .sensor_drift import DriftState, smoothed
 from .smoother import LiveSmoother
-from .uncertainty import Assessment, FrameEvidence
+from .uncertainty import Assessment, FrameEvidence, Mixture
+from .whole_trial.parts import WINDOW, parts
+from .whole_trial.second_shapes import frames_to_search, second_shapes
+from .whole_trial.trial_balance import TrialBalance
+from .whole_trial.trial_chain import TrialChain, minimised
+from .whole_trial.trial_factors import TrialFactors
 
-MAX_BATCH_ITERATIONS = 50
-RELATIVE_DECREASE = 1e-3
+LEARN_EVERY_S = 0.1
+"""Time between the frames of the live pass, from which modes, drift and health are learned: sensors are checked ten
+times a second."""
+DOUBT_EVERY_S = 0.2
+"""Time between two comparisons of explanations in it: their evidence is counted by time, and changes in seconds."""
+DRIFT_EVERY_S = 0.5
+"""Time between two updates of the drift in it, which a smoother keeps: in this time a length drifts by 0.02 mm."""
+MODE_STEPS = 2
+"""Number of steps after which the shapes of all frames tell the modes of the tendons."""
 PUSH_S = 0.12
 """Standard deviation of the Gaussian window that averages the loads. Its width at half its height is 0.3 s, the time in
 which a push builds up."""
-MIN_DAMPING = 1e2
-"""Least damping above zero, in 1 / m^2: a prior of 0.1 m about the last values."""
-MAX_DAMPING = 1e10
-"""Largest damping, in 1 / m^2: a prior of 0.01 mm about the last values."""
+FILTER_REACH = 4.0
+"""Reach of this window to either side, in its standard deviations."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Problem:
+    """What a whole trial is estimated from."""
+
+    start_m: NDArray[np.float64]
+    """(frames, nodes, 3) the shapes at which the optimisation starts."""
+    measured: list[WeightedLengths]
+    """The lengths of each frame, without the sensors that the live pass left out."""
+    doubts: list[Doubt]
+    """The doubt about the model in each frame."""
+    balance: TrialBalance | None
+    """The balance of forces near the start; None without mechanics."""
+
+    @property
+    def t_s(self) -> NDArray[np.float64]:
+        """(frames,) their times."""
+        return np.array([measured.lengths.t_s for measured in self.measured])
 
 
 class BatchOptimizer:
@@ -56,10 +89,11 @@ class BatchOptimizer:
         Raises:
             IndeterminateError: when measurements and priors leave some node undetermined.
         """
-        live = LiveSmoother(self._builder.structure, self._builder.rest, self._settings)
+        live = LiveSmoother(self._builder.structure, self._builder.rest, _learning(self._settings))
         live.keep()
         frames = without_lag(list(frames))
-        yield from self.refined(frames, live, list(live.estimate(frames)), None, progress)
+        shapes = [live.first_shape(lengths) for lengths in _some_of(frames)]
+        yield from self.refined(frames, live, shapes, None, progress)
 
     def refined(
         self,
@@ -69,53 +103,52 @@ class BatchOptimizer:
         supports: Sequence[Support] | None,
         progress: Callable[[int, float], None] = lambda iteration, error: None,
     ) -> Iterator[Shape]:
-        """Yield a shape for each frame, from the live estimate.
+        """Yield a shape for each frame, from a live estimate.
 
         Args:
             frames: lengths, in order of time.
             live: the live smoother, which has kept what it learned, after the last frame.
-            shapes: its shapes.
+            shapes: its shapes, in all frames or in some; the others start between these.
             supports: the force of gravity and floor in each frame; None where it is always the same.
             progress: see `estimate`.
 
         Raises:
             IndeterminateError: see `estimate`.
         """
+        if not frames:
+            return
         problem = self._problem(frames, live, shapes, supports)
         try:
-            values, converged = _optimize(problem.graph, problem.start, progress)
-            positions = np.array(gtsam.utilities.extractPoint3(values)).reshape(-1, self._builder.node_count, 3)
-            assessments = [
-                self._assessed(positions[k], problem.measured[k], problem.doubts[k], supports[k] if supports else None)
-                for k in range(len(positions))
-            ]
-        except (RuntimeError, np.linalg.LinAlgError) as error:
-            raise IndeterminateError(" ".join(str(error).split())) from error
-        frames = [measured.lengths for measured in problem.measured]
-        loads = _averaged_loads([assessment.loads for assessment in assessments], frames)
-        branches = OtherBranch(self._builder, self._settings.branch)
-        for k, lengths in enumerate(frames):
-            reason = problem.doubts[k].reason
-            shape = Shape(
-                t_s=lengths.t_s,
-                node_position_m=assessments[k].node_position_m,
-                covariance_m2=assessments[k].covariance_m2,
-                status=status_of(lengths, self._builder.structure, reason) if converged else Status.NOT_CONVERGED,
-                lengths=lengths,
-                loads=loads[k],
-                doubt=reason,
-            )
-            yield branches.with_other(shape)
+            if len(shapes) < len(frames) and self._builder.statics is not None:
+                problem = self._with_modes(problem, frames, live, shapes)
+            position_m, converged = minimised(self._chain(problem), problem.start_m, progress)
+        except np.linalg.LinAlgError as error:
+            raise IndeterminateError("a node is undetermined: no shape prior, and too few lengths") from error
+        yield from self._shapes(problem, position_m, converged)
 
-    def _assessed(
-        self, position_m: NDArray[np.float64], measured: WeightedLengths, doubt: Doubt, support: Support | None
-    ) -> Assessment:
-        """Return the covariance and the loads of one frame."""
-        if support is not None:
-            self._builder.stand_on(support)
-        self._builder.wind(measured.lengths.natural)
-        self._builder.approach(position_m)
-        return self._evidence.assess(linearised(self._builder, position_m, measured), position_m, doubt)
+    def _with_modes(
+        self, problem: _Problem, frames: list[TendonLengths], live: LiveSmoother, shapes: list[Shape]
+    ) -> _Problem:
+        """Return the problem with the modes as the shapes of all frames tell them, after `MODE_STEPS` steps."""
+        asked = np.array([k for k, one in enumerate(problem.measured) if is_uncertain(one.lengths)], dtype=np.int64)
+        if not len(asked):
+            return problem
+        position_m, _ = minimised(self._chain(problem), problem.start_m, steps=MODE_STEPS)
+        evidence = np.zeros((len(frames), len(self._builder.structure.tendons)))
+        for part in parts(len(asked)):
+            numbers = asked[part]
+            assessment = self._assessed_frames(problem, position_m, numbers)
+            measured = [problem.measured[k] for k in numbers]
+            evidence[numbers] = live.modes.evidence(
+                assessment.node_position_m,
+                assessment.covariance_m2,
+                np.array([one.lengths.length_m for one in measured]),
+                np.array([one.sigma_m for one in measured]),
+                stacked_modes([one.lengths for one in measured]),
+            )
+        live.modes.kept = [(lengths.t_s, told) for lengths, told in zip(frames, evidence, strict=True)]
+        measured = self._measured(frames, live, shapes, problem.doubts)
+        return replace(problem, start_m=position_m, measured=measured)
 
     def _problem(
         self,
@@ -123,62 +156,145 @@ class BatchOptimizer:
         live: LiveSmoother,
         shapes: list[Shape],
         supports: Sequence[Support] | None,
-    ) -> "_Problem":
-        """Return the graph of all frames; its start is the live estimate of each frame."""
-        problem = _Problem(gtsam.NonlinearFactorGraph(), gtsam.Values(), [], [])
-        times_s = [lengths.t_s for lengths in frames]
+    ) -> _Problem:
+        """Return the lengths as all frames tell them, and the shapes between those of the live estimate."""
+        doubts = live.doubt.smoothed(frames)
+        measured = self._measured(frames, live, shapes, doubts)
+        start_m = interpolated(
+            np.array([lengths.t_s for lengths in frames]),
+            np.array([shape.t_s for shape in shapes]),
+            np.array([shape.node_position_m for shape in shapes]),
+        )
+        balance = TrialBalance.of(self._builder, frames, supports)
+        return _Problem(start_m, measured, doubts, balance.near(self._builder, start_m) if balance else None)
+
+    def _measured(
+        self, frames: list[TendonLengths], live: LiveSmoother, shapes: list[Shape], doubts: list[Doubt]
+    ) -> list[WeightedLengths]:
+        """Return the lengths with mode, drift, health and sigma as the live pass and later frames tell them."""
         admitted = _admitted(live.modes.smoothed(frames), shapes, smoothed(live.drift.kept or []))
-        problem.doubts.extend(live.doubt.smoothed(frames))
-        for frame, (shape, lengths) in enumerate(zip(shapes, admitted, strict=True)):
-            measured = weigh(lengths, self._builder.noise).scaled(problem.doubts[frame].length_scale)
-            problem.measured.append(measured)
-            if supports is not None:
-                self._builder.stand_on(supports[frame])
-            self._builder.approach(shape.node_position_m)
-            self._builder.add_frame(problem.graph, frame, measured)
-            self._builder.add_motion(problem.graph, frame, times_s[max(frame - 2, 0) : frame + 1])
-            for key, position in zip(self._builder.keys(frame), shape.node_position_m, strict=True):
-                problem.start.insertPoint3(key, position)
-        return problem
+        for lengths in admitted:
+            self._builder.check_determined(lengths)
+        return [
+            weigh(lengths, self._builder.noise).scaled(doubt.length_scale)
+            for lengths, doubt in zip(admitted, doubts, strict=True)
+        ]
+
+    def _chain(self, problem: _Problem) -> TrialChain:
+        """Return the frames with the motion prior between them."""
+        rest = self._builder.rest
+        factors = TrialFactors(self._builder, problem.measured, problem.balance)
+        sigma_m = rest.largest_sigma_m if rest.at_start else None
+        rows = motion_rows(problem.t_s, self._builder.noise.motion_m_per_s15, sigma_m)
+        return TrialChain(factors, rows, self._builder.structure.free_coordinates, rest.node_position_m)
+
+    def _shapes(self, problem: _Problem, position_m: NDArray[np.float64], converged: bool) -> Iterator[Shape]:
+        """Yield the shapes of all frames with their covariances, loads and second shapes."""
+        balance = problem.balance.near(self._builder, position_m) if problem.balance else None
+        trial = replace(problem, balance=balance)
+        t_s = problem.t_s
+        search = np.array(frames_to_search(t_s, self._settings.branch.look_every_s))
+        other: OtherShape | None = None
+        for window in parts(len(t_s), WINDOW):
+            assessment = self._assessed(trial, position_m, window)
+            others = self._second_shapes(trial, assessment, window, search)
+            for k in range(window.start, window.stop):
+                other = others.get(k, other)
+                shape = self._shape(trial, assessment[k - window.start], k, converged)
+                yield replace(shape, status=Status.TWO_SHAPES, other=other) if other else shape
+
+    def _shape(self, trial: _Problem, assessment: Assessment, k: int, converged: bool) -> Shape:
+        """Return the shape of one frame, with the status that its lengths and the doubt about it give."""
+        lengths, reason = trial.measured[k].lengths, trial.doubts[k].reason
+        return Shape(
+            t_s=lengths.t_s,
+            node_position_m=assessment.node_position_m,
+            covariance_m2=assessment.covariance_m2,
+            status=status_of(lengths, self._builder.structure, reason) if converged else Status.NOT_CONVERGED,
+            lengths=lengths,
+            loads=assessment.loads,
+            doubt=reason,
+        )
+
+    def _assessed(self, trial: _Problem, position_m: NDArray[np.float64], window: slice) -> Assessment:
+        """Return the shapes of a window of frames, with their covariances and the loads averaged over `PUSH_S`."""
+        count = len(position_m)
+        frames_per_push = PUSH_S / float(np.median(np.diff(trial.t_s))) if count > 1 else 0.0
+        reach = int(np.ceil(FILTER_REACH * frames_per_push))
+        around = np.arange(max(window.start - reach, 0), min(window.stop + reach, count))
+        assessment = Assessment.joined(
+            [self._assessed_frames(trial, position_m, around[part]) for part in parts(len(around))]
+        )
+        if assessment.loads is not None and frames_per_push:
+            averaged_n = gaussian_filter1d(
+                assessment.loads.force_n, frames_per_push, axis=0, mode="nearest", truncate=FILTER_REACH
+            )
+            assessment = replace(assessment, loads=replace(assessment.loads, force_n=averaged_n))
+        first = window.start - int(around[0])
+        return assessment[first : first + window.stop - window.start]
+
+    def _assessed_frames(
+        self, trial: _Problem, position_m: NDArray[np.float64], frames: NDArray[np.int64]
+    ) -> Assessment:
+        """Return the shapes of some frames with their covariances, and the loads of each frame alone."""
+        balance = trial.balance
+        statics = balance.statics_of(frames) if balance else None
+        force_sigma_n = balance.sigma_n[frames] if balance else np.zeros((len(frames), 0))
+        data = FrameData.stacked([trial.measured[k] for k in frames], statics, force_sigma_n)
+        linear = linearised_frames(self._builder, position_m[frames], data)
+        mixture = Mixture.of([trial.doubts[k] for k in frames])
+        return self._evidence.assess_frames(linear, position_m[frames], statics, mixture)
+
+    def _second_shapes(
+        self, trial: _Problem, assessment: Assessment, window: slice, search: NDArray[np.int64]
+    ) -> dict[int, OtherShape | None]:
+        """Return the second shape, or None, of each frame of a window in which one is searched for."""
+        searched = search[(search >= window.start) & (search < window.stop)]
+        if not self._builder.structure.is_square or not len(searched):
+            return {}
+        measured = [weigh(trial.measured[k].lengths, self._builder.noise) for k in searched]
+        factors = TrialFactors(self._builder, measured, trial.balance.part(searched) if trial.balance else None)
+        position_m = assessment.node_position_m[searched - window.start]
+        found = second_shapes(self._builder.structure, self._settings.branch, factors, position_m)
+        return dict(zip(searched.tolist(), found, strict=True))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Problem:
-    """The graph of a whole trial, with the values at which its optimisation starts."""
+def _learning(settings: Settings) -> Settings:
+    """Return the settings of the live pass: few updates of doubt and drift, and the shortest window, of 0.2 s."""
+    doubt, drift = settings.doubt, settings.drift
+    return replace(
+        settings,
+        doubt=replace(doubt, update_every_s=max(doubt.update_every_s, DOUBT_EVERY_S)),
+        drift=replace(drift, update_every_s=max(drift.update_every_s, DRIFT_EVERY_S)),
+        smoother=replace(settings.smoother, lag=2),
+    )
 
-    graph: gtsam.NonlinearFactorGraph
-    start: gtsam.Values
-    measured: list[WeightedLengths]
-    """The lengths of each frame, without the sensors that the live estimate left out."""
-    doubts: list[Doubt]
-    """The doubt about the model in each frame."""
+
+def _some_of(frames: Sequence[TendonLengths]) -> Iterator[TendonLengths]:
+    """Yield frames that are `LEARN_EVERY_S` apart or more, the first and the last ones included."""
+    latest_s = -np.inf
+    for k, lengths in enumerate(frames):
+        if lengths.t_s - latest_s >= 0.999 * LEARN_EVERY_S or k == len(frames) - 1:
+            latest_s = lengths.t_s
+            yield lengths
 
 
 def _admitted(frames: list[TendonLengths], shapes: list[Shape], drift: list[DriftState]) -> list[TendonLengths]:
     """Return the lengths without the drift as estimated from all frames, and without those that live left out."""
-    latest = np.searchsorted([state.t_s for state in drift], [lengths.t_s for lengths in frames], side="right") - 1
+    t_s = [lengths.t_s for lengths in frames]
+    latest_drift = np.searchsorted([state.t_s for state in drift], t_s, side="right") - 1
+    latest_shape = np.searchsorted([shape.t_s for shape in shapes], t_s, side="right") - 1
     admitted = []
-    for lengths, shape, k in zip(frames, shapes, latest, strict=True):
+    for lengths, k, latest in zip(frames, latest_drift, latest_shape, strict=True):
         corrected = lengths
         if drift and lengths.drift is not None:
             first_s = frames[0].t_s
             before = drift[0].earlier((lengths.t_s - first_s) / (drift[0].t_s - first_s)) if k < 0 else drift[k]
             corrected = before.corrected(lengths)
-        left_out = np.isinf(shape.lengths.sigma_m)
-        flags = corrected.flags | (shape.lengths.flags & int(Flag.IMPLAUSIBLE))
-        admitted.append(replace(corrected, sigma_m=np.where(left_out, np.inf, corrected.sigma_m), flags=flags))
+        implausible = shapes[latest].lengths.flags & int(Flag.IMPLAUSIBLE)
+        sigma_m = np.where(implausible > 0, np.inf, corrected.sigma_m)
+        admitted.append(replace(corrected, sigma_m=sigma_m, flags=corrected.flags | implausible))
     return admitted
-
-
-def _averaged_loads(loads: list[ExternalLoads | None], frames: list[TendonLengths]) -> list[ExternalLoads | None]:
-    """Return the loads averaged over the time in which a push builds up, see `PUSH_S`."""
-    known_loads = [frame_loads for frame_loads in loads if frame_loads is not None]
-    if len(known_loads) < 2 or len(known_loads) < len(loads):
-        return loads
-    step_s = float(np.median(np.diff([lengths.t_s for lengths in frames])))
-    force_n = np.array([frame_loads.force_n for frame_loads in known_loads])
-    averaged_n = gaussian_filter1d(force_n, PUSH_S / step_s, axis=0, mode="nearest")
-    return [replace(frame_loads, force_n=force) for frame_loads, force in zip(known_loads, averaged_n, strict=True)]
 
 
 def without_lag(frames: list[TendonLengths]) -> list[TendonLengths]:
@@ -192,50 +308,3 @@ def without_lag(frames: list[TendonLengths]) -> list[TendonLengths]:
         replace(frames[later], t_s=lengths.t_s, aids=lengths.aids)
         for lengths, later in zip(frames, nearest, strict=True)
     ]
-
-
-def _optimize(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, progress: Callable[[int, float], None]
-) -> tuple[gtsam.Values, bool]:
-    """Return the values of least error, and whether the optimisation converged, by Levenberg-Marquardt.
-
-    The loop replaces gtsam's own optimiser, which is slow with factors that are written in Python: C++ gives such a
-    factor a copy of all values at each call, 18 000 points for each of 1500 frames in every iteration.
-
-    The loop ends when the error falls by less than one part in a thousand. Along the mechanism the error is so flat
-    that a smaller bound would cost a hundred further iterations for one part in 1e5 of the error, which is a tenth of
-    one standard deviation of one length.
-    """
-    error = graph.error(values)
-    damping = 0.0
-    for iteration in range(MAX_BATCH_ITERATIONS):
-        linear = graph.linearize(values)
-        before = error
-        while damping <= MAX_DAMPING:
-            candidate = values.retract(_damped(linear, values, damping).optimize())
-            error = graph.error(candidate)
-            if error <= before:
-                break
-            damping = max(10 * damping, MIN_DAMPING)
-        else:
-            return values, False
-        values = candidate
-        damping = damping / 10 if damping > MIN_DAMPING else 0.0
-        progress(iteration + 1, error)
-        if before - error <= RELATIVE_DECREASE * before:
-            return values, True
-    return values, False
-
-
-def _damped(linear: gtsam.GaussianFactorGraph, values: gtsam.Values, damping: float) -> gtsam.GaussianFactorGraph:
-    """Return the linear graph with damping |delta_n|^2 added for every node n."""
-    if damping == 0:
-        return linear
-    damped = gtsam.GaussianFactorGraph()
-    damped.push_back(linear)
-    identity = np.sqrt(damping) * np.eye(3)
-    zero = np.zeros(3)
-    unit = gtsam.noiseModel.Unit.Create(3)
-    for key in values.keys():  # noqa: SIM118 (not a mapping)
-        damped.add(gtsam.JacobianFactor(key, identity, zero, unit))
-    return damped

@@ -18,6 +18,7 @@ from ..factors.noise import weigh
 from ..models.estimation import BranchSettings
 from ..models.structure.rigidity import branch, free_length_jacobian
 from ..models.structure.shape import OtherShape, Shape, Status
+from ..models.structure.structure import Structure
 from ..models.values.readings import TendonLengths
 from .graph import GraphBuilder
 
@@ -45,25 +46,31 @@ class OtherBranch:
         structure = self._builder.structure
         measured = weigh(lengths, self._builder.noise)
         first = self._builder.minimum(measured, position_m)
-        second = self._builder.minimum(measured, self._across(first.node_position_m))
+        second = self._builder.minimum(measured, across(structure, first.node_position_m))
         if branch(structure, second.node_position_m) * branch(structure, position_m) > 0:
             return None
         log_ratio = second.error - first.error
         return OtherShape(second.node_position_m, log_ratio) if log_ratio < self._settings.log_ratio else None
 
-    def _across(self, position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the positions along the mechanism at which the lengths are, to second order, the same again."""
-        structure = self._builder.structure
-        jacobian = free_length_jacobian(structure, position_m)
-        left, singular_value, right = np.linalg.svd(jacobian)
-        motion = np.zeros_like(position_m)
-        motion[structure.free_nodes] = right[-1].reshape(-1, 3)
-        a, b = structure.free_members.T
-        difference = position_m[b] - position_m[a]
-        relative = motion[b] - motion[a]
-        length = np.linalg.norm(difference, axis=1)
-        along = np.einsum("ek,ek->e", relative, difference) / length
-        curvature = left[:, -1] @ ((np.sum(relative**2, axis=1) - along**2) / length)
-        step_m = -2 * singular_value[-1] / curvature
-        limit_m = 2 * float(structure.rod_length_m.mean())
-        return np.asarray(position_m + np.clip(step_m, -limit_m, limit_m) * motion)
+
+def across(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., nodes, 3) the positions along the mechanism at which lengths are, to second order, the same again.
+
+    Args:
+        structure: with as many free members as free coordinates.
+        node_position_m: (..., nodes, 3) shapes.
+    """
+    jacobian = free_length_jacobian(structure, node_position_m)
+    left, singular_value, right = np.linalg.svd(jacobian)
+    motion = np.zeros_like(node_position_m)
+    motion[..., structure.free_nodes, :] = right[..., -1, :].reshape(*jacobian.shape[:-2], -1, 3)
+    a, b = structure.free_members.T
+    difference = node_position_m[..., b, :] - node_position_m[..., a, :]
+    relative = motion[..., b, :] - motion[..., a, :]
+    length = np.linalg.norm(difference, axis=-1)
+    along = np.einsum("...ek,...ek->...e", relative, difference) / length
+    bent = (np.sum(relative**2, axis=-1) - along**2) / length
+    curvature = (left[..., None, :, -1] @ bent[..., None])[..., 0, 0]
+    step_m = -2 * singular_value[..., -1] / curvature
+    limit_m = 2 * float(structure.rod_length_m.mean())
+    return np.asarray(node_position_m + np.clip(step_m, -limit_m, limit_m)[..., None, None] * motion)

@@ -80,7 +80,7 @@ class GraphBuilder:
             return
         change_m = natural.length_m - self.structure.natural_length_m
         self.statics = self.statics.wound(self.rest.mechanics.natural_length_m + change_m)
-        if self._near_natural is None or not _are_near(self._near_natural, natural):
+        if self._near_natural is None or not are_near(self._near_natural, natural):
             self._near_natural = natural
             self._spread(self.statics)
 
@@ -97,22 +97,36 @@ class GraphBuilder:
 
     def _spread(self, statics: Statics) -> None:
         """Compute the variance of the balance of forces at the present shape and natural lengths."""
-        variance = np.full(len(statics.group), self.noise.force_n**2 + self.rest.hub_force_n**2)
-        covariance = self._mechanics_covariance
-        if covariance is not None:
-            by_mechanics = np.concatenate(statics.mechanics_jacobian(self._near_m), axis=-1)
-            by_row = propagated_variance(by_mechanics, covariance)
-            variance += squared_norms(np.sqrt(by_row), statics) / statics.rank_of_row
-        self._near_variance = variance
+        natural_sigma_m = None if self._near_natural is None else self._near_natural.sigma_m
+        self._near_variance = self.balance_variance_n2(statics, self._near_m, natural_sigma_m)
         self._add_support(statics)
 
-    @property
-    def _mechanics_covariance(self) -> NDArray[np.float64] | None:
-        """(2 tendons, 2 tendons) covariance of log k and of the present L0; None where nothing is uncertain."""
-        covariance, natural = self.rest.mechanics_covariance, self._near_natural
-        if natural is None:
+    def balance_variance_n2(
+        self, statics: Statics, node_position_m: NDArray[np.float64], natural_sigma_m: NDArray[np.float64] | None
+    ) -> NDArray[np.float64]:
+        """Return (..., rows) the variance of the balance of forces at a node without load, but for that of the support.
+
+        Args:
+            statics: the balance, with the natural lengths of the frame, or of each.
+            node_position_m: (..., nodes, 3) shapes.
+            natural_sigma_m: (..., tendons) standard deviation of the natural lengths; None where no motor changes any.
+        """
+        lead = node_position_m.shape[:-2]
+        variance = np.full((*lead, len(statics.group)), self.noise.force_n**2 + self.rest.hub_force_n**2)
+        covariance = self._mechanics_covariance(natural_sigma_m)
+        if covariance is not None:
+            by_mechanics = np.concatenate(statics.mechanics_jacobian(node_position_m), axis=-1)
+            by_row = propagated_variance(by_mechanics, covariance)
+            variance += squared_norms(np.sqrt(by_row), statics) / statics.rank_of_row
+        return variance
+
+    def _mechanics_covariance(self, natural_sigma_m: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+        """(..., 2 tendons, 2 tendons) covariance of log k and of the present L0; None where nothing is uncertain."""
+        covariance = self.rest.mechanics_covariance
+        if natural_sigma_m is None:
             return covariance
-        wound = np.diag(np.concatenate([np.zeros(len(natural.sigma_m)), natural.sigma_m**2]))
+        variance = np.concatenate([np.zeros_like(natural_sigma_m), natural_sigma_m**2], axis=-1)
+        wound = variance[..., None] * np.eye(variance.shape[-1])
         return wound if covariance is None else covariance + wound
 
     def _add_support(self, statics: Statics) -> None:
@@ -130,9 +144,7 @@ class GraphBuilder:
         Raises:
             IndeterminateError: when these leave some node undetermined.
         """
-        missing = self._missing_information(measured.lengths)
-        if missing:
-            raise IndeterminateError(f"t = {measured.lengths.t_s:.3f} s: {missing}")
+        self.check_determined(measured.lengths)
         self.wind(measured.lengths.natural)
         keys = self.keys(frame)
         for factors in (
@@ -178,14 +190,23 @@ class GraphBuilder:
         if frame < 2 and not self.rest.at_start:
             return
         if frame == 0:
-            sigma_m = float(np.sqrt(np.diag(self.rest.covariance_m2).max()))
-            _add(graph, shape_prior_factors(self._free, keys, self.rest.node_position_m, sigma_m))
+            _add(graph, shape_prior_factors(self._free, keys, self.rest.node_position_m, self.rest.largest_sigma_m))
         elif frame == 1:
             _add(graph, still_factors(self._free, self.keys(0), keys, times_s[-1] - times_s[-2], q))
         else:
             frames = (self.keys(frame - 2), self.keys(frame - 1), keys)
             steps_s = (times_s[-2] - times_s[-3], times_s[-1] - times_s[-2])
             _add(graph, constant_velocity_factors(self._free, frames, steps_s, q))
+
+    def check_determined(self, lengths: TendonLengths) -> None:
+        """Check that a frame's own factors determine all nodes.
+
+        Raises:
+            IndeterminateError: when they leave some node undetermined.
+        """
+        missing = self._missing_information(lengths)
+        if missing:
+            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {missing}")
 
     def _missing_information(self, lengths: TendonLengths) -> str | None:
         """Return which nodes a frame's own factors leave undetermined and why, or None when they determine all."""
@@ -207,7 +228,7 @@ class GraphBuilder:
         )
 
 
-def _are_near(one: NaturalLengths, other: NaturalLengths) -> bool:
+def are_near(one: NaturalLengths, other: NaturalLengths) -> bool:
     """Return whether the balance of forces has about the same standard deviation at the natural lengths of both."""
     lengths_are = np.abs(one.length_m - other.length_m).max() < NEAR_M
     return bool(lengths_are and np.abs(one.sigma_m - other.sigma_m).max() < NEAR_SIGMA_M)

@@ -1,5 +1,6 @@
 """A frame's own factors, linearised at a shape: what lengths, rods, forces and the shape prior say of a small step."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,110 +11,175 @@ from ..factors.equilibrium import squared_norms
 from ..factors.noise import WeightedLengths
 from ..models.structure.lengths import member_length_m
 from ..models.structure.rigidity import free_length_jacobian
+from ..models.structure.statics import Statics
 from .graph import GraphBuilder
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameData:
+    """What the factors of a frame are made of; leading axes, the same in all, are frames."""
+
+    length_m: NDArray[np.float64]
+    """(..., tendons) measured lengths; of those that are left out, any number or nan."""
+    sigma_m: NDArray[np.float64]
+    """(..., tendons) their standard deviations in the graph; inf for a tendon that is left out."""
+    shared_m2: NDArray[np.float64] | None
+    """(..., tendons, tendons) covariance of the errors of the lengths, where they are correlated."""
+    statics: Statics | None
+    """The balance of forces; None without mechanics."""
+    force_sigma_n: NDArray[np.float64]
+    """(..., rows) its standard deviation at a node without load."""
+
+    @classmethod
+    def of(cls, builder: GraphBuilder, measured: WeightedLengths) -> "FrameData":
+        """Return those of one frame, near the shape that the builder has approached."""
+        length_m, sigma_m = measured.lengths.length_m, measured.sigma_m
+        return cls(length_m, sigma_m, _shared_m2(measured), builder.statics, builder.force_sigma_n)
+
+    @classmethod
+    def stacked(
+        cls, measured: Sequence[WeightedLengths], statics: Statics | None, force_sigma_n: NDArray[np.float64]
+    ) -> "FrameData":
+        """Return those of several frames.
+
+        Args:
+            measured: the lengths of each.
+            statics: the balance of forces in these frames; None without mechanics.
+            force_sigma_n: (frames, rows) its standard deviation at a node without load.
+        """
+        shared = [_shared_m2(one) for one in measured]
+        shared_m2 = None
+        if any(one is not None for one in shared):
+            none = np.zeros((measured[0].sigma_m.size,) * 2)
+            shared_m2 = np.array([none if one is None else one for one in shared])
+        length_m = np.array([one.lengths.length_m for one in measured])
+        return cls(length_m, np.array([one.sigma_m for one in measured]), shared_m2, statics, force_sigma_n)
+
+
+def _shared_m2(measured: WeightedLengths) -> NDArray[np.float64] | None:
+    """Return (tendons, tendons) the covariance of the lengths' errors; None where they are independent."""
+    drift = measured.lengths.drift
+    if drift is None or drift.covariance_m2 is None:
+        return None
+    return np.asarray(measured.scale**2 * drift.covariance_m2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearFrame:
     """Residuals of one frame's factors at a shape, and their derivatives by the free coordinates.
 
-    Members are the rods and then the free tendons.
+    Members are the rods and then the free tendons. Leading axes are frames; what has none is the same in all frames.
     """
 
     length_error_m: NDArray[np.float64]
-    """(members,) length at the shape minus the known or measured one; 0 for a tendon that is left out."""
+    """(..., members) length at the shape minus the known or measured one; 0 for a tendon that is left out."""
     length_jacobian: NDArray[np.float64]
-    """(members, free)"""
+    """(..., members, free)"""
     weight_per_m: NDArray[np.float64]
-    """(members,) one over sigma; 0 for a tendon that is left out."""
+    """(..., members) one over sigma; 0 for a tendon that is left out."""
     shared_m2: NDArray[np.float64] | None
-    """(free tendons, free tendons) covariance of the errors of the measured lengths, where they are correlated."""
+    """(..., free tendons, free tendons) covariance of the errors of the measured lengths, where they are correlated."""
     force_n: NDArray[np.float64]
-    """(rows,) residuals of `Statics`; no rows without mechanics."""
+    """(..., rows) residuals of `Statics`; no rows without mechanics."""
     force_jacobian: NDArray[np.float64]
-    """(rows, free)"""
+    """(..., rows, free)"""
     force_weight_per_n: NDArray[np.float64]
-    """(rows,) sqrt of the information of each row: one over sigma, less at nodes that are loaded (Cauchy's kernel)."""
+    """(..., rows) sqrt of the information of each row: one over sigma, less at loaded nodes (Cauchy's kernel)."""
     force_sigma_n: NDArray[np.float64]
-    """(rows,) standard deviation of the balance of forces at a node without load."""
+    """(..., rows) standard deviation of the balance of forces at a node without load."""
     from_prior_m: NDArray[np.float64]
-    """(free,) coordinates minus those of the rest shape, about which the shape prior is."""
+    """(..., free) coordinates minus those of the rest shape, about which the shape prior is."""
     prior_m: float
     """Standard deviation of the shape prior."""
     fixed_motions: NDArray[np.float64]
     """(motions, free) rigid motions that are fixed; no rows with three anchors."""
 
-    def without_forces(self, share: float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (free, free) the information of lengths and shape prior, and (free,) the gradient of their error.
+    def without_forces(
+        self, share: float | NDArray[np.float64] = 1.0
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (..., free, free) the information of lengths and shape prior, and (..., free) their error's gradient.
 
         Args:
-            share: of the lengths' information that counts.
+            share: (...,) of the lengths' information that counts.
         """
         error, lengths = self.weighted_lengths
-        information = share * (lengths.T @ lengths) + np.eye(len(self.from_prior_m)) / self.prior_m**2
-        gradient = share * (lengths.T @ error) + self.from_prior_m / self.prior_m**2
+        share = np.asarray(share)[..., None]
+        information = share[..., None] * (np.swapaxes(lengths, -1, -2) @ lengths)
+        information += np.eye(self.from_prior_m.shape[-1]) / self.prior_m**2
+        gradient = share * _product(np.swapaxes(lengths, -1, -2), error) + self.from_prior_m / self.prior_m**2
         if len(self.fixed_motions):
+            moved = _product(self.fixed_motions, self.from_prior_m)
             information += self.fixed_motions.T @ self.fixed_motions / BODY_FRAME_M**2
-            gradient += self.fixed_motions.T @ (self.fixed_motions @ self.from_prior_m) / BODY_FRAME_M**2
+            gradient += _product(self.fixed_motions.T, moved) / BODY_FRAME_M**2
         return information, gradient
 
     def with_forces(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (free, free) the information of all factors, and (free,) the gradient, zero at their minimum."""
+        """Return (..., free, free) the information of all factors, and (..., free) their error's gradient."""
         information, gradient = self.without_forces()
-        forces = self.force_jacobian * self.force_weight_per_n[:, None]
-        pull = self.force_jacobian.T @ (self.force_weight_per_n / self.force_sigma_n * self.force_n)
-        return information + forces.T @ forces, gradient + pull
+        forces = self.force_jacobian * self.force_weight_per_n[..., None]
+        pull = _product(
+            np.swapaxes(self.force_jacobian, -1, -2), self.force_weight_per_n / self.force_sigma_n * self.force_n
+        )
+        return information + np.swapaxes(forces, -1, -2) @ forces, gradient + pull
 
     @property
     def weighted_lengths(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (members,) errors and (members, free) Jacobian of the lengths over their sigma."""
+        """Return (..., members) errors and (..., members, free) Jacobian of the lengths over their sigma."""
         error = self.length_error_m * self.weight_per_m
-        jacobian = self.length_jacobian * self.weight_per_m[:, None]
+        jacobian = self.length_jacobian * self.weight_per_m[..., None]
         if self.shared_m2 is None:
             return error, jacobian
-        tendons = slice(len(error) - len(self.shared_m2), None)
-        weight = self.weight_per_m[tendons]
-        correlation = self.shared_m2 * weight[:, None] * weight
-        np.fill_diagonal(correlation, 1.0)
-        rows = np.column_stack([error[tendons], jacobian[tendons]])
+        count = self.shared_m2.shape[-1]
+        tendons = slice(error.shape[-1] - count, None)
+        weight = self.weight_per_m[..., tendons]
+        correlation = self.shared_m2 * weight[..., :, None] * weight[..., None, :]
+        correlation[..., np.arange(count), np.arange(count)] = 1.0
+        rows = np.concatenate([error[..., tendons, None], jacobian[..., tendons, :]], axis=-1)
         whitened = np.linalg.solve(np.linalg.cholesky(correlation), rows)
-        error[tendons] = whitened[:, 0]
-        jacobian[tendons] = whitened[:, 1:]
+        error[..., tendons] = whitened[..., 0]
+        jacobian[..., tendons, :] = whitened[..., 1:]
         return error, jacobian
+
+
+def _product(matrix: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., rows), a (..., rows, n) matrix times a (..., n) vector."""
+    return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
 def linearised(builder: GraphBuilder, node_position_m: NDArray[np.float64], measured: WeightedLengths) -> LinearFrame:
     """Return the factors of a frame, linearised at (nodes, 3) positions."""
+    return linearised_frames(builder, node_position_m, FrameData.of(builder, measured))
+
+
+def linearised_frames(builder: GraphBuilder, node_position_m: NDArray[np.float64], data: FrameData) -> LinearFrame:
+    """Return the factors of frames, linearised at (..., nodes, 3) positions."""
     structure = builder.structure
     free = structure.free_coordinates
     tendons = structure.free_tendons
-    sigma_m = measured.sigma_m[tendons]
-    usable = np.isfinite(sigma_m)
+    lead = node_position_m.shape[:-2]
+    rods = (*lead, len(structure.rods))
+    sigma_m = data.sigma_m[..., tendons]
     length_m = member_length_m(node_position_m, structure.free_members)
-    known_m = np.concatenate([structure.rod_length_m, measured.lengths.length_m[tendons]])
-    used = np.concatenate([np.ones(len(structure.rods), dtype=np.bool_), usable])
-    weight = np.concatenate([np.full(len(structure.rods), 1 / builder.noise.rod_m), 1 / sigma_m])
-    if builder.statics:
-        force_n, by_position = builder.statics.residual_and_jacobian(node_position_m)
-        by_position = by_position[:, free]
-        force_weight = 1 / (1 + squared_norms(force_n / builder.force_sigma_n, builder.statics)) / builder.force_sigma_n
+    known_m = np.concatenate([np.broadcast_to(structure.rod_length_m, rods), data.length_m[..., tendons]], axis=-1)
+    used = np.concatenate([np.ones(rods, dtype=np.bool_), np.isfinite(sigma_m)], axis=-1)
+    if data.statics:
+        force_n, by_position = data.statics.residual_and_jacobian(node_position_m)
+        by_position = by_position[..., free]
+        force_weight = 1 / (1 + squared_norms(force_n / data.force_sigma_n, data.statics)) / data.force_sigma_n
     else:
-        force_n = force_weight = np.zeros(0)
-        by_position = np.zeros((0, len(free)))
-    drift = measured.lengths.drift
-    shared_m2 = None
-    if drift is not None and drift.covariance_m2 is not None:
-        shared_m2 = measured.scale**2 * drift.covariance_m2[np.ix_(tendons, tendons)]
+        force_n = force_weight = np.zeros((*lead, 0))
+        by_position = np.zeros((*lead, 0, len(free)))
+    from_rest_m = node_position_m - builder.rest.node_position_m
     return LinearFrame(
         length_error_m=np.where(used, length_m - known_m, 0.0),
         length_jacobian=free_length_jacobian(structure, node_position_m),
-        weight_per_m=weight,
-        shared_m2=shared_m2,
+        weight_per_m=np.concatenate([np.full(rods, 1 / builder.noise.rod_m), 1 / sigma_m], axis=-1),
+        shared_m2=None if data.shared_m2 is None else data.shared_m2[..., tendons[:, None], tendons],
         force_n=force_n,
         force_jacobian=by_position,
         force_weight_per_n=force_weight,
-        force_sigma_n=builder.force_sigma_n,
-        from_prior_m=(node_position_m - builder.rest.node_position_m).ravel()[free],
+        force_sigma_n=data.force_sigma_n,
+        from_prior_m=from_rest_m.reshape(*lead, -1)[..., free],
         prior_m=builder.noise.shape_prior_m,
         fixed_motions=builder.fixed_motions[:, free],
     )

@@ -23,6 +23,7 @@ from scipy.special import expit, logit
 from ..factors.noise import WeightedLengths
 from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.shape import Shape
+from ..models.values.interpolated import interpolated
 from ..models.values.low_pass import low_pass_weight
 from ..models.values.readings import Flag, Mode, ModeReadings, TendonLengths
 from .graph import GraphBuilder
@@ -46,8 +47,8 @@ class ModeChoice:
         self._ambiguous_probability = ambiguous_probability
         self._log_odds = np.zeros(len(builder.structure.tendons))
         self._last_s = np.nan
-        self.kept: list[NDArray[np.float64]] | None = None
-        """(tendons,) evidence of each frame, for a smoother that puts a list here; live, memory is bounded."""
+        self.kept: list[tuple[float, NDArray[np.float64]]] | None = None
+        """Time and (tendons,) evidence of frames, for a smoother that puts a list here; live, memory is bounded."""
 
     def choose(self, lengths: TendonLengths) -> TendonLengths:
         """Return the lengths with the evidence of the shapes before."""
@@ -60,32 +61,55 @@ class ModeChoice:
         step_s = shape.t_s - self._last_s if np.isfinite(self._last_s) else 0.0
         self._last_s = shape.t_s
         evidence = np.zeros(len(self._log_odds))
-        if _uncertain(measured.lengths.modes).any():
-            evidence = self._evidence(shape, measured, measured.lengths.modes)
+        if is_uncertain(measured.lengths):
+            evidence = self.evidence(
+                shape.node_position_m,
+                shape.covariance_m2,
+                measured.lengths.length_m,
+                measured.sigma_m,
+                measured.lengths.modes,
+            )
         self._log_odds += low_pass_weight(step_s, EVIDENCE_S) * (evidence - self._log_odds)
         if self.kept is not None:
-            self.kept.append(evidence)
+            self.kept.append((shape.t_s, evidence))
 
     def smoothed(self, frames: Sequence[TendonLengths]) -> list[TendonLengths]:
         """Return the lengths with the evidence of all shapes that were kept, later ones too."""
-        if not self.kept or len(frames) < 2:
+        if not self.kept or len(self.kept) < 2:
             return list(frames)
-        step_s = float(np.median(np.diff([lengths.t_s for lengths in frames])))
-        log_odds = gaussian_filter1d(np.array(self.kept), EVIDENCE_S / step_s, axis=0, mode="nearest")
-        return list(map(self._chosen, frames, log_odds))
+        kept_s = np.array([t_s for t_s, _ in self.kept])
+        evidence = np.array([evidence for _, evidence in self.kept])
+        step_s = float(np.median(np.diff(kept_s)))
+        log_odds = gaussian_filter1d(evidence, EVIDENCE_S / step_s, axis=0, mode="nearest")
+        between = interpolated(np.array([lengths.t_s for lengths in frames]), kept_s, log_odds)
+        return list(map(self._chosen, frames, between))
 
-    def _evidence(self, shape: Shape, measured: WeightedLengths, modes: ModeReadings) -> NDArray[np.float64]:
-        """Return (tendons,) the log-likelihood ratio of bent to stretched, of the shape without each reading."""
+    def evidence(
+        self,
+        node_position_m: NDArray[np.float64],
+        covariance_m2: NDArray[np.float64],
+        length_m: NDArray[np.float64],
+        sigma_m: NDArray[np.float64],
+        modes: ModeReadings,
+    ) -> NDArray[np.float64]:
+        """Return (..., tendons) the log-likelihood ratio of bent to stretched, of shapes without each reading.
+
+        Args:
+            node_position_m: (..., nodes, 3) the shapes.
+            covariance_m2: (..., 3 nodes, 3 nodes) their covariances.
+            length_m: (..., tendons) the lengths from which they were estimated.
+            sigma_m: (..., tendons) their standard deviations in the graph.
+            modes: (..., 2, tendons) the lengths in each mode.
+        """
         structure = self._builder.structure
-        jacobian = length_jacobian(shape.node_position_m, structure.tendons)
-        variance = propagated_variance(jacobian, shape.covariance_m2 - self._builder.rest.covariance_m2)
-        share = np.minimum(variance / measured.sigma_m**2, 0.95)  # of the reading in the estimated length
-        length_m = structure.tendon_length_m(shape.node_position_m)
-        read_m = np.nan_to_num(measured.lengths.length_m)
-        cavity_m = (length_m - share * read_m) / (1 - share)
-        spread = modes.sigma_m**2 + variance / (1 - share)
-        log_density = -0.5 * ((modes.length_m - cavity_m) ** 2 / spread + np.log(spread))
-        ratio = log_density[int(Mode.BENDING)] - log_density[int(Mode.STRETCHING)]
+        jacobian = length_jacobian(node_position_m, structure.tendons)
+        variance = propagated_variance(jacobian, covariance_m2 - self._builder.rest.covariance_m2)
+        share = np.minimum(variance / sigma_m**2, 0.95)  # of the reading in the estimated length
+        read_m = np.nan_to_num(length_m)
+        cavity_m = (structure.tendon_length_m(node_position_m) - share * read_m) / (1 - share)
+        spread = modes.sigma_m**2 + (variance / (1 - share))[..., None, :]
+        log_density = -0.5 * ((modes.length_m - cavity_m[..., None, :]) ** 2 / spread + np.log(spread))
+        ratio = log_density[..., int(Mode.BENDING), :] - log_density[..., int(Mode.STRETCHING), :]
         known = np.isfinite(ratio) & structure.is_free_tendon
         return np.where(known, EVIDENCE_SHARE * np.clip(ratio, -MOST_LOG_ODDS, MOST_LOG_ODDS), 0.0)
 
@@ -112,6 +136,21 @@ class ModeChoice:
             mode=np.where(asked, (bent > 0.5).astype(np.int64), lengths.mode),
             flags=np.where(asked, (lengths.flags & ~int(Flag.AMBIGUOUS)) | ambiguous, lengths.flags),
         )
+
+
+def stacked_modes(frames: Sequence[TendonLengths]) -> ModeReadings:
+    """Return the readings of several frames, all of which have modes, with a leading axis of frames."""
+    modes = [lengths.modes for lengths in frames if lengths.modes is not None]
+    return ModeReadings(
+        np.array([one.length_m for one in modes]),
+        np.array([one.sigma_m for one in modes]),
+        np.array([one.bending_probability for one in modes]),
+    )
+
+
+def is_uncertain(lengths: TendonLengths) -> bool:
+    """Return whether the reading alone does not tell the mode of some tendon."""
+    return lengths.modes is not None and bool(_uncertain(lengths.modes).any())
 
 
 def _uncertain(modes: ModeReadings) -> NDArray[np.bool_]:

@@ -62,10 +62,18 @@ class LiveSmoother:
         self.doubt.kept = []
 
     def update(self, lengths: TendonLengths) -> Shape:
-        """Return the shape in one more frame.
+        """Return the shape in one more frame, with a second one where there is one.
 
         Raises:
             IndeterminateError: when measurements and priors leave some node undetermined.
+        """
+        return self._branches.with_other(self.first_shape(lengths))
+
+    def first_shape(self, lengths: TendonLengths) -> Shape:
+        """Return the shape in one more frame, without the search for a second one.
+
+        Raises:
+            IndeterminateError: see `update`.
         """
         before = self.doubt.about(lengths)
         scale = before.length_scale
@@ -103,7 +111,7 @@ class LiveSmoother:
         self.drift.observe(shape)
         self._builder.approach(position)
         self.modes.observe(shape, admitted)
-        return self._branches.with_other(shape)
+        return shape
 
     def _smoothed(self, measured: WeightedLengths) -> NDArray[np.float64]:
         """Add the newest frame to the graph, and return its (nodes, 3) positions."""

@@ -17,6 +17,7 @@ With a probability that the doubt about the model gives (`ModelDoubt`), many nod
 covariance are those of the mixture of both: the mean, the covariances, and the square of the distance between them.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,19 +40,71 @@ that the lengths are no longer linear in their positions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Mixture:
+    """How far the model is doubted; leading axes are frames."""
+
+    share_of_lengths: NDArray[np.float64]
+    """(...,) share of the lengths' information that counts in the covariance."""
+    many_loads: NDArray[np.float64]
+    """(...,) probability that many nodes are loaded at once."""
+    many_loads_n: NDArray[np.float64]
+    """(...,) standard deviation of these loads."""
+    in_motion: NDArray[np.bool_]
+    """(...,) whether the robot is shaken."""
+
+    @classmethod
+    def of(cls, doubts: Sequence[Doubt]) -> "Mixture":
+        """Return the doubt about each of several frames."""
+        in_motion = np.array([doubt.reason is Reason.MOTION for doubt in doubts], dtype=np.bool_)
+        return cls(
+            share_of_lengths=np.where(in_motion, 1 / SHAKEN_SCALE**2, 1.0),
+            many_loads=np.array([doubt.many_loads for doubt in doubts]),
+            many_loads_n=np.array([doubt.many_loads_n for doubt in doubts]),
+            in_motion=in_motion,
+        )
+
+    def __getitem__(self, frames: int | slice) -> "Mixture":
+        return Mixture(
+            np.asarray(self.share_of_lengths[frames]),
+            np.asarray(self.many_loads[frames]),
+            np.asarray(self.many_loads_n[frames]),
+            np.asarray(self.in_motion[frames]),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Assessment:
-    """The shape of one frame, its covariance, and the loads on it."""
+    """The shapes of frames, their covariances, and the loads on them; leading axes are frames."""
 
     node_position_m: NDArray[np.float64]
-    """(nodes, 3) mean of the shapes with a few and with many loads; the estimate, where many loads are improbable."""
+    """(..., nodes, 3) mean of the shapes with a few and with many loads; the estimate, where many are improbable."""
     covariance_m2: NDArray[np.float64]
-    """(3 nodes, 3 nodes) covariance of all coordinates, ordered by node."""
+    """(..., 3 nodes, 3 nodes) covariance of all coordinates, ordered by node."""
     loads: ExternalLoads | None
     """None where the stiffness of the tendons is not known."""
 
+    @classmethod
+    def joined(cls, parts: Sequence["Assessment"]) -> "Assessment":
+        """Return the frames of all parts, one part after the other."""
+        loads = [part.loads for part in parts if part.loads is not None]
+        force_n = np.concatenate([one.force_n for one in loads]) if loads else None
+        return cls(
+            np.concatenate([part.node_position_m for part in parts]),
+            np.concatenate([part.covariance_m2 for part in parts]),
+            None if force_n is None else ExternalLoads(force_n, np.concatenate([one.sigma_n for one in loads])),
+        )
+
+    def __getitem__(self, frames: int | slice) -> "Assessment":
+        loads = self.loads
+        return Assessment(
+            self.node_position_m[frames],
+            self.covariance_m2[frames],
+            None if loads is None else ExternalLoads(loads.force_n[frames], loads.sigma_n[frames]),
+        )
+
 
 class FrameEvidence:
-    """Computes the covariance and the loads of a shape from the factors of its own frame."""
+    """Computes the covariance and the loads of shapes, each from the factors of its own frame."""
 
     def __init__(self, builder: GraphBuilder, settings: DoubtSettings) -> None:
         self._builder = builder
@@ -69,65 +122,87 @@ class FrameEvidence:
             doubt: the doubt about the model in the frame.
 
         Raises:
+            IndeterminateError: see `assess_frames`.
+        """
+        return self.assess_frames(frame, node_position_m, self._builder.statics, Mixture.of([doubt])[0])
+
+    def assess_frames(
+        self, frame: LinearFrame, node_position_m: NDArray[np.float64], statics: Statics | None, mixture: Mixture
+    ) -> Assessment:
+        """Return the shapes of frames with their covariances, and the loads on them where stiffness is known.
+
+        Args:
+            frame: the factors of the frames, linearised at the estimates.
+            node_position_m: (..., nodes, 3) the estimates.
+            statics: the balance of forces in these frames; None where stiffness is not known.
+            mixture: the doubt about the model in each frame.
+
+        Raises:
             IndeterminateError: when there is no shape prior and no other factor determines some motion.
         """
-        statics = self._builder.statics
         free = self._builder.structure.free_coordinates
-        covariance = self._rest_covariance_m2.copy()
+        lead = node_position_m.shape[:-2]
+        covariance = np.tile(self._rest_covariance_m2, (*lead, 1, 1))
         try:
             if statics is None:
-                held, _ = frame.without_forces(_share_of_lengths(doubt))
-                covariance[np.ix_(free, free)] += np.linalg.inv(held)
+                held, _ = frame.without_forces(mixture.share_of_lengths)
+                covariance[..., free[:, None], free] += np.linalg.inv(held)
                 return Assessment(node_position_m, covariance, None)
-            step_m, free_covariance = self._mixed(frame, statics, doubt)
+            step_m, free_covariance = self._mixed(frame, statics, mixture)
         except np.linalg.LinAlgError as error:
             raise IndeterminateError("a node is undetermined: no shape prior, and too few lengths") from error
-        covariance[np.ix_(free, free)] += free_covariance
-        mean_m = node_position_m.copy()
-        mean_m.ravel()[free] += step_m
-        force_n = frame.force_n + frame.force_jacobian @ step_m
+        covariance[..., free[:, None], free] += free_covariance
+        mean_m = node_position_m.reshape(*lead, -1).copy()
+        mean_m[..., free] += step_m
+        mean_m = mean_m.reshape(node_position_m.shape)
+        force_n = frame.force_n + (frame.force_jacobian @ step_m[..., None])[..., 0]
         variance = propagated_variance(frame.force_jacobian, free_covariance)
         return Assessment(mean_m, covariance, external_loads(statics, mean_m, force_n, variance))
 
     def _mixed(
-        self, frame: LinearFrame, statics: Statics, doubt: Doubt
+        self, frame: LinearFrame, statics: Statics, mixture: Mixture
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the (free,) step to the mean of the mixture of a few and of many loads, and its covariance."""
-        held, gradient_of_held = frame.without_forces(_share_of_lengths(doubt))
+        """Return the (..., free) step to the mean of the mixture of a few and of many loads, and its covariance."""
+        held, gradient_of_held = frame.without_forces(mixture.share_of_lengths)
         few = self._force_variance(frame, statics, held)
-        many = np.maximum(few, doubt.many_loads_n**2)
+        many = np.maximum(few, mixture.many_loads_n[..., None] ** 2)
         forces = frame.force_jacobian
-        information = held + np.swapaxes(forces / np.stack([few, many])[:, :, None], 1, 2) @ forces
-        covariance_few, covariance_many = np.linalg.inv(information)
-        gradient = gradient_of_held + forces.T @ (frame.force_n / many)
-        many_loads = doubt.many_loads
-        apart_m = -covariance_many @ gradient
+        weighted = forces[..., None, :, :] / np.stack([few, many], axis=-2)[..., None]
+        information = held[..., None, :, :] + np.swapaxes(weighted, -1, -2) @ forces[..., None, :, :]
+        covariance_few, covariance_many = np.moveaxis(np.linalg.inv(information), -3, 0)
+        gradient = gradient_of_held + (np.swapaxes(forces, -1, -2) @ (frame.force_n / many)[..., None])[..., 0]
+        many_loads = mixture.many_loads[..., None, None]
+        apart_m = -(covariance_many @ gradient[..., None])[..., 0]
         covariance = (1 - many_loads) * covariance_few + many_loads * covariance_many
-        if doubt.reason is Reason.MOTION:  # so far away that the factors are not linear
-            return np.zeros(len(apart_m)), covariance + many_loads * np.outer(apart_m, apart_m)
-        return many_loads * apart_m, covariance + many_loads * (1 - many_loads) * np.outer(apart_m, apart_m)
+        between = apart_m[..., :, None] * apart_m[..., None, :]
+        # of a shaken robot the mean is so far away that the factors are not linear
+        in_motion = mixture.in_motion[..., None]
+        step_m = np.where(in_motion, 0.0, many_loads[..., 0] * apart_m)
+        factor = np.where(in_motion[..., None], many_loads, many_loads * (1 - many_loads))
+        return step_m, covariance + factor * between
 
     def _force_variance(self, frame: LinearFrame, statics: Statics, held: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (rows,) the variance of the balance of forces, with loads that may be hidden."""
+        """Return (..., rows) the variance of the balance of forces, with loads that may be hidden."""
         variance = 1 / frame.force_weight_per_n**2
         by_row = frame.force_jacobian
-        covariance = np.linalg.inv(held + (by_row / variance[:, None]).T @ by_row)
+        lead = by_row.shape[:-2]
+        covariance = np.linalg.inv(held + np.swapaxes(by_row / variance[..., None], -1, -2) @ by_row)
         at_nodes = 3 * len(statics.nodes)
-        size = by_row.shape[1]
+        size = by_row.shape[-1]
         parts = []
         for rows, dimension in ((slice(at_nodes), 3), (slice(at_nodes, None), 1)):
             independent = statics.rank_of_row[rows][::dimension]
-            sigma_n = frame.force_sigma_n[rows][::dimension]
-            groups = by_row[rows].reshape(-1, dimension, size)
-            r = frame.force_n[rows].reshape(-1, dimension)
-            weighted = groups @ covariance @ np.swapaxes(groups, 1, 2)
-            excused = variance[rows].reshape(-1, dimension)[:, :1, None]
+            sigma_n = frame.force_sigma_n[..., rows][..., ::dimension]
+            groups = by_row[..., rows, :].reshape(*lead, -1, dimension, size)
+            r = frame.force_n[..., rows].reshape(*lead, -1, dimension)
+            weighted = groups @ covariance[..., None, :, :] @ np.swapaxes(groups, -1, -2)
+            excused = variance[..., rows].reshape(*lead, -1, dimension)[..., :1, None]
             cavity = np.linalg.solve((1 + 1e-6) * np.eye(dimension) - weighted / excused, weighted)
-            cavity_n2 = np.maximum(np.trace(cavity, axis1=1, axis2=2) / independent, 0)
-            loaded = self._loaded_probability(np.sum(r * r, axis=1), cavity_n2, independent, sigma_n)
-            mixed = (1 - loaded) * excused[:, 0, 0] + loaded * self._settings.load_n**2
-            parts.append(np.repeat(mixed, dimension))
-        return np.maximum(variance, np.concatenate(parts))
+            cavity_n2 = np.maximum(np.trace(cavity, axis1=-2, axis2=-1) / independent, 0)
+            loaded = self._loaded_probability(np.sum(r * r, axis=-1), cavity_n2, independent, sigma_n)
+            mixed = (1 - loaded) * excused[..., 0, 0] + loaded * self._settings.load_n**2
+            parts.append(np.repeat(mixed, dimension, axis=-1))
+        return np.maximum(variance, np.concatenate(parts, axis=-1))
 
     def _loaded_probability(
         self,
@@ -142,8 +217,3 @@ class FrameEvidence:
         log_ratio = 0.5 * independent * np.log(without / with_load) + 0.5 * squared_n2 * (1 / without - 1 / with_load)
         prior = self._settings.loaded_share
         return np.asarray(1 / (1 + (1 - prior) / prior * np.exp(-np.clip(log_ratio, -50, 50))))
-
-
-def _share_of_lengths(doubt: Doubt) -> float:
-    """Return the share of the lengths' information that counts in the covariance."""
-    return 1 / SHAKEN_SCALE**2 if doubt.reason is Reason.MOTION else 1.0

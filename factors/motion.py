@@ -10,6 +10,7 @@ from functools import lru_cache
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
 from .noise import isotropic
 
@@ -43,6 +44,29 @@ def constant_velocity_factors(
         gtsam.LinearContainerFactor(gtsam.JacobianFactor(template), origin).rekey([oldest[n], before[n], now[n]])
         for n in nodes
     ]
+
+
+def motion_rows(
+    t_s: NDArray[np.float64], motion_m_per_s15: float, at_rest_sigma_m: float | None
+) -> NDArray[np.float64]:
+    """Return (frames, 3) the coefficients of x_{t-2}, x_{t-1} and x_t in w_t / sigma_w, for all frames of a trial.
+
+    Args:
+        t_s: (frames,) their times.
+        motion_m_per_s15: see `constant_velocity_factors`.
+        at_rest_sigma_m: standard deviation of the first frame about the rest shape, where a structure is at rest at the
+            start; the second frame is then as the first, see `still_factors`. None where it is not: zeros.
+    """
+    rows = np.zeros((len(t_s), 3))
+    step_s = np.diff(t_s)
+    if at_rest_sigma_m is not None:
+        rows[:1, 2] = 1 / at_rest_sigma_m
+        rows[1:2] = np.outer(1 / (motion_m_per_s15 * step_s[:1] ** 1.5), [0.0, -1.0, 1.0])
+    before_s, now_s = np.round(step_s[:-1], 6), np.round(step_s[1:], 6)
+    ratio = now_s / before_s
+    sigma_m = motion_m_per_s15 * np.sqrt(now_s) * 0.5 * (now_s + before_s)
+    rows[2:] = np.stack([ratio, -(1 + ratio), np.ones_like(ratio)], axis=1) / sigma_m[:, None]
+    return rows
 
 
 @lru_cache(maxsize=1024)

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from ..models.estimation import NoiseSettings
 from ..models.values.readings import Flag, Mode, TendonLengths
 
+KERNEL_SCALES = {"huber": 1.345, "cauchy": 2.3849}
+"""Constants of the robust kernels that give 95 % efficiency on Gaussian noise."""
 KERNELS = {
-    "huber": gtsam.noiseModel.mEstimator.Huber.Create(1.345),
-    "cauchy": gtsam.noiseModel.mEstimator.Cauchy.Create(2.3849),
+    "huber": gtsam.noiseModel.mEstimator.Huber.Create(KERNEL_SCALES["huber"]),
+    "cauchy": gtsam.noiseModel.mEstimator.Cauchy.Create(KERNEL_SCALES["cauchy"]),
 }
-"""Robust kernels, with the constants that give 95 % efficiency on Gaussian noise."""
+"""Robust kernels."""
 # plain numbers, because comparing an array with an enumeration takes ten times as long
 BENDING = int(Mode.BENDING)
 AMBIGUOUS = int(Flag.AMBIGUOUS)
@@ -85,6 +87,30 @@ def tendon_noises(sigma_m: NDArray[np.float64], robust: str) -> list[gtsam.noise
     """Return the noise model of each tendon's length; sigmas are rounded on a logarithmic scale."""
     steps = np.rint(np.log(sigma_m) / SIGMA_STEP).astype(np.int64).tolist()
     return [_tendon_noise(step, robust) for step in steps]
+
+
+def rounded_sigma_m(sigma_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (...,) sigmas of lengths as `tendon_noises` rounds them."""
+    return np.asarray(np.exp(SIGMA_STEP * np.rint(np.log(sigma_m) / SIGMA_STEP)))
+
+
+def robust_loss(squared: NDArray[np.float64], robust: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the loss of (...,) squared whitened residuals z^2, and the weight that each has when it is linearised.
+
+    They are z^2 / 2 and 1 without a kernel, and else those of gtsam's kernels:
+
+        Huber    k |z| - k^2 / 2            and k / |z|                where |z| > k
+        Cauchy   c^2 / 2 log(1 + z^2 / c^2) and 1 / (1 + z^2 / c^2)
+    """
+    if robust == "cauchy":
+        c = KERNEL_SCALES[robust]
+        share = squared / c**2
+        return 0.5 * c**2 * np.log1p(share), 1 / (1 + share)
+    if robust == "huber":
+        k = KERNEL_SCALES[robust]
+        beyond = np.maximum(np.sqrt(squared), k)
+        return np.where(beyond > k, k * beyond - 0.5 * k**2, 0.5 * squared), k / beyond
+    return 0.5 * squared, np.ones_like(squared)
 
 
 @lru_cache(maxsize=4096)

@@ -71,6 +71,11 @@ class RestShape:
     unbalanced_n: tuple[float, float] = (float("nan"), float("nan"))
     """Root mean square of the unbalanced forces at this shape, with nominal and with tared mechanics."""
 
+    @property
+    def largest_sigma_m(self) -> float:
+        """Largest standard deviation of a coordinate."""
+        return float(np.sqrt(np.diag(self.covariance_m2).max()))
+
     def lengths(self, seconds: float) -> RestLengths:
         """Return the tendon lengths at rest with their sigma; the structure stands there for the given seconds."""
         variance = propagated_variance(

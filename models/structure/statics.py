@@ -43,7 +43,7 @@ class Statics:
     """The balance of forces of one structure as residuals in newtons, with their derivatives.
 
     There are three rows for each free node in order, then one for each floating rod. All positions may have leading
-    axes.
+    axes, and so may natural lengths and supports.
     """
 
     def __init__(self, structure: Structure, mechanics: Mechanics) -> None:
@@ -181,17 +181,14 @@ class Statics:
         return r, np.concatenate([across, axial], axis=-2)
 
     def support_variance_n2(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (rows,) the variance of the residuals by that of the support, with one value in each group.
-
-        Args:
-            node_position_m: (nodes, 3)
-        """
+        """Return (..., rows) the variance of the residuals by that of the support, with one value in each group."""
         covariance = self._support.covariance_n2
         w, _, along, _ = self._rods(node_position_m)
-        at_node = covariance[self.nodes]
-        across = np.trace(at_node, axis1=-2, axis2=-1) - np.einsum("ni,nij,nj->n", w, at_node, w)
-        axial = np.einsum("ri,rij,rj->r", along, covariance[self.floating_rods].sum(axis=1), along)
-        return np.asarray(np.concatenate([across / self.rows_per_node, axial])[self.group])
+        at_node = covariance[..., self.nodes, :, :]
+        across = np.trace(at_node, axis1=-2, axis2=-1) - np.einsum("...ni,...nij,...nj->...n", w, at_node, w)
+        at_rod = covariance[..., self.floating_rods, :, :].sum(axis=-3)
+        axial = np.einsum("...ri,...rij,...rj->...r", along, at_rod, along)
+        return np.asarray(np.concatenate([across / self.rows_per_node, axial], axis=-1)[..., self.group])
 
     def outer_force_jacobian(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (rows, 3 nodes), the derivatives of the residuals by forces at the nodes.

@@ -1,0 +1,108 @@
+"""The factors that each frame of a trial has of its own, linearised many frames at a time.
+
+They are the factors of `GraphBuilder.add_frame`, with the same noise models and robust kernels, as stacked arrays. Of
+one frame, with x the coordinates of its nodes and z the residuals over their sigmas, a group of the balance of forces
+or one length each,
+
+    E = sum rho(|z|^2) + sum ((x - x_0) / sigma)^2 / 2
+    H = A^T A + diag(1 / sigma^2)
+    g = A^T b + (x - x_0) / sigma^2
+
+where the rows of A and b are dz/dx and z, each times the root of its kernel's weight, and x_0 is the rest shape, or the
+position of an anchor.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...factors.body_frame import BODY_FRAME_M
+from ...factors.equilibrium import squared_norms
+from ...factors.noise import WeightedLengths, robust_loss, rounded_sigma_m
+from ...models.structure.lengths import length_jacobian, member_length_m
+from ..graph import GraphBuilder
+from .parts import Frames
+from .trial_balance import TrialBalance
+
+
+class TrialFactors:
+    """The frames' own factors: rods, lengths, anchors, shape prior, body frame and balance of forces."""
+
+    def __init__(
+        self, builder: GraphBuilder, measured: Sequence[WeightedLengths], balance: TrialBalance | None
+    ) -> None:
+        """Take the lengths of some frames, and the balance of forces in them; None without mechanics."""
+        structure, noise = builder.structure, builder.noise
+        self.count = len(measured)
+        self._balance = balance
+        self._robust = noise.robust
+        self._rods = len(structure.rods)
+        self._members = np.concatenate([structure.rods, structure.tendons])
+        sigma_m = np.array([one.sigma_m for one in measured])
+        used = np.isfinite(sigma_m)
+        rods = np.broadcast_to(structure.rod_length_m, (self.count, self._rods))
+        length_m = np.where(used, [one.lengths.length_m for one in measured], 0.0)
+        self._length_m = np.concatenate([rods, length_m], axis=1)
+        per_m = np.where(used, 1 / rounded_sigma_m(np.where(used, sigma_m, 1.0)), 0.0)
+        self._per_m = np.concatenate([np.full_like(rods, 1 / noise.rod_m), per_m], axis=1)
+        self._x_0 = structure.with_anchors_placed(builder.rest.node_position_m).ravel()
+        self._per_m2 = np.full(3 * structure.node_count, noise.shape_prior_m**-2)
+        self._per_m2[structure.anchored_coordinates] = noise.anchor_m**-2
+        self._fixed = builder.fixed_motions / BODY_FRAME_M
+        self._fixed_at = self._fixed @ builder.rest.node_position_m.ravel()
+
+    def error(self, node_position_m: NDArray[np.float64], frames: Frames) -> NDArray[np.float64]:
+        """Return (frames,) half the sum of squares, and of the kernels' losses, of some frames.
+
+        Args:
+            node_position_m: (frames, nodes, 3) the shapes of these frames.
+            frames: their numbers.
+        """
+        x = node_position_m.reshape(len(node_position_m), -1)
+        z = (member_length_m(node_position_m, self._members) - self._length_m[frames]) * self._per_m[frames]
+        error = 0.5 * np.sum(z[:, : self._rods] ** 2, axis=1)
+        error += np.sum(robust_loss(z[:, self._rods :] ** 2, self._robust)[0], axis=1)
+        error += 0.5 * (x - self._x_0) ** 2 @ self._per_m2
+        error += 0.5 * np.sum((x @ self._fixed.T - self._fixed_at) ** 2, axis=1)
+        if self._balance:
+            statics = self._balance.statics_of(frames)
+            z = statics.residual_n(node_position_m) / self._balance.sigma_n[frames]
+            error += 0.5 * np.sum(np.log1p(np.add.reduceat(z * z, statics.group_start, axis=1)), axis=1)
+        return np.asarray(error)
+
+    def linear(
+        self, node_position_m: NDArray[np.float64], frames: Frames
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (frames, 3 nodes, 3 nodes) the information H of some frames, and (frames, 3 nodes) the gradient g.
+
+        Args:
+            node_position_m: see `error`.
+            frames: see `error`.
+        """
+        x = node_position_m.reshape(len(node_position_m), -1)
+        rows, z = self._weighted_rows(node_position_m, frames)
+        information = np.swapaxes(rows, 1, 2) @ rows
+        gradient = (z[:, None] @ rows)[:, 0] + (x - self._x_0) * self._per_m2
+        diagonal = np.arange(x.shape[1])
+        information[:, diagonal, diagonal] += self._per_m2
+        if len(self._fixed):
+            information += self._fixed.T @ self._fixed
+            gradient += (x @ self._fixed.T - self._fixed_at) @ self._fixed
+        return information, gradient
+
+    def _weighted_rows(
+        self, node_position_m: NDArray[np.float64], frames: Frames
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (frames, rows, 3 nodes) A and (frames, rows) b of members, and then of the balance of forces."""
+        z = (member_length_m(node_position_m, self._members) - self._length_m[frames]) * self._per_m[frames]
+        weight = np.ones_like(z)
+        weight[:, self._rods :] = np.sqrt(robust_loss(z[:, self._rods :] ** 2, self._robust)[1])
+        by_length = length_jacobian(node_position_m, self._members) * (weight * self._per_m[frames])[:, :, None]
+        if not self._balance:
+            return by_length, z * weight
+        statics, sigma_n = self._balance.statics_of(frames), self._balance.sigma_n[frames]
+        force_n, by_force = statics.residual_and_jacobian(node_position_m)
+        kernel = 1 / np.sqrt(1 + squared_norms(force_n / sigma_n, statics)) / sigma_n
+        by_force *= kernel[:, :, None]
+        return np.concatenate([by_length, by_force], axis=1), np.concatenate([z * weight, force_n * kernel], axis=1)
