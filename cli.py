@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from .models.values.errors import TensegraphError
+from .models.values.errors import TensegraphError, one_line
 
 if TYPE_CHECKING:
+    from .commands.many import Workers
     from .io.reports.terminal import Terminal
 
 app = typer.Typer(
@@ -31,6 +32,11 @@ Ports = Annotated[
     typer.Option("--port", help="Serial port; may be repeated.", show_default="the rig's, or all"),
 ]
 Seconds = Annotated[float, typer.Option(min=0, help="End after this many seconds.", show_default="at Ctrl-C")]
+Jobs = Annotated[int, typer.Option(min=1, help="Number of processes that share several inputs.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(help="Address of a dask scheduler (tcp://...) whose workers do it instead.", show_default=False),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show only errors and the paths of the results.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show how long each stage takes, on stderr.")]
 
@@ -39,15 +45,9 @@ def main() -> None:
     """Run the command line; an error of the input or of the disk is printed as one line on stderr, with exit code 2."""
     try:
         app()
-    except TensegraphError as error:
-        _end(str(error))
-    except OSError as error:
-        _end(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-
-
-def _end(message: str) -> None:
-    print(f"tensegraph: {message}", file=sys.stderr)
-    sys.exit(2)
+    except (TensegraphError, OSError) as error:
+        print(f"tensegraph: {one_line(error)}", file=sys.stderr)
+        sys.exit(2)
 
 
 def _examples(*commands: str) -> str:
@@ -59,6 +59,12 @@ def _terminal(quiet: bool, verbose: bool) -> "Terminal":
     from .io.reports.terminal import Terminal
 
     return Terminal(quiet=quiet, verbose=verbose)
+
+
+def _workers(jobs: int, scheduler: str | None) -> "Workers":
+    from .commands.many import Workers
+
+    return Workers(jobs, scheduler)
 
 
 def _print_version(asked: bool) -> None:
@@ -81,6 +87,7 @@ def tensegraph(
         "tensegraph reconstruct examples/press_01",
         "tensegraph reconstruct examples/press_01 --live --out results/live",
         "tensegraph reconstruct examples/press_01 --method ukf --out results/ukf",
+        "tensegraph reconstruct trials/* --jobs 4",
     )
 )
 def reconstruct(
@@ -105,11 +112,19 @@ def reconstruct(
     config: Config = None,
     model: Model = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures too.")] = True,
+    from_s: Annotated[
+        float | None, typer.Option("--from", help="Leave out shapes before this time, s.", show_default=False)
+    ] = None,
+    to_s: Annotated[
+        float | None, typer.Option("--to", help="Leave out what is after this time, s.", show_default=False)
+    ] = None,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Reconstruct recorded trials: shapes with ellipsoids, lengths, status, figures."""
-    from .commands.reconstruct import reconstruct_trials
+    from .commands.reconstruct import Span, reconstruct_trials
 
     reconstruct_trials(
         trials,
@@ -118,6 +133,8 @@ def reconstruct(
         config=config,
         model=model,
         figures=figures,
+        span=Span(from_s, to_s),
+        workers=_workers(jobs, scheduler),
         terminal=_terminal(quiet, verbose),
     )
 
@@ -154,6 +171,8 @@ def evaluate(
             show_default="results/evaluation/RESULT",
         ),
     ] = None,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -168,6 +187,7 @@ def evaluate(
         offset_s=offset,
         json_only=json,
         out=out,
+        workers=_workers(jobs, scheduler),
         terminal=_terminal(quiet, verbose),
     )
 
@@ -204,19 +224,28 @@ def export(
     export_result(result, to=to, out=out, at_s=at, terminal=_terminal(quiet, verbose))
 
 
-@app.command(epilog=_examples("tensegraph compare examples/press_01"))
+@app.command(epilog=_examples("tensegraph compare examples/press_01", "tensegraph compare trials/* --jobs 4"))
 def compare(
     trials: Annotated[list[Path], typer.Argument(help="Trial directories that include the true node positions.")],
     out: Annotated[Path, typer.Option(help="Directory of the table and the figure.")] = Path("results/comparison"),
     config: Config = None,
     model: Model = None,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Compare all methods on the same tendon lengths, in the form of the paper's Table I."""
     from .commands.compare import compare_trials
 
-    compare_trials(trials, out=out, config=config, model=model, terminal=_terminal(quiet, verbose))
+    compare_trials(
+        trials,
+        out=out,
+        config=config,
+        model=model,
+        workers=_workers(jobs, scheduler),
+        terminal=_terminal(quiet, verbose),
+    )
 
 
 @app.command(
@@ -248,6 +277,8 @@ def calibrate(
     epochs: Annotated[int, typer.Option(help="Largest number of training epochs.", min=1)] = 200,
     learning_rate: Annotated[float, typer.Option(help="Largest learning rate of the training.")] = 0.01,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers of the training.")] = 0,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -264,6 +295,7 @@ def calibrate(
         hold_out=HoldOut(tuple(hold_out or ()), hold_out_tail),
         settings=parse_table(TrainingSettings, options, "calibrate"),
         sweep=sweep,
+        workers=_workers(jobs, scheduler),
         terminal=_terminal(quiet, verbose),
     )
 
@@ -336,17 +368,28 @@ def live(
     show_live(source, out=out, config=config, model=model, view=view, seconds=seconds, terminal=terminal)
 
 
-@app.command(epilog=_examples("tensegraph simulate examples/plans/press.toml --out trials/press"))
+@app.command(
+    epilog=_examples(
+        "tensegraph simulate examples/plans/press.toml --out trials/press",
+        "tensegraph simulate examples/plans/causes/*.toml --out trials --jobs 4",
+    )
+)
 def simulate(
-    plan: Annotated[Path, typer.Argument(help="Plan (*.toml), such as those in examples/plans.")],
-    out: Annotated[Path, typer.Option(help="Trial directory to write.")],
+    plans: Annotated[list[Path], typer.Argument(help="Plans (*.toml), such as those in examples/plans.")],
+    out: Annotated[
+        Path,
+        typer.Option(help="Trial directory to write; for several plans, the directory in which each gets its own."),
+    ],
     seed: Annotated[
         int | None, typer.Option(min=0, help="Seed of the random numbers.", show_default="the plan's")
     ] = None,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Simulate a structure, its sensors and its boards, and write a trial that includes the truth."""
-    from .commands.simulate import simulate_trial
+    """Simulate structures, their sensors and their boards, and write trials that include the truth."""
+    from .commands.simulate import simulate_plans
 
-    simulate_trial(plan, out, seed, _terminal(quiet, verbose))
+    terminal = _terminal(quiet, verbose)
+    simulate_plans(plans, out, seed=seed, workers=_workers(jobs, scheduler), terminal=terminal)

@@ -3,6 +3,7 @@
 from bisect import bisect_right, insort
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
+from inspect import signature
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -43,6 +44,10 @@ from .models.values.readings import (
     ResistanceReading,
     TendonLengths,
 )
+from .models.values.threads import one_thread
+
+Progress = Callable[[int, float], None]
+"""Function that is called after each iteration of an optimisation, with its number from 1 and the error."""
 
 
 class Estimator(Protocol):
@@ -68,7 +73,9 @@ def recurrent_network(structure: Structure, rest: RestShape, settings: Settings)
     return RecurrentNetwork(read_shape_network(), structure, rest)
 
 
-ESTIMATORS: dict[str, Callable[[Structure, RestShape, Settings], Estimator]] = {
+EstimatorFactory = Callable[[Structure, RestShape, Settings], Estimator]
+
+ESTIMATORS: dict[str, EstimatorFactory] = {
     "batch": BatchOptimizer,
     "live": LiveSmoother,
     "frame": FrameEstimator,
@@ -91,6 +98,19 @@ HANGING: dict[str, Callable[[Structure, RestShape, HangingRobot, Settings], Esti
     "live": HangingSmoother,
 }
 """The estimator of each method for a structure that hangs from one or two anchors."""
+
+
+def in_one_thread(shapes: Iterable[Shape]) -> Iterator[Shape]:
+    """Yield shapes, which are estimated in one thread, see `one_thread`."""
+    with one_thread():
+        yield from shapes
+
+
+def _estimated(estimator: Any, frames: Iterable[TendonLengths], progress: Progress | None) -> Iterator[Shape]:
+    """Return an estimator's shapes; its progress, if it optimises over all frames and so has any."""
+    tells = progress is not None and "progress" in signature(estimator.estimate).parameters
+    shapes: Iterator[Shape] = estimator.estimate(frames, progress=progress) if tells else estimator.estimate(frames)
+    return shapes
 
 
 class Pipeline:
@@ -131,20 +151,25 @@ class Pipeline:
         """Yield the shape in every frame; the live method yields each as soon as its frame is complete."""
         return self.shapes(self.lengths(readings), method)
 
-    def shapes(self, frames: Iterable[TendonLengths], method: str) -> Iterator[Shape]:
+    def shapes(self, frames: Iterable[TendonLengths], method: str, progress: Progress | None = None) -> Iterator[Shape]:
         """Yield the shape in every frame of lengths.
+
+        Args:
+            frames: lengths, in order of time.
+            method: a name in `ESTIMATORS`.
+            progress: called by methods that optimise over all frames.
 
         Raises:
             InputError: for a method that is not in `ESTIMATORS`.
         """
         if method not in ESTIMATORS:
             raise InputError(f"method '{method}': expected one of {', '.join(ESTIMATORS)}")
-        return map(PossibleShapes(self.rest).check, self._shapes(frames, method))
+        return in_one_thread(map(PossibleShapes(self.rest).check, self._shapes(frames, method, progress)))
 
-    def _shapes(self, frames: Iterable[TendonLengths], method: str) -> Iterator[Shape]:
+    def _shapes(self, frames: Iterable[TendonLengths], method: str, progress: Progress | None) -> Iterator[Shape]:
         if not self.rest.structure.is_held:
-            return self._not_held(method).estimate(frames)
-        shapes = ESTIMATORS[method](self.rest.structure, self.rest, self.settings).estimate(frames)
+            return _estimated(self._not_held(method), frames, progress)
+        shapes = _estimated(ESTIMATORS[method](self.rest.structure, self.rest, self.settings), frames, progress)
         if self.trial.imus and self.trial.rest_seconds > 0:
             return map(MovingBase(self.rest, self.trial.imus, self.trial.rest_seconds).observe, shapes)
         return shapes
@@ -288,7 +313,12 @@ def save(
 
 
 def write_result(
-    reconstruction: Reconstruction, path: Path, run: Mapping[str, Any], settings: Settings, figures_title: str | None
+    reconstruction: Reconstruction,
+    path: Path,
+    run: Mapping[str, Any],
+    settings: Settings,
+    figures_title: str | None,
+    written: Callable[[str], None] = lambda part: None,
 ) -> None:
     """Write a result directory, completely or not at all.
 
@@ -298,14 +328,17 @@ def write_result(
         run: the content of run.toml.
         settings: the settings of the run.
         figures_title: title of the figures, the name of the trial; None draws no figures.
+        written: called with "tables" and "figures" when they are.
 
     Raises:
         InputError: see `save`.
     """
     with result_directory(path) as directory:
         write_tables(reconstruction, settings.probability, directory)
+        written("tables")
         if figures_title is not None:
             from .io.figures.shape_figures import write_figures  # matplotlib takes a third of a second to import
 
             write_figures(reconstruction, settings, figures_title, directory)
+            written("figures")
         write_run(run, reconstruction.structure, directory)

@@ -8,6 +8,7 @@ from tensegraph import Settings, open_trial
 from tensegraph.commands.compare import comparison_rows, measure
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.reports.comparison_tables import as_markdown
+from tensegraph.io.reports.terminal import Terminal
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -15,9 +16,8 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 def tables(trials: Sequence[Path]) -> str:
     """Return both tables as Markdown, with a line about each."""
     model = read_sensor_model()
-    measured = [
-        one for path in trials for one in measure(open_trial(path), Settings(), model, lambda frames, *_: frames)
-    ]
+    terminal = Terminal(quiet=True)
+    measured = [one for path in trials for one in measure(open_trial(path), Settings(), model, terminal)]
     return as_markdown(comparison_rows(measured), "tensegraph compare TRIAL...")
 
 

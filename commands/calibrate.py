@@ -20,6 +20,7 @@ from ..models.calibration.recordings import Recording, Split
 from ..models.calibration.strip_rig import StripRig
 from ..models.sensor.bending import BendingCurve
 from ..models.values.errors import TensegraphError
+from .many import Many, Workers
 
 SWEEP = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0)
 """Learning rates that are tried."""
@@ -64,6 +65,7 @@ def calibrate_folder(
     hold_out: HoldOut,
     settings: TrainingSettings,
     sweep: bool,
+    workers: Workers,
     terminal: Terminal,
 ) -> None:
     """Train on a folder of recordings; write model, card and figures, and print the scores.
@@ -75,6 +77,7 @@ def calibrate_folder(
         hold_out: choice of recordings that test the model.
         settings: settings of the training.
         sweep: whether to try learning rates first.
+        workers: the processes that try them.
         terminal: for progress and scores.
 
     Raises:
@@ -88,7 +91,7 @@ def calibrate_folder(
     try:
         with terminal.stage("recordings and bending"):
             data = _training_data(folder, strip_rig, hold_out, terminal)
-        losses = _sweep(data, settings, terminal) if sweep else {}
+        losses = _sweep(data, settings, paths, workers, terminal) if sweep else {}
         with terminal.stage("training"):
             trained = _train(data, settings, CheckpointFile(paths.checkpoint), terminal)
         report = CalibrationReport(
@@ -134,7 +137,7 @@ def _training_data(folder: Path, rig: StripRig, hold_out: HoldOut, terminal: Ter
 def _train(data: _TrainingData, settings: TrainingSettings, checkpoint: CheckpointFile, terminal: Terminal) -> Trained:
     from ..models.calibration.training import train  # torch takes seconds to import
 
-    with terminal.progress(TextColumn("{task.fields[loss]}"), transient=False) as progress:
+    with terminal.progress(TextColumn("{task.fields[loss]}")) as progress:
         task = progress.add_task("training", total=settings.epochs, loss="")
         return train(
             data.split,
@@ -145,18 +148,47 @@ def _train(data: _TrainingData, settings: TrainingSettings, checkpoint: Checkpoi
         )
 
 
-def _sweep(data: _TrainingData, settings: TrainingSettings, terminal: Terminal) -> dict[float, float]:
-    """Return the least validation loss of a short training at each learning rate; inf where it diverged."""
-    from ..models.calibration.training import train
+@dataclass(frozen=True, slots=True, eq=False)
+class _ShortTraining:
+    """One learning rate to be tried."""
 
-    losses: dict[float, float] = {}
+    data: _TrainingData
+    settings: TrainingSettings
+    checkpoint: CheckpointFile
+    """Its state, so that the same command goes on from there, and does not repeat what was finished."""
+
+
+def _sweep(
+    data: _TrainingData, settings: TrainingSettings, paths: CalibrationPaths, workers: Workers, terminal: Terminal
+) -> dict[float, float]:
+    """Return the least validation loss of a short training at each learning rate; inf where it diverged."""
     short = replace(settings, epochs=min(SWEEP_EPOCHS, settings.epochs))
-    with terminal.progress(transient=False) as progress:
-        for rate in progress.track(SWEEP, description="learning rates"):
-            losses[rate] = train(data.split, data.curve, replace(short, learning_rate=rate)).history.best_loss
+    jobs = {
+        f"{rate:g}": _ShortTraining(
+            data, replace(short, learning_rate=rate), CheckpointFile(workers.place(paths.of_rate(rate)))
+        )
+        for rate in SWEEP
+    }
+    many = Many(workers, terminal)
+    found = dict(many.each(_least_loss, jobs, "learning rates"))
+    many.end()
+    losses = {rate: found[f"{rate:g}"] for rate in SWEEP}
     best = min(losses, key=lambda rate: losses[rate])
     terminal.line(f"least validation loss after {short.epochs} epochs at learning rate {best:g}")
     return losses
+
+
+def _least_loss(job: _ShortTraining, terminal: Terminal) -> float:
+    from ..models.calibration.training import train
+
+    with terminal.stages(f"learning rate {job.settings.learning_rate:g}", {"epochs": 1.0}) as bar:
+        return train(
+            job.data.split,
+            job.data.curve,
+            job.settings,
+            lambda epoch, _: bar.reached("epochs", epoch / job.settings.epochs),
+            job.checkpoint,
+        ).history.best_loss
 
 
 def _write(

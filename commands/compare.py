@@ -1,34 +1,34 @@
 """`compare`: runs all methods on the same lengths and sigmas of all trials, in the form of the paper's Table I."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from rich.markdown import Markdown
-from rich.progress import Progress
 
-from ..io.figures.comparison_figure import write_comparison_figure
-from ..io.model_file import read_sensor_model
+from ..io.figures.comparison_figure import write_comparison_figure, write_spread_figure
+from ..io.measured_trials import measured_by, measured_methods, read_measured, write_measured
+from ..io.model_file import model_path, read_sensor_model
+from ..io.provenance import sha256_of, file_hashes, fingerprint
 from ..io.reports.comparison_tables import as_markdown, write_comparison_csv
+from ..io.reports.progress import StageBar
 from ..io.reports.terminal import Terminal
-from ..io.result import result_directory
 from ..io.toml import read_settings
 from ..io.trial_directory import Trial, open_trial
-from ..io.whole import check_replaceable
-from ..models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow
-from ..models.evaluation.consistency import coverage
+from ..io.whole import check_replaceable, check_writable, written_whole
+from ..models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow, FrameErrors, Measured, comparison_row
 from ..models.evaluation.estimate import Estimate
-from ..models.evaluation.evaluation import Evaluation
-from ..models.evaluation.metrics import evaluate, shape_errors
+from ..models.evaluation.metrics import evaluate
 from ..models.evaluation.truth import Truth
 from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.values.errors import IndeterminateError, InputError
 from ..models.values.readings import TendonLengths
-from ..pipeline import ESTIMATORS, Pipeline
+from ..pipeline import ESTIMATORS, EstimatorFactory, Pipeline, in_one_thread
+from .many import Many, Workers
 from .paths import distinct_names
 
 COMPARISON_FILE = "comparison.csv"
@@ -43,96 +43,156 @@ METHODS = {
     "batch": "graph, batch",
 }
 """Names of the methods in the table, in its order; other methods follow under their own names."""
+PACE = {"least-squares": 3.0, "ukf": 4.0, "frame": 4.0, "live": 2.0, "batch": 5.0}
+"""How long the methods take in proportion to the lengths, on the example trial, for the progress bar."""
+PARTS = "trials"
+"""Folder, in that of the comparison, of what was measured on each trial."""
+MOST_TRIALS = 24
+"""Number of trials up to which each is shown on the screen and in the figure; of more, their spread is."""
+
+
+@dataclass(frozen=True, slots=True)
+class ComparisonJob:
+    """One trial on which all methods are compared."""
+
+    trial: Path
+    part: Path
+    """File that keeps what was measured."""
+    settings: Settings
+    model: Path | None
+    """File of the sensor model; the one in the package if None."""
+    estimators: Mapping[str, EstimatorFactory]
+    """The methods by name."""
+
+    def fingerprint(self) -> str | None:
+        """Return the hash of all that is measured; None with a method from elsewhere, whose code is not known."""
+        if any(made.__module__.partition(".")[0] != __name__.partition(".")[0] for made in self.estimators.values()):
+            return None
+        return fingerprint(
+            {
+                "inputs": file_hashes(self.trial),
+                "settings": asdict(self.settings),
+                "model": sha256_of(model_path(self.model)),
+                "methods": list(self.estimators),
+            }
+        )
 
 
 def compare_trials(
-    trials: Sequence[Path], *, out: Path, config: Path | None, model: Path | None, terminal: Terminal
+    trials: Sequence[Path],
+    *,
+    out: Path,
+    config: Path | None,
+    model: Path | None,
+    workers: Workers,
+    terminal: Terminal,
 ) -> None:
     """Run every method in `ESTIMATORS` on trials, write table and figure, and print the table.
+
+    What was measured on a trial is kept in a file as soon as it is known, and used by the same command again.
 
     Args:
         trials: their directories.
         out: directory of the comparison.
         config: file of settings; defaults if None.
         model: sensor model; the one in the package if None.
+        workers: the processes that do the work.
         terminal: for progress and the table.
 
     Raises:
-        TensegraphError: when a trial cannot be read, or the comparison cannot be written.
+        TensegraphError: when the comparison cannot be written, or no trial can be compared.
+        SystemExit: with 1 when some of several trials failed.
     """
-    distinct_names(trials)
-    check_replaceable(out, COMPARISON_FILE)
+    names = distinct_names(trials)
+    check_comparison(out)
     settings = read_settings(config)
-    sensor_model = read_sensor_model(model)
-    opened = [open_trial(path) for path in trials]
-    measured = []
-    with terminal.progress() as progress:
-        for trial in opened:
-            with terminal.stage(f"all methods on {trial.name}"):
-                for one in measure(trial, settings, sensor_model, lambda *frames: _tracked(progress, *frames)):
-                    measured.append(one)
-                    progress.console.print(one.line(), highlight=False)
-    rows = comparison_rows(measured)
-    command = "tensegraph compare " + " ".join(trial.path.as_posix() for trial in opened)
-    with terminal.stage("table and figure"):
-        write_comparison(rows, command, out)
-    terminal.news.print(Markdown(as_markdown(rows, command)))
-    terminal.written(f"written to {out}")
+    read_sensor_model(model)  # refused here if it is none, not by every worker
+    placed = workers.place(model) if model else None
+    jobs = {
+        name: ComparisonJob(
+            workers.place(trial), workers.place(out / PARTS / f"{name}.npz"), settings, placed, dict(ESTIMATORS)
+        )
+        for name, trial in zip(names, trials, strict=True)
+    }
+    many = Many(workers, terminal)
+    done = set()
+    for name, lines in many.each(compare_trial, jobs, "trials"):
+        done.add(name)
+        for line in lines:
+            terminal.line(line)
+    if done:
+        parts = [job.part for name, job in jobs.items() if name in done]
+        with terminal.stage("table and figure"):
+            rows = rows_of_parts(parts)
+            write_comparison(rows, comparison_command(trials), out)
+        with_trials = len(parts) <= MOST_TRIALS
+        terminal.news.print(Markdown(as_markdown(rows, comparison_command(trials), with_trials=with_trials)))
+        terminal.written(f"written to {out}")
+    many.end()
 
 
-Track = Callable[[Iterable[TendonLengths], int, str], Iterable[TendonLengths]]
-"""Function that passes frames on and shows their progress; its arguments are the frames, their number and a title."""
+def compare_trial(job: ComparisonJob, terminal: Terminal) -> list[str]:
+    """Run every method on a trial, unless it was done before, and return a line for each.
+
+    Raises:
+        TensegraphError: when the trial cannot be read, or the file cannot be written.
+    """
+    trial = open_trial(job.trial)
+    made_from = job.fingerprint()
+    measured = read_measured(job.part, made_from)
+    if measured is None:
+        with terminal.stage(f"all methods on {trial.name}"):
+            measured = list(
+                measure(trial, job.settings, read_sensor_model(job.model), terminal, estimators=job.estimators)
+            )
+        write_measured(measured, made_from, job.part)
+    return [one.line() for one in measured]
 
 
-def _tracked(progress: Progress, frames: Iterable[TendonLengths], total: int, name: str) -> Iterator[TendonLengths]:
-    task = progress.add_task(name, total=total)
-    for frame in frames:
-        yield frame
-        progress.advance(task)
-    progress.remove_task(task)  # it is replaced by the line with the result
+def check_comparison(out: Path) -> None:
+    """Check, before any work, that a directory is vacant or holds an earlier comparison, finished or not.
+
+    Raises:
+        InputError: when something else stands there, or it cannot be written.
+    """
+    if (out / PARTS).is_dir():
+        check_writable(out / PARTS / "part")
+    else:
+        check_replaceable(out, COMPARISON_FILE)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Measured:
-    """The result of one method on one trial."""
-
-    trial: str
-    method: str
-    frames: int
-    seconds: float
-    """Computing time; nan when nothing was run."""
-    evaluation: Evaluation | None
-    """Evaluation; None when the trial has no truth, or the method failed."""
-    note: str = ""
-    """Reason why there is no evaluation."""
-
-    def line(self) -> str:
-        """Return a summary in one line."""
-        parts = [f"{self.trial}, {self.method}:"]
-        if self.evaluation:
-            parts.append(f"node RMSE {1e3 * self.evaluation.absolute.nodes.rmse_m:.2f} mm")
-        if np.isfinite(self.seconds):
-            parts.append(f"{1e3 * self.seconds / self.frames:.2f} ms per frame")
-        return " ".join([*parts, self.note]).rstrip()
+def comparison_command(trials: Sequence[Path]) -> str:
+    """Return the command in short, without the names of many trials."""
+    named = " ".join(trial.as_posix() for trial in trials)
+    return f"tensegraph compare {named if len(trials) <= MOST_TRIALS else f'({len(trials)} trials)'}"
 
 
-def measure(trial: Trial, settings: Settings, model: SensorModel, track: Track) -> Iterator[Measured]:
+def measure(
+    trial: Trial,
+    settings: Settings,
+    model: SensorModel,
+    terminal: Terminal,
+    estimators: Mapping[str, EstimatorFactory] = ESTIMATORS,
+) -> Iterator[Measured]:
     """Run every method on the same lengths of a trial, and yield each result."""
-    comparison = TrialComparison(trial, settings, model)
-    yield comparison.without_method()
-    for method in sorted(ESTIMATORS, key=lambda m: list(METHODS).index(m) if m in METHODS else len(METHODS)):
-        yield comparison.with_method(method, track)
+    methods = sorted(estimators, key=lambda m: list(METHODS).index(m) if m in METHODS else len(METHODS))
+    with terminal.stages(trial.name, {"lengths": 1.0} | {METHODS.get(m, m): PACE.get(m, 1.0) for m in methods}) as bar:
+        comparison = TrialComparison(trial, settings, model, bar)
+        yield comparison.without_method()
+        for method in methods:
+            yield comparison.with_method(method, estimators[method])
 
 
 class TrialComparison:
     """The lengths of a trial, and its truth."""
 
-    def __init__(self, trial: Trial, settings: Settings, model: SensorModel) -> None:
+    def __init__(self, trial: Trial, settings: Settings, model: SensorModel, bar: StageBar) -> None:
         self._settings = settings
+        self._bar = bar
         self._name = trial.path.resolve().name
         self._structure = trial.description.structure
         self._pipeline = Pipeline(trial.description, settings, model)
-        self._frames = list(self._pipeline.lengths(trial.readings()))
+        self._frames = list(self._pipeline.lengths(bar.track("lengths", trial.readings(), trial.row_count())))
         self._truth: Truth | None = None
         self._note = "(no truth)"
         try:
@@ -146,32 +206,33 @@ class TrialComparison:
         """Return the result of the rest shape alone."""
         return self._measured(NO_METHOD, np.nan, rest_shape_estimate(self._pipeline, self._frames))
 
-    def with_method(self, method: str, track: Track) -> Measured:
+    def with_method(self, method: str, factory: EstimatorFactory) -> Measured:
         """Run a method over all frames, and return its result."""
         label = METHODS.get(method, method)
-        estimator = ESTIMATORS[method](self._pipeline.rest.structure, self._pipeline.rest, self._settings)
-        frames = track(self._frames, len(self._frames), f"{self._name}, {label}")
+        estimator = factory(self._pipeline.rest.structure, self._pipeline.rest, self._settings)
+        frames = self._bar.track(label, self._frames, len(self._frames))
         start_s = time.perf_counter()
         try:
-            shapes = list(estimator.estimate(frames))
+            shapes = list(in_one_thread(estimator.estimate(frames)))
         except IndeterminateError as error:
             return Measured(
                 trial=self._name,
                 method=label,
                 frames=len(self._frames),
                 seconds=np.nan,
-                evaluation=None,
+                errors=None,
                 note=f"gave up at {error}",
             )
         seconds = time.perf_counter() - start_s
         return self._measured(label, seconds, Estimate.of(Reconstruction.of(self._structure, shapes)))
 
     def _measured(self, method: str, seconds: float, estimate: Estimate) -> Measured:
-        evaluation = None
+        errors = None
         note = self._note
         if self._truth is not None:
             try:
-                evaluation = evaluate(self._structure, self._pipeline.rest.node_position_m, estimate, self._truth)
+                rest_m = self._pipeline.rest.node_position_m
+                errors = FrameErrors.of(evaluate(self._structure, rest_m, estimate, self._truth))
                 note = ""
             except InputError as error:
                 note = f"(not evaluated: {error})"
@@ -180,7 +241,7 @@ class TrialComparison:
             method=method,
             frames=len(self._frames),
             seconds=seconds,
-            evaluation=evaluation,
+            errors=errors,
             note=note,
         )
 
@@ -205,40 +266,27 @@ def rest_shape_estimate(pipeline: Pipeline, frames: Sequence[TendonLengths]) -> 
 def comparison_rows(measured: Sequence[Measured]) -> list[ComparisonRow]:
     """Return one row for each method on all trials, then one row for each trial and method."""
     methods = dict.fromkeys(m.method for m in measured)
-    together = [_row(ALL, method, [m for m in measured if m.method == method]) for method in methods]
-    return together + [_row(m.trial, m.method, [m]) for m in measured]
+    together = [comparison_row(ALL, [m for m in measured if m.method == method]) for method in methods]
+    return together + [comparison_row(m.trial, [m]) for m in measured]
 
 
-def _row(trial: str, method: str, measured: Sequence[Measured]) -> ComparisonRow:
-    """Return the row of a method; all frames and nodes have the same weight."""
-    evaluations = [m.evaluation for m in measured if m.evaluation]
-    compared = [e.compared for e in evaluations]
-    none = np.empty((0, 3))
-    sigma_m = np.concatenate([none.ravel(), *(c.node_sigma_m[~np.isnan(c.nees)] for c in compared)])
-    branches = [e.compared.wrong_branch for e in evaluations if e.wrong_branch_frames is not None]
-    timed = [m for m in measured if np.isfinite(m.seconds)]
-    seconds = sum(m.seconds for m in timed)
-    timed_frames = sum(m.frames for m in timed)
-    return ComparisonRow(
-        trial=trial,
-        method=method,
-        trials=len(evaluations),
-        frames=sum(m.frames for m in measured),
-        errors=shape_errors(
-            np.concatenate([none, *(c.node_error_m.reshape(-1, 3) for c in compared)]),
-            np.concatenate([none, *(c.face_error_m.reshape(-1, 3) for c in compared)]),
-        ),
-        coverage_95=coverage(np.concatenate([none.ravel(), *(c.nees.ravel() for c in compared)]), 0.95),
-        median_sigma_m=float(np.median(sigma_m)) if len(sigma_m) else np.nan,
-        wrong_branch_share=float(np.mean(np.concatenate(branches))) if branches else np.nan,
-        ms_per_frame=1e3 * seconds / timed_frames if timed else np.nan,
-    )
+def rows_of_parts(parts: Sequence[Path]) -> list[ComparisonRow]:
+    """Return the same rows from the files of the trials, of which one method is in memory at a time."""
+    methods = dict.fromkeys(method for part in parts for method in measured_methods(part))
+    together = [comparison_row(ALL, list(measured_by(method, parts))) for method in methods]
+    return together + [
+        comparison_row(m.trial, [m]) for part in parts for method in methods for m in measured_by(method, [part])
+    ]
 
 
 def write_comparison(rows: Sequence[ComparisonRow], command: str, path: Path) -> None:
     """Write comparison.csv, comparison.md and comparison.png, all of them or none."""
-    with result_directory(path, COMPARISON_FILE) as directory:
-        write_comparison_csv(rows, directory / COMPARISON_FILE)
-        (directory / "comparison.md").write_text(as_markdown(rows, command), encoding="utf-8")
+    names = (COMPARISON_FILE, "comparison.md", "comparison.png")
+    with written_whole(*(path / name for name in names)) as (table, page, figure):
+        write_comparison_csv(rows, table)
+        page.write_text(as_markdown(rows, command), encoding="utf-8")
         published_mm = {p.source: p.node_mm for p in PUBLISHED}
-        write_comparison_figure(rows, published_mm, directory / "comparison.png")
+        if len({row.trial for row in rows}) - 1 <= MOST_TRIALS:
+            write_comparison_figure(rows, published_mm, figure)
+        else:
+            write_spread_figure(rows, published_mm, figure)

@@ -1,14 +1,19 @@
 """`evaluate`: compares results with the truth, in tables, figures and JSON."""
 
+import json
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import tomli_w
+from rich.console import Group
 
 from ..estimator.rest_step import rest_step
 from ..io.figures.evaluation_figures import write_errors_figure, write_heights_figure, write_loads_figure
 from ..io.figures.track_figure import write_followed_figure
 from ..io.mocap.truth_file import read_truth
+from ..io.provenance import FINGERPRINT, sha256_of, file_hashes, fingerprint, is_up_to_date, versions
 from ..io.reports.evaluation_tables import ScoredResult, as_text
 from ..io.reports.terminal import Terminal
 from ..io.result import RUN_FILE, read_estimate, read_run, result_directory
@@ -22,9 +27,37 @@ from ..models.values.errors import InputError
 from ..models.values.marker_tracks import MarkerTracks
 from ..models.values.stamped_positions import StampedPositions
 from ..models.values.tables import parse_table
+from .many import Many, Workers
 from .paths import result_paths
 
 EVALUATION_FILE = "evaluation.json"
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluationJob:
+    """One result to be evaluated; see `score_result`."""
+
+    result: Path
+    name: str
+    """The path of the result as it was typed."""
+    out: Path
+    """Evaluation directory."""
+    truth: Path | None
+    trial: Path | None
+    align: bool
+    offset_s: float | None
+
+    def fingerprint(self, trial: Trial) -> str:
+        """Return the hash of all that the evaluation is made from."""
+        return fingerprint(
+            {
+                "result": {"name": self.name} | file_hashes(self.result),
+                "trial": file_hashes(trial.path),
+                "truth": sha256_of(self.truth) if self.truth and self.truth.is_file() else None,
+                "align": self.align,
+                "offset_s": self.offset_s,
+            }
+        )
 
 
 def evaluate_results(
@@ -36,6 +69,7 @@ def evaluate_results(
     offset_s: float | None,
     json_only: bool,
     out: Path | None,
+    workers: Workers,
     terminal: Terminal,
 ) -> None:
     """Evaluate result directories, write an evaluation of each, and print them as tables or JSON.
@@ -48,29 +82,62 @@ def evaluate_results(
         offset_s: see `score_result`.
         json_only: whether to print JSON instead of tables.
         out: see `result_paths`.
+        workers: the processes that do the work.
         terminal: for the tables.
 
     Raises:
-        TensegraphError: when a result cannot be evaluated, or an evaluation cannot be written.
+        TensegraphError: when an evaluation cannot be written; for a single result, when it cannot be evaluated.
+        SystemExit: with 1 when some of several results failed.
     """
     written = result_paths(results, out, Path("results/evaluation"), EVALUATION_FILE)
-    scores = []
-    for path in results:
-        with terminal.stage(f"evaluation of {path}"):
-            scores.append(score_result(path, truth, trial, align=align, offset_s=offset_s))
-    for score, path in zip(scores, written, strict=True):
-        with terminal.stage(f"files of {path}"):
-            write_score(score, path)
-        if not json_only:
-            terminal.news.print(score.as_table())
-            terminal.written(f"written to {path}")
+    truth, trial = (workers.place(path) if path else None for path in (truth, trial))
+    jobs = {
+        str(result): EvaluationJob(
+            workers.place(result), str(result), workers.place(path), truth, trial, align=align, offset_s=offset_s
+        )
+        for result, path in zip(results, written, strict=True)
+    }
+    places = dict(zip(jobs, written, strict=True))
+    many = Many(workers, terminal)
+    done = set()
+    for name, tables in many.each(evaluate_result, jobs, "results"):
+        done.add(name)
+        if json_only:
+            continue
+        if tables is not None:
+            terminal.news.print(tables)
+        terminal.written(f"{'up to date:' if tables is None else 'written to'} {places[name]}")
     if json_only:
-        print(as_text([score.as_json() for score in scores]), end="")
+        numbers = [
+            json.loads((places[name] / EVALUATION_FILE).read_text(encoding="utf-8")) for name in jobs if name in done
+        ]
+        print(as_text(numbers), end="")
+    many.end()
 
 
-def write_score(score: ScoredResult, path: Path) -> None:
+def evaluate_result(job: EvaluationJob, terminal: Terminal) -> Group | None:
+    """Evaluate a result, write the evaluation and return its tables; None where the same stands already.
+
+    Raises:
+        TensegraphError: when the result cannot be evaluated, or the evaluation cannot be written.
+    """
+    with terminal.stages(job.name, {"errors": 0.5, "figures": 0.5}) as bar:
+        made_from = job.fingerprint(_trial_of(read_run(job.result), job.result, job.trial))
+        if is_up_to_date(job.out / RUN_FILE, made_from):
+            return None
+        with terminal.stage(f"evaluation of {job.name}"):
+            score = score_result(job.result, job.truth, job.trial, align=job.align, offset_s=job.offset_s)
+        bar.reached("errors", 1.0)
+        with terminal.stage(f"files of {job.out}"):
+            write_score(replace(score, result=Path(job.name)), job.out, made_from)
+    return score.as_table()
+
+
+def write_score(score: ScoredResult, path: Path, made_from: str) -> None:
     """Write an evaluation directory, its numbers and figures, completely or not at all."""
     with result_directory(path, EVALUATION_FILE) as directory:
+        run = {"result": str(score.result), FINGERPRINT: made_from, "versions": versions()}
+        (directory / RUN_FILE).write_text(tomli_w.dumps(run), encoding="utf-8")
         (directory / EVALUATION_FILE).write_text(as_text(score.as_json()), encoding="utf-8")
         write_heights_figure(score.evaluation, score.title(), directory / "heights.png")
         write_errors_figure(score.evaluation, score.title(), directory / "errors.png")

@@ -10,26 +10,101 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from ..io.model_file import read_sensor_model
-from ..io.provenance import relative_path, versions
+from ..io.model_file import model_path, read_sensor_model
+from ..io.provenance import FINGERPRINT, sha256_of, fingerprint, is_up_to_date, relative_path, versions
+from ..io.reports.progress import StageBar
 from ..io.reports.terminal import Terminal
 from ..io.result import RUN_FILE
 from ..io.toml import read_settings
 from ..io.trial_directory import Trial, open_trial
 from ..models.evaluation.metrics import node_rmse_m
-from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
 from ..models.structure.floor import EstimatedNormal
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.rest_shape import RestShape, WrongPart
 from ..models.values.errors import InputError
-from ..models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag
+from ..models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag, TendonLengths
 from ..models.values.slip import Slip
 from ..pipeline import Pipeline, write_result
+from .many import Many, Workers
 from .paths import result_paths
 
 LONG_S = 1.0
 """Total time under load above which a node is named in the summary."""
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A part of a trial. What is before it is estimated too: taring, drift and pose come from there."""
+
+    from_s: float | None = None
+    """Time of its start; that of the trial if None."""
+    to_s: float | None = None
+    """Time of its end; that of the trial if None."""
+
+    def until_end(self, frames: Sequence[TendonLengths]) -> list[TendonLengths]:
+        """Return the frames up to the end of the span.
+
+        Raises:
+            InputError: when no frame is in the span.
+        """
+        kept = [frame for frame in frames if self.to_s is None or frame.t_s <= self.to_s]
+        if frames and not any(self.holds(frame.t_s) for frame in kept):
+            whole = f"a span within {frames[0].t_s:.2f} to {frames[-1].t_s:.2f} s"
+            raise InputError(f"--from and --to: expected {whole}, got {self.from_s or 0:g} to {self.to_s or np.inf:g}")
+        return kept
+
+    def as_table(self) -> dict[str, float]:
+        """Return what of run.toml tells of the span."""
+        ends = {"from_s": self.from_s, "to_s": self.to_s}
+        return {name: t_s for name, t_s in ends.items() if t_s is not None}
+
+    def holds(self, t_s: float) -> bool:
+        """Return whether a time is not before the start of the span."""
+        return self.from_s is None or t_s >= self.from_s
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """What is done to each trial."""
+
+    method: str
+    """A name in `ESTIMATORS`."""
+    settings: Settings
+    model: Path | None
+    """File of the sensor model; the one in the package if None."""
+    figures: bool
+    """Whether to draw them."""
+    span: Span
+    """The part of the trial of which shapes are wanted."""
+
+    def stages(self) -> dict[str, float]:
+        """Return the stages of a run in order, each with its share of the time as on the example trial."""
+        shapes = {"optimisation": 5.0, "ellipsoids": 1.0} if self.method == "batch" else {"shapes": 4.0}
+        return {"lengths": 2.0} | shapes | {"tables": 0.4} | ({"figures": 2.3} if self.figures else {})
+
+    def fingerprint(self, trial: Trial) -> str:
+        """Return the hash of all that the result of a trial is made from."""
+        return fingerprint(
+            {
+                "inputs": trial.hashes(),
+                "method": self.method,
+                "settings": asdict(self.settings),
+                "model": sha256_of(model_path(self.model)),
+                "figures": self.figures,
+                "span": [self.span.from_s, self.span.to_s],
+            }
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class TrialJob:
+    """One trial to be reconstructed."""
+
+    trial: Path
+    out: Path
+    """Result directory."""
+    options: RunOptions
 
 
 def reconstruct_trials(
@@ -40,6 +115,8 @@ def reconstruct_trials(
     config: Path | None,
     model: Path | None,
     figures: bool,
+    span: Span,
+    workers: Workers,
     terminal: Terminal,
 ) -> None:
     """Reconstruct trials, write a result directory for each, and print a summary.
@@ -51,36 +128,67 @@ def reconstruct_trials(
         config: file of settings; defaults if None.
         model: sensor model; the one in the package if None.
         figures: whether to draw them.
+        span: the part of each trial of which shapes are wanted.
+        workers: the processes that do the work.
         terminal: for progress and tables.
 
     Raises:
-        TensegraphError: when a trial cannot be read, or a result cannot be written.
+        TensegraphError: when a result cannot be written; for a single trial, when it cannot be read.
+        SystemExit: with 1 when some of several trials failed.
     """
     settings = read_settings(config)
-    sensor_model = read_sensor_model(model)
-    opened = [open_trial(path) for path in trials]
-    for trial, path in zip(opened, result_paths(trials, out, Path("results"), RUN_FILE), strict=True):
-        run = run_trial(trial, method, settings, sensor_model, terminal)
-        with terminal.stage("tables and figures" if figures else "tables"):
-            title = f"{trial.name}, {run.method}" if figures else None
-            write_result(run.reconstruction, path, run.as_table(path), settings, title)
-        terminal.news.print(run.summary())
-        terminal.written(f"written to {path}")
+    read_sensor_model(model)  # refused here if it is none, not by every worker
+    options = RunOptions(method, settings, workers.place(model) if model else None, figures, span)
+    paths = result_paths(trials, out, Path("results"), RUN_FILE)
+    places = {str(trial): path for trial, path in zip(trials, paths, strict=True)}
+    jobs = {name: TrialJob(workers.place(Path(name)), workers.place(path), options) for name, path in places.items()}
+    many = Many(workers, terminal)
+    for name, summary in many.each(reconstruct_trial, jobs, "trials"):
+        if summary is None:
+            terminal.written(f"up to date: {places[name]}")
+        else:
+            terminal.news.print(summary)
+            terminal.written(f"written to {places[name]}")
+    many.end()
 
 
-def run_trial(trial: Trial, method: str, settings: Settings, model: SensorModel, terminal: Terminal) -> "Run":
-    """Return a trial's shapes, with a progress bar over its readings."""
+def reconstruct_trial(job: TrialJob, terminal: Terminal) -> Table | None:
+    """Reconstruct a trial, write its result and return the summary; None where the same result stands already.
+
+    Raises:
+        TensegraphError: when the trial cannot be read, or the result cannot be written.
+    """
+    options = job.options
+    trial = open_trial(job.trial)
+    made_from = options.fingerprint(trial)
+    if is_up_to_date(job.out / RUN_FILE, made_from):
+        return None
+    with terminal.stages(trial.name, options.stages()) as bar:
+        run = run_trial(trial, options, terminal, bar)
+        with terminal.stage("tables and figures" if options.figures else "tables"):
+            title = f"{trial.name}, {run.method}" if options.figures else None
+            table = run.as_table(job.out) | options.span.as_table() | {FINGERPRINT: made_from}
+            write_result(run.reconstruction, job.out, table, options.settings, title, lambda part: bar.reached(part, 1))
+    return run.summary()
+
+
+def run_trial(trial: Trial, options: RunOptions, terminal: Terminal, bar: StageBar) -> "Run":
+    """Return a trial's shapes, and show on a bar how far they are."""
     with terminal.stage("rest shape"):
-        pipeline = Pipeline(trial.description, settings, model)
-    with terminal.stage("shapes"), terminal.progress() as progress:
-        readings = progress.track(trial.readings(), total=trial.row_count(), description=trial.name)
+        pipeline = Pipeline(trial.description, options.settings, read_sensor_model(options.model))
+    with terminal.stage("shapes"):
         start_s = time.perf_counter()
-        reconstruction = Reconstruction.of(trial.description.structure, pipeline.estimate(readings, method))
+        readings = bar.track("lengths", trial.readings(), trial.row_count())
+        frames = options.span.until_end(list(pipeline.lengths(readings)))
+        shapes = pipeline.shapes(frames, options.method, lambda iteration, _: bar.iterated("optimisation", iteration))
+        shapes = bar.track("ellipsoids" if options.method == "batch" else "shapes", shapes, len(frames))
+        wanted = (shape for shape in shapes if options.span.holds(shape.t_s))
+        reconstruction = Reconstruction.of(trial.description.structure, wanted)
         seconds = time.perf_counter() - start_s
     return Run(
         trial=trial,
-        method=method,
-        settings=settings,
+        method=options.method,
+        settings=options.settings,
         pipeline=pipeline,
         reconstruction=reconstruction,
         seconds=seconds,

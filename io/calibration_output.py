@@ -31,6 +31,10 @@ class CalibrationPaths:
         """The state of an unfinished training."""
         return self.model.with_suffix(".checkpoint")
 
+    def of_rate(self, learning_rate: float) -> Path:
+        """Return the path of the state of a short training at a learning rate, which stays until the model is there."""
+        return self.model.with_suffix(f".{learning_rate:g}.checkpoint")
+
     def check(self) -> None:
         """Check, before any work, that all outputs can be written.
 
@@ -56,6 +60,8 @@ class CalibrationPaths:
             inside.figures.mkdir()
             yield inside
         self.checkpoint.unlink(missing_ok=True)
+        for short in self.model.parent.glob(f"{self.model.stem}.*.checkpoint"):
+            short.unlink()
 
 
 def _is_figure(path: Path) -> bool:

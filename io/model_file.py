@@ -89,13 +89,18 @@ def write_sensor_model(model: SensorModel, path: Path) -> None:
     path.write_bytes(save(tensors, metadata))  # safetensors' own writer makes files that only their owner can read
 
 
+def model_path(path: Path | None = None) -> Path:
+    """Return the path of a model file, or of the one that ships with the package."""
+    return Path(str(files("tensegraph.models.data").joinpath("stretching.safetensors"))) if path is None else path
+
+
 def read_sensor_model(path: Path | None = None) -> SensorModel:
     """Return the model in a file, or the one that ships with the package.
 
     Raises:
         InputError: when the file is missing or is no sound model.
     """
-    path = Path(str(files("tensegraph.models.data").joinpath("stretching.safetensors"))) if path is None else path
+    path = model_path(path)
     check_regular(path)
     try:
         with safe_open(path, framework="numpy") as file:

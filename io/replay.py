@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Iterable, Iterator
+from math import inf
 
 from .trial_directory import Reading, arrival_s
 
@@ -15,6 +16,7 @@ class Replay:
         self._speed = speed
         self._due_s = self._next_due_s = time.perf_counter()
         self._stopped = threading.Event()
+        self.tared_until_s = -inf  # every reading is yielded when it arrives
 
     def rows(self) -> Iterator[Reading]:
         """Yield the readings, until the last one or `stop`."""

@@ -16,9 +16,8 @@ from .feeds import Source
 
 LATE_S = 0.1
 """Delay above which frames are skipped up to the newest: five frames at 50 Hz, the same as the lag of the smoother."""
-VERY_LATE_S = 10.0
-"""The same delay at the start, when frames from the time of the taring still wait. If the delay is longer, the smoother
-is too slow to catch up."""
+SHOWN_S = 1.0
+"""Longest time without a shape: where even skipping does not help, a late shape is better than none."""
 LATENCIES = 30_000
 """Number of latest frames in the statistics of the latency: ten minutes at 50 Hz."""
 ARRIVALS = 101
@@ -33,18 +32,25 @@ class Arrivals:
     def __init__(self) -> None:
         self.count = 0
         """Number of readings."""
+        self._counted_s = -np.inf
+        """When the newest reading was counted, which is late when much else waits."""
         self._latest_s: deque[float] = deque(maxlen=ARRIVALS)
 
     def add(self, arrival_s: float) -> None:
         """Add a reading."""
         self.count += 1
+        self._counted_s = time.perf_counter()
         self._latest_s.append(arrival_s)
 
     def rate_hz(self) -> float:
-        """Return the rate of the latest readings; 0 after a second of silence."""
-        if len(self._latest_s) < 2 or self.age_s() > SILENT_S:
+        """Return the rate at which the latest readings arrived; 0 after a second of silence."""
+        if len(self._latest_s) < 2 or self.is_silent():
             return 0.0
         return (len(self._latest_s) - 1) / max(self._latest_s[-1] - self._latest_s[0], 1e-6)
+
+    def is_silent(self) -> bool:
+        """Return whether nothing has come for `SILENT_S`; readings that only wait to be estimated have come."""
+        return time.perf_counter() - self._counted_s > SILENT_S
 
     def age_s(self) -> float:
         """Return how long ago the newest reading arrived; inf before the first."""
@@ -101,14 +107,15 @@ class NewestFrames:
 
     The readings of other sensors in skipped frames, such as rates of turn, are those of the next frame.
 
-    At the start, frames from the time of the taring still wait. Until these are estimated, only frames later than
-    `VERY_LATE_S` are skipped.
+    Frames from the time of the taring, which had arrived before the first was estimated, are never skipped.
     """
 
     def __init__(self, source: Source, activity: Activity) -> None:
         self._source = source
         self._activity = activity
-        self.caught_up = False
+        self._passed_s = time.perf_counter()
+        self.started = False
+        """Whether the frames that waited for the taring have been estimated."""
 
     def select(self, frames: Iterator[TendonLengths]) -> Iterator[TendonLengths]:
         """Yield the frames that are not skipped."""
@@ -116,8 +123,10 @@ class NewestFrames:
         aids: tuple[AidReading, ...] = ()
         for frame in frames:
             waiting = self._source.waiting() > 0
-            self.caught_up |= not waiting
-            behind = waiting and (behind or self._source.late_s() > (LATE_S if self.caught_up else VERY_LATE_S))
+            self.started |= frame.t_s > self._source.tared_until_s
+            behind = waiting and self.started and (behind or self._source.late_s() > LATE_S)
+            if time.perf_counter() - self._passed_s > SHOWN_S:
+                behind = False
             if aids:
                 frame = replace(frame, aids=(*aids, *frame.aids))
             aids = frame.aids if behind else ()
@@ -125,3 +134,4 @@ class NewestFrames:
                 self._activity.skipped_frames += 1
             else:
                 yield frame
+                self._passed_s = time.perf_counter()

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -28,6 +29,9 @@ from .rig import Rig, TaringRows, tare, wait_for_boards, without_truth
 
 class Source(Protocol):
     """A source of readings: boards, a replay or the twin."""
+
+    tared_until_s: float
+    """Time of the newest reading that had arrived, while the sensors were tared, before the first was yielded."""
 
     def rows(self) -> Iterator[Reading]:
         """Yield readings as they arrive, until `stop`."""
@@ -195,6 +199,7 @@ class TrialOfBoards:
         self._origin_s = taring.origin_s
         self._tared = deque(taring.rows)
         self._latest_s = 0.0
+        self.tared_until_s = max((stamp_s(row) for row in taring.rows), default=-inf)
         self.stop = link.stop
 
     def rows(self) -> Iterator[LinkReading]:

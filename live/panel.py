@@ -16,7 +16,7 @@ from ..io.reports.terminal import Terminal
 from ..models.sensor.clock import ClockCounts
 from ..models.values.link import LinkState
 from ..models.values.readings import SENSOR_FLAGS, Flag
-from .activity import SILENT_S, Activity, Arrivals
+from .activity import Activity, Arrivals
 
 
 class Panel:
@@ -85,7 +85,7 @@ def _complaints(activity: Activity, state: LinkState) -> list[str]:
         for sensor in port.unused_sensors:
             complaints.append(f"{port.port}: inertial sensor {sensor} is not in the rig: its samples are left out")
     for imu, arrivals in enumerate(activity.imus):
-        if arrivals.age_s() > SILENT_S:
+        if arrivals.is_silent():
             complaints.append(f"imu {imu}: no sample {_since(arrivals)}: nothing is taken from it")
     return complaints + ([state.recording_error] if state.recording_error else [])
 
@@ -136,7 +136,8 @@ def _summary(activity: Activity, state: LinkState) -> Table:
     if activity.shape is not None:
         median_ms, p99_ms = activity.latency_ms()
         table.add_row("frames", f"{activity.frames}")
-        table.add_row("latency", f"median {median_ms:.1f} ms, 99 % within {p99_ms:.1f} ms, from last byte to shape")
+        told = f"median {median_ms:.1f} ms, 99 % within {p99_ms:.1f} ms, from last byte to shape"
+        table.add_row("latency", told if activity.latency_s else "none yet")
         sigma_m = activity.shape.node_sigma_m
         table.add_row("largest sigma", f"{1e3 * sigma_m.max():.1f} mm, node {int(np.argmax(sigma_m))}")
         if activity.shape.doubt is not None:

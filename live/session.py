@@ -101,7 +101,7 @@ class Session:
         newest = NewestFrames(self._feed.source, activity)
         for shape in self.pipeline.shapes(newest.select(self.pipeline.lengths(self._counted_rows())), "live"):
             # the latency of frames that waited for the taring or the end has no meaning
-            if newest.caught_up and not self._ended:
+            if newest.started and not self._ended:
                 activity.latency_s.append(self._feed.source.late_s())
             activity.frames += 1
             activity.shape = shape

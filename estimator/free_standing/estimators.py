@@ -6,7 +6,7 @@ the shape. Live both take turns, each with the other's newest estimate. In batch
 give the support of each frame for the optimisation of all shapes, and these shapes give the poses.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -172,8 +172,14 @@ class FreeStandingOptimizer:
         self._robot = robot
         self._settings = settings
 
-    def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
+    def estimate(
+        self, frames: Iterable[TendonLengths], progress: Callable[[int, float], None] = lambda iteration, error: None
+    ) -> Iterator[Shape]:
         """Yield a shape in the world for each frame, after all frames have been read.
+
+        Args:
+            frames: lengths, in order of time.
+            progress: see `BatchOptimizer.estimate`.
 
         Raises:
             IndeterminateError: when measurements and priors leave some node undetermined.
@@ -189,7 +195,7 @@ class FreeStandingOptimizer:
             for shape, (state, covariance, step) in zip(shapes, poses, strict=True)
         ]
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
-        shapes = list(optimizer.refined(frames, live.shapes, shapes, supports))
+        shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
         poses = self._poses(frames, shapes, self._contacts(live, frames, shapes))
         for shape, (state, covariance, step), kept in zip(shapes, poses, live.kept, strict=True):
             if kept.standing.contradicted:

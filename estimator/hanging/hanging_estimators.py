@@ -5,7 +5,7 @@ weight, as for a structure that stands free (`estimator.free_standing`). What an
 the balance of forces, as in an anchored structure.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -95,8 +95,14 @@ class HangingOptimizer:
         self._robot = robot
         self._settings = settings
 
-    def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
+    def estimate(
+        self, frames: Iterable[TendonLengths], progress: Callable[[int, float], None] = lambda iteration, error: None
+    ) -> Iterator[Shape]:
         """Yield a shape in the world for each frame, after all frames have been read.
+
+        Args:
+            frames: lengths, in order of time.
+            progress: see `BatchOptimizer.estimate`.
 
         Raises:
             IndeterminateError: when measurements and priors leave some node undetermined.
@@ -115,7 +121,7 @@ class HangingOptimizer:
             for shape, (state, covariance) in zip(shapes, self._poses(frames, shapes, live.kept), strict=True)
         ]
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
-        shapes = list(optimizer.refined(frames, live.shapes, shapes, supports))
+        shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
         poses = self._poses(frames, shapes, live.kept)
         for shape, (state, covariance), doubt in zip(shapes, poses, doubts, strict=True):
             yield hung_in_world(shape, self._rest, state, covariance, doubt)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
 from numpy.typing import NDArray
 
-from ...models.evaluation.comparison import ComparisonRow
+from ...models.evaluation.comparison import ALL, ComparisonRow
 from .style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY_BLUE, add_grid, add_legend_below, save_figure
 
 METHOD_COLORS = (GREY, ORANGE, GREEN, SKY_BLUE, BLUE, PURPLE, RED, BLACK)
@@ -41,6 +41,37 @@ def write_comparison_figure(rows: Sequence[ComparisonRow], published_mm: Mapping
         add_grid(axis, along="y", which="both")
         axis.set_axisbelow(True)
     add_legend_below(figure, error.get_legend_handles_labels()[0], min(methods, 3))
+    save_figure(figure, path)
+
+
+def write_spread_figure(rows: Sequence[ComparisonRow], published_mm: Mapping[str, float], path: Path) -> None:
+    """Draw the same over many trials: each method's quartiles, the last trial within 1.5 of their distance, the rest.
+
+    Args:
+        rows: of all trials together, which are left out, and of each trial.
+        published_mm: published errors, as marked lines.
+        path: of the PNG.
+    """
+    single = [row for row in rows if row.trial != ALL]
+    methods = list(dict.fromkeys(row.method for row in single))
+    count = len({row.trial for row in single})
+    figure = Figure(figsize=(10, 13), layout="constrained")
+    figure.suptitle(f"{count} trials: each box holds the middle half of them, its line is the median")
+    panels: Sequence[tuple[str, str, Callable[[ComparisonRow], float]]] = (
+        ("node RMSE [mm]", "linear", lambda row: 1e3 * row.errors.nodes.rmse_m),
+        ("within their ellipsoid of 95 % [%]", "linear", lambda row: 100 * row.coverage_95),
+        ("median sigma [mm]", "log", lambda row: 1e3 * row.median_sigma_m),
+        ("[ms per frame]", "log", lambda row: row.ms_per_frame),
+    )
+    axes = figure.subplots(len(panels), 1, sharex=True)
+    for axis, (label, scale, value) in zip(axes, panels, strict=True):
+        values = [[value(row) for row in single if row.method == method] for method in methods]
+        axis.boxplot([[v for v in some if np.isfinite(v)] for some in values], flierprops={"markersize": 3})
+        axis.set(ylabel=label, yscale=scale)
+        add_grid(axis, along="y", which="both")
+    _draw_published(axes[0], published_mm)
+    axes[1].axhline(95, color=BLACK, ls="--", lw=0.8)
+    axes[-1].set_xticks(np.arange(1, len(methods) + 1), methods)
     save_figure(figure, path)
 
 

@@ -6,13 +6,22 @@ from pathlib import Path
 
 import numpy as np
 
-from ...models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow, Published
+from ...models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow, Published, Spread, spreads
 from ...models.evaluation.evaluation import Errors, ShapeErrors
 from .cells import or_dash
 
+SEVERAL = 3
+"""Number of trials from which on their mean, spread and worst mean something."""
 
-def as_markdown(rows: Sequence[ComparisonRow], command: str) -> str:
-    """Return the paper's Table I with its published rows and ours, and the node RMSE of each trial."""
+
+def as_markdown(rows: Sequence[ComparisonRow], command: str, *, with_trials: bool = True) -> str:
+    """Return the paper's Table I with its published rows and ours, the spread over trials, and each trial's RMSE.
+
+    Args:
+        rows: of all trials together, then of each trial.
+        command: by which they were made.
+        with_trials: whether to have a row for each trial.
+    """
     together = [row for row in rows if row.trial == ALL]
     trials = list(dict.fromkeys(row.trial for row in rows if row.trial != ALL))
     header = ("", "nodes", "faces", "system", "heights", "in 95 %", "sigma", "wrong branch", "ms / frame")
@@ -23,14 +32,37 @@ def as_markdown(rows: Sequence[ComparisonRow], command: str) -> str:
         *_table(header, [*map(_published_cells, PUBLISHED), *map(_method_cells, together)]),
         "",
         "*In 95 %*: share of nodes within their ellipsoid of 95 %, *sigma*: its median size, *wrong branch*: share of",
-        "frames. Node RMSE, trial by trial, with the share of nodes in their ellipsoid of 95 % and its median size:",
-        "",
-        *_table(
-            ("trial", *(row.method for row in together)),
-            [(trial, *(_trial_cell(row) for row in rows if row.trial == trial)) for trial in trials],
-        ),
+        "frames.",
     ]
+    if len(trials) >= SEVERAL:
+        lines += _spread_lines(spreads(rows))
+    if with_trials:
+        by_trial = [(trial, *(_trial_cell(row) for row in rows if row.trial == trial)) for trial in trials]
+        lines += [
+            "",
+            "Node RMSE, trial by trial, with the share of nodes in their ellipsoid of 95 % and its median size:",
+            "",
+            *_table(("trial", *(row.method for row in together)), by_trial),
+        ]
     return "\n".join(lines) + "\n"
+
+
+def _spread_lines(found: Sequence[Spread]) -> list[str]:
+    """Return a table of how the results of each method differ from trial to trial."""
+    header = ("", "trials", "RMSE, mean ± spread", "worst", "in 95 %, mean ± spread", "least")
+    cells = [
+        (
+            s.method,
+            str(s.trials),
+            f"{1e3 * s.rmse_mean_m:.1f} ± {or_dash(1e3 * s.rmse_spread_m, '{:.1f}')}",
+            f"{1e3 * s.rmse_worst_m:.1f}, {s.worst_trial}",
+            f"{or_dash(s.coverage_mean, '{:.0%}')} ± {or_dash(s.coverage_spread, '{:.0%}')}",
+            f"{or_dash(s.coverage_worst, '{:.0%}')}, {s.least_covered_trial}".rstrip(", "),
+        )
+        for s in found
+    ]
+    text = "Over the trials, each of the same weight; the spread is the standard deviation of a trial:"
+    return ["", text, "", *_table(header, cells)]
 
 
 def _published_cells(p: Published) -> tuple[str, ...]:

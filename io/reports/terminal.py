@@ -1,13 +1,15 @@
 """The output of commands on the screen, according to --quiet and --verbose."""
 
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from ...models.values.errors import TensegraphError
+from .progress import StageBar, TimeLeft
 
 
 class Terminal:
@@ -25,6 +27,7 @@ class Terminal:
         self.news = Console(quiet=quiet)
         """Console for tables, progress and messages; not shown with --quiet."""
         self._timing = Console(stderr=True, quiet=not verbose)
+        self._shown: Progress | None = None
 
     def written(self, text: str) -> None:
         """Print where results were written."""
@@ -34,6 +37,10 @@ class Terminal:
         """Print a message."""
         self.news.print(text, highlight=False, markup=False, soft_wrap=True)
 
+    def error(self, text: str) -> None:
+        """Print on stderr what failed while other work goes on."""
+        print(f"tensegraph: {text}", file=sys.stderr)
+
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Measure the duration of a block, and print it to stderr with --verbose."""
@@ -42,7 +49,26 @@ class Terminal:
         seconds = time.perf_counter() - start_s
         self._timing.print(f"{name}: {seconds:.2f} s", highlight=False, markup=False, soft_wrap=True)
 
-    def progress(self, *more: ProgressColumn, transient: bool = True) -> Progress:
-        """Return a progress bar, a context manager; a transient one is removed when it is full."""
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        return Progress(*columns, *more, console=self.news, transient=transient)
+    @contextmanager
+    def progress(self, *more: ProgressColumn) -> Iterator[Progress]:
+        """Give a display of progress bars, which goes when the block ends; inside such a block, the same display."""
+        if self._shown is not None:
+            yield self._shown
+            return
+        columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TimeLeft())
+        try:
+            hidden = not self.news.is_terminal
+            with Progress(*columns, *more, console=self.news, transient=True, disable=hidden) as self._shown:
+                yield self._shown
+        finally:
+            self._shown = None
+
+    @contextmanager
+    def stages(self, name: str, share_of: Mapping[str, float]) -> Iterator[StageBar]:
+        """Give a bar over all stages of a piece of work, see `StageBar`."""
+        with self.progress() as progress:
+            bar = StageBar(progress, name, share_of)
+            try:
+                yield bar
+            finally:
+                bar.close()

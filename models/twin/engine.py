@@ -1,5 +1,6 @@
 """The mechanical twin: the engine that moves a structure under loads (MuJoCo)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,8 @@ from .mjcf import Body, mjcf
 
 SETTLED_M_PER_S = 1e-6
 """A structure at rest: a node that still moves this fast for the rest seconds moves by a few micrometres."""
+TOLD_EVERY = 200
+"""Number of steps from one report of the progress to the next: a tenth of a second at 0.5 ms."""
 COMING_TO_REST_S = 300.0
 """How long to wait for that; the examples take 2 to 4 s."""
 
@@ -93,7 +96,13 @@ class Twin:
         self._engine.mj_forward(self._model, self._data)
 
     def run(
-        self, loads: Loads, steps: int, *, wound_m: NDArray[np.float64] | None = None, with_turns: bool = False
+        self,
+        loads: Loads,
+        steps: int,
+        *,
+        wound_m: NDArray[np.float64] | None = None,
+        with_turns: bool = False,
+        progress: Callable[[float], None] = lambda share: None,
     ) -> TwinMotion:
         """Return what happens from now on, which is t = 0.
 
@@ -102,12 +111,15 @@ class Twin:
             steps: of the integration.
             wound_m: (steps, tendons) change of the natural lengths; None where no motor changes any.
             with_turns: whether to return the turns of the rods.
+            progress: called now and then with the share of the steps that is done.
         """
         position_m = np.empty((steps, len(self._site), 3))
         load_n = np.empty_like(position_m)
         length_m = np.empty((steps, len(self._end)))
         turn = np.empty((steps, len(self._rod_body), 3, 3)) if with_turns else None
         for k in range(steps):
+            if k % TOLD_EVERY == 0:
+                progress(k / steps)
             position_m[k] = self.node_position_m
             length_m[k] = self.tendon_length_m
             if turn is not None:

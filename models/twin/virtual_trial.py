@@ -1,7 +1,7 @@
 """A whole trial of the twin: from a plan to what the boards send, and what was true."""
 
 import heapq
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -109,12 +109,13 @@ class RandomStreams:
         )
 
 
-def simulate(plan: Plan, provenance: str) -> VirtualTrial:
+def simulate(plan: Plan, provenance: str, progress: Callable[[float], None] = lambda share: None) -> VirtualTrial:
     """Return the trial that a plan and its seed make; the same plan and seed make the same trial.
 
     Args:
         plan: without problems.
         provenance: what trial.toml says about where the trial comes from.
+        progress: called now and then with the share of the motion that is done; the sensors follow.
 
     Raises:
         IndeterminateError: when the structure has no rest shape.
@@ -132,6 +133,7 @@ def simulate(plan: Plan, provenance: str) -> VirtualTrial:
         plan.steps,
         wound_m=change_m if plan.motor else None,
         with_turns=bool(plan.imu),
+        progress=progress,
     )
     specimens = Specimens.draw(plan.sensors, len(structure.tendons), streams.specimens)
     told = told_geometry(plan, structure, motion.node_position_m[0], streams.rest, streams.told)

@@ -21,3 +21,10 @@ class RecordingError(TensegraphError):
 
 class IndeterminateError(TensegraphError):
     """The measurements and priors of a frame do not determine its shape: the text names the nodes and the reason."""
+
+
+def one_line(error: TensegraphError | OSError) -> str:
+    """Return an error as the line that a user reads."""
+    if isinstance(error, OSError) and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)

@@ -9,8 +9,9 @@ from scipy.stats import chi2
 
 from command_line import run, run_process
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
-from tensegraph.commands.compare import Measured, comparison_rows
+from tensegraph.commands.compare import comparison_rows
 from tensegraph.io.reports.comparison_tables import as_markdown, write_comparison_csv
+from tensegraph.models.evaluation.comparison import FrameErrors, Measured
 from tensegraph.models.evaluation.metrics import evaluate
 
 
@@ -31,7 +32,7 @@ def test_compare_runs_every_method(trial_copy) -> None:
     ):
         assert words in result.stdout
     folder = seen.parent / "results/comparison"
-    assert sorted(p.name for p in folder.iterdir()) == ["comparison.csv", "comparison.md", "comparison.png"]
+    assert sorted(p.name for p in folder.iterdir()) == ["comparison.csv", "comparison.md", "comparison.png", "trials"]
     with (folder / "comparison.csv").open() as file:
         rows = {(row["trial"], row["method"]): row for row in csv.DictReader(file)}
     assert len(rows) == 3 + 4 * 6
@@ -50,7 +51,7 @@ class TestComparison:
         for trial, errors, seconds in (("one", [[3, 0, 0]] * 2, 0.2), ("two", [[0, 0, 6]] * 6, 0.6)):
             estimate = estimate_of(structure, moved(errors))
             evaluation = evaluate(structure, TRUE_M, estimate, truth_of(len(errors)))
-            made.append(Measured(trial, "any", len(errors), seconds, evaluation, ""))
+            made.append(Measured(trial, "any", len(errors), seconds, FrameErrors.of(evaluation), ""))
         return [*made, Measured("three", "any", 4, np.nan, None, "gave up")]
 
     def test_all_frames_of_all_trials_count_alike(self) -> None:

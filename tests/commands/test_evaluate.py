@@ -23,7 +23,7 @@ def evaluated(done):
     return folder, table, numbers
 
 
-EVALUATED = ["errors.png", "evaluation.json", "heights.png", "loads.png"]
+EVALUATED = ["errors.png", "evaluation.json", "heights.png", "loads.png", "run.toml"]
 
 
 def test_evaluate_prints_tables_or_json(evaluated) -> None:

@@ -180,3 +180,19 @@ def test_slips_are_counted_in_one_line() -> None:
     slips = [Slip(3.1, 4, np.array([0.03, 0.04, 0]), 0.005), Slip(5.0, 2, np.array([0.01, 0, 0]), 0.004)]
     assert slip_line(slips) == "2, of node 2, 4; at most 50 ± 5 mm, node 4 at t = 3.10 s"
     assert slip_line([]) == "none"
+
+
+def test_a_span_is_a_part_of_the_whole(trial_copy) -> None:
+    """Shapes before it are estimated and left out, so that those in it are the same; the end is not read."""
+    path = trial_copy(rows=60)
+    words = ("reconstruct", path, "--live", "--no-figures", "--out")
+    assert run(*words, "whole", cwd=path.parent).returncode == 0
+    assert run(*words, "part", "--from", 0.5, "--to", 0.8, cwd=path.parent).returncode == 0
+    whole, part = ((path.parent / name / "shape.csv").read_text().splitlines() for name in ("whole", "part"))
+    assert part[1:] == [row for row in whole[1:] if 0.5 <= float(row.split(",")[0]) <= 0.8]
+    assert len(part) == 1 + 16
+    table = tomllib.loads((path.parent / "part" / "run.toml").read_text())
+    assert (table["from_s"], table["to_s"], table["frames"]) == (0.5, 0.8, 16)
+    none = run(*words, "none", "--from", 7, cwd=path.parent)
+    assert (none.returncode, none.stderr.count("\n")) == (2, 1)
+    assert "--from and --to: expected a span within 0.00 to 1.2" in none.stderr

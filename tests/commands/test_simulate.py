@@ -22,9 +22,12 @@ def test_a_simulated_trial_is_reconstructed(tmp_path) -> None:
     assert result.returncode == 0, result.stderr
     assert result.stdout.startswith("prism_01: ")
     assert "written to prism_01" in result.stdout
-    result = run("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path)
-    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
-    assert "prism_01: exists: expected a new name" in result.stderr
+    again = run("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path)
+    assert (again.returncode, again.stdout) == (0, "up to date: prism_01\n")
+    (tmp_path / "prism_01" / "simulation.toml").rename(tmp_path / "elsewhere.toml")
+    refused = run("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path)
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert "prism_01: exists and is no earlier result: expected a new name" in refused.stderr
     result = run("reconstruct", "prism_01", "--no-figures", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "node RMSE" in result.stdout

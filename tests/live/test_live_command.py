@@ -19,9 +19,11 @@ import tensegraph
 from plan_edits import PLANS, replaced
 from tensegraph import BoardReading, open_trial
 from tensegraph.cli import main
+from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.io.boards.protocol import frame
 from tensegraph.io.result import write_tables
 from tensegraph.models.values.aids import ImuReading
+from tensegraph.pipeline import ESTIMATORS
 
 TABLES = ["shape.csv", "ellipsoids.csv", "lengths.csv", "status.csv"]
 
@@ -50,8 +52,9 @@ def start(*arguments, cwd: Path) -> subprocess.Popen:
     return subprocess.Popen(command, cwd=cwd, env=environment, text=True, start_new_session=True, **pipes)
 
 
-def test_a_replay_is_the_offline_result_to_the_last_digit(trial_copy, typed) -> None:
-    """As fast as it goes, behind from the start: nothing is skipped for ten seconds. Recorded again it is the trial."""
+def test_a_replay_is_the_offline_result_to_the_last_digit(trial_copy, typed, monkeypatch) -> None:
+    """As fast as it goes, where no frame is called late. Recorded again it is the trial."""
+    monkeypatch.setattr("tensegraph.live.activity.LATE_S", np.inf)
     path = trial_copy(rows=150)
     folder = path.parent
     (folder / "offline").mkdir()
@@ -77,8 +80,37 @@ def test_a_replay_is_the_offline_result_to_the_last_digit(trial_copy, typed) -> 
     assert "truth" not in trials[1].toml
 
 
-def test_a_twin_s_trial_comes_live(tmp_path, example, typed) -> None:
+class Slow:
+    """The live estimator on a computer that takes 60 ms longer for a frame."""
+
+    def __init__(self, *arguments) -> None:
+        self._live = LiveSmoother(*arguments)
+
+    def estimate(self, frames):
+        for shape in self._live.estimate(frames):
+            time.sleep(0.06)
+            yield shape
+
+
+def test_a_replay_that_is_too_fast_skips_as_it_says(trial_copy, typed, monkeypatch) -> None:
+    """Three times as many frames as the estimator can do: it is never far behind, and the panel knows the rates."""
+    monkeypatch.setitem(ESTIMATORS, "live", Slow)
+    path = trial_copy(rows=150)
+    code, said, error = typed("live", "--replay", path, "--out", "replay", cwd=path.parent)
+    assert code == 0, error
+    table = tomllib.loads((path.parent / "replay" / "run.toml").read_text())
+    assert table["skipped_frames"] > 50
+    assert table["frames"] > 3
+    assert table["frames"] + table["skipped_frames"] == 150
+    assert table["latency"]["median_ms"] < 1000
+    assert re.search(r"rate +│ [1-9]\d*\.\d Hz", said)
+    assert re.search(r"skipped +│ [1-9]\d* frames", said)
+    assert "nan" not in said
+
+
+def test_a_twin_s_trial_comes_live(tmp_path, example, typed, monkeypatch) -> None:
     """From the plan to the recording, which is as good a trial as any, and knows no truth."""
+    monkeypatch.setattr("tensegraph.live.activity.LATE_S", np.inf)
     plan = tmp_path / "short.toml"
     text = (example.parent / "plans" / "press.toml").read_text()
     plan.write_text(text.replace("duration_s = 30.0", "duration_s = 6.0").replace("until_s = 29.0", "until_s = 5.9"))
@@ -91,8 +123,9 @@ def test_a_twin_s_trial_comes_live(tmp_path, example, typed) -> None:
     assert (tmp_path / "out" / "shape.csv").read_text().count("\n") > 95
 
 
-def test_a_twin_rolls_with_its_inertial_sensors(tmp_path, typed) -> None:
+def test_a_twin_rolls_with_its_inertial_sensors(tmp_path, typed, monkeypatch) -> None:
     """A push after the rest: what is recorded of it is a trial with both sensors, in which the robot turns."""
+    monkeypatch.setattr("tensegraph.live.activity.LATE_S", np.inf)
     edits = (
         ("duration_s = 24.0", "duration_s = 1.8"),
         ("[load]", "[rest]\nseconds = 1.0\n\n[load]"),

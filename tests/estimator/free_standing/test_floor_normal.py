@@ -85,7 +85,8 @@ def test_the_command_line_tells_the_normal(tmp_path) -> None:
     off_rad = np.arccos(told["direction"][2])
     assert off_rad < 0.02
     assert off_rad < 4 * told["sigma_rad"] < 0.04
-    with mock.patch("tensegraph.io.figures.shape_figures.write_figures"):
+    all_frames = mock.patch("tensegraph.live.activity.LATE_S", np.inf)
+    with mock.patch("tensegraph.io.figures.shape_figures.write_figures"), all_frames:
         result = run("live", "--replay", "trial", "--speed", 1000, "--out", "live", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert tomllib.loads((tmp_path / "live" / "run.toml").read_text())["floor_normal"] == told
