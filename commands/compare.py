@@ -11,7 +11,7 @@ from rich.markdown import Markdown
 from ..io.figures.comparison_figure import write_comparison_figure, write_spread_figure
 from ..io.measured_trials import measured_by, measured_methods, read_measured, write_measured
 from ..io.model_file import model_path, read_sensor_model
-from ..io.provenance import sha256_of, file_hashes, fingerprint
+from ..io.provenance import file_hashes, fingerprint, sha256_of
 from ..io.reports.comparison_tables import as_markdown, write_comparison_csv
 from ..io.reports.progress import StageBar
 from ..io.reports.terminal import Terminal

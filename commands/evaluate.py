@@ -13,7 +13,7 @@ from ..estimator.rest_step import rest_step
 from ..io.figures.evaluation_figures import write_errors_figure, write_heights_figure, write_loads_figure
 from ..io.figures.track_figure import write_followed_figure
 from ..io.mocap.truth_file import read_truth
-from ..io.provenance import FINGERPRINT, sha256_of, file_hashes, fingerprint, is_up_to_date, versions
+from ..io.provenance import FINGERPRINT, file_hashes, fingerprint, is_up_to_date, sha256_of, versions
 from ..io.reports.evaluation_tables import ScoredResult, as_text
 from ..io.reports.terminal import Terminal
 from ..io.result import RUN_FILE, read_estimate, read_run, result_directory

@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from ..io.model_file import model_path, read_sensor_model
-from ..io.provenance import FINGERPRINT, sha256_of, fingerprint, is_up_to_date, relative_path, versions
+from ..io.provenance import FINGERPRINT, fingerprint, is_up_to_date, relative_path, sha256_of, versions
 from ..io.reports.progress import StageBar
 from ..io.reports.terminal import Terminal
 from ..io.result import RUN_FILE
