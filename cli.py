@@ -204,6 +204,23 @@ def export(
     export_result(result, to=to, out=out, at_s=at, terminal=_terminal(quiet, verbose))
 
 
+@app.command(
+    epilog=_examples(
+        "tensegraph view results/press_01",
+        "tensegraph view results/press_01 results/live",
+    )
+)
+def view(
+    results: Annotated[list[Path], typer.Argument(help="Result directories written by reconstruct or live.")],
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Show results side by side in the viewer Rerun, in a browser of this machine, until Ctrl-C."""
+    from .commands.view import view_results
+
+    view_results(results, _terminal(quiet, verbose))
+
+
 @app.command(epilog=_examples("tensegraph compare examples/press_01"))
 def compare(
     trials: Annotated[list[Path], typer.Argument(help="Trial directories that include the true node positions.")],

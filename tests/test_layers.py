@@ -62,7 +62,7 @@ ALONE = {
     "ezc3d": {"io.mocap.c3d_file"},
     "pandas": {"models.structure.labelled", "models.structure.reconstruction"},
     "pyarrow": {"io.exports"},
-    "rerun": {"io.exports"},
+    "rerun": {"io.viewer"},
     "rosbags": {"io.exports"},
     "xarray": {"models.structure.labelled", "models.structure.reconstruction"},
     "typer": {"cli"},

@@ -36,8 +36,6 @@ from .track_figure import write_track_figure
 
 LOAD_MM_PER_N = 30.0
 """Length of the arrow of a load."""
-SURE = 2.0
-"""Ratio of a load to its sigma above which it is drawn."""
 
 
 def write_figures(r: Reconstruction, settings: Settings, title: str, directory: Path) -> None:
@@ -178,12 +176,11 @@ class LoadArrows:
 
 
 def load_arrows(r: Reconstruction, k: int, load_threshold_n: float) -> LoadArrows:
-    """Return the loads of frame `k` that are above the threshold, and above `SURE` times their sigma."""
+    """Return the loads of frame `k` that are certain to be above the threshold."""
     if r.loads is None:
         return LoadArrows(np.empty((0, 3)), np.empty((0, 3)))
-    force_n = np.nan_to_num(r.loads.force_n[k])
-    drawn = np.linalg.norm(force_n, axis=-1) > np.maximum(load_threshold_n, SURE * r.loads.sigma_n[k])
-    push_mm = LOAD_MM_PER_N * force_n[drawn]
+    drawn = r.loads.is_certain(load_threshold_n)[k]
+    push_mm = LOAD_MM_PER_N * r.loads.force_n[k, drawn]
     return LoadArrows(1e3 * r.node_position_m[k, drawn] - push_mm, push_mm)
 
 
