@@ -325,6 +325,8 @@ def record(
         "tensegraph live --rig examples/rig.toml --record trials/first",
         "tensegraph live --replay examples/press_01 --speed 4",
         "tensegraph live --twin examples/plans/press.toml",
+        "tensegraph live --replay examples/press_01 --viewer",
+        "tensegraph live --replay examples/press_01 --publish udp://127.0.0.1:9870",
     )
 )
 def live(
@@ -337,7 +339,21 @@ def live(
     record: Annotated[Path | None, typer.Option(help="Trial directory to record into; must not exist.")] = None,
     out: Annotated[Path | None, typer.Option(help="Result directory.", show_default="results/NAME")] = None,
     config: Config = None,
-    view: Annotated[bool, typer.Option("--view", help="Show the shape in a window.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Show the shape in a window of matplotlib.")] = False,
+    viewer: Annotated[
+        bool, typer.Option("--viewer", help="Show the shape in the viewer Rerun, in a browser of this machine.")
+    ] = False,
+    publish: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Send each shape to other programs: udp://127.0.0.1:9870 as a line of JSON, ros2 as messages of "
+            "ROS 2; may be repeated.",
+            show_default=False,
+        ),
+    ] = None,
+    publish_remote: Annotated[
+        bool, typer.Option("--publish-remote", help="Allow addresses of other machines in --publish.")
+    ] = False,
     model: Model = None,
     port: Ports = None,
     seconds: Seconds = math.inf,
@@ -345,11 +361,12 @@ def live(
     verbose: Verbose = False,
 ) -> None:
     """Show and write the shape while it moves, from boards, a trial or a simulation, until Ctrl-C."""
-    from .commands.live import LiveSource, show_live
+    from .commands.live import LiveOutputs, LiveSource, show_live
 
     source = LiveSource(rig=rig, replay=replay, twin=twin, speed=speed, ports=tuple(port or ()), record=record)
+    outputs = LiveOutputs(view, viewer, tuple(publish or ()), publish_remote)
     terminal = _terminal(quiet, verbose)
-    show_live(source, out=out, config=config, model=model, view=view, seconds=seconds, terminal=terminal)
+    show_live(source, out=out, config=config, model=model, outputs=outputs, seconds=seconds, terminal=terminal)
 
 
 @app.command(epilog=_examples("tensegraph simulate examples/plans/press.toml --out trials/press"))

@@ -60,7 +60,8 @@ def view_results(paths: Sequence[Path], terminal: Terminal) -> None:
                 run.add(viewed.result)
         recording.flush()
         recording.disconnect()  # Rerun keeps what it got
-        terminal.written(f"{server.page_url}\nOpen this address in a browser of this machine; Ctrl-C ends it.")
+        terminal.line("Open this address in a browser of this machine; Ctrl-C ends it:")
+        terminal.written(server.page_url)
         server.wait()
 
 

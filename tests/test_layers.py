@@ -63,7 +63,7 @@ ALONE = {
     "pandas": {"models.structure.labelled", "models.structure.reconstruction"},
     "pyarrow": {"io.exports"},
     "rerun": {"io.viewer"},
-    "rosbags": {"io.exports"},
+    "rosbags": {"io.exports", "io.bags"},
     "xarray": {"models.structure.labelled", "models.structure.reconstruction"},
     "typer": {"cli"},
 }

@@ -63,13 +63,13 @@ def test_the_page_is_there_until_ctrl_c(done) -> None:
     command = [sys.executable, "-m", "tensegraph", "view", "live", "results/press"]
     viewer = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
+        assert "Ctrl-C ends it" in viewer.stdout.readline()
         url = viewer.stdout.readline().strip()
         with urllib.request.urlopen(url, timeout=10) as page:
             assert page.status == 200
         viewer.send_signal(signal.SIGINT)
-        said, error = viewer.communicate(timeout=20)
+        _, error = viewer.communicate(timeout=20)
         assert (viewer.returncode, error) == (0, "")
-        assert "Ctrl-C ends it" in said
     finally:
         viewer.kill()
         viewer.communicate()
