@@ -224,6 +224,23 @@ def export(
     export_result(result, to=to, out=out, at_s=at, terminal=_terminal(quiet, verbose))
 
 
+@app.command(
+    epilog=_examples(
+        "tensegraph view results/press_01",
+        "tensegraph view results/press_01 results/live",
+    )
+)
+def view(
+    results: Annotated[list[Path], typer.Argument(help="Result directories written by reconstruct or live.")],
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Show results side by side in the viewer Rerun, in a browser of this machine, until Ctrl-C."""
+    from .commands.view import view_results
+
+    view_results(results, _terminal(quiet, verbose))
+
+
 @app.command(epilog=_examples("tensegraph compare examples/press_01", "tensegraph compare trials/* --jobs 4"))
 def compare(
     trials: Annotated[list[Path], typer.Argument(help="Trial directories that include the true node positions.")],
@@ -341,6 +358,8 @@ def record(
         "tensegraph live --rig examples/rig.toml --record trials/first",
         "tensegraph live --replay examples/press_01 --speed 4",
         "tensegraph live --twin examples/plans/press.toml",
+        "tensegraph live --replay examples/press_01 --viewer",
+        "tensegraph live --replay examples/press_01 --publish udp://127.0.0.1:9870",
     )
 )
 def live(
@@ -353,7 +372,21 @@ def live(
     record: Annotated[Path | None, typer.Option(help="Trial directory to record into; must not exist.")] = None,
     out: Annotated[Path | None, typer.Option(help="Result directory.", show_default="results/NAME")] = None,
     config: Config = None,
-    view: Annotated[bool, typer.Option("--view", help="Show the shape in a window.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Show the shape in a window of matplotlib.")] = False,
+    viewer: Annotated[
+        bool, typer.Option("--viewer", help="Show the shape in the viewer Rerun, in a browser of this machine.")
+    ] = False,
+    publish: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Send each shape to other programs: udp://127.0.0.1:9870 as a line of JSON, ros2 as messages of "
+            "ROS 2; may be repeated.",
+            show_default=False,
+        ),
+    ] = None,
+    publish_remote: Annotated[
+        bool, typer.Option("--publish-remote", help="Allow addresses of other machines in --publish.")
+    ] = False,
     model: Model = None,
     port: Ports = None,
     seconds: Seconds = math.inf,
@@ -361,11 +394,12 @@ def live(
     verbose: Verbose = False,
 ) -> None:
     """Show and write the shape while it moves, from boards, a trial or a simulation, until Ctrl-C."""
-    from .commands.live import LiveSource, show_live
+    from .commands.live import LiveOutputs, LiveSource, show_live
 
     source = LiveSource(rig=rig, replay=replay, twin=twin, speed=speed, ports=tuple(port or ()), record=record)
+    outputs = LiveOutputs(view, viewer, tuple(publish or ()), publish_remote)
     terminal = _terminal(quiet, verbose)
-    show_live(source, out=out, config=config, model=model, view=view, seconds=seconds, terminal=terminal)
+    show_live(source, out=out, config=config, model=model, outputs=outputs, seconds=seconds, terminal=terminal)
 
 
 @app.command(

@@ -166,22 +166,26 @@ def score_result(
         InputError: when the result, its trial or the truth cannot be read, or do not match.
     """
     run = read_run(path)
-    opened = _trial_of(run, path, trial)
+    opened = trial_of(run, path, trial)
     settings = parse_table(Settings, run.get("settings", {}), str(path / RUN_FILE))
     d = opened.description
     rest_m = rest_step(d.structure, d.mechanics, d.rest_position_m, d.geometry, settings.rest, d.floor).node_position_m
     estimate = read_estimate(path, d.structure)
     threshold_n = settings.load_threshold_n
     try:
-        known = _truth_of(opened, truth, estimate, offset_s)
+        known = truth_of_trial(opened, truth, estimate, offset_s)
         evaluation = evaluate(d.structure, rest_m, estimate, known, align=align, load_threshold_n=threshold_n)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     return ScoredResult(path, opened.name, str(run.get("method", "method not stated")), evaluation)
 
 
-def _truth_of(trial: Trial, path: Path | None, estimate: Estimate, offset_s: float | None) -> Truth:
-    """Return the truth of a trial, with positions from another file if one is given, on the host's clock."""
+def truth_of_trial(trial: Trial, path: Path | None, estimate: Estimate, offset_s: float | None) -> Truth:
+    """Return the truth of a trial, with positions from another file if one is given, on the host's clock.
+
+    Raises:
+        InputError: when there is none, or it cannot be read, or laid onto the estimate.
+    """
     structure = trial.description.structure
     recorded = trial.recorded_truth() if path is None else read_truth(path, structure.node_count)
     if recorded is None:
@@ -200,7 +204,12 @@ def _truth_of(trial: Trial, path: Path | None, estimate: Estimate, offset_s: flo
     return trial.truth_of(positions, trial.true_loads())
 
 
-def _trial_of(run: dict[str, Any], path: Path, trial: Path | None) -> Trial:
+def trial_of(run: dict[str, Any], path: Path, trial: Path | None) -> Trial:
+    """Return the trial of a result, the one named in run.toml if None is given.
+
+    Raises:
+        InputError: when there is none, or it is not the one that the result was made from.
+    """
     if trial is None and not isinstance(run.get("trial_path"), str):
         raise InputError(f"{path / RUN_FILE}: trial_path: is missing: expected --trial DIRECTORY instead")
     opened = open_trial(trial or path / run["trial_path"])

@@ -1,14 +1,18 @@
 """`live`: shows and writes the shape while it moves, from boards, a recorded trial or the twin."""
 
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 from ..io.model_file import read_sensor_model
+from ..io.publish.ros2_node import check_ros2, ros2_publisher
+from ..io.publish.udp import UdpPublisher, udp_address
 from ..io.reports.terminal import Terminal
 from ..io.result import RUN_FILE
 from ..io.toml import read_settings
+from ..io.viewer.server import ViewerServer
 from ..io.whole import check_replaceable, check_vacant
 from ..live.feeds import Feed, boards_feed, replay_feed, twin_feed
 from ..live.panel import OperatorAtTerminal, Panel, shown
@@ -63,19 +67,72 @@ class LiveSource:
         return twin_feed(self.twin, self.speed, self.record)
 
 
-class ShapeView(Protocol):
-    """A display of shapes."""
+class ShapeSink(Protocol):
+    """What takes shapes as they are estimated: a display, or another program."""
 
-    def show(self, shape: Shape) -> None:
-        """Show a shape."""
+    def add(self, shape: Shape) -> None:
+        """Take a shape."""
         ...
 
 
-class NoView:
-    """Shows nothing; used when no window is wanted."""
+@dataclass(frozen=True, slots=True)
+class LiveOutputs:
+    """Where shapes go beside the result.
 
-    def show(self, shape: Shape) -> None:
-        """Show nothing."""
+    Raises:
+        InputError: for an address that is none, or of another machine, or without a library that publishing needs.
+    """
+
+    window: bool = False
+    """Whether matplotlib shows them."""
+    viewer: bool = False
+    """Whether Rerun shows them."""
+    publish: tuple[str, ...] = ()
+    """`ros2`, or addresses of UDP."""
+    publish_remote: bool = False
+    """Whether these may be of other machines."""
+
+    def __post_init__(self) -> None:
+        for address in self.publish:
+            if address == "ros2":
+                check_ros2()
+            else:
+                udp_address(address, remote=self.publish_remote)
+
+    @contextmanager
+    def page(self, terminal: Terminal) -> Iterator[ViewerServer | None]:
+        """Serve the page of the viewer, if it is wanted, and print its address.
+
+        Raises:
+            TensegraphError: see `ViewerServer`.
+        """
+        if not self.viewer:
+            yield None
+            return
+        with ViewerServer() as server:
+            terminal.line(f"Open this address in a browser of this machine: {server.page_url}")
+            yield server
+
+    def sinks(self, pipeline: Pipeline, server: ViewerServer | None) -> Iterator[AbstractContextManager[ShapeSink]]:
+        """Yield what takes a pipeline's shapes, context managers.
+
+        Raises:
+            TensegraphError: where there is no display for the window.
+        """
+        structure, rest_m, settings = pipeline.trial.structure, pipeline.rest.node_position_m, pipeline.settings
+        for address in self.publish:
+            if address == "ros2":
+                yield ros2_publisher(structure, settings.probability, remote=self.publish_remote)
+            else:
+                yield UdpPublisher(address, structure, remote=self.publish_remote)
+        if server is not None:
+            from ..io.viewer.live_viewer import live_viewer  # matplotlib, whose colours it has
+
+            yield live_viewer(server, structure, rest_m, settings)
+        if self.window:
+            from ..io.figures.live_view import live_window  # pyplot takes a second to import
+
+            yield live_window(structure, rest_m, settings.probability)
 
 
 def show_live(
@@ -84,7 +141,7 @@ def show_live(
     out: Path | None,
     config: Path | None,
     model: Path | None,
-    view: bool,
+    outputs: LiveOutputs,
     seconds: float,
     terminal: Terminal,
 ) -> None:
@@ -95,7 +152,7 @@ def show_live(
         out: result directory; named after the source if None.
         config: file of settings; defaults if None.
         model: sensor model; the one in the package if None.
-        view: whether to show the shape in a window.
+        outputs: where shapes go beside the result.
         seconds: duration; may be infinite.
         terminal: for the panel.
 
@@ -108,9 +165,14 @@ def show_live(
     check_replaceable(path, RUN_FILE)
     if source.record is not None:
         check_vacant(source.record)
-    with source.feed(settings, sensor_model, terminal) as feed:
+    with outputs.page(terminal) as server, source.feed(settings, sensor_model, terminal) as feed:
         session = Session(feed, Pipeline(feed.description, settings, sensor_model), seconds)
-        run_session(session, feed, path, window_of(session.pipeline) if view else nullcontext(NoView()), terminal)
+        with ExitStack() as stack:
+            sinks = [stack.enter_context(sink) for sink in outputs.sinks(session.pipeline, server)]
+            run_session(session, feed, path, sinks, terminal)
+        for sink in sinks:
+            if isinstance(sink, UdpPublisher) and sink.left_out:
+                terminal.line(f"{sink.address}: {sink.left_out} shapes could not be sent")
     for fit in session.pipeline.own_frames.fits:
         terminal.line(f"frame of position {fit.recording}: {fit.text()}")
     terminal.written(f"written to {path}")
@@ -118,10 +180,8 @@ def show_live(
         report_recording(source.record, feed.state(), terminal)
 
 
-def run_session(
-    session: Session, feed: Feed, path: Path, view: AbstractContextManager[ShapeView], terminal: Terminal
-) -> None:
-    """Run a session to its end, on the screen and into a result directory."""
+def run_session(session: Session, feed: Feed, path: Path, sinks: Sequence[ShapeSink], terminal: Terminal) -> None:
+    """Run a session to its end, on the screen, into a result directory and to all sinks."""
     pipeline = session.pipeline
     clocks = pipeline.boards.counts if pipeline.boards else []
     panel = Panel(
@@ -132,23 +192,9 @@ def run_session(
         lambda: pipeline.front_end.exchanged,
     )
     with LiveResult(path, pipeline.trial.structure, pipeline.settings) as result:
-        with ExitStack() as stack:
-            window = stack.enter_context(view)
-            stack.enter_context(stopped_by_signals(feed.source))
-            stack.enter_context(shown(panel, terminal.news))
+        with stopped_by_signals(feed.source), shown(panel, terminal.news):
             for shape in session.shapes():
-                result.add(shape)
-                window.show(shape)
+                for sink in (result, *sinks):
+                    sink.add(shape)
         with terminal.stage("figures"):
             result.finish(f"{feed.name}, live", session.as_table(path))
-
-
-def window_of(pipeline: Pipeline) -> AbstractContextManager[ShapeView]:
-    """Return a window that shows a pipeline's shapes.
-
-    Raises:
-        TensegraphError: when there is no display to open it on.
-    """
-    from ..io.figures.live_view import LiveView  # pyplot takes a second to import
-
-    return LiveView(pipeline.trial.structure, pipeline.rest.node_position_m, pipeline.settings.probability)

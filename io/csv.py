@@ -69,6 +69,10 @@ class CsvFile:
             raise InputError(f"{self.path}: cannot be read: {error}") from error
         raise InputError(f"{self.path}: is empty: expected a header with {', '.join(self.columns)}")
 
+    def place(self, index: int) -> str:
+        """Return where a row of values is, the first of which has the index 0."""
+        return f"{self.path}: row {self.head().first_row + index}"
+
     def __iter__(self) -> Iterator[list[float]]:
         head = self.head()
         header = head.columns

@@ -42,10 +42,10 @@ from .aid_files import (
     position_readings,
     range_readings,
 )
+from .bags.lengths_bag import LengthsBag, bag_bytes, is_bag
 from .csv import CsvFile
 from .mocap.truth_file import read_truth
 from .positions import read_contacts, read_forces
-from .provenance import sha256_of
 from .toml import read_toml
 
 MOST_STRETCH = 20.0
@@ -119,14 +119,20 @@ class Trial:
 
     def row_count(self) -> int:
         """Return the approximate number of readings, for a progress bar."""
-        return sum(max((self.path / name).read_bytes().count(b"\n") - 1, 0) for name in self.files())
+        bag = self._bag()
+        tables = [name for name in self.files() if bag is None or self.path / name != bag.path]
+        rows = sum(max((self.path / name).read_bytes().count(b"\n") - 1, 0) for name in tables)
+        return rows + (bag.message_count() if bag else 0)
 
     def hashes(self) -> dict[str, str]:
         """Return the SHA-256 of every input: files of measurements, and trial.toml without [truth]."""
         inputs = json.dumps({key: value for key, value in self.toml.items() if key != "truth"}, sort_keys=True)
         result = {"trial.toml": hashlib.sha256(inputs.encode()).hexdigest()}
         for name in self.files():
-            result[name] = sha256_of(self.path / name)
+            digest = hashlib.sha256()
+            for part in bag_bytes(self.path / name):
+                digest.update(part)
+            result[name] = digest.hexdigest()
         return result
 
     def truth(self) -> StampedPositions | None:
@@ -242,20 +248,17 @@ class Trial:
             )
 
     def _lengths(self) -> Iterator[TendonLengths]:
-        assert self.table.lengths is not None
         natural_m = self.description.structure.natural_length_m
         count = len(natural_m)
-        columns = [f"l{e}_m" for e in range(count)]
-        sigmas = [f"s{e}_m" for e in range(count)]
-        file = self._csv(self.table.lengths.file, ["t_s", *columns], optional=sigmas, blank=[*columns, *sigmas])
-        for index, row in enumerate(self._forward(file)):
+        rows = self._bag() or self._lengths_csv()
+        for index, row in enumerate(self._forward(rows)):
             length_m = np.array(row[1 : 1 + count])
-            sigma_m = np.array(row[1 + count :])
+            sigma_m = np.array(row[1 + count :]) if len(row) > 1 + count else np.full(count, np.nan)
             impossible = (length_m < natural_m / MOST_STRETCH) | (length_m > natural_m * MOST_STRETCH)
             told = np.isfinite(length_m)
             if index == 0 and told.any() and impossible[told].all():
                 raise InputError(
-                    f"{file.path}: row {file.head().first_row}: expected lengths like the natural ones, "
+                    f"{rows.place(0)}: expected lengths like the natural ones, "
                     f"{np.median(natural_m):.3g} m, got {np.median(length_m[told]):.3g} m: is the unit right?"
                 )
             possible = ~impossible & ~(sigma_m <= 0)
@@ -265,15 +268,38 @@ class Trial:
                 t_s=row[0], length_m=np.where(possible, length_m, np.nan), sigma_m=sigma_m, mode=mode, flags=flags
             )
 
-    def _forward(self, file: CsvFile) -> Iterator[list[float]]:
+    def _lengths_csv(self) -> CsvFile:
+        assert self.table.lengths is not None
+        tendons = range(len(self.description.structure.tendons))
+        columns = [f"l{e}_m" for e in tendons]
+        sigmas = [f"s{e}_m" for e in tendons]
+        return self._csv(self.table.lengths.file, ["t_s", *columns], optional=sigmas, blank=[*columns, *sigmas])
+
+    def _bag(self) -> LengthsBag | None:
+        """Return the bag that holds the lengths; None where another file does.
+
+        Raises:
+            InputError: see `LengthsBag`; and for the topic of what is no bag.
+        """
+        table = self.table.lengths
+        if table is None:
+            return None
+        if is_bag(self.path / table.file):
+            return LengthsBag(self.path / table.file, table.topic, len(self.description.structure.tendons))
+        if table.topic is not None:
+            raise InputError(
+                f"{self.path / 'trial.toml'}: lengths.topic: goes with a bag: expected none with {table.file}"
+            )
+        return None
+
+    def _forward(self, rows: CsvFile | LengthsBag) -> Iterator[list[float]]:
         """Yield the rows whose stamp is later than all stamps before; count the others."""
         latest_s = -np.inf
-        first_row = file.head().first_row
-        for number, row in enumerate(file, start=first_row):
+        for index, row in enumerate(rows):
             if row[0] > latest_s:
-                if number == first_row + 1 and row[0] - latest_s > LONGEST_STEP_S:
+                if index == 1 and row[0] - latest_s > LONGEST_STEP_S:
                     raise InputError(
-                        f"{file.path}: row {number}, column t_s: expected at most {LONGEST_STEP_S:g} s after "
+                        f"{rows.place(index)}, column t_s: expected at most {LONGEST_STEP_S:g} s after "
                         f"{latest_s:g}, got {row[0]:g}: is the unit right?"
                     )
                 latest_s = row[0]
@@ -311,6 +337,6 @@ def open_trial(path: str | Path) -> Trial:
     name = table.name or path.resolve().name
     trial = Trial(path=path, name=name, description=description, table=table, toml=toml)
     for name in trial.files():
-        if not (path / name).is_file():
+        if not (path / name).exists():
             raise InputError(f"{path / name}: no such file")
     return trial

@@ -210,10 +210,18 @@ class LinkTable:
 
 
 @dataclass(frozen=True, slots=True)
-class FileTable:
-    """`[resistance]` or `[lengths]`: one file that replaces the boards."""
+class ResistanceTable:
+    """`[resistance]`: one file that replaces the boards."""
 
     file: FileName
+
+
+@dataclass(frozen=True, slots=True)
+class LengthsTable:
+    """`[lengths]`: one file, or one topic of a bag, that replaces the boards."""
+
+    file: str
+    topic: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,8 +276,8 @@ class TrialTable:
     sensors: SensorsTable | None = None
     board: list[BoardTable] = field(default_factory=list)
     link: LinkTable = field(default_factory=LinkTable)
-    resistance: FileTable | None = None
-    lengths: FileTable | None = None
+    resistance: ResistanceTable | None = None
+    lengths: LengthsTable | None = None
     truth: TruthTable | None = None
 
 

@@ -69,8 +69,8 @@ ALONE = {
     "ezc3d": {"io.mocap.c3d_file"},
     "pandas": {"models.structure.labelled", "models.structure.reconstruction"},
     "pyarrow": {"io.exports"},
-    "rerun": {"io.exports"},
-    "rosbags": {"io.exports"},
+    "rerun": {"io.viewer"},
+    "rosbags": {"io.exports", "io.bags"},
     "xarray": {"models.structure.labelled", "models.structure.reconstruction"},
     "typer": {"cli"},
 }

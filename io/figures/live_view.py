@@ -1,11 +1,6 @@
 """The moving shape in a window of a separate process, because drawing takes longer than one frame."""
 
-import multiprocessing
-import os
-import queue
-import signal
-from types import TracebackType
-from typing import Self
+from multiprocessing.queues import Queue
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -16,6 +11,7 @@ from numpy.typing import NDArray
 from ...models.structure.shape import Shape
 from ...models.structure.structure import Structure
 from ...models.values.errors import TensegraphError
+from ..viewer.shape_process import ShapeProcess, arrived_shapes
 from .style import (
     BLACK,
     GREEN,
@@ -32,37 +28,15 @@ PAUSE_S = 0.05
 """Time between two drawings, in which the window handles its events."""
 
 
-class LiveView:
-    """Shows the newest shape in a window; a context manager that closes the window at its end.
+def live_window(structure: Structure, rest_position_m: NDArray[np.float64], probability: float) -> ShapeProcess:
+    """Return a process that shows the newest shape in a window, a context manager that closes it at its end.
 
     Raises:
         TensegraphError: when there is no display to open a window on.
     """
-
-    def __init__(self, structure: Structure, rest_position_m: NDArray[np.float64], probability: float) -> None:
-        if plt.get_backend().lower() == "agg":  # the backend of matplotlib when no other works
-            raise TensegraphError(
-                "no window can be opened: matplotlib finds no display, or no toolkit (Tk, Qt) for one"
-            )
-        context = multiprocessing.get_context("spawn")
-        self._queue: multiprocessing.Queue[Shape] = context.Queue(maxsize=1)
-        arguments = (self._queue, structure, rest_position_m, probability)
-        self._process = context.Process(target=_show, args=arguments, daemon=True)
-        self._process.start()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._process.terminate()
-        self._process.join()
-
-    def show(self, shape: Shape) -> None:
-        """Show a shape, unless the window is still drawing an earlier one, or was closed."""
-        if self._process.is_alive() and not self._queue.full():
-            self._queue.put(shape)
+    if plt.get_backend().lower() == "agg":  # the backend of matplotlib when no other works
+        raise TensegraphError("no window can be opened: matplotlib finds no display, or no toolkit (Tk, Qt) for one")
+    return ShapeProcess(_show, structure, rest_position_m, probability)
 
 
 class StructureDrawing:
@@ -108,23 +82,16 @@ class StructureDrawing:
 
 
 def _show(
-    shapes: "multiprocessing.Queue[Shape]",
-    structure: Structure,
-    rest_position_m: NDArray[np.float64],
-    probability: float,
+    shapes: "Queue[Shape]", structure: Structure, rest_position_m: NDArray[np.float64], probability: float
 ) -> None:
     """Draw the newest shape until the window is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "nice"):
-        os.nice(10)  # drawing must not delay the estimator
     figure = plt.figure("tensegraph", figsize=(8, 8), layout="constrained")
     drawing = StructureDrawing(figure, structure, rest_position_m, probability)
     figure.show()
-    while plt.fignum_exists(figure.number):
-        try:
-            drawing.move(shapes.get(timeout=PAUSE_S))
-        except queue.Empty:
-            pass
-        else:
+    for arrived in arrived_shapes(shapes, PAUSE_S):
+        if not plt.fignum_exists(figure.number):
+            break
+        if arrived:
+            drawing.move(arrived[-1])
             figure.canvas.draw_idle()
         figure.canvas.start_event_loop(PAUSE_S)

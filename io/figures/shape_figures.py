@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...models.settings import Settings
 from ...models.structure.reconstruction import Reconstruction
 from ...models.values.readings import LEFT_OUT, Mode
-from .structure_view import LoadArrows, Scale, draw_structure, drawn_loads
+from .structure_view import LoadArrows, Scale, draw_structure
 from .style import (
     BAND,
     BLACK,
@@ -158,9 +158,7 @@ def write_shape_figure(r: Reconstruction, probability: float, load_threshold_n: 
 
 def nodes_of_interest(r: Reconstruction, load_threshold_n: float, count: int = 3) -> list[int]:
     """Return the nodes that carry loads in the most frames; where none is loaded, those that move most."""
-    loaded = np.zeros(r.structure.node_count, dtype=np.int64)
-    for k in range(len(r)):
-        loaded[drawn_loads(r, k, load_threshold_n)[0]] += 1
+    loaded = np.zeros(r.structure.node_count) if r.loads is None else r.loads.is_certain(load_threshold_n).sum(axis=0)
     if loaded.any():
         most = np.argsort(-loaded, kind="stable")[: min(count, np.count_nonzero(loaded))]
     else:

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from ...models.structure.reconstruction import Reconstruction
 from .style import BLACK, GREEN, GREY, PURPLE, RED, tendon_style
 
-SURE = 2.0
-"""Ratio of a load to its sigma above which it is drawn."""
 LONGEST_ARROW = 0.4
 """Longest arrow of a load at most, relative to the largest extent of the structure at the start."""
 WIDEST_ELLIPSOID = 0.12
@@ -59,12 +57,11 @@ def round_down(value: float) -> float:
 
 
 def drawn_loads(r: Reconstruction, k: int, load_threshold_n: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return nodes and (nodes, 3) loads of frame `k` above a threshold, and above `SURE` times their sigma."""
+    """Return nodes and (nodes, 3) loads of frame `k` that are certain to be above a threshold."""
     if r.loads is None:
         return np.empty(0, dtype=np.int64), np.empty((0, 3))
-    force_n = np.nan_to_num(r.loads.force_n[k])
-    nodes = np.flatnonzero(np.linalg.norm(force_n, axis=-1) > np.maximum(load_threshold_n, SURE * r.loads.sigma_n[k]))
-    return nodes, force_n[nodes]
+    certain = r.loads.is_certain(load_threshold_n)[k]
+    return np.flatnonzero(certain), r.loads.force_n[k, certain]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,6 +13,9 @@ LOAD_THRESHOLD_N = 0.2
 """Threshold above which a node counts as loaded. On the development trials the estimated load at unloaded nodes is 0.03
 to 0.06 N rms while nothing is pressed, and it exceeds the threshold at 0.5 to 2 % of them."""
 
+SURE = 2.0
+"""Ratio of a load to its sigma above which it is drawn."""
+
 
 class Observable(StrEnum):
     """The part of the load at a node that can be computed from the balance of forces."""
@@ -32,6 +35,11 @@ class ExternalLoads:
     """(..., nodes, 3) nan at anchors; zero along the rod where that part is not observable."""
     sigma_n: NDArray[np.float64]
     """(..., nodes) root mean square of the standard deviations along the observable directions; inf at anchors."""
+
+    def is_certain(self, threshold_n: float) -> NDArray[np.bool_]:
+        """Return (..., nodes) where a load is above a threshold, and above `SURE` times its sigma."""
+        size_n = np.linalg.norm(np.nan_to_num(self.force_n), axis=-1)
+        return np.asarray(size_n > np.maximum(threshold_n, SURE * self.sigma_n))
 
     def turned(self, turn: NDArray[np.float64]) -> "ExternalLoads":
         """Return the loads in the world, given (3, 3) the turn of the axes in which these are."""

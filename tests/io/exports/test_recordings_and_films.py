@@ -73,19 +73,24 @@ def test_a_recording_of_rerun(short_run, tmp_path) -> None:
     """Rerun stores positions with 32 bits."""
     reader = pytest.importorskip("rerun.chunk")
     (path,) = tg.export(short_run, tmp_path / "run.rrd", probability=0.5)
-    chunks = {str(chunk.entity_path): chunk.to_record_batch() for chunk in reader.RrdReader(path).stream().to_chunks()}
+    stored = [chunk for chunk in reader.RrdReader(path).stream().to_chunks() if not chunk.is_static]
+    chunks = {str(chunk.entity_path): chunk.to_record_batch() for chunk in stored}
     spheres = chunks["/anchors/ellipsoids"]
     assert [round(t.total_seconds(), 4) for t in spheres["t_s"].to_pylist()] == np.round(short_run.t_s, 4).tolist()
-    half_sizes_m = np.array(spheres["Ellipsoids3D:half_sizes"].to_pylist())
     free = short_run.structure.free_nodes
-    np.testing.assert_allclose(half_sizes_m, short_run.ellipsoids(0.5).semi_axis_m[:, free], rtol=1e-6)
-    tendons = chunks["/anchors/tendons"]
-    ends_m = np.array(tendons["LineStrips3D:strips"].to_pylist())
+    semi_axis_m = short_run.ellipsoids(0.5).semi_axis_m[:, free]
+    for entity, scale in (("ellipsoids", 1), ("ellipsoids_x10", 10)):
+        half_sizes_m = np.array(chunks[f"/anchors/{entity}"]["Ellipsoids3D:half_sizes"].to_pylist())
+        np.testing.assert_allclose(half_sizes_m, scale * semi_axis_m, rtol=1e-6)
+    ends_m = np.array(chunks["/anchors/tendons"]["LineStrips3D:strips"].to_pylist())
     np.testing.assert_allclose(ends_m, short_run.node_position_m[:, short_run.structure.tendons], atol=1e-7)
-    colors = tendons["LineStrips3D:colors"].to_pylist()
-    assert [e for e in range(24) if colors[2][e] != colors[2][0]] == [5]  # without a reading
-    lengths_m = np.array(chunks["/length_m/7"]["Scalars:scalars"].to_pylist()).ravel()
-    np.testing.assert_array_equal(lengths_m, short_run.length_m[:, 7])
+    marks = chunks["/anchors/marked_tendons"]["Points3D:labels"].to_pylist()
+    assert marks == [[], [], ["5 no reading"], *[[]] * (len(short_run) - 3)]
+    lengths_m = np.array(chunks["/length_m/7"]["Scalars:scalars"].to_pylist())
+    np.testing.assert_array_equal(lengths_m[:, 0], short_run.length_m[:, 7])
+    np.testing.assert_allclose(lengths_m[:, 3] - lengths_m[:, 2], 2 * 1.96 * short_run.sigma_m[:, 7])
+    states = [state for [state] in chunks["/status"]["StateChange:state"].to_pylist()]
+    assert states == ["ok", "two_shapes", "ok", "ok: many_loads"]
 
 
 @pytest.mark.parametrize("name", ["run.mp4", "run.gif"])

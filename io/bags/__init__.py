@@ -1,0 +1,1 @@
+"""Measurements from bags of ROS 2, read without ROS."""

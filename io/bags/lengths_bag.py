@@ -1,0 +1,186 @@
+"""Lengths of tendons from a bag of ROS 2: an MCAP file, or the directory that `ros2 bag record` writes."""
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...models.values.errors import InputError
+from ...models.values.extras import needs_extra
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
+SUFFIXES_OF_BAGS = (".mcap", ".db3")
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path is that of a bag, by its name, or because it is a directory."""
+    return path.suffix in SUFFIXES_OF_BAGS or path.is_dir()
+
+
+def bag_bytes(path: Path) -> Iterator[bytes]:
+    """Yield the bytes of a file, or of all files of a directory with their names, for a hash."""
+    if path.is_file():
+        yield path.read_bytes()
+        return
+    for part in sorted(path.iterdir()):
+        yield part.name.encode()
+        yield part.read_bytes()
+
+
+class LengthsBag:
+    """The messages of one topic as rows of lengths; iterating gives t_s and the length of each tendon, nan if not told.
+
+    t_s is the stamp of the message minus that of the first: the one in its header, or where the first message has none,
+    the time of recording.
+
+    Raises:
+        InputError: for a bag that cannot be read, a topic that is not there, or a message that does not hold lengths of
+            the tendons; the text names file, topic and message.
+    """
+
+    def __init__(self, path: Path, topic: str | None, tendons: int) -> None:
+        """Choose the topic.
+
+        Args:
+            path: of the bag.
+            topic: name; None for the only one that fits.
+            tendons: number of tendons.
+        """
+        self.path = path
+        self._tendons = tendons
+        with self._opened() as reader:
+            self.topic = self._choice(reader, topic)
+
+    def place(self, index: int) -> str:
+        """Return where a row is, the first of which has the index 0."""
+        return f"{self.path}: {self.topic}: message {index + 1}"
+
+    def message_count(self) -> int:
+        """Return the number of messages."""
+        with self._opened() as reader:
+            return sum(int(connection.msgcount) for connection in _connections(reader, self.topic))
+
+    def __iter__(self) -> Iterator[list[float]]:
+        with self._opened() as reader:
+            first_ns = 0
+            has_header = True
+            for index, (recorded_ns, message) in enumerate(self._messages(reader, self.topic)):
+                if index == 0:
+                    has_header = header_ns(message) != 0
+                stamp_ns = header_ns(message) if has_header else recorded_ns
+                if stamp_ns == 0:
+                    raise InputError(f"{self.place(index)}: header.stamp: expected a time, as in the first, got 0")
+                first_ns = first_ns or stamp_ns
+                yield [1e-9 * (stamp_ns - first_ns), *lengths_of(message, self._tendons, self.place(index))]
+
+    @contextmanager
+    def _opened(self) -> Iterator[Any]:
+        with needs_extra(f"{self.path}: a bag", "ros2"):
+            from rosbags.highlevel import AnyReader
+            from rosbags.typesys import Stores, get_typestore
+        if not self.path.exists():
+            raise InputError(f"{self.path}: no such file")
+        try:
+            reader = AnyReader([self.path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+            reader.open()
+        except Exception as error:  # what rosbags and its readers of YAML, SQLite and MCAP raise
+            raise InputError(f"{self.path}: cannot be read as a bag: {_one_line(error)}") from error
+        try:
+            yield reader
+        finally:
+            reader.close()
+
+    def _choice(self, reader: Any, topic: str | None) -> str:
+        """Return the topic that is asked for, or the only one that fits."""
+        kinds = {c.topic: c.msgtype for c in reader.connections}
+        known = [str(name) for name, kind in kinds.items() if kind in (JOINT_STATE, MULTI_ARRAY)]
+        if topic is not None:
+            if topic not in known:
+                got = f"'{topic}' of {kinds[topic]}" if topic in kinds else f"'{topic}', which is not in the bag"
+                raise InputError(f"{self.path}: topic: expected one of {', '.join(known) or 'none'}, got {got}")
+            return topic
+        fitting = [name for name in known if self._fits(reader, name)]
+        if len(fitting) != 1:
+            raise InputError(
+                f"{self.path}: topic: is missing: exactly one JointState or Float64MultiArray would have to hold "
+                f"{self._tendons} lengths, got {', '.join(fitting or known) or 'none'}"
+            )
+        return fitting[0]
+
+    def _fits(self, reader: Any, topic: str) -> bool:
+        """Return whether the first message of a topic holds lengths of the tendons."""
+        try:
+            _, message = next(self._messages(reader, topic))
+            lengths_of(message, self._tendons, topic)
+        except (StopIteration, InputError):
+            return False
+        return True
+
+    def _messages(self, reader: Any, topic: str) -> Iterator[tuple[int, Any]]:
+        """Yield when each message was recorded, ns, and the message."""
+        count = 0
+        try:
+            for connection, recorded_ns, data in reader.messages(_connections(reader, topic)):
+                message = reader.deserialize(data, connection.msgtype)
+                count += 1
+                yield recorded_ns, message
+        except Exception as error:  # damaged bytes: what rosbags, struct, zstd and others raise
+            raise InputError(
+                f"{self.path}: {topic}: message {count + 1}: cannot be read: {_one_line(error)}"
+            ) from error
+
+
+def lengths_of(message: Any, tendons: int, where: str) -> NDArray[np.float64]:
+    """Return (tendons,) lengths of a JointState or a Float64MultiArray, m; nan for a tendon that is not named.
+
+    Args:
+        message: its lengths are `position`, or `data` from `layout.data_offset` on.
+        tendons: number of tendons.
+        where: place of the message, for errors.
+
+    Raises:
+        InputError: for another number of lengths, or names that do not tell the tendons.
+    """
+    if message.__msgtype__ == MULTI_ARRAY:
+        name, values, names = "data", message.data[message.layout.data_offset :], []
+    else:
+        name, values, names = "position", message.position, message.name
+    expected = len(names) or tendons
+    if len(values) != expected:
+        raise InputError(f"{where}: {name}: expected {expected} lengths, got {len(values)}")
+    length_m = np.full(tendons, np.nan)
+    length_m[_named_tendons(names, tendons, where) if names else np.arange(tendons)] = values
+    return length_m
+
+
+def _named_tendons(names: Sequence[str], tendons: int, where: str) -> list[int]:
+    """Return the tendon of each name: the number at its end, as in `tendon_7`."""
+    found: list[int] = []
+    for name in names:
+        digits = re.search(r"[0-9]+$", name)
+        if digits is None or int(digits[0]) >= tendons or int(digits[0]) in found:
+            raise InputError(
+                f"{where}: name: expected names that end in the number of their tendon, from 0 to {tendons - 1}, each "
+                f"once, or no names, got '{name}'"
+            )
+        found.append(int(digits[0]))
+    return found
+
+
+def header_ns(message: Any) -> int:
+    """Return the stamp in the header of a message since 1970; 0 where there is none, as ROS has it."""
+    header = getattr(message, "header", None)
+    return 10**9 * int(header.stamp.sec) + int(header.stamp.nanosec) if header is not None else 0
+
+
+def _connections(reader: Any, topic: str) -> list[Any]:
+    return [connection for connection in reader.connections if connection.topic == topic]
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
