@@ -122,7 +122,7 @@ def evaluate_result(job: EvaluationJob, terminal: Terminal) -> Group | None:
         TensegraphError: when the result cannot be evaluated, or the evaluation cannot be written.
     """
     with terminal.stages(job.name, {"errors": 0.5, "figures": 0.5}) as bar:
-        made_from = job.fingerprint(_trial_of(read_run(job.result), job.result, job.trial))
+        made_from = job.fingerprint(trial_of(read_run(job.result), job.result, job.trial))
         if is_up_to_date(job.out / RUN_FILE, made_from):
             return None
         with terminal.stage(f"evaluation of {job.name}"):

@@ -28,6 +28,8 @@ def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 @cache
 def code_hash() -> str:
     """Return the SHA-256 of the package's modules and data: two checkouts of one version may compute differently."""
