@@ -224,7 +224,7 @@ class Trial:
 
     def _resistances(self) -> Iterator[ResistanceReading]:
         assert self.table.resistance is not None
-        tendons = np.arange(len(self.description.structure.tendons))
+        tendons = np.flatnonzero(self.description.structure.is_sensed)
         columns = [f"r{e}_ohm" for e in tendons]
         file = self._csv(self.table.resistance.file, ["t_s", *columns], blank=columns)
         for row in self._forward(file):
@@ -243,13 +243,13 @@ class Trial:
     def _lengths(self) -> Iterator[TendonLengths]:
         assert self.table.lengths is not None
         natural_m = self.description.structure.natural_length_m
-        count = len(natural_m)
-        columns = [f"l{e}_m" for e in range(count)]
-        sigmas = [f"s{e}_m" for e in range(count)]
+        sensed = np.flatnonzero(self.description.structure.is_sensed)
+        columns = [f"l{e}_m" for e in sensed]
+        sigmas = [f"s{e}_m" for e in sensed]
         file = self._csv(self.table.lengths.file, ["t_s", *columns], optional=sigmas, blank=[*columns, *sigmas])
         for index, row in enumerate(self._forward(file)):
-            length_m = np.array(row[1 : 1 + count])
-            sigma_m = np.array(row[1 + count :])
+            length_m, sigma_m = np.full((2, len(natural_m)), np.nan)
+            length_m[sensed], sigma_m[sensed] = np.array(row[1:]).reshape(2, -1)
             impossible = (length_m < natural_m / MOST_STRETCH) | (length_m > natural_m * MOST_STRETCH)
             told = np.isfinite(length_m)
             if index == 0 and told.any() and impossible[told].all():

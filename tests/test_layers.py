@@ -25,7 +25,8 @@ from import_graph import (
 ROOT = Path(__file__).parents[1]
 MOST_MODULES = 15
 BASIS = {"models.values", "models.structure", "models.sensor"}
-RUNNING = BASIS | {"models.pose", "models.trial_description", "models.settings", "models.estimation"}
+DESCRIBED = {"models.structure_description", "models.trial_description"}
+RUNNING = BASIS | DESCRIBED | {"models.pose", "models.settings", "models.estimation"}
 """What of models/ runs with every trial; sensors are calibrated, simulated and evaluated beside it."""
 
 MODELS_MAY_IMPORT = {
@@ -33,7 +34,8 @@ MODELS_MAY_IMPORT = {
     "models.structure": {"models.values"},
     "models.sensor": {"models.values"},
     "models.pose": {"models.values", "models.structure"},
-    "models.trial_description": BASIS | {"models.pose"},
+    "models.structure_description": BASIS,
+    "models.trial_description": BASIS | {"models.pose", "models.structure_description"},
     "models.estimation": BASIS,
     "models.settings": BASIS | {"models.pose", "models.estimation"},
     "models.calibration": BASIS,
