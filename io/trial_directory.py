@@ -45,6 +45,7 @@ from .aid_files import (
 from .csv import CsvFile
 from .mocap.truth_file import read_truth
 from .positions import read_contacts, read_forces
+from .structures.structure_file import with_structure_file
 from .toml import read_toml
 
 MOST_STRETCH = 20.0
@@ -305,7 +306,7 @@ def open_trial(path: str | Path) -> Trial:
         InputError: when there is no trial.toml, or it does not describe a trial.
     """
     path = Path(path)
-    toml = read_toml(path / "trial.toml")
+    toml = with_structure_file(read_toml(path / "trial.toml"), path / "trial.toml")
     table, description = describe_trial(toml, str(path / "trial.toml"))
     name = table.name or path.resolve().name
     trial = Trial(path=path, name=name, description=description, table=table, toml=toml)

@@ -39,6 +39,7 @@ MODELS_MAY_IMPORT = {
     "models.estimation": BASIS,
     "models.settings": BASIS | {"models.pose", "models.estimation"},
     "models.calibration": BASIS,
+    "models.towers": BASIS,
     "models.twin": RUNNING,
     "models.evaluation": RUNNING,
     "models.data": set(),
@@ -56,7 +57,8 @@ MAY_IMPORT = {
 
 ALONE = {
     "torch": {"models.calibration.training", "models.calibration.torch_network"},
-    "mujoco": {"models.twin.engine"},
+    "mujoco": {"io.structures.mjcf_structure", "models.twin.engine"},
+    "yaml": {"io.structures.yaml_structure"},
     "filterpy": {"estimator"},
     "gtsam": {"factors", "estimator"},
     "matplotlib": {"io.figures", "plot"},
@@ -71,7 +73,7 @@ ALONE = {
 }
 """Libraries that are imported in these places and nowhere else."""
 
-ONCE = ("filterpy", "mujoco")
+ONCE = ("filterpy",)
 """Libraries that one module imports: filterpy is there for the baseline alone."""
 
 Check = Callable[[Path], Iterator[str]]
