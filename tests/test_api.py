@@ -15,6 +15,7 @@ from tensegraph.io.model_file import read_sensor_model
 ROOT = Path(__file__).parents[1]
 PUBLIC = [
     "BoardReading",
+    "DescribedStructure",
     "Ellipsoids",
     "Flag",
     "IndeterminateError",
@@ -33,6 +34,8 @@ PUBLIC = [
     "load",
     "open_trial",
     "plot",
+    "prism_tower",
+    "read_structure",
     "reconstruct",
     "save",
     "simulate",
