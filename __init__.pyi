@@ -3,6 +3,7 @@ from . import plot as plot
 from .commands.simulate import simulate as simulate
 from .io.exports.formats import export as export
 from .io.stored_result import load as load
+from .io.structures.structure_file import read_structure as read_structure
 from .io.trial_directory import Trial as Trial
 from .io.trial_directory import open_trial as open_trial
 from .live.boards import Boards as Boards
@@ -14,6 +15,8 @@ from .models.structure.shape import Status as Status
 from .models.structure.structure import Structure as Structure
 from .models.structure.structure import six_strut as six_strut
 from .models.structure.structure import three_strut as three_strut
+from .models.structure_description import DescribedStructure as DescribedStructure
+from .models.towers import prism_tower as prism_tower
 from .models.values.errors import IndeterminateError as IndeterminateError
 from .models.values.errors import InputError as InputError
 from .models.values.errors import TensegraphError as TensegraphError

@@ -404,6 +404,44 @@ def live(
 
 @app.command(
     epilog=_examples(
+        "tensegraph structure robot.xml",
+        "tensegraph structure robot.yaml --unit 0.1 --out robot.toml --out robot.png",
+        "tensegraph structure --new six-strut --rod 0.3 --out trials/first",
+    )
+)
+def structure(
+    file: Annotated[
+        Path | None,
+        typer.Argument(help="Structure file: .toml of our own, MuJoCo .xml, .yaml.", show_default=False),
+    ] = None,
+    out: Annotated[
+        list[Path] | None,
+        typer.Option(help="File to write (.toml, .xml, .png, .pdf, .svg), may be repeated; with --new, a directory."),
+    ] = None,
+    unit: Annotated[float, typer.Option(help="Unit of the lengths in a .yaml file, m.")] = 1.0,
+    new: Annotated[
+        Literal["prism", "six-strut", "tower"] | None,
+        typer.Option(help="Write a start of trial.toml and rig.toml for this structure.", show_default=False),
+    ] = None,
+    rod: Annotated[float | None, typer.Option(help="With --new, length of each rod, m.", show_default=False)] = None,
+    stages: Annotated[int, typer.Option(min=1, help="With --new tower, number of prisms.")] = 2,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Show, check and convert a structure: what holds what, self-stress, mechanisms; or start a new one."""
+    from .commands.structures import check_choice, show_structure, start_structure
+    from .io.structures.new_trial import BuiltIn
+
+    check_choice(file, new, rod)
+    terminal = _terminal(quiet, verbose)
+    if file is not None:
+        show_structure(file, unit_m=unit, out=out or [], terminal=terminal)
+    elif new is not None and rod is not None:
+        start_structure(BuiltIn(new, rod, stages), out=out[0] if out else Path(new), terminal=terminal)
+
+
+@app.command(
+    epilog=_examples(
         "tensegraph simulate examples/plans/press.toml --out trials/press",
         "tensegraph simulate examples/plans/causes/*.toml --out trials --jobs 4",
     )

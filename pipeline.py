@@ -120,7 +120,13 @@ class Pipeline:
         self.trial = trial
         self.settings = settings
         rest = rest_step(
-            trial.structure, trial.mechanics, trial.rest_position_m, trial.geometry, settings.rest, trial.floor
+            trial.structure,
+            trial.mechanics,
+            trial.rest_position_m,
+            trial.geometry,
+            settings.rest,
+            trial.floor,
+            trial.near_position_m,
         )
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
         self.imu_gate = ImuGate(len(trial.imus))
@@ -130,12 +136,12 @@ class Pipeline:
         strips = np.arange(tendons, tendons + trial.reference_strips)
         natural_ohm = trial.natural_resistance_ohm
         if len(strips):  # a strip of the same make; only the relative change of what it reads counts
-            natural_ohm = np.append(natural_ohm, np.full(len(strips), np.median(natural_ohm)))
+            natural_ohm = np.append(natural_ohm, np.full(len(strips), np.nanmedian(natural_ohm)))
         self.winding = Winding(
             trial.structure, trial.motors, trial.rest_seconds, reads_strips=trial.source != "lengths"
         )
         wound = [tendon for motors in trial.motors for tendon in motors.tendons]
-        references = np.setdiff1d(np.flatnonzero(~trial.structure.is_free_tendon), wound)
+        references = np.setdiff1d(np.flatnonzero(trial.structure.joins_anchors & trial.structure.is_sensed), wound)
         self._frames = FrameAssembler(natural_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate)
         self.front_end = FrontEnd(
             model=model,

@@ -56,6 +56,7 @@ def rest_step(
     geometry: GeometrySigma,
     settings: RestSettings,
     floor: Floor | None = None,
+    near_position_m: NDArray[np.float64] | None = None,
 ) -> RestShape:
     """Return the rest shape with its covariance, the geometry estimated with it, and the mechanics that balance there.
 
@@ -66,13 +67,14 @@ def rest_step(
         geometry: how exactly rods, anchors and the ends of the tendons are known.
         settings: the standard deviations of what else is known beforehand.
         floor: the floor that the structure stands on; None where anchors hold it.
+        near_position_m: (nodes, 3) about the rest shape, from which the search for it starts, if it was not measured.
 
     Raises:
         IndeterminateError: when neither a measurement nor form finding gives a shape, or no forces balance there.
     """
     source: Literal["measured", "found"] = "found" if measured_position_m is None else "measured"
     if measured_position_m is None:
-        known_m = structure.with_anchors_placed(find_rest_shape(structure))
+        known_m = structure.with_anchors_placed(find_rest_shape(structure, near_position_m))
         # with mechanics the equilibrium corrects the shape; without, it is that of equally stiff tendons
         sigma_m = settings.found_sigma_m if mechanics is None else float(structure.rod_length_m.mean())
     else:
@@ -294,9 +296,9 @@ def _support(
         return None
     if floor is None:
         hangs_free = structure.is_free_standing
-        return (weightless if hangs_free else hung_up)(structure, mechanics.rod_mass_kg)
+        return (weightless if hangs_free else hung_up)(mechanics.node_mass_kg(structure))
     carried = floor.carries_at_rest(node_position_m).astype(np.float64)
-    return standing(structure, mechanics.rod_mass_kg, node_position_m, UP, 0.0, carried)
+    return standing(mechanics.node_mass_kg(structure), node_position_m, UP, 0.0, carried)
 
 
 def _rms_n(statics: Statics, position_m: NDArray[np.float64]) -> float:

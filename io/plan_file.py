@@ -10,6 +10,7 @@ from ..models.twin.plan import Plan
 from ..models.twin.plan_problems import problems
 from ..models.values.errors import InputError
 from ..models.values.tables import parse_table, unknown_keys
+from .structures.structure_file import with_structure_file
 from .toml import line_of, read_toml
 
 EXTENDS = "extends"
@@ -84,7 +85,7 @@ def _layers(path: Path) -> list[_Layer]:
         if following.resolve() in [layer.path.resolve() for layer in layers]:
             place = _place(layers[-1].path, EXTENDS)
             raise InputError(f"{place}: {EXTENDS}: leads back to {following}: expected a plan that does not")
-        table = read_toml(following)
+        table = with_structure_file(read_toml(following), following, ("body", "mechanics"))
         base = _base_path(following, table)
         table.pop(EXTENDS, None)
         layers.append(_Layer(following, table))

@@ -76,6 +76,8 @@ def write_run(run: Mapping[str, Any], structure: Structure, directory: Path) -> 
     """Write run.toml, whose last table is the structure, as in trial.toml."""
     names = ("rods", "tendons", "rod_length_m", "natural_length_m", "anchors", "anchor_position_m")
     table = {"structure": {name: getattr(structure, name).tolist() for name in names}}
+    if len(structure.unsensed):
+        table["structure"]["unsensed"] = structure.unsensed.tolist()
     text = f"{tomli_w.dumps(run)}\n{tomlkit.item(table).as_string()}"
     (directory / RUN_FILE).write_text(text, encoding="utf-8")
 

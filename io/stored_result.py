@@ -10,7 +10,7 @@ from ..models.evaluation.estimate import Estimate
 from ..models.structure.reconstruction import Propagated, Reconstruction
 from ..models.structure.shape import OtherShape, Reason, Status
 from ..models.structure.structure import Structure
-from ..models.trial_description import StructureTable
+from ..models.structure_description import StructureTable
 from ..models.values.errors import InputError
 from ..models.values.slip import Slip
 from ..models.values.tables import parse_table

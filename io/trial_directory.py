@@ -46,6 +46,7 @@ from .bags.lengths_bag import LengthsBag, bag_bytes, is_bag
 from .csv import CsvFile
 from .mocap.truth_file import read_truth
 from .positions import read_contacts, read_forces
+from .structures.structure_file import with_structure_file
 from .toml import read_toml
 
 MOST_STRETCH = 20.0
@@ -231,7 +232,7 @@ class Trial:
 
     def _resistances(self) -> Iterator[ResistanceReading]:
         assert self.table.resistance is not None
-        tendons = np.arange(len(self.description.structure.tendons))
+        tendons = np.flatnonzero(self.description.structure.is_sensed)
         columns = [f"r{e}_ohm" for e in tendons]
         file = self._csv(self.table.resistance.file, ["t_s", *columns], blank=columns)
         for row in self._forward(file):
@@ -249,11 +250,13 @@ class Trial:
 
     def _lengths(self) -> Iterator[TendonLengths]:
         natural_m = self.description.structure.natural_length_m
-        count = len(natural_m)
+        sensed = np.flatnonzero(self.description.structure.is_sensed)
         rows = self._bag() or self._lengths_csv()
         for index, row in enumerate(self._forward(rows)):
-            length_m = np.array(row[1 : 1 + count])
-            sigma_m = np.array(row[1 + count :]) if len(row) > 1 + count else np.full(count, np.nan)
+            length_m, sigma_m = np.full((2, len(natural_m)), np.nan)
+            length_m[sensed] = row[1 : 1 + len(sensed)]
+            if len(row) > 1 + len(sensed):
+                sigma_m[sensed] = row[1 + len(sensed) :]
             impossible = (length_m < natural_m / MOST_STRETCH) | (length_m > natural_m * MOST_STRETCH)
             told = np.isfinite(length_m)
             if index == 0 and told.any() and impossible[told].all():
@@ -269,10 +272,11 @@ class Trial:
             )
 
     def _lengths_csv(self) -> CsvFile:
+        """Return t_s, then the lengths of the tendons that have a sensor, then their sigmas."""
         assert self.table.lengths is not None
-        tendons = range(len(self.description.structure.tendons))
-        columns = [f"l{e}_m" for e in tendons]
-        sigmas = [f"s{e}_m" for e in tendons]
+        sensed = np.flatnonzero(self.description.structure.is_sensed)
+        columns = [f"l{e}_m" for e in sensed]
+        sigmas = [f"s{e}_m" for e in sensed]
         return self._csv(self.table.lengths.file, ["t_s", *columns], optional=sigmas, blank=[*columns, *sigmas])
 
     def _bag(self) -> LengthsBag | None:
@@ -285,7 +289,9 @@ class Trial:
         if table is None:
             return None
         if is_bag(self.path / table.file):
-            return LengthsBag(self.path / table.file, table.topic, len(self.description.structure.tendons))
+            return LengthsBag(
+                self.path / table.file, table.topic, np.flatnonzero(self.description.structure.is_sensed).tolist()
+            )
         if table.topic is not None:
             raise InputError(
                 f"{self.path / 'trial.toml'}: lengths.topic: goes with a bag: expected none with {table.file}"
@@ -332,7 +338,7 @@ def open_trial(path: str | Path) -> Trial:
         InputError: when there is no trial.toml, or it does not describe a trial.
     """
     path = Path(path)
-    toml = read_toml(path / "trial.toml")
+    toml = with_structure_file(read_toml(path / "trial.toml"), path / "trial.toml")
     table, description = describe_trial(toml, str(path / "trial.toml"))
     name = table.name or path.resolve().name
     trial = Trial(path=path, name=name, description=description, table=table, toml=toml)

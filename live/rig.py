@@ -9,6 +9,7 @@ from typing import Any, Self
 
 from ..io.boards.hub import LinkPlan
 from ..io.boards.process import SerialLink
+from ..io.structures.structure_file import with_structure_file
 from ..io.toml import read_toml
 from ..models.sensor.clock import ClockSettings
 from ..models.sensor.sensor_model import SensorModel
@@ -45,7 +46,7 @@ class Rig:
         Raises:
             InputError: naming file and key.
         """
-        toml = without_truth(read_toml(path))
+        toml = with_structure_file(without_truth(read_toml(path)), path)
         table, description = describe_trial(toml, str(path))
         _check_sources(table, path)
         if description.source != "counts":

@@ -13,77 +13,30 @@ from .sensor.clock import ClockSettings
 from .sensor.divider import Divider
 from .sensor.resistance import Boards
 from .structure.floor import Floor
-from .structure.lengths import member_length_m
 from .structure.natural_lengths import Motors
 from .structure.rest_shape import GeometrySigma
 from .structure.statics import Mechanics
 from .structure.structure import Structure
 from .structure.suspension import Suspension
+from .structure_description import (
+    BodyTable,
+    DescribedStructure,
+    MechanicsTable,
+    RestTable,
+    StructureFile,
+    StructureTable,
+    described,
+)
 from .values.aids import Imu
 from .values.errors import InputError
 from .values.tables import AtLeastOne, FileName, NotNegative, Positive, parse_table, unknown_keys
 
-_DEFAULT = GeometrySigma()
 FAR_FROM_ANCHOR_M = 0.01
 """Distance of a node's measured rest position from its anchor, beyond which they are told in different frames."""
-MOST_OFF = 0.5
-"""Share of its length by which a rod of the measured rest shape may differ from it."""
 LEAST_TOLD_RAD = 0.3
 """Largest standard deviation of the floor's normal, 17 degrees: beyond it, others may stand than the lowest nodes."""
 ASKEW_RAD = 0.2
 """Angle by which the centre of mass is away from hanging, beyond which a structure cannot be at rest: 11 degrees."""
-
-
-@dataclass(frozen=True, slots=True)
-class StructureTable:
-    """`[structure]`, see `Structure`."""
-
-    rods: list[tuple[int, int]]
-    tendons: list[tuple[int, int]]
-    rod_length_m: float | list[float]
-    natural_length_m: float | list[float]
-    anchors: list[int]
-    anchor_position_m: list[tuple[float, float, float]]
-    rod_length_sigma_m: Positive = _DEFAULT.rod_length_m
-    """Standard deviation of a rod's length."""
-    anchor_sigma_m: Positive = _DEFAULT.anchor_m
-    """Standard deviation of an anchor's position, per axis."""
-    hub_radius_m: NotNegative = _DEFAULT.hub_radius_m
-    """Distance from a rod's end at which its tendons end, in an unknown direction."""
-
-    def structure(self) -> Structure:
-        """Return the structure that the table describes.
-
-        Raises:
-            InputError: when the table does not describe a tensegrity, see `Structure`.
-        """
-        return Structure(
-            rods=np.array(self.rods),
-            tendons=np.array(self.tendons),
-            rod_length_m=np.array(self.rod_length_m),
-            natural_length_m=np.array(self.natural_length_m),
-            anchors=np.array(self.anchors),
-            anchor_position_m=np.array(self.anchor_position_m),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class MechanicsTable:
-    """`[mechanics]`: the properties that the balance of forces depends on, see `Mechanics`."""
-
-    tendon_stiffness_n_per_m: Positive | list[Positive]
-    rod_mass_kg: NotNegative
-    push_back: NotNegative = 0.02
-    """Ratio of the stiffness of a bent tendon to that of a stretched one. A strip that bows out has a few per cent of
-    its stiffness."""
-
-
-@dataclass(frozen=True, slots=True)
-class RestTable:
-    """`[rest]`: how long the structure stands unloaded at the start, and its shape there, if it was measured."""
-
-    seconds: NotNegative = 0.0
-    node_position_m: list[tuple[float, float, float]] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,6 +218,7 @@ class TrialTable:
     kind: str | None = None
     provenance: str | None = None
     recorded_utc: str | None = None
+    body: list[BodyTable] = field(default_factory=list)
     mechanics: MechanicsTable | None = None
     rest: RestTable = field(default_factory=RestTable)
     ground: GroundTable | None = None
@@ -294,10 +248,12 @@ class TrialDescription:
     """How long the structure stands at its rest shape at the start."""
     rest_position_m: NDArray[np.float64] | None
     """(nodes, 3) the measured rest shape; None where it was not measured."""
+    near_position_m: NDArray[np.float64] | None
+    """(nodes, 3) about the rest shape, from which the search for it starts; None where it was not told."""
     source: Literal["counts", "resistance", "lengths"]
     """The kind of measurements in the trial's files."""
     natural_resistance_ohm: NDArray[np.float64]
-    """(tendons,) R0; empty when the source is lengths."""
+    """(tendons,) R0, nan for tendons without a sensor; empty when the source is lengths."""
     divider: Divider | None
     """The voltage divider; None unless the source is counts."""
     tendons_of_board: tuple[NDArray[np.int64], ...]
@@ -352,7 +308,8 @@ def describe_trial(table: Mapping[str, Any], where: str) -> tuple[TrialTable, Tr
 
 
 def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescription:
-    structure = table.structure.structure()
+    told = described(StructureFile(table.structure, table.body, table.mechanics, table.rest))
+    structure = told.structure
     given = [name for name in ("board", "resistance", "lengths") if getattr(table, name)]
     if len(given) != 1:
         raise InputError(f"expected one of [[board]], [resistance], [lengths], got {', '.join(given) or 'none'}")
@@ -361,7 +318,7 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
         source = "resistance" if table.resistance else "lengths"
     imus = tuple(_imu(number, imu, structure) for number, imu in enumerate(table.imu))
     _check_boards_of_imus(table)
-    tendons_of_board = _wiring(table.board, len(structure.tendons)) if source == "counts" else ()
+    tendons_of_board = _wiring(table.board, structure) if source == "counts" else ()
     return TrialDescription(
         structure=structure,
         geometry=GeometrySigma(
@@ -369,18 +326,17 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
             anchor_m=table.structure.anchor_sigma_m,
             hub_radius_m=table.structure.hub_radius_m,
         ),
-        mechanics=_mechanics(table.mechanics, structure) if table.mechanics else None,
+        mechanics=told.mechanics,
         rest_seconds=table.rest.seconds,
-        rest_position_m=_rest_position(table.rest, structure),
+        rest_position_m=told.rest_position_m,
+        near_position_m=told.node_position_m,
         source=source,
-        natural_resistance_ohm=_natural_resistance(table, len(structure.tendons))
-        if source != "lengths"
-        else np.empty(0),
+        natural_resistance_ohm=_natural_resistance(table, structure) if source != "lengths" else np.empty(0),
         divider=_divider(table) if source == "counts" else None,
         tendons_of_board=tendons_of_board,
         reference_strips=sum(int(np.sum(tendons >= len(structure.tendons))) for tendons in tendons_of_board),
         imus=imus,
-        robot=_robot(table, structure, imus),
+        robot=_robot(table, told, imus),
         beacon_position_m=tuple(_beacons(number, ranges) for number, ranges in enumerate(table.range)),
         own_frames=_own_frames(table),
         motors=_motors(table.motor, structure),
@@ -388,7 +344,10 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
     )
 
 
-def _robot(table: TrialTable, structure: Structure, imus: tuple[Imu, ...]) -> FreeStandingRobot | HangingRobot | None:
+def _robot(
+    table: TrialTable, told: DescribedStructure, imus: tuple[Imu, ...]
+) -> FreeStandingRobot | HangingRobot | None:
+    structure = told.structure
     pairs = [
         (recording, beacon, node)
         for recording, ranges in enumerate(table.range)
@@ -398,7 +357,7 @@ def _robot(table: TrialTable, structure: Structure, imus: tuple[Imu, ...]) -> Fr
     if structure.is_held:
         return None
     if not structure.is_free_standing:
-        _check_hangs(table, structure)
+        _check_hangs(table, told)
         anchor_m = table.structure.anchor_sigma_m
         return HangingRobot(imus, tuple(pairs), table.rest.seconds, anchor_m, len(_own_frames(table)))
     if table.ground is None:
@@ -411,14 +370,13 @@ def _robot(table: TrialTable, structure: Structure, imus: tuple[Imu, ...]) -> Fr
             "rest: expected seconds above 0 and node_position_m with [ground]: a structure without anchors is where "
             "it stands at the start"
         )
-    floor = _floor(table, table.ground, structure)
+    floor = _floor(table, table.ground, told.rest_position_m)
     return FreeStandingRobot(floor, imus, tuple(pairs), table.rest.seconds, len(_own_frames(table)))
 
 
-def _floor(table: TrialTable, ground: GroundTable, structure: Structure) -> Floor:
+def _floor(table: TrialTable, ground: GroundTable, rest_m: NDArray[np.float64] | None) -> Floor:
     """Return the floor; one whose normal is estimated is where the structure stands on it at rest."""
     floor = ground.floor()
-    rest_m = _rest_position(table.rest, structure)
     if floor.normal_sigma_rad == 0 or rest_m is None:
         return floor
     if not table.imu and not table.position:
@@ -433,11 +391,11 @@ def _own_frames(table: TrialTable) -> tuple[int, ...]:
     return tuple(number for number, position in enumerate(table.position) if position.frame == "own")
 
 
-def _check_hangs(table: TrialTable, structure: Structure) -> None:
+def _check_hangs(table: TrialTable, told: DescribedStructure) -> None:
     """Raise InputError for what does not hang from its one or two anchors at rest."""
+    structure, rest_m = told.structure, told.rest_position_m
     if table.ground is not None:
         raise InputError("ground: expected none with one or two anchors: a robot that hangs must not touch a floor")
-    rest_m = _rest_position(table.rest, structure)
     if rest_m is None or table.rest.seconds <= 0:
         raise InputError(
             "rest: expected seconds above 0 and node_position_m with one or two anchors: a structure that hangs is "
@@ -450,7 +408,8 @@ def _check_hangs(table: TrialTable, structure: Structure) -> None:
                 f"rest.node_position_m[{node}]: expected structure.anchor_position_m[{index}], got a position "
                 f"{apart_m:.3f} m away"
             )
-    askew_rad = Suspension.of(structure).askew_rad(rest_m)
+    mass_kg = told.mechanics.node_mass_kg(structure) if told.mechanics else None
+    askew_rad = Suspension.of(structure, mass_kg).askew_rad(rest_m)
     if askew_rad > ASKEW_RAD:
         raise InputError(
             f"rest.node_position_m: expected the centre of mass below the anchors, with gravity along -z, got one "
@@ -506,39 +465,16 @@ def _motors(tables: list[MotorTable], structure: Structure) -> tuple[Motors, ...
     return motors
 
 
-def _mechanics(table: MechanicsTable, structure: Structure) -> Mechanics:
-    stiffness = np.array(table.tendon_stiffness_n_per_m)
-    tendons = len(structure.tendons)
-    if stiffness.shape not in ((), (tendons,)) or not np.isfinite(stiffness).all():
-        raise InputError(
-            f"mechanics.tendon_stiffness_n_per_m: expected one finite number or {tendons}, got {stiffness.size}"
-        )
-    stiffness = np.broadcast_to(stiffness, (tendons,)).copy()
-    return Mechanics(stiffness, structure.natural_length_m, table.rod_mass_kg, table.push_back)
-
-
-def _rest_position(rest: RestTable, structure: Structure) -> NDArray[np.float64] | None:
-    if rest.node_position_m is None:
-        return None
-    position = np.array(rest.node_position_m)
-    if position.shape != (structure.node_count, 3) or not np.isfinite(position).all():
-        raise InputError(
-            f"rest.node_position_m: expected {structure.node_count} finite rows of x, y, z, got shape {position.shape}"
-        )
-    structure.check_unit("rest.node_position_m", position)
-    rod_m = member_length_m(position, structure.rods)
-    for rod in np.flatnonzero(np.abs(rod_m - structure.rod_length_m) > MOST_OFF * structure.rod_length_m)[:1]:
-        told_m = structure.rod_length_m[rod]
-        raise InputError(f"rest.node_position_m: expected rod {rod} to be {told_m:g} m long, got {rod_m[rod]:g} m")
-    return position
-
-
-def _natural_resistance(table: TrialTable, tendons: int) -> NDArray[np.float64]:
+def _natural_resistance(table: TrialTable, structure: Structure) -> NDArray[np.float64]:
+    """Return (tendons,) R0 of each sensor, nan for tendons without one."""
     if table.sensors is None:
         raise InputError("sensors.natural_resistance_ohm: is missing")
-    resistance = np.array(table.sensors.natural_resistance_ohm)
-    if len(resistance) != tendons or not np.isfinite(resistance).all():
-        raise InputError(f"sensors.natural_resistance_ohm: expected {tendons} finite numbers, got {len(resistance)}")
+    given = np.array(table.sensors.natural_resistance_ohm)
+    count = int(structure.is_sensed.sum())
+    if len(given) != count or not np.isfinite(given).all():
+        raise InputError(f"sensors.natural_resistance_ohm: expected {count} finite numbers, got {len(given)}")
+    resistance = np.full(len(structure.tendons), np.nan)
+    resistance[structure.is_sensed] = given
     return resistance
 
 
@@ -548,7 +484,8 @@ def _divider(table: TrialTable) -> Divider:
     return table.adc.divider()
 
 
-def _wiring(boards: list[BoardTable], tendons: int) -> tuple[NDArray[np.int64], ...]:
+def _wiring(boards: list[BoardTable], structure: Structure) -> tuple[NDArray[np.int64], ...]:
+    tendons = len(structure.tendons)
     wired: dict[int, str] = {}
     sensors: list[list[int]] = []
     strips = count(tendons)
@@ -561,6 +498,8 @@ def _wiring(boards: list[BoardTable], tendons: int) -> tuple[NDArray[np.int64], 
                 continue
             if isinstance(tendon, str) or not 0 <= tendon < tendons:
                 raise InputError(f"{here}: expected a tendon from 0 to {tendons - 1} or 'reference', got {tendon!r}")
+            if tendon in structure.unsensed:
+                raise InputError(f"{here}: tendon {tendon} has no sensor, by structure.unsensed")
             if tendon in wired:
                 raise InputError(f"{here}: tendon {tendon} is wired to {wired[tendon]} already")
             wired[tendon] = here

@@ -17,6 +17,7 @@ ROOT = Path(__file__).parents[1]
 PUBLIC = [
     "Boards",
     "BoardReading",
+    "DescribedStructure",
     "Ellipsoids",
     "Flag",
     "IndeterminateError",
@@ -35,6 +36,8 @@ PUBLIC = [
     "load",
     "open_trial",
     "plot",
+    "prism_tower",
+    "read_structure",
     "reconstruct",
     "save",
     "simulate",

@@ -25,13 +25,8 @@ from import_graph import (
 ROOT = Path(__file__).parents[1]
 MOST_MODULES = 15
 BASIS = {"models.values", "models.structure", "models.sensor"}
-RUNNING = BASIS | {
-    "models.pose",
-    "models.trial_description",
-    "models.settings",
-    "models.estimation",
-    "models.shape_network",
-}
+DESCRIBED = {"models.structure_description", "models.trial_description"}
+RUNNING = BASIS | DESCRIBED | {"models.pose", "models.settings", "models.estimation", "models.shape_network"}
 """What of models/ runs with every trial; sensors are calibrated, simulated and evaluated beside it."""
 
 MODELS_MAY_IMPORT = {
@@ -39,11 +34,13 @@ MODELS_MAY_IMPORT = {
     "models.structure": {"models.values"},
     "models.sensor": {"models.values"},
     "models.pose": {"models.values", "models.structure"},
-    "models.trial_description": BASIS | {"models.pose"},
+    "models.structure_description": BASIS,
+    "models.trial_description": BASIS | {"models.pose", "models.structure_description"},
     "models.estimation": BASIS,
     "models.shape_network": BASIS,
     "models.settings": BASIS | {"models.pose", "models.estimation"},
     "models.calibration": BASIS,
+    "models.towers": BASIS,
     "models.twin": RUNNING,
     "models.evaluation": RUNNING,
     "models.data": set(),
@@ -61,7 +58,8 @@ MAY_IMPORT = {
 
 ALONE = {
     "torch": {"models.calibration.training", "models.calibration.torch_network"},
-    "mujoco": {"models.twin.engine"},
+    "mujoco": {"io.structures.mjcf_structure", "models.twin.engine"},
+    "yaml": {"io.structures.yaml_structure"},
     "filterpy": {"estimator.baselines"},
     "gtsam": {"factors", "estimator"},
     "matplotlib": {"io.figures", "plot"},
@@ -76,7 +74,7 @@ ALONE = {
 }
 """Libraries that are imported in these places and nowhere else."""
 
-ONCE = ("filterpy", "mujoco")
+ONCE = ("filterpy",)
 """Libraries that one module imports: filterpy is there for the baseline alone."""
 
 Check = Callable[[Path], Iterator[str]]

@@ -275,10 +275,10 @@ def resting_faces(
     structure: Structure, rest: RestShape, robot: FreeStandingRobot, settings: Settings
 ) -> RestingFaces | None:
     """Return the filter of faces; None where forces are unknown."""
-    if rest.mechanics is None or rest.mechanics.rod_mass_kg == 0:
+    if rest.mechanics is None or not (mass_kg := rest.mechanics.node_mass_kg(structure)).any():
         return None
     stands = robot.floor.carries_at_rest(rest.node_position_m)
-    return RestingFaces(structure, rest.mechanics.rod_mass_kg, rest.node_position_m, stands, settings.doubt)
+    return RestingFaces(mass_kg, rest.node_position_m, stands, settings.doubt)
 
 
 class MeasuredAttitude:
@@ -329,11 +329,11 @@ def support_of(
     carried: NDArray[np.float64],
 ) -> Support:
     """Return the force of gravity and floor, in body axes, on a structure of this pose."""
-    mass_kg = rest.mechanics.rod_mass_kg if rest.mechanics else 0.0
+    mass_kg = rest.mechanics.node_mass_kg(structure) if rest.mechanics else np.zeros(structure.node_count)
     tilt = float(np.sqrt(np.trace(covariance[:2, :2])))
     if tilt > 1.0:
-        return weightless(structure, mass_kg)
-    return standing(structure, mass_kg, node_position_m, state.turn.T @ UP, tilt, carried)
+        return weightless(mass_kg)
+    return standing(mass_kg, node_position_m, state.turn.T @ UP, tilt, carried)
 
 
 def in_world(

@@ -30,7 +30,6 @@ from scipy.special import logsumexp
 
 from ...models.estimation import DoubtSettings
 from ...models.structure.statics import Statics
-from ...models.structure.structure import Structure
 from ...models.structure.support import standing
 from ..graph import GraphBuilder
 from ..linear_frame import LinearFrame
@@ -123,14 +122,12 @@ class RestingFaces:
 
     def __init__(
         self,
-        structure: Structure,
-        rod_mass_kg: float,
+        node_mass_kg: NDArray[np.float64],
         rest_position_m: NDArray[np.float64],
         standing_nodes: NDArray[np.bool_],
         settings: DoubtSettings,
     ) -> None:
-        self._structure = structure
-        self._rod_mass_kg = rod_mass_kg
+        self._node_mass_kg = node_mass_kg
         self._settings = settings
         hull = ConvexHull(rest_position_m)
         faces = [tuple(sorted(face)) for face in hull.simplices.tolist()]
@@ -138,7 +135,7 @@ class RestingFaces:
         self._faces = np.array(faces)
         self._outward = np.sign(np.einsum("fi,fi->f", hull.equations[:, :3], _normals(rest_position_m, self._faces)))
         self._beside = np.array([[f for f, face in enumerate(faces) if set(edge) <= set(face)] for edge in edges])
-        self._carried = np.zeros((len(faces) + len(edges), structure.node_count))
+        self._carried = np.zeros((len(faces) + len(edges), len(node_mass_kg)))
         for row, nodes in enumerate([*faces, *edges]):
             self._carried[row, list(nodes)] = 1.0
         tips = [(len(faces) + e, *way) for e, (f, g) in enumerate(self._beside.tolist()) for way in ((f, g), (g, f))]
@@ -233,9 +230,7 @@ class RestingFaces:
 
     def _of_floor(self, node_position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (hypotheses, 3 nodes) F_h and (hypotheses, 3 nodes, 9) B of weight and floor."""
-        support = standing(
-            self._structure, self._rod_mass_kg, node_position_m, self.up(node_position_m), 0.0, self._carried
-        )
+        support = standing(self._node_mass_kg, node_position_m, self.up(node_position_m), 0.0, self._carried)
         F = support.force_n.reshape(len(self._carried), -1)
         B = np.zeros((*F.shape, 9))
         rows, nodes = np.nonzero(self._carried)
@@ -266,7 +261,7 @@ class RestingFaces:
     def _of_hands(self, e: NDArray[np.float64], M: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (hypotheses,) the log of the sum over no hand, one hand, the best second hand, and squeezes."""
         settings = self._settings
-        nodes = self._structure.node_count
+        nodes = len(self._node_mass_kg)
         loaded, free = np.log(settings.loaded_share), np.log(1 - settings.loaded_share)
         hypotheses = np.arange(len(e))
         B = np.zeros((nodes, 3 * nodes, 3))

@@ -18,7 +18,7 @@ from ...models.settings import Settings
 from ...models.structure.floor import UP, Floor
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Shape
-from ...models.structure.support import GRAVITY_M_PER_S2, weight_n
+from ...models.structure.support import GRAVITY_M_PER_S2
 from ...models.structure.suspension import Suspension
 from ...models.values.aids import AidReading
 from ...models.values.rotations import cross_matrix
@@ -62,12 +62,13 @@ class HangingFilter(PoseFilter):
         self._motion = PoseMotion(self._imus, unknown)
         self._anchor_m = robot.anchor_m
         self._structure = rest.structure
-        self._suspension = Suspension.of(rest.structure)
-        nodes = np.zeros(rest.structure.node_count)
+        count = rest.structure.node_count
+        mass_kg = rest.mechanics.node_mass_kg(rest.structure) if rest.mechanics else np.zeros(count)
+        self._suspension = Suspension.of(rest.structure, mass_kg)
+        nodes = np.zeros(count)
         self._nothing_stands = Standing(nodes > 0, nodes)
         self._standing = self._nothing_stands.nodes
-        mass_kg = rest.mechanics.rod_mass_kg if rest.mechanics else 0.0
-        self._weight_n = weight_n(rest.structure, mass_kg)
+        self._weight_n = mass_kg * GRAVITY_M_PER_S2
         lever_m = self._suspension.lever_m(rest.node_position_m)
         by_shift = self._suspension.axes @ cross_matrix(UP)
         self._untold_m = -np.linalg.pinv(by_shift) @ self._suspension.torque_m(lever_m)
@@ -122,8 +123,9 @@ class HangingFilter(PoseFilter):
         lever_m = self._suspension.lever_m(placed.body_m + self.centre_m) + self._untold_m
         length_m = float(np.linalg.norm(lever_m))
         swing_rad = self._swing.observe(turn @ hands.lever_m / length_m, step_s, self._measured_rad_per_s())
-        rods = self._suspension.rods.ravel()
-        of_lever = cross_matrix(UP) @ placed.covariance_m2[rods][:, rods].mean(axis=(0, 1)) @ cross_matrix(UP).T
+        share = self._suspension.mass_share
+        centre_m2 = np.einsum("n,nmij,m->ij", share, placed.covariance_m2, share)
+        of_lever = cross_matrix(UP) @ centre_m2 @ cross_matrix(UP).T
         of_hands = turn @ hands.covariance_m2 @ turn.T
         of_swing = (settings.hang_rad**2 + swing_rad**2) * length_m**2 * np.eye(3)
         return torque_rows(placed, self._suspension, lever_m, hands.lever_m, of_lever + of_hands + of_swing)

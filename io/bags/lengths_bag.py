@@ -33,9 +33,9 @@ def bag_bytes(path: Path) -> Iterator[bytes]:
 
 
 class LengthsBag:
-    """The messages of one topic as rows of lengths; iterating gives t_s and the length of each tendon, nan if not told.
+    """The messages of one topic as rows of lengths.
 
-    t_s is the stamp of the message minus that of the first: the one in its header, or where the first message has none,
+    Iterating gives t_s and the length of each tendon that has a sensor, nan if it is not told. t_s is the stamp of the message minus that of the first: the one in its header, or where the first message has none,
     the time of recording.
 
     Raises:
@@ -43,13 +43,13 @@ class LengthsBag:
             the tendons; the text names file, topic and message.
     """
 
-    def __init__(self, path: Path, topic: str | None, tendons: int) -> None:
+    def __init__(self, path: Path, topic: str | None, tendons: Sequence[int]) -> None:
         """Choose the topic.
 
         Args:
             path: of the bag.
             topic: name; None for the only one that fits.
-            tendons: number of tendons.
+            tendons: numbers of the tendons that have a sensor, in order.
         """
         self.path = path
         self._tendons = tendons
@@ -108,7 +108,7 @@ class LengthsBag:
         if len(fitting) != 1:
             raise InputError(
                 f"{self.path}: topic: is missing: exactly one JointState or Float64MultiArray would have to hold "
-                f"{self._tendons} lengths, got {', '.join(fitting or known) or 'none'}"
+                f"{len(self._tendons)} lengths, got {', '.join(fitting or known) or 'none'}"
             )
         return fitting[0]
 
@@ -135,12 +135,12 @@ class LengthsBag:
             ) from error
 
 
-def lengths_of(message: Any, tendons: int, where: str) -> NDArray[np.float64]:
-    """Return (tendons,) lengths of a JointState or a Float64MultiArray, m; nan for a tendon that is not named.
+def lengths_of(message: Any, tendons: Sequence[int], where: str) -> NDArray[np.float64]:
+    """Return (sensed,) lengths of a JointState or a Float64MultiArray, m; nan for a tendon that is not named.
 
     Args:
         message: its lengths are `position`, or `data` from `layout.data_offset` on.
-        tendons: number of tendons.
+        tendons: (sensed,) numbers of the tendons that have a sensor, in order.
         where: place of the message, for errors.
 
     Raises:
@@ -150,25 +150,27 @@ def lengths_of(message: Any, tendons: int, where: str) -> NDArray[np.float64]:
         name, values, names = "data", message.data[message.layout.data_offset :], []
     else:
         name, values, names = "position", message.position, message.name
-    expected = len(names) or tendons
+    expected = len(names) or len(tendons)
     if len(values) != expected:
         raise InputError(f"{where}: {name}: expected {expected} lengths, got {len(values)}")
-    length_m = np.full(tendons, np.nan)
-    length_m[_named_tendons(names, tendons, where) if names else np.arange(tendons)] = values
+    length_m = np.full(len(tendons), np.nan)
+    length_m[_named_tendons(names, tendons, where) if names else np.arange(len(tendons))] = values
     return length_m
 
 
-def _named_tendons(names: Sequence[str], tendons: int, where: str) -> list[int]:
-    """Return the tendon of each name: the number at its end, as in `tendon_7`."""
+def _named_tendons(names: Sequence[str], tendons: Sequence[int], where: str) -> list[int]:
+    """Return the place of each name among the tendons: the number at its end, as in `tendon_7`."""
+    known = {number: place for place, number in enumerate(tendons)}
     found: list[int] = []
     for name in names:
         digits = re.search(r"[0-9]+$", name)
-        if digits is None or int(digits[0]) >= tendons or int(digits[0]) in found:
+        place = known.get(int(digits[0])) if digits else None
+        if place is None or place in found:
             raise InputError(
-                f"{where}: name: expected names that end in the number of their tendon, from 0 to {tendons - 1}, each "
-                f"once, or no names, got '{name}'"
+                f"{where}: name: expected names that end in the number of a tendon with a sensor, from {tendons[0]} to "
+                f"{tendons[-1]}, each once, or no names, got '{name}'"
             )
-        found.append(int(digits[0]))
+        found.append(place)
     return found
 
 

@@ -6,7 +6,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from .statics import Statics
+from .statics import JoinedRods, Statics
 from .structure import Structure
 
 LOAD_THRESHOLD_N = 0.2
@@ -23,6 +23,8 @@ class Observable(StrEnum):
     ALL = "all"
     ACROSS_ROD = "across_rod"
     """Only the part across the node's rod; the part along it goes into the anchor at the rod's other end."""
+    ACROSS_JOINED_RODS = "across_joined_rods"
+    """Only the part that joined rods do not take; it is shared by the nodes that these rods connect."""
     NONE = "none"
     """No part, because the node is an anchor, which takes any force."""
 
@@ -53,6 +55,8 @@ def observable_loads(structure: Structure) -> tuple[Observable, ...]:
         for node, other in ((i, j), (j, i)):
             if other in structure.anchors:
                 observable[node] = Observable.ACROSS_ROD
+    for node in JoinedRods(structure).nodes:
+        observable[node] = Observable.ACROSS_JOINED_RODS
     for node in structure.anchors:
         observable[node] = Observable.NONE
     return tuple(observable)
@@ -61,7 +65,9 @@ def observable_loads(structure: Structure) -> tuple[Observable, ...]:
 def observable_part(
     structure: Structure, force_n: NDArray[np.float64], node_position_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return (..., nodes, 3), the observable part of true loads: F - w w^T F at nodes on an anchored rod.
+    """Return (..., nodes, 3), the observable part of true loads.
+
+    It is F - w w^T F at a node on an anchored rod, and (I - J^+ J) F at the nodes of joined rods, see `statics`.
 
     Args:
         structure: the structure that the loads act on.
@@ -77,6 +83,11 @@ def observable_part(
         for node in (i, j):
             if observable[node] == Observable.ACROSS_ROD:
                 part[..., node, :] -= along * np.sum(along * force_n[..., node, :], axis=-1, keepdims=True)
+    joined = JoinedRods(structure)
+    if len(joined.nodes):
+        of_joined = force_n[..., joined.nodes, :]
+        allowed = joined.allowed(node_position_m) @ of_joined.reshape(*of_joined.shape[:-2], -1, 1)
+        part[..., joined.nodes, :] = allowed.reshape(of_joined.shape)
     return part
 
 
@@ -117,4 +128,5 @@ def external_loads(
     directions = np.array(
         [2.0 if part == Observable.ACROSS_ROD else 3.0 for part in observable_loads(statics.structure)]
     )
+    directions[statics.joined.nodes] = statics.joined.rows_per_node
     return ExternalLoads(force, np.sqrt(variance / directions))

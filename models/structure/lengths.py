@@ -30,7 +30,7 @@ def length_jacobian(
     row = np.arange(len(members))
     jacobian[..., row, members[:, 1], :] = unit
     jacobian[..., row, members[:, 0], :] = -unit
-    jacobian = jacobian.reshape(*jacobian.shape[:-2], -1)
+    jacobian = jacobian.reshape(*jacobian.shape[:-2], 3 * jacobian.shape[-2])
     return jacobian if coordinates is None else np.take(jacobian, coordinates, axis=-1)
 
 

@@ -102,7 +102,7 @@ def branch(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArra
     return np.where(finite, np.linalg.slogdet(np.where(finite[..., None, None], jacobian, 0.0)).sign, 0.0)
 
 
-def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
+def find_rest_shape(structure: Structure, near_m: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
     """Return (nodes, 3), the shape of least energy of equally stiff tendons, with fixed anchors and rod lengths.
 
     The shape minimises sum (l - L0)^2 over the tendons: the prestress of the tendons selects one stiff shape, which the
@@ -111,10 +111,16 @@ def find_rest_shape(structure: Structure) -> NDArray[np.float64]:
     images is returned as it stands on its broadest face, in the plane z = 0, with the centroid above the origin; with
     one or two, as it hangs from them.
 
+    Args:
+        structure: with anchors, or without.
+        near_m: (nodes, 3) a shape from which the search starts, and beside which it ends; None: it starts anywhere.
+
     Raises:
         IndeterminateError: when no start leads to a shape that keeps the rods' lengths.
     """
     energy = _TendonEnergy(structure)
+    if near_m is not None:
+        return _nearby(structure, energy, near_m)
     if structure.is_free_standing:
         return _stood_up(_free_shape(structure, energy))
     if not structure.is_held:
@@ -154,6 +160,22 @@ def _free_shape(structure: Structure, energy: "_TendonEnergy") -> NDArray[np.flo
     if not shapes:
         raise IndeterminateError("the structure has no rest shape with these rod and tendon lengths: check their units")
     return min(shapes, key=lambda shape: shape[0])[1]
+
+
+def _nearby(structure: Structure, energy: "_TendonEnergy", near_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (nodes, 3) the shape of least energy beside another; without anchors it is turned and placed likewise."""
+    start = near_m[structure.free_nodes].ravel()
+    solution = least_squares(energy.residual, start, energy.jacobian, method="trf", xtol=1e-10, ftol=1e-12)
+    position = structure.position_m(solution.x)
+    rod_error = np.abs(member_length_m(position, structure.rods) / structure.rod_length_m - 1)
+    if rod_error.max() > 1e-2:
+        raise IndeterminateError(
+            f"structure.node_position_m: near these positions rod {int(rod_error.argmax())} cannot have its length "
+            f"of {structure.rod_length_m[rod_error.argmax()]:g} m: check units and anchors"
+        )
+    if structure.is_free_standing or structure.is_held:
+        return position
+    return Suspension.of(structure).hanging_m(position)
 
 
 def _stood_up(node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:

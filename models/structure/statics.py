@@ -1,15 +1,22 @@
-"""Static equilibrium: tendon tensions, gravity and loads balance at every node, except for the force along its rod.
+"""Static equilibrium: tendon tensions, gravity and loads balance at every node, except for the forces along its rods.
 
 Tendon e = a-b with l = |x_a - x_b|, u = (x_a - x_b) / l has the tension T = kappa (l - L0), where kappa = k when the
-tendon is stretched and p k when it is bent (p is small: a bent strip pushes back a little). The force at the nodes is
-f = -B T u - m g / 2 per rod end, with the incidence matrix B. A rod i-j along w takes any force along itself, so that
-the residual at each free node is
+tendon is stretched and p k when it is bent (p is small: a bent strip pushes back a little, a cable does not). The force
+at the nodes is f = -B T u - m g with the mass m of a node and the incidence matrix B. A rod i-j along w takes any force
+along itself, so that the residual at each free node is
 
     r_n = (I - w w^T) f_n                            (for a node on no rod r_n = f_n)
 
 and along each floating rod, whose two ends are both free, s = w^T (f_i + f_j). Without load both are zero; a load F_n
 makes them r_n = -(I - w w^T) F_n, s = -w^T (F_i + F_j). A load along a rod that has an anchor at one end does not
 appear in the residual, because the anchor takes it.
+
+Rods that share free nodes are joined: the force along one shows at the others. With J = d(rod lengths)/dx of all joined
+rods, they take any force J^T q, and the residual at their nodes is what is left of f:
+
+    r = f - J^T q = (I - J^+ J) f,    q = (J^T)^+ f
+
+that is, f along the motions that the joined rods allow. A rigid body of n nodes leaves 6 of 3 n components.
 """
 
 from copy import copy
@@ -19,8 +26,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from .lengths import length_jacobian, member_length_m
 from .structure import Structure
 from .support import Support, hung_up
+
+JOINED_RCOND = 1e-2
+"""Share of the largest singular value of J below which joined rods take no force: such as across a flat frame, whose
+rods resist a push only when it has bent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,12 +43,98 @@ class Mechanics:
     """(tendons,) k of each tendon when stretched."""
     natural_length_m: NDArray[np.float64]
     """(tendons,) L0."""
-    rod_mass_kg: float
-    """Mass of each rod, uniform along the rod."""
-    push_back: float
-    """p, the ratio of the stiffness of a bent tendon to that of a stretched one."""
+    rod_mass_kg: NDArray[np.float64] | float
+    """(rods,) or one for all; uniform along the rod. That of a rigid body is on its distances alike."""
+    push_back: NDArray[np.float64] | float
+    """p, the ratio of the stiffness of a bent tendon to that of a stretched one; (tendons,) or one for all."""
     offset_n: NDArray[np.float64] | float = 0.0
     """(nodes, 3) force added at each node: what the rest shape leaves unbalanced where tendons end on hubs."""
+    tendon_mass_kg: NDArray[np.float64] | float = 0.0
+    """(tendons,) or one for all."""
+    knot_mass_kg: NDArray[np.float64] | float = 0.0
+    """(nodes,) or one for all: what a node has beside its members, such as a motor."""
+
+    def node_mass_kg(self, structure: Structure) -> NDArray[np.float64]:
+        """Return (nodes,) the mass at each node: its own, and half that of each rod and tendon that ends there."""
+        mass_kg = np.zeros(structure.node_count)
+        for members, member_kg in ((structure.rods, self.rod_mass_kg), (structure.tendons, self.tendon_mass_kg)):
+            np.add.at(mass_kg, members, np.broadcast_to(0.5 * np.asarray(member_kg), len(members))[:, None])
+        return mass_kg + self.knot_mass_kg
+
+
+class JoinedRods:
+    """The rods that share free nodes, and the part of forces at these nodes that they cannot take.
+
+    All positions may have leading axes.
+    """
+
+    def __init__(self, structure: Structure) -> None:
+        rods = structure.rods
+        is_free = ~np.isin(np.arange(structure.node_count), structure.anchors)
+        shared = is_free & (np.bincount(rods.ravel(), minlength=structure.node_count) > 1)
+        self.is_joined = shared[rods].any(axis=1)
+        """(rods,)"""
+        self.rods = rods[self.is_joined]
+        """(joined rods, 2) node pairs."""
+        self.nodes = np.flatnonzero(is_free & np.isin(np.arange(structure.node_count), self.rods))
+        """(joined nodes,) the free nodes of joined rods."""
+        self.coordinates = (3 * self.nodes[:, None] + np.arange(3)).ravel()
+        """(3 joined nodes,) the indices of their coordinates among all (3 nodes,)."""
+        self._node_count = structure.node_count
+
+    @cached_property
+    def rows_per_node(self) -> NDArray[np.float64]:
+        """(joined nodes,) the components of a force that the rods cannot take, of 3 at each node; in general shape."""
+        x = np.random.default_rng(0).normal(size=(self._node_count, 3))
+        return np.asarray(np.diag(self.allowed(x)).reshape(len(self.nodes), 3).sum(axis=1))
+
+    def allowed(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., 3 joined nodes, 3 joined nodes), the projector I - J^+ J onto the motions that rods allow."""
+        jacobian, inverse = self._jacobian(node_position_m)
+        return np.asarray(np.eye(len(self.coordinates)) - inverse @ jacobian)
+
+    def by_position(
+        self, node_position_m: NDArray[np.float64], force_n: NDArray[np.float64], by_position: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return (..., 3 joined nodes, 3 nodes), the derivative of the residual by all coordinates.
+
+        With the residual r = A f, A = I - J^+ J, and the forces q along the rods:
+
+            dr = A df - J^+ dJ r - A dJ^T q
+
+        Args:
+            node_position_m: (..., nodes, 3)
+            force_n: (..., 3 joined nodes) f.
+            by_position: (..., 3 joined nodes, 3 nodes) df/dx.
+        """
+        x, count = node_position_m, self._node_count
+        jacobian, inverse = self._jacobian(x)
+        allowed = np.eye(len(self.coordinates)) - inverse @ jacobian
+        a, b = self.rods.T
+        along = x[..., b, :] - x[..., a, :]
+        length_m = member_length_m(x, self.rods)[..., None]
+        w = along / length_m
+        turn = (np.eye(3) - w[..., :, None] * w[..., None, :]) / length_m[..., None]  # dw/dx_b
+        along_n = np.swapaxes(inverse, -1, -2) @ force_n[..., None]
+        stiffness = np.zeros((*x.shape[:-2], count, count, 3, 3))
+        for one, other, pull in ((a, a, along_n), (b, b, along_n), (a, b, -along_n), (b, a, -along_n)):
+            for rod in range(len(self.rods)):
+                stiffness[..., one[rod], other[rod], :, :] += (pull[..., None] * turn)[..., rod, :, :]
+        stiffness = np.swapaxes(stiffness, -3, -2).reshape(*x.shape[:-2], 3 * count, 3 * count)
+        residual = np.zeros_like(x)
+        residual[..., self.nodes, :] = (allowed @ force_n[..., None]).reshape(*x.shape[:-2], -1, 3)
+        change = (turn @ (residual[..., b, :] - residual[..., a, :])[..., None])[..., 0]
+        by_turn = np.zeros((*x.shape[:-2], len(self.rods), count, 3))
+        row = np.arange(len(self.rods))
+        by_turn[..., row, b, :] = change
+        by_turn[..., row, a, :] = -change
+        by_turn = by_turn.reshape(*by_turn.shape[:-2], -1)
+        return np.asarray(allowed @ (by_position - stiffness[..., self.coordinates, :]) - inverse @ by_turn)
+
+    def _jacobian(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (..., joined rods, 3 joined nodes) J, and its pseudoinverse J^+."""
+        jacobian = length_jacobian(x, self.rods, self.coordinates)
+        return jacobian, np.asarray(np.linalg.pinv(jacobian, rcond=JOINED_RCOND), dtype=np.float64)
 
 
 class Statics:
@@ -56,14 +154,16 @@ class Statics:
         self._incidence[self._a, tendons] = 1.0
         self._incidence[self._b, tendons] = -1.0
         self._pairs = -(self._incidence[:, None] * self._incidence[None]).reshape(count * count, -1)
-        self._stand_on(hung_up(structure, mechanics.rod_mass_kg))
+        self._stand_on(hung_up(mechanics.node_mass_kg(structure)))
         self.nodes = structure.free_nodes
+        self.joined = JoinedRods(structure)
+        single = structure.rods[~self.joined.is_joined]
         partner = np.arange(count)
-        partner[structure.rods] = structure.rods[:, ::-1]
-        partner[structure.rods[:, ::-1]] = structure.rods
+        partner[single] = single[:, ::-1]
         self._partner = partner[self.nodes]
         self._on_rod = (self._partner != self.nodes)[:, None]
-        self.floating_rods = structure.rods[np.isin(structure.rods, self.nodes).all(axis=1)]
+        self.floating_rods = single[np.isin(single, self.nodes).all(axis=1)]
+        self._rows = (3 * np.searchsorted(self.nodes, self.joined.nodes)[:, None] + np.arange(3)).ravel()
         self.group = np.concatenate(
             [np.repeat(np.arange(len(self.nodes)), 3), len(self.nodes) + np.arange(len(self.floating_rods))]
         )
@@ -104,7 +204,15 @@ class Statics:
         across = force[..., self.nodes, :]
         across = across - along * np.sum(along * across, axis=-1, keepdims=True)
         axial = np.sum(along_floating * force[..., self.floating_rods, :].sum(axis=-2), axis=-1)
-        return np.concatenate([across.reshape(*across.shape[:-2], -1), axial], axis=-1)
+        return self._allowed(
+            np.concatenate([across.reshape(*across.shape[:-2], -1), axial], axis=-1)[..., None], node_position_m
+        )[..., 0]
+
+    def _allowed(self, rows: NDArray[np.float64], node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., rows, n) the same rows, those of joined nodes without what the joined rods take."""
+        if len(self._rows):
+            rows[..., self._rows, :] = self.joined.allowed(node_position_m) @ rows[..., self._rows, :]
+        return rows
 
     @cached_property
     def rank_of_row(self) -> NDArray[np.float64]:
@@ -115,12 +223,14 @@ class Statics:
     @property
     def rank(self) -> int:
         """The number of independent rows."""
-        return int(self.rows_per_node.sum()) + len(self.floating_rods)
+        return round(float(self.rows_per_node.sum())) + len(self.floating_rods)
 
     @property
     def rows_per_node(self) -> NDArray[np.float64]:
-        """(free nodes,) the number of independent rows of each node: two on a rod, three elsewhere."""
-        return np.asarray(np.where(self._on_rod[:, 0], 2.0, 3.0))
+        """(free nodes,) the number of independent rows of each node: two on a rod, less on joined rods, else three."""
+        rows = np.where(self._on_rod[:, 0], 2.0, 3.0)
+        rows[self._rows[::3] // 3] = self.joined.rows_per_node
+        return np.asarray(rows)
 
     def node_residual_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (nodes, 3) forces at the nodes that have the residuals of `residual_n`; an axial one in equal halves.
@@ -178,7 +288,10 @@ class Statics:
         axial = axial.reshape(*lead, len(rods), 3 * count)
 
         r = np.concatenate([(f - w * wf).reshape(*lead, -1), np.sum(w_floating * f_rod, axis=-1)], axis=-1)
-        return r, np.concatenate([across, axial], axis=-2)
+        jacobian = np.concatenate([across, axial], axis=-2)
+        if len(self._rows):
+            jacobian[..., self._rows, :] = self.joined.by_position(x, r[..., self._rows], jacobian[..., self._rows, :])
+        return self._allowed(r[..., None], x)[..., 0], jacobian
 
     def support_variance_n2(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows) the variance of the residuals by that of the support, with one value in each group."""
@@ -188,6 +301,12 @@ class Statics:
         across = np.trace(at_node, axis1=-2, axis2=-1) - np.einsum("...ni,...nij,...nj->...n", w, at_node, w)
         at_rod = covariance[..., self.floating_rods, :, :].sum(axis=-3)
         axial = np.einsum("...ri,...rij,...rj->...r", along, at_rod, along)
+        if len(self._rows):
+            allowed = self.joined.allowed(node_position_m)
+            allowed = allowed.reshape(*allowed.shape[:-1], -1, 3)
+            at_joined = covariance[..., self.joined.nodes, :, :]
+            by_row = np.einsum("...rni,...nij,...rnj->...r", allowed, at_joined, allowed)
+            across[..., self._rows[::3] // 3] = by_row.reshape(*by_row.shape[:-1], -1, 3).sum(axis=-1)
         return np.asarray(np.concatenate([across / self.rows_per_node, axial], axis=-1)[..., self.group])
 
     def outer_force_jacobian(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -204,7 +323,7 @@ class Statics:
         rods = np.arange(len(self.floating_rods))
         for end in (0, 1):
             jacobian[3 * len(self.nodes) + rods, self.floating_rods[:, end]] = along
-        return jacobian.reshape(len(jacobian), -1)
+        return self._allowed(jacobian.reshape(len(jacobian), -1), node_position_m)
 
     def mechanics_jacobian(self, node_position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return the derivatives (..., rows, tendons) of the residuals by log k and by L0."""
@@ -215,7 +334,7 @@ class Statics:
         across = across - np.einsum("...nk,...nek,...nj->...nej", w, across, w)
         across = np.swapaxes(across, -1, -2).reshape(*across.shape[:-3], -1, across.shape[-2])
         axial = np.einsum("...rk,...rek->...re", w_floating, pull[..., self.floating_rods, :, :].sum(axis=-3))
-        by_tension = np.concatenate([across, axial], axis=-2)
+        by_tension = self._allowed(np.concatenate([across, axial], axis=-2), node_position_m)
         return by_tension * tension[..., None, :], -by_tension * stiffness[..., None, :]
 
     def _tensions(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:

@@ -1,7 +1,7 @@
 """The structure: rods connected by tendons, of which some nodes are anchored, or none."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -11,20 +11,20 @@ from ..values.errors import InputError
 from ..values.units import OTHER_UNIT
 from .lengths import member_length_m
 
-MOST_NODES = 1000
-"""Number of nodes above which a number is taken for a slip of the pen."""
-
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """A tensegrity of rigid rods and elastic tendons; nodes are the rod ends, numbered from 0.
+    """A tensegrity of rigid rods and elastic tendons; nodes are the ends of both, numbered from 0.
+
+    Rods may share a node, about which they turn freely, and a node may be on no rod. A rigid body is a set of nodes
+    whose distances are fixed: each of these distances is a rod.
 
     Raises:
         InputError: for anything that is not such a structure; the text names the member or node.
     """
 
     rods: NDArray[np.int64]
-    """(rods, 2) node pairs."""
+    """(rods, 2) node pairs; first the rods themselves, then the distances that are fixed in rigid bodies."""
     tendons: NDArray[np.int64]
     """(tendons, 2) node pairs, in the order of the sensors."""
     rod_length_m: NDArray[np.float64]
@@ -35,12 +35,16 @@ class Structure:
     """(anchors,) nodes whose position is known."""
     anchor_position_m: NDArray[np.float64]
     """(anchors, 3) positions of the anchors, which define the coordinate frame of every result."""
+    unsensed: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    """(unsensed,) tendons without a sensor: they pull, and nothing measures their lengths."""
 
     def __post_init__(self) -> None:
         rods = _node_pairs("rods", self.rods)
         tendons = _node_pairs("tendons", self.tendons)
         anchors = np.asarray(self.anchors, dtype=np.int64).reshape(-1)
+        unsensed = np.asarray(self.unsensed, dtype=np.int64).reshape(-1)
         _check_topology(rods, tendons, anchors)
+        _check_numbers("unsensed", "tendon", unsensed, len(tendons))
         values = {
             "rods": rods,
             "tendons": tendons,
@@ -48,6 +52,7 @@ class Structure:
             "natural_length_m": _positive("natural_length_m", self.natural_length_m, len(tendons)),
             "anchors": anchors,
             "anchor_position_m": _anchor_positions(self.anchor_position_m, len(anchors)),
+            "unsensed": unsensed,
         }
         for name, value in values.items():
             value.setflags(write=False)
@@ -56,8 +61,8 @@ class Structure:
 
     @cached_property
     def node_count(self) -> int:
-        """Number of nodes: one more than the largest node number on a rod."""
-        return int(self.rods.max()) + 1
+        """Number of nodes: one more than the largest number of a node."""
+        return _node_count(self.rods, self.tendons, self.anchors)
 
     @cached_property
     def free_nodes(self) -> NDArray[np.int64]:
@@ -75,18 +80,28 @@ class Structure:
         return np.asarray((3 * self.anchors[:, None] + np.arange(3)).ravel())
 
     @cached_property
+    def joins_anchors(self) -> NDArray[np.bool_]:
+        """(tendons,) True for tendons that join two anchors, so that their lengths say nothing of the shape."""
+        return np.asarray(np.isin(self.tendons, self.anchors).all(axis=1))
+
+    @cached_property
+    def is_sensed(self) -> NDArray[np.bool_]:
+        """(tendons,) True for tendons with a sensor."""
+        return np.asarray(~np.isin(np.arange(len(self.tendons)), self.unsensed))
+
+    @cached_property
     def is_free_tendon(self) -> NDArray[np.bool_]:
-        """(tendons,) True for tendons that do not join two anchors: only their lengths depend on the shape."""
-        return np.asarray(~np.isin(self.tendons, self.anchors).all(axis=1))
+        """(tendons,) True for tendons with a sensor that do not join two anchors: only they measure the shape."""
+        return np.asarray(self.is_sensed & ~self.joins_anchors)
 
     @cached_property
     def free_tendons(self) -> NDArray[np.int64]:
-        """(free tendons,) the numbers of the tendons that do not join two anchors."""
+        """(free tendons,) the numbers of the tendons with a sensor that do not join two anchors."""
         return np.flatnonzero(self.is_free_tendon)
 
     @cached_property
     def free_members(self) -> NDArray[np.int64]:
-        """(rods + free tendons, 2) node pairs of the members whose lengths depend on the shape."""
+        """(rods + free tendons, 2) node pairs of the members whose lengths are known and depend on the shape."""
         return np.concatenate([self.rods, self.tendons[self.is_free_tendon]])
 
     @property
@@ -273,36 +288,44 @@ def _anchor_positions(value: ArrayLike, count: int) -> NDArray[np.float64]:
     return position
 
 
+def _node_count(*nodes: NDArray[np.int64]) -> int:
+    return 1 + max(int(part.max(initial=-1)) for part in nodes)
+
+
 def _check_topology(rods: NDArray[np.int64], tendons: NDArray[np.int64], anchors: NDArray[np.int64]) -> None:
-    """Raise InputError for what is not a tensegrity of disjoint rods and tendons."""
-    node_count = int(rods.max()) + 1
-    if node_count > MOST_NODES:
-        raise InputError(f"rods: expected nodes below {MOST_NODES}, numbered from 0 without gaps, got {node_count - 1}")
+    """Raise InputError for what is not a tensegrity of rods and tendons."""
+    most = 2 * (len(rods) + len(tendons)) - 1
+    joined: dict[frozenset[int], str] = {}
     for name, pairs in (("rod", rods), ("tendon", tendons)):
-        for index, (a, b) in enumerate(pairs):
-            if not (0 <= a < node_count and 0 <= b < node_count):
-                raise InputError(f"{name} {index} ({a}-{b}): node out of range: expected 0 to {node_count - 1}")
+        for index, (a, b) in enumerate(pairs.tolist()):
+            here, pair = f"{name} {index}", frozenset((a, b))
+            if min(a, b) < 0 or max(a, b) > most:
+                raise InputError(f"{here} ({a}-{b}): node out of range: expected 0 to {most}")
             if a == b:
-                raise InputError(f"{name} {index} ({a}-{b}): expected two different nodes")
-    nodes, uses = np.unique(rods, return_counts=True)
-    for node in nodes[uses > 1]:
-        raise InputError(f"node {node}: is on {uses[nodes == node][0]} rods: expected at most one")
-    rod_of = {frozenset(pair): index for index, pair in enumerate(rods.tolist())}
-    tendon_of: dict[frozenset[int], int] = {}
-    for index, (a, b) in enumerate(tendons.tolist()):
-        pair = frozenset((a, b))
-        if pair in rod_of:
-            raise InputError(f"tendon {index} ({a}-{b}): is also rod {rod_of[pair]}")
-        if pair in tendon_of:
-            raise InputError(f"tendon {index} ({a}-{b}): joins the same nodes as tendon {tendon_of[pair]}")
-        tendon_of[pair] = index
-    for node in np.setdiff1d(np.arange(node_count), tendons):
+                raise InputError(f"{here} ({a}-{b}): expected two different nodes")
+            if pair in joined:
+                raise InputError(f"{here} ({a}-{b}): joins the same nodes as {joined[pair]}")
+            joined[pair] = here
+    node_count = _node_count(rods, tendons)
+    _check_numbers("anchors", "node", anchors, node_count)
+    rods_at = np.bincount(rods.ravel(), minlength=node_count)
+    tendons_at = np.bincount(tendons.ravel(), minlength=node_count)
+    anchored = np.isin(np.arange(node_count), anchors)
+    for node in np.flatnonzero((rods_at == 0) & (tendons_at == 0)):
+        raise InputError(f"node {node}: no rod and no tendon ends there: expected all numbers up to {node_count - 1}")
+    for node in np.flatnonzero((tendons_at == 0) & (rods_at < 2) & ~anchored):
         raise InputError(f"node {node}: no tendon holds it")
-    for index, node in enumerate(anchors):
-        if not 0 <= node < node_count:
-            raise InputError(f"anchors[{index}]: node {node} out of range: expected 0 to {node_count - 1}")
-        if node in anchors[:index]:
-            raise InputError(f"anchors[{index}]: node {node} is named twice")
+    for node in np.flatnonzero((rods_at == 0) & (tendons_at < 2) & ~anchored):
+        raise InputError(f"node {node}: is on no rod, and one tendon alone holds it: expected two or more")
+
+
+def _check_numbers(name: str, kind: str, numbers: NDArray[np.int64], count: int) -> None:
+    """Raise InputError for nodes or tendons that do not exist, or that are named twice."""
+    for index, number in enumerate(numbers):
+        if not 0 <= number < count:
+            raise InputError(f"{name}[{index}]: {kind} {number} out of range: expected 0 to {count - 1}")
+        if number in numbers[:index]:
+            raise InputError(f"{name}[{index}]: {kind} {number} is named twice")
 
 
 def _check_sizes(structure: Structure) -> None:

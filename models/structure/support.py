@@ -1,7 +1,7 @@
 """The support of a structure: what gravity and the floor do to its nodes, as far as they are known.
 
-A rod of mass m pulls each of its ends down with m g / 2. The floor carries the nodes that stand on it: without other
-loads three of them carry the weight W like a table with three legs,
+The mass m of a node, which is half that of each member that ends there, pulls it down with m g. The floor carries the
+nodes that stand on it: without other loads three of them carry the weight W like a table with three legs,
 
     sum N_k = W,   sum N_k x_k = W x_c    (across the direction of gravity, with the centroid x_c)
 
@@ -12,8 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from .structure import Structure
 
 GRAVITY_M_PER_S2 = 9.81
 LEAST_N = 1e-6
@@ -32,29 +30,20 @@ class Support:
     """(nodes, 3, 3)"""
 
 
-def weight_n(structure: Structure, rod_mass_kg: float) -> NDArray[np.float64]:
-    """Return (nodes,) the weight at each node: half that of its rod."""
-    weight = np.zeros(structure.node_count)
-    np.add.at(weight, structure.rods.ravel(), 0.5 * rod_mass_kg * GRAVITY_M_PER_S2)
-    return weight
+def hung_up(node_mass_kg: NDArray[np.float64]) -> Support:
+    """Return the support of (nodes,) masses in the anchors' frame: gravity along -z, and no floor."""
+    force_n = (node_mass_kg * GRAVITY_M_PER_S2)[:, None] * np.array([0.0, 0.0, -1.0])
+    return Support(force_n, np.zeros((len(node_mass_kg), 3, 3)))
 
 
-def hung_up(structure: Structure, rod_mass_kg: float) -> Support:
-    """Return the support of a structure in the anchors' frame: gravity along -z, and no floor."""
-    count = structure.node_count
-    force_n = weight_n(structure, rod_mass_kg)[:, None] * np.array([0.0, 0.0, -1.0])
-    return Support(force_n, np.zeros((count, 3, 3)))
-
-
-def weightless(structure: Structure, rod_mass_kg: float) -> Support:
+def weightless(node_mass_kg: NDArray[np.float64]) -> Support:
     """Return the support of a structure that may be turned and carried in any way: a force of unknown direction."""
-    variance = weight_n(structure, rod_mass_kg) ** 2 / 3
-    return Support(np.zeros((structure.node_count, 3)), variance[:, None, None] * np.eye(3))
+    variance = (node_mass_kg * GRAVITY_M_PER_S2) ** 2 / 3
+    return Support(np.zeros((len(node_mass_kg), 3)), variance[:, None, None] * np.eye(3))
 
 
 def standing(
-    structure: Structure,
-    rod_mass_kg: float,
+    node_mass_kg: NDArray[np.float64],
     node_position_m: NDArray[np.float64],
     up: NDArray[np.float64],
     up_sigma: float,
@@ -63,14 +52,13 @@ def standing(
     """Return the support of a structure that stands on a floor; up and carried may have leading axes.
 
     Args:
-        structure: the structure.
-        rod_mass_kg: mass of each rod.
+        node_mass_kg: (nodes,) mass at each node, see `Mechanics.node_mass_kg`.
         node_position_m: (nodes, 3) in any coordinate frame.
         up: (..., 3) unit vector against gravity in the same frame.
         up_sigma: standard deviation of this direction, in rad.
         carried: (..., nodes) probability that the floor carries each node.
     """
-    weight = weight_n(structure, rod_mass_kg)
+    weight = node_mass_kg * GRAVITY_M_PER_S2
     carried_n, spread_n = legs_n(weight, node_position_m, up, carried)
     force_n = (carried_n - weight)[..., None] * up[..., None, :]
     upward = up[..., None, :, None] * up[..., None, None, :]

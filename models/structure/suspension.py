@@ -27,18 +27,26 @@ class Suspension:
     axes: NDArray[np.float64]
     """(axes, 3) unit vectors in the world about which it swings: two that are level, or one along the line of two
     anchors."""
-    rods: NDArray[np.int64]
-    """(rods, 2) nodes of the rods, whose mass is uniform along them."""
+    mass_share: NDArray[np.float64]
+    """(nodes,) share of each node in the mass of the structure."""
 
     @classmethod
-    def of(cls, structure: Structure) -> "Suspension":
-        """Return the suspension of a structure with one or two anchors."""
+    def of(cls, structure: Structure, node_mass_kg: NDArray[np.float64] | None = None) -> "Suspension":
+        """Return the suspension of a structure with one or two anchors.
+
+        Args:
+            structure: with these anchors.
+            node_mass_kg: (nodes,) mass at each node; if None, or without any mass, all rods are equally heavy.
+        """
         anchor_m = structure.anchor_position_m
         axes = np.eye(3)[:2]
         if len(anchor_m) == 2:
             along = anchor_m[1] - anchor_m[0]
             axes = along[None] / np.linalg.norm(along)
-        return cls(anchor_m.mean(axis=0), axes, structure.rods)
+        mass = np.zeros(0) if node_mass_kg is None else node_mass_kg
+        if not mass.any():
+            mass = np.bincount(structure.rods.ravel(), minlength=structure.node_count).astype(np.float64)
+        return cls(anchor_m.mean(axis=0), axes, mass / mass.sum())
 
     @property
     def is_ball(self) -> bool:
@@ -46,8 +54,8 @@ class Suspension:
         return len(self.axes) > 1
 
     def lever_m(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (3,) d, from the pivot to the centre of mass of all rods, at (nodes, 3) positions."""
-        return np.asarray(node_position_m[self.rods].mean(axis=(0, 1)) - self.pivot_m)
+        """Return (3,) d, from the pivot to the centre of mass, at (nodes, 3) positions."""
+        return np.asarray(self.mass_share @ node_position_m - self.pivot_m)
 
     def torque_m(self, lever_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (axes,) the torque of the weight about each axis, over the weight."""

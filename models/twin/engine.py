@@ -34,7 +34,8 @@ class TwinMotion:
     tendon_length_m: NDArray[np.float64]
     """(steps, tendons) between the two ends of a tendon, which are its nodes if there are no hubs."""
     rod_turn: NDArray[np.float64] | None = None
-    """(steps, rods, 3, 3) from each rod's axes to the world, z along the rod; None where it was not asked for."""
+    """(steps, rods, 3, 3) from each rod's axes to the world, z along the rod; None where it was not asked for. Not of
+    distances in rigid bodies."""
 
 
 class Twin:
@@ -57,7 +58,8 @@ class Twin:
         self._data = mujoco.MjData(self._model)
         self._site = np.array([self._model.site(f"n{node}").id for node in range(body.structure.node_count)])
         self._body = self._model.site_bodyid[self._site]
-        self._rod_body = self._body[body.structure.rods[:, 0]]
+        rods = range(len(body.structure.rods) if body.own_rods is None else body.own_rods)
+        self._rod_body = np.array([self._model.body(f"r{rod}").id for rod in rods], dtype=np.int64)
         tendons = range(len(body.structure.tendons))
         names = [[body.end_site(tendon, end) for end in (0, 1)] for tendon in tendons]
         self._end = np.array([[self._model.site(name).id for name in pair] for pair in names])

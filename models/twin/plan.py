@@ -6,7 +6,15 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge
 
-from ..trial_description import AdcTable, StructureTable
+from ..structure_description import (
+    BodyTable,
+    DescribedStructure,
+    MechanicsTable,
+    StructureFile,
+    StructureTable,
+    described,
+)
+from ..trial_description import AdcTable
 from ..values.tables import NotNegative, Positive
 from .carried_sensors import ImuPlan, PositionPlan, RangePlan
 from .emulated_boards import BoardPhysics, Faults
@@ -22,23 +30,27 @@ from .spread_loads import RandomHugs, RandomShakes, RandomTips, WindPlan
 class MechanicsPlan:
     """`[mechanics]` of a plan."""
 
-    rod_mass_kg: Positive
-    rod_radius_m: Positive
+    rod_mass_kg: Positive | list[Positive]
+    rod_radius_m: Positive | list[Positive]
     """Of the rod, and of the round ends that touch the ground."""
     rod_drag_n_s_per_m: NotNegative
     """Of one rod that moves sideways: air, and whatever else stops a sway."""
-    tendon_stiffness_n_per_m: Positive
+    tendon_stiffness_n_per_m: Positive | list[Positive]
     """As one pull test gives it; trial.toml says this."""
     tendon_stiffness_spread: NotNegative
     """Relative standard deviation over tendons."""
     tendon_damping_n_s_per_m: NotNegative
-    push_back: NotNegative
-    """Stiffness of a bent tendon over that of a stretched one."""
+    push_back: NotNegative | list[NotNegative]
+    """Stiffness of a bent tendon over that of a stretched one; 0 for a cable, which goes slack."""
     natural_length_spread_m: NotNegative
     """Standard deviation over tendons, which trial.toml says tendon by tendon, as measured."""
     gravity_m_per_s2: NotNegative
     step_s: Positive
     """Of the integration."""
+    tendon_mass_kg: NotNegative | list[NotNegative] = 0.0
+    """As in trial.toml."""
+    knot_mass_kg: NotNegative | list[NotNegative] = 0.0
+    """As in trial.toml; a node that moves and is on no rod needs some."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +111,7 @@ class Plan:
     boards: BoardPhysics
     truth: TruthPlan
     format: Literal[1] = 1
+    body: list[BodyTable] = field(default_factory=list)
     ground: GroundPlan | None = None
     imu: list[ImuPlan] = field(default_factory=list)
     range: list[RangePlan] = field(default_factory=list)
@@ -109,6 +122,21 @@ class Plan:
     drift: DriftPlan | None = None
     hysteresis: HysteresisPlan | None = None
     geometry_error: GeometryError = field(default_factory=GeometryError)
+
+    def described(self) -> DescribedStructure:
+        """Return the nominal structure and mechanics.
+
+        Raises:
+            InputError: when the tables do not describe any; the text names the key.
+        """
+        mechanics = MechanicsTable(
+            tendon_stiffness_n_per_m=self.mechanics.tendon_stiffness_n_per_m,
+            rod_mass_kg=self.mechanics.rod_mass_kg,
+            push_back=self.mechanics.push_back,
+            tendon_mass_kg=self.mechanics.tendon_mass_kg,
+            knot_mass_kg=self.mechanics.knot_mass_kg,
+        )
+        return described(StructureFile(self.structure, self.body, mechanics))
 
     @property
     def steps(self) -> int:

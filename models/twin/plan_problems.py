@@ -5,8 +5,11 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..structure.statics import JoinedRods
 from ..structure.structure import Structure
+from ..structure_description import DescribedStructure
 from ..values.errors import InputError
 from .emulated_boards import BoardPhysics, Unplugged
 from .load_problems import problems_of_loads
@@ -38,13 +41,14 @@ def problems(plan: Plan) -> Iterator[tuple[str, str]]:
         if not np.isfinite(value)
     )
     try:
-        structure = plan.structure.structure()
+        told = plan.described()
         plan.adc.divider()
     except InputError as error:
         key, _, text = str(error).partition(": ")
-        yield (key if key.startswith("adc") else f"structure.{key}"), text
+        yield (key if key.startswith(("adc", "body", "mechanics")) else f"structure.{key}"), text
         return
-    yield from _problems_of_structure(plan, structure)
+    structure = told.structure
+    yield from _problems_of_structure(plan, told)
     yield from _problems_of_time(plan)
     yield from _problems_of_size(plan, structure)
     yield from _problems_of_sensors(plan.sensors)
@@ -56,18 +60,35 @@ def problems(plan: Plan) -> Iterator[tuple[str, str]]:
     yield from _problems_of_faults(plan, len(structure.tendons))
 
 
-def _problems_of_structure(plan: Plan, structure: Structure) -> Iterator[tuple[str, str]]:
+def _problems_of_structure(plan: Plan, told: DescribedStructure) -> Iterator[tuple[str, str]]:
+    structure = told.structure
     if plan.ground is not None and len(structure.anchors) in (1, 2):
         yield "ground", f"expected none with {len(structure.anchors)} anchors, from which the structure hangs"
     held = structure.anchors if plan.ground is None else np.empty(0, dtype=np.int64)
-    for node in np.setdiff1d(np.setdiff1d(np.arange(structure.node_count), structure.rods), held):
-        yield "structure.rods", f"node {node} is on no rod, and nothing holds it: expected a rod, for its mass"
+    assert told.mechanics is not None, "a plan tells the mechanics"
+    massless = np.flatnonzero(told.mechanics.node_mass_kg(structure) == 0)
+    for node in np.setdiff1d(massless, held):
+        yield "mechanics.knot_mass_kg", f"node {node} moves and has no mass: expected some, as it is on no rod"
+    yield from _problems_of_parts(plan, told, held)
     position_m = dict(zip(held.tolist(), structure.anchor_position_m, strict=False))
     for rod, ((a, b), length_m) in enumerate(zip(structure.rods.tolist(), structure.rod_length_m, strict=True)):
         if a in position_m and b in position_m:
             apart_m = float(np.linalg.norm(position_m[a] - position_m[b]))
             if abs(apart_m - length_m) > 1e-4:
                 yield "structure.anchors", f"rod {rod} is {length_m:g} m long, its anchors {apart_m:g} m apart"
+
+
+def _problems_of_parts(plan: Plan, told: DescribedStructure, held: NDArray[np.int64]) -> Iterator[tuple[str, str]]:
+    for number, nodes in enumerate(told.bodies):
+        if np.isin(nodes, held).any() and not np.isin(nodes, held).all():
+            yield f"body[{number}].nodes", "expected all of them among the anchors, or none"
+    radii = np.size(plan.mechanics.rod_radius_m)
+    if np.ndim(plan.mechanics.rod_radius_m) and radii != told.own_rods:
+        yield "mechanics.rod_radius_m", f"expected one number or {told.own_rods}, got {radii}"
+    if np.ndim(plan.mechanics.rod_radius_m) and plan.ground is not None:
+        yield "mechanics.rod_radius_m", f"expected one number with [ground], got {radii}"
+    if plan.geometry_error.hub_radius_m is not None and len(JoinedRods(told.structure).rods):
+        yield "geometry_error.hub_radius_m", "expected none where rods share a node"
 
 
 def _problems_of_time(plan: Plan) -> Iterator[tuple[str, str]]:

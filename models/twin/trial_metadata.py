@@ -1,6 +1,7 @@
 """The trial.toml of a virtual trial: what a laboratory would have measured, and what only a twin knows."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -32,15 +33,18 @@ def told_geometry(
         of_told: random numbers of `geometry_error`.
     """
     error = ToldErrors.draw(plan.geometry_error, structure, of_told)
-    rods_m = structure.rod_length_m + error.rod_length_m
+    own = len(plan.structure.rods)
+    rods_m = (structure.rod_length_m + error.rod_length_m)[:own]
+    further = {"unsensed": plan.structure.unsensed, "node_position_m": plan.structure.node_position_m}
     return {
         "structure": {
-            "rods": structure.rods.tolist(),
+            "rods": structure.rods[:own].tolist(),
             "tendons": structure.tendons.tolist(),
             "rod_length_m": _rounded(rods_m) if error.rod_length_m.any() else plan.structure.rod_length_m,
             "natural_length_m": _rounded(structure.natural_length_m + error.natural_length_m),
             "anchors": structure.anchors.tolist(),
             "anchor_position_m": _rounded(rest_m[structure.anchors] + error.anchor_m),
+            **{name: value for name, value in further.items() if value},
         },
         "rest": _told_rest(plan, rest_m + error.rest_position_m, of_rest),
     }
@@ -71,21 +75,38 @@ def trial_metadata(
         "kind": plan.kind,
         "provenance": provenance,
         "structure": told["structure"],
-        "mechanics": {
-            "tendon_stiffness_n_per_m": plan.mechanics.tendon_stiffness_n_per_m,
-            "rod_mass_kg": plan.mechanics.rod_mass_kg,
-        },
+        **({"body": [asdict(body) for body in plan.body]} if plan.body else {}),
+        "mechanics": _mechanics(plan),
         "rest": told["rest"],
         **_ground(plan, told),
         **_carried(plan),
         "adc": _adc(plan),
-        "sensors": {"natural_resistance_ohm": [round(value) for value in specimens.measured_resistance_ohm.tolist()]},
+        "sensors": {
+            "natural_resistance_ohm": [
+                round(value)
+                for tendon, value in enumerate(specimens.measured_resistance_ohm.tolist())
+                if tendon not in plan.structure.unsensed
+            ]
+        },
         "board": [
             {"file": f"board{board}.csv", "tendon_of_channel": channels}
             for board, channels in enumerate(plan.boards.tendon_of_channel)
         ],
         "truth": _truth(plan),
     }
+
+
+def _mechanics(plan: Plan) -> dict[str, Any]:
+    """Return `mechanics` of trial.toml: what a pull test and a scale tell, and which tendons are cables."""
+    mechanics = plan.mechanics
+    told: dict[str, Any] = {
+        "tendon_stiffness_n_per_m": mechanics.tendon_stiffness_n_per_m,
+        "rod_mass_kg": mechanics.rod_mass_kg,
+    }
+    if isinstance(mechanics.push_back, list) or mechanics.push_back == 0:
+        told["push_back"] = mechanics.push_back
+    masses = {"tendon_mass_kg": mechanics.tendon_mass_kg, "knot_mass_kg": mechanics.knot_mass_kg}
+    return told | {name: mass_kg for name, mass_kg in masses.items() if mass_kg}
 
 
 def _ground(plan: Plan, told: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

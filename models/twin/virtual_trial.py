@@ -152,30 +152,35 @@ def simulate(plan: Plan, provenance: str, progress: Callable[[float], None] = la
 def _body(plan: Plan, streams: RandomStreams) -> tuple[Body, NDArray[np.float64]]:
     """Draw what differs from tendon to tendon; return it with the (nodes, 3) shape to start from."""
     mechanics = plan.mechanics
-    structure = plan.structure.structure()
+    told = plan.described()
+    structure = told.structure
     count = len(structure.tendons)
     natural_m = structure.natural_length_m + mechanics.natural_length_spread_m * streams.body.normal(size=count)
     share = np.maximum(1 + mechanics.tendon_stiffness_spread * streams.body.normal(size=count), 0.1)
     structure = replace(structure, natural_length_m=natural_m)
-    start_m = find_rest_shape(structure)
+    start_m = find_rest_shape(structure, told.node_position_m)
     if structure.is_free_standing:  # its caps on the plane z = 0
-        start_m = start_m + np.array([0.0, 0.0, mechanics.rod_radius_m])
+        start_m = start_m + np.array([0.0, 0.0, float(np.max(mechanics.rod_radius_m))])
     offset_m = None
     if plan.geometry_error.hub_radius_m is not None:
         offset_m = hub_offset_m(structure, start_m, plan.geometry_error.hub_radius_m, streams.hubs)
         shortened = end_to_end_m(structure, start_m, offset_m) / structure.tendon_length_m(start_m)
         structure = replace(structure, natural_length_m=shortened * natural_m)
+    assert told.mechanics is not None, "a plan tells the mechanics"
     body = Body(
         structure=structure,
-        rod_mass_kg=mechanics.rod_mass_kg,
-        rod_radius_m=mechanics.rod_radius_m,
+        rod_mass_kg=told.mechanics.rod_mass_kg,
+        rod_radius_m=np.array(mechanics.rod_radius_m),
         rod_drag_n_s_per_m=mechanics.rod_drag_n_s_per_m,
-        stiffness_n_per_m=mechanics.tendon_stiffness_n_per_m * share,
+        stiffness_n_per_m=told.mechanics.stiffness_n_per_m * share,
         damping_n_s_per_m=mechanics.tendon_damping_n_s_per_m,
-        push_back=mechanics.push_back,
+        push_back=told.mechanics.push_back,
         gravity_m_per_s2=mechanics.gravity_m_per_s2,
         ground_friction=plan.ground.friction if plan.ground else None,
         hub_offset_m=offset_m,
+        rigid=told.bodies,
+        knot_mass_kg=replace(told.mechanics, rod_mass_kg=0.0).node_mass_kg(structure),
+        own_rods=told.own_rods,
     )
     return body, start_m
 

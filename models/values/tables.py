@@ -32,6 +32,9 @@ Share = Annotated[float, Interval(ge=0, lt=1)]
 Probability = Annotated[float, Interval(gt=0, lt=1)]
 """A number strictly between 0 and 1."""
 
+CHOICES = ("function-after[", "constrained-float", "list[")
+"""How pydantic calls the choices of a value that may be a number or a list of numbers."""
+
 
 def _inside(name: str) -> str:
     if not name or "\0" in name or name.startswith(("/", "\\")) or ":" in name[:2] or ".." in re.split(r"[/\\]", name):
@@ -64,7 +67,8 @@ def parse_table(kind: type[T], table: Mapping[str, Any], where: str | Callable[[
         raise InputError(f"{where if isinstance(where, str) else where(key)}: {key}: {text}") from error
     except ValidationError as error:
         first = error.errors()[0]
-        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"])[1:] or "the file"
+        loc = [part for part in first["loc"] if not str(part).startswith(CHOICES)]
+        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)[1:] or "the file"
         where = where if isinstance(where, str) else where(key)
         if first["type"] == "missing":
             raise InputError(f"{where}: {key}: is missing") from error

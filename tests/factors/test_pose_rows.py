@@ -24,11 +24,12 @@ SIZE = STATE.layout.size
 BODY_M = 0.15 * np.random.default_rng(5).standard_normal((12, 3))
 FLOOR = Floor(0.01, np.array([0.1, 0.0, 1.0]) / np.sqrt(1.01), 0.17, np.array([0.2, -0.1, 0.0]))
 RODS = np.array([[0, 3], [4, 5], [1, 6], [7, 8], [2, 9], [10, 11]])
+SHARE = np.full(12, 1 / 12)
 IMUS = ImuArray([Imu(0, 0.5, np.array([0.0, 0, 1])), Imu(3, 0.2, np.array([0.6, 0, 0.8]))], RODS)
 BEFORE = STATE.turn @ np.linalg.inv(any_state(0, 0).turn)
 NODES = np.array([2, 5, 6])
-BALL = Suspension(np.zeros(3), np.eye(3)[:2], RODS)
-HINGE = Suspension(np.zeros(3), np.array([[0.8, 0.6, 0.0]]), RODS)
+BALL = Suspension(np.zeros(3), np.eye(3)[:2], SHARE)
+HINGE = Suspension(np.zeros(3), np.array([[0.8, 0.6, 0.0]]), SHARE)
 LEVER_M = np.array([0.03, -0.02, -0.16])
 HANDS_M = np.array([0.02, 0.05, -0.01])
 FRAME = OwnFrame(1, np.eye(3), np.zeros(3), np.array([0.4, -1.0, 0.2]), np.tril(np.full((6, 6), 0.003)))
@@ -62,7 +63,7 @@ def direction_in_the_first_axes(state) -> Rows:
 def turned_ball(state) -> Suspension:
     """The level axes turn with the structure about the vertical."""
     heading = rotation_vector(state.turn @ STATE.turn.T)[2]
-    return Suspension(np.zeros(3), BALL.axes @ rotation(np.array([0, 0, heading])).T, RODS)
+    return Suspension(np.zeros(3), BALL.axes @ rotation(np.array([0, 0, heading])).T, SHARE)
 
 
 ROWS: dict[str, Callable[..., Rows]] = {

@@ -12,7 +12,7 @@ from tensegraph.models.structure.support import standing
 @pytest.fixture(scope="module")
 def faces(structure, balanced) -> RestingFaces:
     return RestingFaces(
-        structure, balanced.mechanics.rod_mass_kg, balanced.node_position_m, np.arange(12) < 3, DoubtSettings()
+        balanced.mechanics.node_mass_kg(structure), balanced.node_position_m, np.arange(12) < 3, DoubtSettings()
     )
 
 
@@ -33,7 +33,7 @@ def exact_balance(faces, balanced, structure, hypothesis: int, hand_n: np.ndarra
     """Return what a balance, known to 0.02 N across and along all directions, says of the forces of a hypothesis."""
     x = balanced.node_position_m
     carried = faces._carried[hypothesis]
-    support = standing(structure, balanced.mechanics.rod_mass_kg, x, faces.up(x)[hypothesis], 0.0, carried)
+    support = standing(balanced.mechanics.node_mass_kg(structure), x, faces.up(x)[hypothesis], 0.0, carried)
     information = np.eye(36) / 0.02**2
     return Balance(information, -information @ (support.force_n + hand_n).ravel(), 0.0)
 
@@ -67,7 +67,7 @@ def told(faces, evidence: np.ndarray, may_tip: float, looks: int) -> np.ndarray:
 @pytest.fixture
 def fresh(structure, balanced) -> RestingFaces:
     return RestingFaces(
-        structure, balanced.mechanics.rod_mass_kg, balanced.node_position_m, np.arange(12) < 3, DoubtSettings()
+        balanced.mechanics.node_mass_kg(structure), balanced.node_position_m, np.arange(12) < 3, DoubtSettings()
     )
 
 

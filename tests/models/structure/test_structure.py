@@ -23,9 +23,13 @@ def changed(**changes):
 
 REFUSED = {
     "joins the same nodes as tendon 0": {"tendons": [*SIX_STRUT_TENDONS, (1, 0)], "natural_length_m": 0.17},
-    "is also rod 0": {"tendons": [*SIX_STRUT_TENDONS, (3, 0)]},
-    "node out of range": {"tendons": [*SIX_STRUT_TENDONS, (3, 12)]},
-    "is on 2 rods": {"rods": [*SIX_STRUT_RODS[:-1], (10, 11), (10, 5)]},
+    "joins the same nodes as rod 0": {"tendons": [*SIX_STRUT_TENDONS, (3, 0)]},
+    "joins the same nodes as rod 5": {"rods": [*SIX_STRUT_RODS, (11, 10)]},
+    "node out of range": {"tendons": [*SIX_STRUT_TENDONS, (3, 900)]},
+    "node 12: no rod and no tendon ends there": {"tendons": [*SIX_STRUT_TENDONS, (3, 13), (4, 13)]},
+    "node 12: is on no rod, and one tendon alone holds it": {"tendons": [*SIX_STRUT_TENDONS, (3, 12)]},
+    "tendon 24 out of range": {"unsensed": [24]},
+    "tendon 5 is named twice": {"unsensed": [5, 5]},
     "no tendon holds it": {"tendons": [pair for pair in SIX_STRUT_TENDONS if 8 not in pair]},
     "both anchors are at one place": {"anchors": [0, 1], "anchor_position_m": [[0, 0, 0], [0, 0, 0]]},
     "lie on one line": {"anchor_position_m": [[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0]]},

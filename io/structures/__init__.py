@@ -1,0 +1,1 @@
+"""Structures from files of other programs, and into them."""

@@ -1,0 +1,132 @@
+"""`structure`, and trials that take their structure from a file."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomlkit
+
+from command_line import run
+from structures import TOWER, TOWER_M
+from tensegraph import open_trial, read_structure, reconstruct, three_strut
+from tensegraph.models.structure.rigidity import find_rest_shape
+from tensegraph.models.twin.engine import Twin
+from tensegraph.models.twin.loads import Loads, Press
+from tensegraph.models.twin.mjcf import Body, mjcf
+from twin_bodies import body
+
+NAMES = ("rods", "tendons", "rod_length_m", "natural_length_m", "anchors", "anchor_position_m")
+T_S = np.arange(0, 8, 0.1)
+STEP_S = 0.002
+
+
+def shapes_of(made: Body, shape_m: np.ndarray, node: int) -> np.ndarray:
+    """What the twin does: it is at rest for two seconds, then pressed at one node with up to 1 N."""
+    twin = Twin(made, STEP_S, shape_m)
+    twin.settle()
+    press = Press(at_s=2.0, ramp_s=3.0, hold_s=10.0, nodes=[node], force_n=1.0, direction=(0.3, 0.0, -1.0))
+    motion = twin.run(Loads([press], len(shape_m), []), round(8 / STEP_S))
+    return motion.node_position_m[:: round(0.1 / STEP_S)]
+
+
+def write_trial(folder: Path, table: dict, length_m: np.ndarray, tendons) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    told = {**table, "rest": {"seconds": 2.0}, "lengths": {"file": "lengths.csv"}}
+    (folder / "trial.toml").write_text(tomlkit.dumps(told))
+    noisy_m = length_m + np.random.default_rng(0).normal(0, 3e-4, length_m.shape)
+    header = ",".join(["t_s", *(f"l{e}_m" for e in tendons), *(f"s{e}_m" for e in tendons)])
+    rows = np.column_stack([T_S, noisy_m[:, tendons], np.full((len(T_S), len(tendons)), 3e-4)])
+    np.savetxt(folder / "lengths.csv", rows, fmt="%.6f", delimiter=",", header=header, comments="")
+    return folder
+
+
+def scores(result, true_m) -> tuple[float, float]:
+    """Return the root mean square error of the free nodes, in mm, and the share of the 95 % ellipsoids that hold."""
+    free = result.structure.free_nodes
+    error_m = (result.node_position_m - true_m)[:, free]
+    inverse = np.linalg.inv(result.node_covariance_m2[:, free])
+    squared = np.einsum("tni,tnij,tnj->tn", error_m, inverse, error_m)
+    return 1e3 * float(np.sqrt(np.mean(np.sum(error_m**2, axis=-1)))), float(np.mean(squared < 7.815))
+
+
+@pytest.mark.parametrize(("structure", "node"), [(three_strut(0.3, 0.15), 4), (TOWER, 7)], ids=["prism", "class 2"])
+def test_a_mujoco_model_is_estimated_on_simulated_lengths(structure, node, tmp_path: Path) -> None:
+    shape_m = TOWER_M if structure is TOWER else find_rest_shape(structure)
+    made = body(structure, push_back=0.02)
+    (tmp_path / "robot.xml").write_text(mjcf(made, shape_m, 0.001))
+    balanced_m = shapes_of(made, shape_m, node)
+    table = {"structure": {"file": "../robot.xml"}}
+    trial = write_trial(tmp_path / "trial", table, structure.tendon_length_m(balanced_m), range(len(structure.tendons)))
+    assert open_trial(trial).description.mechanics.rod_mass_kg == pytest.approx(0.03)
+    error_mm, covered = scores(reconstruct(trial, "live"), balanced_m)
+    moved_mm = 1e3 * np.sqrt(np.mean(np.sum((balanced_m - balanced_m[0])[:, 3:] ** 2, axis=-1)))
+    assert error_mm < min(2.0, 0.6 * moved_mm)
+    assert covered > 0.9
+
+
+def test_a_tendon_without_a_sensor_pulls_and_is_no_gap(tmp_path: Path) -> None:
+    balanced_m = shapes_of(body(TOWER, push_back=0.02), TOWER_M, 7)
+    sensed = [e for e in range(15) if e not in (6, 13)]
+    table = {
+        "structure": {
+            **{
+                n: getattr(TOWER, n).tolist()
+                for n in ("rods", "tendons", "rod_length_m", "natural_length_m", "anchors")
+            },
+            "anchor_position_m": TOWER.anchor_position_m.tolist(),
+            "node_position_m": TOWER_M.tolist(),
+            "unsensed": [6, 13],
+        },
+        "mechanics": {"tendon_stiffness_n_per_m": 400.0, "rod_mass_kg": 0.03},
+    }
+    result = reconstruct(write_trial(tmp_path / "trial", table, TOWER.tendon_length_m(balanced_m), sensed), "live")
+    assert np.isnan(result.length_m[:, [6, 13]]).all()
+    assert {str(status) for status in result.status[:20]} == {"ok"}  # nothing is missing of what can be measured
+    error_mm, covered = scores(result, balanced_m)
+    assert error_mm < 3.0
+    assert covered > 0.9
+
+
+def test_a_structure_is_shown_converted_and_drawn(tmp_path: Path) -> None:
+    (tmp_path / "tower.xml").write_text(mjcf(body(TOWER), TOWER_M, 0.001))
+    shown = run("structure", "tower.xml", "--out", "tower.toml", "--out", "tower.png", cwd=tmp_path)
+    assert shown.returncode == 0, shown.stderr
+    for text in ("9, of which 3 are anchors", "up to 2 share a node (class 2)", "self-stress states"):
+        assert text in shown.stdout
+    np.testing.assert_array_equal(read_structure(tmp_path / "tower.toml").structure.rods, TOWER.rods)
+    assert (tmp_path / "tower.png").stat().st_size > 10_000
+    again = run("structure", "tower.xml", "--out", "tower.toml", cwd=tmp_path)
+    assert again.returncode == 2
+    assert len(again.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(("name", "tendons"), [("prism", 9), ("six-strut", 24), ("tower", 21)])
+def test_a_new_structure_is_a_trial_and_a_rig(name: str, tendons: int, tmp_path: Path) -> None:
+    made = run("structure", "--new", name, "--rod", "0.3", "--stages", "3", "--out", "first", cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    shown = run("structure", "first/rig.toml", cwd=tmp_path)
+    assert f"{tendons}, unstretched" in shown.stdout
+    assert "no tendon" in shown.stdout
+    text = (tmp_path / "first" / "trial.toml").read_text()
+    assert text.count(" # measure: ") == 5
+    from tensegraph.live.rig import Rig
+
+    assert len(Rig.read(tmp_path / "first" / "rig.toml").description.natural_resistance_ohm) == tendons
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["broken.yaml"], "tensegraph: broken.yaml: line 1: is no YAML"),
+        (["none.xml"], "tensegraph: none.xml: no such file"),
+        ([], "tensegraph: expected a structure file, or --new with --rod, got neither"),
+        (["--new", "prism"], "tensegraph: --rod: expected with --new"),
+        (["--new", "prism", "--rod", "-1"], "tensegraph: --rod: expected a length above 0 m, got -1.0"),
+    ],
+)
+def test_what_is_refused_is_one_line(words: list[str], message: str, tmp_path: Path) -> None:
+    (tmp_path / "broken.yaml").write_text("nodes: [")
+    refused = run("structure", *words, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert refused.stderr.startswith(message)
+    assert len(refused.stderr.splitlines()) == 1

@@ -1,0 +1,174 @@
+"""Structure files: each format read back, by hand, and what is refused of each."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from structures import PLATE_M, TOWER, TOWER_M, plate
+from tensegraph import InputError, read_structure
+from tensegraph.io.structures.structure_output import write_structure
+from tensegraph.models.twin.mjcf import mjcf
+from twin_bodies import SHAPES, body
+
+YAML = """
+nodes:
+  foot: [0, 0, 0]
+  top: [0, 10, 0]
+  left: [6, 2, 0]
+  right: [6, 2, 8]
+pair_groups:
+  my_rod:
+    - [foot, top]
+    - [left, right]
+  my_string:
+    - [foot, left]
+    - named: [top, left]
+    - [foot, right]
+    - [top, right]
+builders:
+  my_rod: {class: tgRodInfo, parameters: {density: 0.5, radius: 0.2}}
+  my_string: {class: tgBasicActuatorInfo, parameters: {stiffness: 100, pretension: 50}}
+"""
+
+XML = """<mujoco>
+<worldbody>
+<site name="a" pos="0 0 0"/><site name="b" pos="0.3 0 0"/><site name="c" pos="0 0.3 0"/>
+<body name="rod" pos="0.1 0.1 0.1"><freejoint/><geom type="capsule" fromto="0 0 0 0 0 0.3" size="0.01" mass="0.05"/>
+<site name="n1" pos="0 0 0"/><site name="n2" pos="0 0 0.3"/></body>
+</worldbody>
+<tendon>
+<spatial name="t1" stiffness="100" springlength="0 0.1"><site site="a"/><site site="n1"/></spatial>
+<spatial name="t2" stiffness="200" springlength="0.2"><site site="b"/><site site="n1"/></spatial>
+<spatial name="t3" stiffness="300"><site site="c"/><site site="n2"/></spatial>
+</tendon>
+</mujoco>"""
+
+
+def written(folder: Path, name: str, text: str) -> Path:
+    (folder / name).write_text(text)
+    return folder / name
+
+
+def test_a_yaml_file_in_decimetres_by_hand(tmp_path: Path) -> None:
+    """y is up; a rod weighs density pi r^2 l; 50 kg dm/s^2 at 100 N/m shorten a tendon by half a decimetre."""
+    told = read_structure(written(tmp_path, "robot.yaml", YAML), unit_m=0.1)
+    assert told.node_position_m == pytest.approx(np.array([[0, 0, 0], [0, 0, 1], [0.6, 0, 0.2], [0.6, -0.8, 0.2]]))
+    assert told.structure.rod_length_m == pytest.approx([1.0, 0.8])
+    assert told.structure.tendons.tolist() == [[0, 2], [1, 2], [0, 3], [1, 3]]
+    assert told.structure.natural_length_m[1] == pytest.approx(1.0 - 0.05)
+    assert told.mechanics.rod_mass_kg == pytest.approx(0.5 * np.pi * 0.04 * np.array([10, 8]))
+    assert told.structure.is_free_standing
+
+
+def test_other_simulators_name_connections_and_types(tmp_path: Path) -> None:
+    text = YAML.replace("pair_groups", "connections").replace("class: tgRodInfo, ", "type: bar, ")
+    text = text.replace("class: tgBasicActuatorInfo, parameters: {stiffness: 100, pretension: 50}",
+                        "type: string, stiffness: 100, initial_length_ratio: 0.9")  # fmt: skip
+    told = read_structure(written(tmp_path, "robot.yml", text))
+    assert told.node_position_m[1] == pytest.approx([0, 10, 0])  # no axis is told to be up
+    assert told.structure.natural_length_m[1] == pytest.approx(9.0)
+
+
+def test_a_mujoco_model_by_hand(tmp_path: Path) -> None:
+    """A spring with one length pushes as it pulls; one without is slack where the model starts."""
+    told = read_structure(written(tmp_path, "robot.xml", XML))
+    assert told.structure.rods.tolist() == [[3, 4]]
+    assert told.structure.rod_length_m == pytest.approx([0.3])
+    assert told.structure.anchors.tolist() == [0, 1, 2]
+    assert told.structure.tendons.tolist() == [[0, 3], [1, 3], [2, 4]]
+    assert told.structure.natural_length_m == pytest.approx([0.1, 0.2, np.sqrt(0.01 + 0.04 + 0.16)])
+    assert told.mechanics.push_back == pytest.approx([0, 1, 1])
+    assert told.mechanics.stiffness_n_per_m == pytest.approx([100, 200, 300])
+    assert told.mechanics.rod_mass_kg == pytest.approx([0.05])
+
+
+@pytest.mark.parametrize("count", SHAPES)
+def test_the_twin_s_own_model_is_read_back(count: int, tmp_path: Path) -> None:
+    structure, shape_m = SHAPES[count]
+    told = read_structure(written(tmp_path, "twin.xml", mjcf(body(structure), shape_m, 0.001)))
+    for name in ("rods", "tendons", "natural_length_m", "anchors"):
+        np.testing.assert_array_equal(getattr(told.structure, name), getattr(structure, name))
+    np.testing.assert_allclose(told.structure.rod_length_m, structure.rod_length_m, rtol=1e-9)
+    np.testing.assert_allclose(told.structure.anchor_position_m, structure.anchor_position_m, atol=1e-5)
+    assert told.mechanics.push_back == pytest.approx(np.full(len(structure.tendons), 0.1))
+
+
+def test_rods_that_share_nodes_are_tied_and_read_back(tmp_path: Path) -> None:
+    told = read_structure(written(tmp_path, "tower.xml", mjcf(body(TOWER), TOWER_M, 0.001)))
+    np.testing.assert_array_equal(told.structure.rods, TOWER.rods)
+    np.testing.assert_array_equal(told.structure.tendons, TOWER.tendons)
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".xml"])
+def test_what_is_written_is_read_back(suffix: str, tmp_path: Path) -> None:
+    told = plate(push_back=[0.0, *[0.1] * 7])
+    write_structure(told, tmp_path / f"plate{suffix}", title="plate")
+    back = read_structure(tmp_path / f"plate{suffix}")
+    renumber = np.arange(13) if suffix == ".toml" else np.array([0, 1, 2, 3, 12, *range(4, 12)])  # the stem is last
+    np.testing.assert_array_equal(back.structure.tendons, renumber[told.structure.tendons])
+    np.testing.assert_array_equal(back.structure.anchors, renumber[told.structure.anchors])
+    np.testing.assert_allclose(back.structure.natural_length_m, told.structure.natural_length_m)
+    np.testing.assert_allclose(
+        np.sort(back.structure.rod_length_m)[-2:], 0.2 * np.sqrt(2), rtol=1e-5
+    )  # the plate's diagonals
+    assert back.bodies == (tuple(sorted(renumber[list(told.bodies[0])].tolist())),)
+    assert back.mechanics.push_back == pytest.approx(told.mechanics.push_back)
+    masses = [one.mechanics.node_mass_kg(one.structure).sum() for one in (told, back)]
+    assert masses == pytest.approx([0.2, 0.2])
+
+
+def test_a_flat_body_of_a_model_gets_a_node_off_its_plane(tmp_path: Path) -> None:
+    sites = "".join(f'<site name="p{k}" pos="{x} {y} 0"/>' for k, (x, y, _) in enumerate(PLATE_M[:4]))
+    up = "".join(f'<site name="u{k}" pos="{x} {y} 0.5"/>' for k, (x, y, _) in enumerate(PLATE_M[5:9]))
+    tendons = "".join(
+        f'<spatial stiffness="100" springlength="0 0.3"><site site="u{k}"/><site site="p{k}"/></spatial>'
+        for k in range(4)
+    )
+    text = (
+        f'<mujoco><worldbody>{up}<body><freejoint/><geom type="box" size="0.1 0.1 0.005" mass="0.2"/>{sites}</body>'
+        f"</worldbody><tendon>{tendons}</tendon></mujoco>"
+    )
+    told = read_structure(written(tmp_path, "plate.xml", text))
+    assert told.bodies == ((0, 1, 2, 3, 8),)
+    assert told.structure.node_count == 9
+    assert abs(told.node_position_m[8, 2]) > 0.05
+
+
+MALFORMED = {
+    "robot.yaml: line 4: is no YAML": YAML.replace("foot: [0, 0, 0]", "foot: [0, 0, 0"),
+    "robot.yaml: nodes.top: expected three finite numbers, got [0, 10]": YAML.replace("[0, 10, 0]", "[0, 10]"),
+    "robot.yaml: pair_groups.my_string[1]: there is no node tip": YAML.replace("[top, left]", "[tip, left]"),
+    "robot.yaml: pair_groups.my_rod[0]: expected two nodes": YAML.replace("[foot, top]", "[foot, top, left]"),
+    "robot.yaml: pair_groups.my_rod: expected a builder of this name": YAML.replace("  my_rod: {", "  rod: {"),
+    "robot.yaml: builders.my_string.stiffness: is missing": YAML.replace("stiffness: 100, ", ""),
+    "robot.yaml: builders.my_string.pretension: expected less than": YAML.replace("pretension: 50", "pretension: 9000"),
+    "robot.yaml: nodes or": "",
+    "robot.yaml: expected nodes": "- 1",
+    "robot.yaml: substructures: is not read": YAML + "substructures: {}\n",
+    "robot.yaml: line 2: is no YAML": "nodes:\n  a: !!python/object/apply:os.system [ls]\n",
+    "robot.xml: MuJoCo cannot read it": XML.replace("</tendon>", ""),
+    "robot.xml: tendon 't1': expected a spatial tendon from one site to another": XML.replace(
+        '<site site="a"/><site site="n1"/>', '<site site="a"/><site site="n1"/><site site="n2"/>'
+    ),
+    "robot.xml: tendon 't2': expected a stiffness above 0": XML.replace('stiffness="200"', 'stiffness="0"'),
+    "robot.xml: tendon 't2': another tendon joins the same sites": XML.replace('site="b"', 'site="a"'),
+    "robot.xml: body 'rod': expected to be free, or on a ball joint": XML.replace(
+        "<freejoint/>", '<joint type="hinge" axis="0 0 1"/>'
+    ),
+    "robot.xml: expected spatial tendons between sites, got none": XML.split("<tendon>")[0] + "</mujoco>",
+    "robot.toml: cannot be read as TOML": "[structure",
+    "robot.toml: structure: is missing": "",
+    "robot.dae: expected a structure file": "",
+}
+
+
+@pytest.mark.parametrize("message", MALFORMED)
+def test_a_malformed_file_is_refused_in_one_line(message: str, tmp_path: Path) -> None:
+    path = written(tmp_path, message.split(":")[0], MALFORMED[message])
+    with pytest.raises(InputError) as refused:
+        read_structure(path)
+    text = str(refused.value)
+    assert text.startswith(f"{tmp_path}/")
+    assert message.removesuffix("nodes or") in text.removeprefix(f"{tmp_path}/")
+    assert "\n" not in text
