@@ -10,7 +10,7 @@ from ..toml import read_toml
 from .mjcf_structure import mjcf_tables
 from .yaml_structure import yaml_tables
 
-TABLES = ("structure", "body", "mechanics", "rest")
+READ_TABLES = ("structure", "body", "mechanics", "rest")
 """What a structure file tells; other tables of a trial.toml are not read."""
 
 
@@ -42,7 +42,7 @@ def structure_tables(path: Path, unit_m: float = 1.0) -> dict[str, Any]:
         raise InputError(f"{path}: no such file")
     if suffix == ".toml":
         told = read_toml(path)
-        return {name: table for name, table in with_structure_file(told, path).items() if name in TABLES}
+        return {name: table for name, table in with_structure_file(told, path).items() if name in READ_TABLES}
     return yaml_tables(path, unit_m) if suffix in (".yaml", ".yml") else mjcf_tables(path)
 
 

@@ -17,7 +17,7 @@ RADIUS_SHARE = 0.01
 """Radius of a rod in a written model, as a share of its length: a structure does not tell it."""
 DRAG_N_S_PER_M = 0.2
 """Drag of a rod and damping of a tendon in a written model, with which a sway dies out within a second."""
-STEP_S = 0.001
+MODEL_STEP_S = 0.001
 
 
 def write_structure(told: DescribedStructure, path: Path, *, title: str) -> None:
@@ -100,4 +100,4 @@ def _model(told: DescribedStructure, path: Path) -> str:
         knot_mass_kg=mechanics.node_mass_kg(s) - 0.5 * np.bincount(s.rods.ravel(), rod_kg.repeat(2), s.node_count),
         own_rods=told.own_rods,
     )
-    return mjcf(body, _shape(told), STEP_S)
+    return mjcf(body, _shape(told), MODEL_STEP_S)

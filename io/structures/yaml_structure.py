@@ -15,13 +15,13 @@ import numpy as np
 from ...models.values.errors import InputError
 from ...models.values.extras import needs_extra
 
-RODS = ("rod", "bar", "strut")
-TENDONS = ("string", "cable", "actuator", "muscle", "tendon", "spring")
+ROD_WORDS = ("rod", "bar", "strut")
+TENDON_WORDS = ("string", "cable", "actuator", "muscle", "tendon", "spring")
 """Words in the class, the type or the name of a builder by which its members are rods or tendons."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Group:
+class _Members:
     """Members of one kind."""
 
     name: str
@@ -125,7 +125,7 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
-def _groups(path: Path, document: Mapping[str, Any], nodes: Mapping[str, Any]) -> Iterator[_Group]:
+def _groups(path: Path, document: Mapping[str, Any], nodes: Mapping[str, Any]) -> Iterator[_Members]:
     builders = _builders(path, document)
     key = "pair_groups" if "pair_groups" in document else "connections"
     for name, value in _table(path, document, "pair_groups", "connections").items():
@@ -134,7 +134,7 @@ def _groups(path: Path, document: Mapping[str, Any], nodes: Mapping[str, Any]) -
         builder = builders[name]
         words = " ".join(str(builder.get(word, "")) for word in ("class", "type")).lower()
         kinds = [
-            (any(word in text for word in RODS), any(word in text for word in TENDONS))
+            (any(word in text for word in ROD_WORDS), any(word in text for word in TENDON_WORDS))
             for text in (words, name.lower())
         ]
         is_rod, is_tendon = next((kind for kind in kinds if kind[0] != kind[1]), (False, False))
@@ -142,7 +142,7 @@ def _groups(path: Path, document: Mapping[str, Any], nodes: Mapping[str, Any]) -
             raise InputError(f"{path}: builders.{name}: expected a class or type that names rods or strings, got none")
         parameters = {**builder, **builder.get("parameters", {})}
         pairs = _pairs(path, f"{key}.{name}", value, nodes)
-        yield _Group(name, is_rod, pairs, parameters)
+        yield _Members(name, is_rod, pairs, parameters)
 
 
 def _pairs(path: Path, here: str, value: object, nodes: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
@@ -162,7 +162,7 @@ def _pairs(path: Path, here: str, value: object, nodes: Mapping[str, Any]) -> tu
     return tuple(pairs)
 
 
-def _parameter(path: Path, group: _Group, name: str, default: float | None = None) -> float:
+def _parameter(path: Path, group: _Members, name: str, default: float | None = None) -> float:
     value = group.parameters.get(name, default)
     if value is None:
         raise InputError(f"{path}: builders.{group.name}.{name}: is missing")
@@ -171,14 +171,14 @@ def _parameter(path: Path, group: _Group, name: str, default: float | None = Non
     return float(value)
 
 
-def _rod(path: Path, group: _Group, length_m: float, unit_m: float) -> dict[str, float]:
+def _rod(path: Path, group: _Members, length_m: float, unit_m: float) -> dict[str, float]:
     """Return length and mass of a rod, from its mass, or from radius and density, which are in the file's unit."""
     volume = np.pi * _parameter(path, group, "radius", 0.0) ** 2 * length_m / unit_m
     mass_kg = _parameter(path, group, "mass", float(_parameter(path, group, "density", 0.0) * volume))
     return {"length_m": length_m, "mass_kg": mass_kg}
 
 
-def _tendon(path: Path, group: _Group, length_m: float, unit_m: float) -> dict[str, float]:
+def _tendon(path: Path, group: _Members, length_m: float, unit_m: float) -> dict[str, float]:
     stiffness = _parameter(path, group, "stiffness")
     if stiffness == 0:
         raise InputError(f"{path}: builders.{group.name}.stiffness: expected a number above 0, got 0")
