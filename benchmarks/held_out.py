@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from tensegraph.io.calibration.recording_files import read_recordings
 from tensegraph.io.model_file import read_sensor_model
-from tensegraph.io.recording_files import read_recordings
 from tensegraph.models.calibration.bending_fit import fit_bending
 from tensegraph.models.calibration.calibrated_model import LSTM, calibrate_model
 from tensegraph.models.calibration.recipe import TrainingSettings

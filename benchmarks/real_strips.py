@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from tensegraph.io.recording_files import read_recordings, read_rig
+from tensegraph.io.calibration.recording_files import read_recordings, read_rig
 from tensegraph.models.calibration.calibrated_model import LSTM, calibrate_model
 from tensegraph.models.calibration.recipe import TrainingSettings
 from tensegraph.models.calibration.recordings import Recording, Split

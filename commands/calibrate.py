@@ -7,10 +7,10 @@ from pathlib import Path
 
 from rich.progress import TextColumn
 
-from ..io.calibration_output import CalibrationPaths, CheckpointFile
+from ..io.calibration.calibration_output import CalibrationPaths, CheckpointFile
+from ..io.calibration.recording_files import RecordingFolder, read_recordings, read_rig
 from ..io.figures.calibration_figures import write_calibration_figures, write_sweep_figure
 from ..io.model_file import write_sensor_model
-from ..io.recording_files import RecordingFolder, read_recordings, read_rig
 from ..io.reports.model_card import CalibrationReport
 from ..io.reports.terminal import Terminal
 from ..models.calibration.bending_fit import BendingFit, fit_bending

@@ -19,8 +19,8 @@ from ..models.structure.shape import OtherShape, Shape, Status
 from ..models.structure.structure import Structure
 from ..models.structure.support import Support
 from ..models.values.errors import IndeterminateError
-from ..models.values.interpolated import interpolated
 from ..models.values.readings import Flag, TendonLengths
+from ..models.values.time_series import interpolated
 from .doubt import Doubt
 from .graph import GraphBuilder, status_of
 from .linear_frame import FrameData, linearised_frames

@@ -20,8 +20,8 @@ from ..factors.noise import WeightedLengths
 from ..models.estimation import HealthSettings
 from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.shape import Shape
-from ..models.values.low_pass import low_pass_weight
 from ..models.values.readings import Flag
+from ..models.values.time_series import low_pass_weight
 from .graph import GraphBuilder
 
 ALL_WRONG = 2.0

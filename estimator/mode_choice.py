@@ -23,9 +23,8 @@ from scipy.special import expit, logit
 from ..factors.noise import WeightedLengths
 from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.shape import Shape
-from ..models.values.interpolated import interpolated
-from ..models.values.low_pass import low_pass_weight
 from ..models.values.readings import Flag, Mode, ModeReadings, TendonLengths
+from ..models.values.time_series import interpolated, low_pass_weight
 from .graph import GraphBuilder
 
 EVIDENCE_S = 0.1

@@ -11,8 +11,8 @@ from itertools import takewhile
 from pathlib import Path
 
 import tensegraph as tg
+from tensegraph.io.calibration.recording_files import read_recording
 from tensegraph.io.model_file import read_sensor_model, write_sensor_model
-from tensegraph.io.recording_files import read_recording
 from tensegraph.models.calibration.calibrated_model import calibrate_model
 from tensegraph.models.calibration.recipe import TrainingSettings
 from tensegraph.models.calibration.recordings import Split

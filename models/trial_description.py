@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .pose.robot import FreeStandingRobot, HangingRobot
 from .sensor.clock import ClockSettings
 from .sensor.divider import Divider
-from .sensor.resistance import Boards
+from .sensor.resistance import CountConverter
 from .structure.floor import Floor
 from .structure.natural_lengths import Motors
 from .structure.rest_shape import GeometrySigma
@@ -279,7 +279,7 @@ class TrialDescription:
         """The floor that the structure stands on; None where anchors or a hand hold it."""
         return self.robot.floor if isinstance(self.robot, FreeStandingRobot) else None
 
-    def boards(self, settings: ClockSettings) -> Boards:
+    def boards(self, settings: ClockSettings) -> CountConverter:
         """Return the converter from rows of the trial's boards to readings of resistance.
 
         Raises:
@@ -287,7 +287,7 @@ class TrialDescription:
         """
         if self.divider is None:
             raise InputError(f"a trial of {self.source} has no boards")
-        return Boards(self.divider, self.tendons_of_board, settings)
+        return CountConverter(self.divider, self.tendons_of_board, settings)
 
 
 def describe_trial(table: Mapping[str, Any], where: str) -> tuple[TrialTable, TrialDescription]:

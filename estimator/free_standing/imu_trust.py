@@ -20,7 +20,7 @@ from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import UP
 from ...models.structure.support import GRAVITY_M_PER_S2
-from ...models.values.low_pass import low_pass_weight
+from ...models.values.time_series import low_pass_weight
 
 MOST_APART = 0.25
 """Difference of both inclinations beyond which they contradict each other: 14 degrees."""

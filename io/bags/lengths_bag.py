@@ -35,8 +35,8 @@ def bag_bytes(path: Path) -> Iterator[bytes]:
 class LengthsBag:
     """The messages of one topic as rows of lengths.
 
-    Iterating gives t_s and the length of each tendon that has a sensor, nan if it is not told. t_s is the stamp of the message minus that of the first: the one in its header, or where the first message has none,
-    the time of recording.
+    Iterating gives t_s and the length of each tendon that has a sensor, nan if it is not told. t_s is the stamp of the
+    message minus that of the first: the one in its header, or where the first message has none, the time of recording.
 
     Raises:
         InputError: for a bag that cannot be read, a topic that is not there, or a message that does not hold lengths of

@@ -32,6 +32,11 @@ from .style import (
 )
 from .track_figure import write_track_figure
 
+LONG_FRAMES = 3000
+"""Number of frames, a minute at 50 Hz, above which a panel shows the range of many frames in place of each."""
+PIECES = 400
+"""Number of such ranges in a panel, which is about as many pixels wide."""
+
 
 def write_figures(r: Reconstruction, settings: Settings, title: str, directory: Path) -> None:
     """Draw lengths.png and shape.png of a result, sensor_drift.png where drift is known, track.png on a floor."""
@@ -44,21 +49,27 @@ def write_figures(r: Reconstruction, settings: Settings, title: str, directory: 
 
 
 def write_lengths_figure(r: Reconstruction, title: str, path: Path) -> None:
-    """Draw each tendon's length over time with its 95 % band, and where it bends or has no reading (paper's Fig. 8)."""
+    """Draw each tendon's length over time with its 95 % band, and where it bends or has no reading (paper's Fig. 8).
+
+    Of a long run each panel shows, for each of `PIECES`, the mean and the range of its frames.
+    """
     count = len(r.structure.tendons)
     figure, axes = panels_over_time(count, min(count, 4), 1.55)
     for e, axis in enumerate(axes):
         draw_length(axis, r, e)
     figure.supylabel("tendon length [mm]")
     figure.suptitle(f"{title}: tendon lengths (each panel has its own scale)")
+    long = len(r) > LONG_FRAMES
+    each = f"{(r.t_s[-1] - r.t_s[0]) / PIECES:.2g} s"
     handles = [
-        Line2D([], [], color=BLUE, label="measured"),
+        Line2D([], [], color=BLUE, label=f"measured, mean of {each}" if long else "measured"),
+        *([Patch(color=BLUE, alpha=0.5, label=f"its range in {each}")] if long else []),
         Patch(color=BLUE, alpha=0.25, label="its 95 % band"),
         Line2D([], [], color=BLACK, lw=0.8, ls="--", label="of the estimated shape"),
-        Patch(color=ORANGE, alpha=0.3, label="bending"),
-        Patch(color=GREY, alpha=0.4, label="no usable reading"),
+        Patch(color=ORANGE, alpha=0.3, label="bending: height is the share of frames" if long else "bending"),
+        Patch(color=GREY, alpha=0.4, label="no usable reading: from above" if long else "no usable reading"),
     ]
-    add_legend_below(figure, handles, 5)
+    add_legend_below(figure, handles, 3 if long else 5)
     save_figure(figure, path)
 
 
@@ -66,16 +77,21 @@ def draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
     """Draw the length of tendon `e` in mm, with its band, and where it bends or has no reading."""
     length_mm = 1e3 * r.length_m[:, e]
     half_mm = BAND * (1e3 * np.where(np.isfinite(r.sigma_m[:, e]), r.sigma_m[:, e], np.nan))
-    axis.fill_between(r.t_s, length_mm - half_mm, length_mm + half_mm, color=BLUE, alpha=0.25, lw=0)
-    axis.plot(r.t_s, length_mm, color=BLUE, lw=0.9)
-    axis.plot(r.t_s, 1e3 * r.predicted_m[:, e], color=BLACK, lw=0.6, ls="--")
+    predicted_mm = 1e3 * r.predicted_m[:, e]
     missing = (r.flags[:, e] & LEFT_OUT) != 0
     bending = (r.mode[:, e] == Mode.BENDING) & ~missing
-    for where, color, alpha in ((bending, ORANGE, 0.3), (missing, GREY, 0.4)):
-        axis.fill_between(
-            r.t_s, 0, 1, where=where, transform=axis.get_xaxis_transform(), color=color, alpha=alpha, lw=0
-        )
-    known = np.concatenate([length_mm[np.isfinite(length_mm)], 1e3 * r.predicted_m[:, e]])
+    if len(r) > LONG_FRAMES:
+        _draw_pieces(axis, r.t_s, length_mm, half_mm, predicted_mm)
+        _draw_shares(axis, r.t_s, bending, missing)
+    else:
+        axis.fill_between(r.t_s, length_mm - half_mm, length_mm + half_mm, color=BLUE, alpha=0.25, lw=0)
+        axis.plot(r.t_s, length_mm, color=BLUE, lw=0.9)
+        axis.plot(r.t_s, predicted_mm, color=BLACK, lw=0.6, ls="--")
+        for where, color, alpha in ((bending, ORANGE, 0.3), (missing, GREY, 0.4)):
+            axis.fill_between(
+                r.t_s, 0, 1, where=where, transform=axis.get_xaxis_transform(), color=color, alpha=alpha, lw=0
+            )
+    known = np.concatenate([length_mm[np.isfinite(length_mm)], predicted_mm])
     low = known.min()
     high = known.max()
     margin = max(0.15 * (high - low), 1.5)
@@ -85,6 +101,43 @@ def draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
     axis.tick_params(labelsize=7)
     add_grid(axis)
     axis.margins(x=0)
+
+
+def _draw_pieces(
+    axis: Axes,
+    t_s: NDArray[np.float64],
+    length_mm: NDArray[np.float64],
+    half_mm: NDArray[np.float64],
+    predicted_mm: NDArray[np.float64],
+) -> None:
+    """Draw a length in pieces: mean with the mean 95 % band, range, and mean of the estimated shape."""
+    middle_s, mean_mm, mean_half_mm = (mean_of_pieces(values) for values in (t_s, length_mm, half_mm))
+    low_mm, high_mm = (extreme.reduceat(length_mm, _piece_starts(len(t_s))) for extreme in (np.fmin, np.fmax))
+    axis.fill_between(middle_s, low_mm, high_mm, color=BLUE, alpha=0.5, lw=0)
+    axis.fill_between(middle_s, mean_mm - mean_half_mm, mean_mm + mean_half_mm, color=BLUE, alpha=0.25, lw=0)
+    axis.plot(middle_s, mean_mm, color=BLUE, lw=0.9)
+    axis.plot(middle_s, mean_of_pieces(predicted_mm), color=BLACK, lw=0.6, ls="--")
+
+
+def _draw_shares(axis: Axes, t_s: NDArray[np.float64], bending: NDArray[np.bool_], missing: NDArray[np.bool_]) -> None:
+    """Draw the share of frames in each piece that bend, from below, and that have no usable reading, from above."""
+    middle_s, bent, left_out = (mean_of_pieces(np.asarray(values, float)) for values in (t_s, bending, missing))
+    across = axis.get_xaxis_transform()
+    axis.fill_between(middle_s, 0, bent, color=ORANGE, alpha=0.3, lw=0, step="mid", transform=across)
+    axis.fill_between(middle_s, 1 - left_out, 1, color=GREY, alpha=0.4, lw=0, step="mid", transform=across)
+
+
+def mean_of_pieces(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the means of `PIECES` consecutive pieces of (frames,) values, without those that are nan; nan of none."""
+    starts = _piece_starts(len(values))
+    known = np.isfinite(values)
+    count = np.add.reduceat(known.astype(np.int64), starts)
+    total = np.add.reduceat(np.where(known, values, 0.0), starts)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _piece_starts(frames: int) -> NDArray[np.int64]:
+    return (np.arange(PIECES) * frames) // PIECES
 
 
 def write_drift_figure(

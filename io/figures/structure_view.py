@@ -14,7 +14,7 @@ LONGEST_ARROW = 0.4
 """Longest arrow of a load at most, relative to the largest extent of the structure at the start."""
 WIDEST_ELLIPSOID = 0.12
 """Semi-axis of the magnified ellipsoids at most, relative to the same extent: they should not cover the structure."""
-MAGNIFICATIONS = (1, 2, 5, 10, 20, 50)
+MAGNIFIED_BY = (1, 2, 5, 10, 20, 50)
 DRAWN_FIRST = ("start", "tendon", "rod", "anchor", "ellipsoid", "load", "name")
 """Order in which the parts are drawn, from below to above. Matplotlib would order whole lines by their middle, which
 hides rods behind tendons."""
@@ -44,7 +44,7 @@ class Scale:
         extent_mm = 1e3 * float(np.max(np.ptp(r.node_position_m[0], axis=0)))
         semi_axis_mm = 1e3 * r.ellipsoids(probability).semi_axis_m[frames][:, r.structure.free_nodes]
         widest_mm = np.max(semi_axis_mm, initial=0.0, where=np.isfinite(semi_axis_mm))
-        fitting = [m for m in MAGNIFICATIONS if m * widest_mm <= WIDEST_ELLIPSOID * extent_mm]
+        fitting = [m for m in MAGNIFIED_BY if m * widest_mm <= WIDEST_ELLIPSOID * extent_mm]
         force_n = [np.linalg.norm(drawn_loads(r, k, load_threshold_n)[1], axis=-1) for k in frames]
         largest_n = float(np.max(np.concatenate(force_n), initial=load_threshold_n))
         return cls(extent_mm, max(fitting, default=1), round_down(LONGEST_ARROW * extent_mm / largest_n))

@@ -10,8 +10,8 @@ from ...models.calibration.calibrated_model import LSTM, Calibration
 from ...models.calibration.strip_rig import StripRig
 from ...models.calibration.strip_scores import StripScore, by_speed
 from ...models.sensor.sensor_model import SensorModel, TrainedRanges
+from ..calibration.recording_files import RecordingFolder, rig_text
 from ..provenance import versions
-from ..recording_files import RecordingFolder, rig_text
 
 
 @dataclass(frozen=True, slots=True, eq=False)

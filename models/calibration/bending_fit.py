@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..sensor.bending import BendingCurve, LagFree
-from ..values.correlation import correlation_samples
+from ..values.time_series import correlation_samples
 from .recordings import Recording
 
 

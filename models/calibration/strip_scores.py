@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..values.correlation import autocorrelation_of
+from ..values.time_series import autocorrelation_of
 from .strips import StripRun
 
 IRREGULAR = "irregular motion"

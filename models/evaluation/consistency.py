@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from ..structure.structure import Structure
-from ..values.correlation import correlation_samples
+from ..values.time_series import correlation_samples
 from .estimate import Estimate
 from .evaluation import ComparedFrames, Consistency
 from .statistics import mean_over_frames, of_known

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from ..values.low_pass import SmoothedRate
+from ..values.time_series import SmoothedRate
 
 COEFFICIENTS = (-4.7589, -16.521, -20.239, -9.9675, -0.5464, -0.0016)
 """Coefficients of eq. (9), highest power first."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..values.low_pass import low_pass_weight
 from ..values.tables import Positive
+from ..values.time_series import low_pass_weight
 
 STRAIN_SCALE = 0.05
 """Unit of strain in which the network's outputs are given."""

@@ -10,7 +10,7 @@ from .clock import BoardClock, ClockCounts, ClockSettings
 from .divider import Divider
 
 
-class Boards:
+class CountConverter:
     """Converts rows of counts to readings of resistance, eq. (1), with their times on the host clock."""
 
     def __init__(

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..values.low_pass import Floats, SmoothedRate, low_pass_weight
+from ..values.time_series import Floats, SmoothedRate, low_pass_weight
 from .lstm import LOG_VARIANCE_RANGE, STRAIN_SCALE, LstmState, features, next_means
 from .sensor_model import SensorModel
 

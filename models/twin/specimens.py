@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from ..sensor.bending import BendingCurve
-from ..values.low_pass import low_pass_weight
 from ..values.tables import NotNegative, Positive
+from ..values.time_series import low_pass_weight
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,9 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from tensegraph.io.figures.shape_figures import nodes_of_interest, write_shape_figure
+from tensegraph.io.figures.shape_figures import (
+    draw_length,
+    mean_of_pieces,
+    nodes_of_interest,
+    write_lengths_figure,
+    write_shape_figure,
+)
 from tensegraph.io.figures.structure_view import LoadArrows, Scale, round_down
+from tensegraph.models.values.readings import Mode
 
 
 def test_an_arrow_ends_at_the_node_it_pushes(loaded) -> None:
@@ -52,3 +60,25 @@ def test_the_nodes_that_are_loaded_are_of_interest(loaded) -> None:
     """Nodes 5 and 8 are loaded; without loads those that move most."""
     assert nodes_of_interest(loaded, 0.2) == [5, 8]
     assert len(nodes_of_interest(replace(loaded, loads=None), 0.2)) <= 3
+
+
+def test_a_long_run_is_drawn_in_pieces_by_hand(loaded, tmp_path, monkeypatch) -> None:
+    """100 frames in 25 pieces of four: means without those that are nan, and nan where nothing is known."""
+    monkeypatch.setattr("tensegraph.io.figures.shape_figures.PIECES", 25)
+    values = np.arange(100.0)
+    values[4:8] = np.nan
+    values[8] = np.nan
+    means = mean_of_pieces(values)
+    assert means[0] == 1.5
+    assert np.isnan(means[1])
+    assert means[2] == 10.0
+    assert means[-1] == 97.5
+    monkeypatch.setattr("tensegraph.io.figures.shape_figures.LONG_FRAMES", 99)
+    axis = Figure().subplots()
+    loaded.mode[:50, 3] = int(Mode.BENDING)
+    draw_length(axis, loaded, 3)
+    measured, predicted = axis.lines
+    assert len(measured.get_xdata()) == len(predicted.get_xdata()) == 25
+    np.testing.assert_allclose(measured.get_ydata(), 180.0)
+    write_lengths_figure(loaded, "toy", tmp_path / "lengths.png")
+    assert (tmp_path / "lengths.png").read_bytes().startswith(b"\x89PNG")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tensegraph import InputError
-from tensegraph.io.recording_files import read_recording, read_recordings, read_rig, rig_text
+from tensegraph.io.calibration.recording_files import read_recording, read_recordings, read_rig, rig_text
 from tensegraph.models.calibration.strip_rig import StripRig
 
 

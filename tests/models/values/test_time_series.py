@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tensegraph.models.values.correlation import autocorrelation_of, correlation_samples
+from tensegraph.models.values.time_series import autocorrelation_of, correlation_samples
 
 
 def test_autocorrelation_against_its_definition() -> None:

@@ -8,13 +8,13 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from ..models.calibration.recordings import Recording
-from ..models.calibration.strip_rig import RESISTANCE_OHM, TIME_S, StripRig
-from ..models.sensor.stretching import SETTLING_S
-from ..models.values.errors import InputError
-from ..models.values.tables import parse_table, unknown_keys
-from .csv import CsvFile
-from .toml import read_toml
+from ...models.calibration.recordings import Recording
+from ...models.calibration.strip_rig import RESISTANCE_OHM, TIME_S, StripRig
+from ...models.sensor.stretching import SETTLING_S
+from ...models.values.errors import InputError
+from ...models.values.tables import parse_table, unknown_keys
+from ..csv import CsvFile
+from ..toml import read_toml
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,7 @@
 import pytest
 
 from tensegraph import InputError
-from tensegraph.io.calibration_output import CalibrationPaths
+from tensegraph.io.calibration.calibration_output import CalibrationPaths
 
 
 class TestOutput:

@@ -5,8 +5,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..models.values.errors import InputError
-from .whole import check_writable, written_whole
+from ...models.values.errors import InputError
+from ..whole import check_writable, written_whole
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,1 @@
+"""Recordings of strips in, models with their card and figures out."""
