@@ -1,6 +1,6 @@
 """The batch estimator beside gtsam's own optimiser, on the same graph. Not part of the default run:
 
-pytest tests/benchmarks/test_batch_speed.py --benchmark-only
+pytest -n 0 tests/benchmarks/test_batch_speed.py --benchmark-only
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """How long a process takes that only imports, beside `import gtsam` alone. Not part of the default run:
 
-pytest tests/benchmarks/test_import_speed.py --benchmark-only
+pytest -n 0 tests/benchmarks/test_import_speed.py --benchmark-only
 """
 
 import subprocess

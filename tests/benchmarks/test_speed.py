@@ -1,6 +1,6 @@
 """Speed, side by side with what a user would otherwise pick. Not part of the default run:
 
-pytest tests/benchmarks --benchmark-only
+pytest -n 0 tests/benchmarks --benchmark-only
 """
 
 import resource
