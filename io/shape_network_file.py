@@ -32,8 +32,8 @@ def read_shape_network(path: Path | None = None) -> ShapeNetwork:
         weights = LstmWeights(**{f.name: tensors[f.name].astype(np.float64) for f in fields(LstmWeights)})
         return ShapeNetwork(
             weights=weights,
-            change_scale=float(tensors["change_scale"]),
-            displacement_scale_m=float(tensors["displacement_scale_m"]),
+            change_scale=tensors["change_scale"].item(),
+            displacement_scale_m=tensors["displacement_scale_m"].item(),
             covariance_m2=tensors["covariance_m2"],
             rods=tensors["rods"],
             tendons=tensors["tendons"],
