@@ -111,7 +111,9 @@ def reconstruct(
     ] = None,
     config: Config = None,
     model: Model = None,
-    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures too.")] = True,
+    figures: Annotated[
+        Literal["png", "pdf", "none"], typer.Option(help="Format of the figures: pixels, vectors, or no figures.")
+    ] = "png",
     from_s: Annotated[
         float | None, typer.Option("--from", help="Leave out shapes before this time, s.", show_default=False)
     ] = None,
@@ -132,7 +134,7 @@ def reconstruct(
         out=out,
         config=config,
         model=model,
-        figures=figures,
+        figures=None if figures == "none" else figures,
         span=Span(from_s, to_s),
         workers=_workers(jobs, scheduler),
         terminal=_terminal(quiet, verbose),

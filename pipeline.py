@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from inspect import signature
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -48,6 +48,9 @@ from .models.values.threads import one_thread
 
 Progress = Callable[[int, float], None]
 """Function that is called after each iteration of an optimisation, with its number from 1 and the error."""
+
+
+FigureFormat = Literal["png", "pdf"]
 
 
 class Estimator(Protocol):
@@ -299,7 +302,11 @@ def stream(
 
 
 def save(
-    reconstruction: Reconstruction, path: str | Path, settings: Settings | None = None, *, figures: bool = True
+    reconstruction: Reconstruction,
+    path: str | Path,
+    settings: Settings | None = None,
+    *,
+    figures: FigureFormat | None = "png",
 ) -> None:
     """Write shapes as a result directory: tables, figures, and the settings.
 
@@ -307,7 +314,7 @@ def save(
         reconstruction: the shapes to write.
         path: path of the directory; an earlier result at this path is replaced.
         settings: the settings of the run; their `probability` is that of the ellipsoids.
-        figures: whether to draw lengths.png and shape.png, which takes some seconds.
+        figures: format in which lengths and shapes are drawn, which takes some seconds; None draws nothing.
 
     Raises:
         InputError: when the path holds something else than an earlier result, or cannot be written.
@@ -315,7 +322,7 @@ def save(
     path = Path(path)
     settings = checked_settings(settings)
     run = {"settings": asdict(settings)}
-    write_result(reconstruction, path, run, settings, figures_title=path.name if figures else None)
+    write_result(reconstruction, path, run, settings, path.name, figures)
 
 
 def write_result(
@@ -323,7 +330,8 @@ def write_result(
     path: Path,
     run: Mapping[str, Any],
     settings: Settings,
-    figures_title: str | None,
+    title: str,
+    figures: FigureFormat | None,
     written: Callable[[str], None] = lambda part: None,
 ) -> None:
     """Write a result directory, completely or not at all.
@@ -333,7 +341,8 @@ def write_result(
         path: path of the directory.
         run: the content of run.toml.
         settings: the settings of the run.
-        figures_title: title of the figures, the name of the trial; None draws no figures.
+        title: of the figures.
+        figures: their format; None draws none.
         written: called with "tables" and "figures" when they are.
 
     Raises:
@@ -342,9 +351,9 @@ def write_result(
     with result_directory(path) as directory:
         write_tables(reconstruction, settings.probability, directory)
         written("tables")
-        if figures_title is not None:
+        if figures is not None:
             from .io.figures.shape_figures import write_figures  # matplotlib takes a third of a second to import
 
-            write_figures(reconstruction, settings, figures_title, directory)
+            write_figures(reconstruction, settings, title, directory, figures)
             written("figures")
         write_run(run, reconstruction.structure, directory)

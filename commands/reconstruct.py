@@ -25,7 +25,7 @@ from ..models.structure.rest_shape import RestShape, WrongPart
 from ..models.values.errors import InputError
 from ..models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag, TendonLengths
 from ..models.values.slip import Slip
-from ..pipeline import Pipeline, write_result
+from ..pipeline import FigureFormat, Pipeline, write_result
 from .many import Many, Workers
 from .paths import result_paths
 
@@ -73,8 +73,8 @@ class RunOptions:
     settings: Settings
     model: Path | None
     """File of the sensor model; the one in the package if None."""
-    figures: bool
-    """Whether to draw them."""
+    figures: FigureFormat | None
+    """Format of the figures; None draws none."""
     span: Span
     """The part of the trial of which shapes are wanted."""
 
@@ -114,7 +114,7 @@ def reconstruct_trials(
     out: Path | None,
     config: Path | None,
     model: Path | None,
-    figures: bool,
+    figures: FigureFormat | None,
     span: Span,
     workers: Workers,
     terminal: Terminal,
@@ -127,7 +127,7 @@ def reconstruct_trials(
         out: see `result_paths`.
         config: file of settings; defaults if None.
         model: sensor model; the one in the package if None.
-        figures: whether to draw them.
+        figures: format of the figures; None draws none.
         span: the part of each trial of which shapes are wanted.
         workers: the processes that do the work.
         terminal: for progress and tables.
@@ -166,9 +166,17 @@ def reconstruct_trial(job: TrialJob, terminal: Terminal) -> Table | None:
     with terminal.stages(trial.name, options.stages()) as bar:
         run = run_trial(trial, options, terminal, bar)
         with terminal.stage("tables and figures" if options.figures else "tables"):
-            title = f"{trial.name}, {run.method}" if options.figures else None
+            title = f"{trial.name}, {run.method}"
             table = run.as_table(job.out) | options.span.as_table() | {FINGERPRINT: made_from}
-            write_result(run.reconstruction, job.out, table, options.settings, title, lambda part: bar.reached(part, 1))
+            write_result(
+                run.reconstruction,
+                job.out,
+                table,
+                options.settings,
+                title,
+                options.figures,
+                lambda part: bar.reached(part, 1),
+            )
     return run.summary()
 
 

@@ -27,6 +27,7 @@ WRITTEN_NAMES = frozenset(
         *("sensor_drift.csv", "estimated_loads.csv", "contacts.csv", "track.csv", "slips.csv"),
         *("evaluation.json", "comparison.csv", "comparison.png"),
         *("lengths.png", "shape.png", "sensor_drift.png", "track.png", "heights.png", "errors.png", "loads.png"),
+        *("lengths.pdf", "shape.pdf", "sensor_drift.pdf", "track.pdf"),
         *("curves.png", "losses.png", "predictions.png", "sweep.png"),
     ]
 )

@@ -109,7 +109,7 @@ def test_saved_results_are_those_of_the_command(tmp_path, trial_copy) -> None:
 
 
 def test_tables_without_figures(tmp_path, trial_copy) -> None:
-    tensegraph.save(tensegraph.reconstruct(trial_copy(rows=40), "frame"), tmp_path / "out", figures=False)
+    tensegraph.save(tensegraph.reconstruct(trial_copy(rows=40), "frame"), tmp_path / "out", figures=None)
     assert not list((tmp_path / "out").glob("*.png"))
     assert (tmp_path / "out" / "shape.csv").is_file()
 

@@ -114,7 +114,7 @@ def test_defaults_are_those_of_the_settings() -> None:
 def test_quiet_and_verbose(trial_copy) -> None:
     """Quiet: the result's path. Verbose: as ever, with times of the stages on stderr. Without figures: tables only."""
     path = trial_copy(rows=40)
-    frame = ("reconstruct", path, "--method", "frame", "--no-figures")
+    frame = ("reconstruct", path, "--method", "frame", "--figures", "none")
     quiet = run_process(*frame, "-q", "--out", "quiet", cwd=path.parent)
     assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "written to quiet\n", "")
     verbose = run_process(*frame, "-v", "--out", "verbose", cwd=path.parent)

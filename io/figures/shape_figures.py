@@ -38,14 +38,22 @@ PIECES = 400
 """Number of such ranges in a panel, which is about as many pixels wide."""
 
 
-def write_figures(r: Reconstruction, settings: Settings, title: str, directory: Path) -> None:
-    """Draw lengths.png and shape.png of a result, sensor_drift.png where drift is known, track.png on a floor."""
-    write_lengths_figure(r, title, directory / "lengths.png")
-    write_shape_figure(r, settings.probability, settings.load_threshold_n, title, directory / "shape.png")
+def write_figures(r: Reconstruction, settings: Settings, title: str, directory: Path, suffix: str = "png") -> None:
+    """Draw lengths and shapes of a result, the drift of sensors where it is known, and the track on a floor.
+
+    Args:
+        r: all frames.
+        settings: the settings of the run.
+        title: what was reconstructed.
+        directory: in which the figures are written.
+        suffix: of their names, which is their format.
+    """
+    write_lengths_figure(r, title, directory / f"lengths.{suffix}")
+    write_shape_figure(r, settings.probability, settings.load_threshold_n, title, directory / f"shape.{suffix}")
     if r.drift is not None and r.drift_sigma is not None:
-        write_drift_figure(r, r.drift, r.drift_sigma, title, directory / "sensor_drift.png")
+        write_drift_figure(r, r.drift, r.drift_sigma, title, directory / f"sensor_drift.{suffix}")
     if r.contacts is not None:
-        write_track_figure(r, settings.probability, title, directory / "track.png")
+        write_track_figure(r, settings.probability, title, directory / f"track.{suffix}")
 
 
 def write_lengths_figure(r: Reconstruction, title: str, path: Path) -> None:

@@ -41,7 +41,7 @@ def add_legend_below(figure: Figure, handles: Sequence[Artist], columns: int) ->
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> None:
-    """Write a PNG."""
+    """Write a PNG, or a PDF, by the name of the file."""
     figure.savefig(path, dpi=dpi)
 
 

@@ -21,7 +21,7 @@ def evaluated(folder, result, *arguments) -> dict:
 
 def test_motion_capture_gives_what_clean_truth_gives(tmp_path, example, true_positions) -> None:
     """The example's truth as Motive writes it: another clock, permuted, hidden at times, Y up, in millimetres."""
-    assert run("reconstruct", example, "--no-figures", "--out", "press", cwd=tmp_path).returncode == 0
+    assert run("reconstruct", example, "--figures", "none", "--out", "press", cwd=tmp_path).returncode == 0
     take = take_of(*true_positions, NODES, ghosts=2)
     (tmp_path / "take.csv").write_text(motive_text(take), newline="")
     clean = evaluated(tmp_path, "press")
@@ -57,7 +57,7 @@ def test_what_trial_toml_tells_is_used(done, tmp_path, true_positions) -> None:
     assert np.flatnonzero([rmse is not None for rmse in scored["node_rmse_m"]]).tolist() == [2, 5]
     for k in (2, 5):
         assert scored["node_rmse_m"][k] == pytest.approx(plain["node_rmse_m"][k], abs=0.0005)
-    said = run("reconstruct", tmp_path / "press", "--no-figures", "--method", "least-squares", cwd=tmp_path)
+    said = run("reconstruct", tmp_path / "press", "--figures", "none", "--method", "least-squares", cwd=tmp_path)
     assert "not used: is motion capture: `tensegraph evaluate` lays it" in " ".join(said.stdout.split())
 
 

@@ -19,7 +19,7 @@ from tensegraph.commands.many import Many, Workers
 from tensegraph.io.provenance import fingerprint
 from tensegraph.io.reports.terminal import Terminal
 
-FRAME = ("--method", "frame", "--no-figures")
+FRAME = ("--method", "frame", "--figures", "none")
 
 
 def without_timing(path: Path) -> str:

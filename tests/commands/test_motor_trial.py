@@ -40,7 +40,7 @@ def error_mm(trial: Trial, method: str) -> tuple[float, tuple[Status, ...]]:
 def test_natural_lengths_that_are_told_are_followed(trial, tmp_path) -> None:
     """Live, by the command line; the same trial with a file that tells of no motion is wrong, and not `ok`."""
     assert trial.files()[-1] == "natural_length0.csv"
-    result = run("reconstruct", trial.path, "--live", "--no-figures", "--out", tmp_path / "told", cwd=tmp_path)
+    result = run("reconstruct", trial.path, "--live", "--figures", "none", "--out", tmp_path / "told", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "absurd" not in result.stdout
     told_mm, status = error_mm(trial, "live")

@@ -41,7 +41,7 @@ def trial(tmp_path) -> Path:
 
 
 def test_a_frame_is_found_at_rest_and_told(trial, tmp_path) -> None:
-    result = run("reconstruct", trial, "--live", "--no-figures", "--out", "told", cwd=tmp_path)
+    result = run("reconstruct", trial, "--live", "--figures", "none", "--out", "told", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "frame of position 0" in result.stdout
     assert "position 1: rows in an unknown frame" in result.stdout

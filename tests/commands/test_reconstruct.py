@@ -106,15 +106,24 @@ def test_truth_changes_nothing(done, tmp_path) -> None:
 def test_a_truth_file_that_is_gone_is_said_and_stops_nothing(trial_copy) -> None:
     path = trial_copy(rows=40)
     (path / "truth.csv").unlink()
-    result = run("reconstruct", path, "--no-figures", cwd=path.parent)
+    result = run("reconstruct", path, "--figures", "none", cwd=path.parent)
     assert result.returncode == 0
     assert "not used: " in result.stdout
+
+
+def test_figures_for_a_paper_are_vectors(trial_copy) -> None:
+    path = trial_copy(rows=40)
+    result = run("reconstruct", path, "--live", "--figures", "pdf", "--out", "out", cwd=path.parent)
+    assert result.returncode == 0, result.stderr
+    figures = {file.name for file in (path.parent / "out").iterdir()} - {"run.toml"}
+    assert {name for name in figures if not name.endswith(".csv")} == {"lengths.pdf", "shape.pdf", "sensor_drift.pdf"}
+    assert (path.parent / "out" / "shape.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_several_trials_and_a_second_run(trial_copy) -> None:
     one, two = trial_copy(rows=40, name="one"), trial_copy(rows=40, name="two")
     for _ in range(2):  # an earlier result is replaced
-        result = run("reconstruct", one, two, "--live", "--no-figures", "--out", "both", cwd=one.parent)
+        result = run("reconstruct", one, two, "--live", "--figures", "none", "--out", "both", cwd=one.parent)
         assert result.returncode == 0, result.stderr
     assert (one.parent / "both" / "one" / "shape.csv").is_file()
     assert (one.parent / "both" / "two" / "shape.csv").is_file()
@@ -124,7 +133,7 @@ def test_a_config_file_is_used(trial_copy) -> None:
     path = trial_copy(rows=40)
     (path.parent / "config.toml").write_text("probability = 0.5\n[frames]\nrate_hz = 25.0\n")
     result = run(
-        "reconstruct", path, "--live", "--no-figures", "--config", "config.toml", "--out", "out", cwd=path.parent
+        "reconstruct", path, "--live", "--figures", "none", "--config", "config.toml", "--out", "out", cwd=path.parent
     )
     assert result.returncode == 0, result.stderr
     written = tomllib.loads((path.parent / "out" / "run.toml").read_text())
@@ -134,7 +143,7 @@ def test_a_config_file_is_used(trial_copy) -> None:
 
 def test_reconstruct_uses_the_model_it_is_given(rig_folder, calibrated, trial_copy) -> None:
     path = trial_copy(rows=40)
-    arguments = ("reconstruct", path, "--live", "--no-figures", "--out")
+    arguments = ("reconstruct", path, "--live", "--figures", "none", "--out")
     other = run(*arguments, "o", "--model", rig_folder / "m.safetensors", cwd=path.parent)
     shipped = run(*arguments, "s", cwd=path.parent)
     assert other.returncode == shipped.returncode == 0, other.stderr
@@ -148,7 +157,7 @@ def test_a_trial_of_lengths_ends_with_its_table(trial_copy, example_structure) -
     length_m = example_structure.natural_length_m * 1.08
     rows = [",".join(map(str, (0.02 * k, *length_m))) for k in range(5)]
     (path / "lengths.csv").write_text("\n".join([",".join(["t_s", *(f"l{e}_m" for e in range(24))]), *rows, ""]))
-    result = run("reconstruct", path, "--no-figures", "--out", "out", cwd=path.parent)
+    result = run("reconstruct", path, "--figures", "none", "--out", "out", cwd=path.parent)
     assert result.returncode == 0, result.stderr
     assert "5" in result.stdout
     assert "written to out" in result.stdout
@@ -185,7 +194,7 @@ def test_slips_are_counted_in_one_line() -> None:
 def test_a_span_is_a_part_of_the_whole(trial_copy) -> None:
     """Shapes before it are estimated and left out, so that those in it are the same; the end is not read."""
     path = trial_copy(rows=60)
-    words = ("reconstruct", path, "--live", "--no-figures", "--out")
+    words = ("reconstruct", path, "--live", "--figures", "none", "--out")
     assert run(*words, "whole", cwd=path.parent).returncode == 0
     assert run(*words, "part", "--from", 0.5, "--to", 0.8, cwd=path.parent).returncode == 0
     whole, part = ((path.parent / name / "shape.csv").read_text().splitlines() for name in ("whole", "part"))

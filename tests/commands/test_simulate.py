@@ -28,7 +28,7 @@ def test_a_simulated_trial_is_reconstructed(tmp_path) -> None:
     refused = run("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path)
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
     assert "prism_01: exists and is no earlier result: expected a new name" in refused.stderr
-    result = run("reconstruct", "prism_01", "--no-figures", cwd=tmp_path)
+    result = run("reconstruct", "prism_01", "--figures", "none", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "node RMSE" in result.stdout
 

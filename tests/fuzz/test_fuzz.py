@@ -80,7 +80,17 @@ def _reconstruct(directory: Path, out: Path, error: Path) -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S + 1))
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
         options = ["--config", str(directory / "config.toml"), "--model", str(directory / "model.safetensors")]
-        sys.argv = ["tensegraph", "reconstruct", str(directory), "--out", str(out), "--no-figures", "--live", *options]
+        sys.argv = [
+            "tensegraph",
+            "reconstruct",
+            str(directory),
+            "--out",
+            str(out),
+            "--figures",
+            "none",
+            "--live",
+            *options,
+        ]
         try:
             tensegraph.cli.main()
         except SystemExit as ended:

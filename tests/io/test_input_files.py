@@ -73,6 +73,6 @@ def test_a_link_in_a_trial_may_lead_out_of_it(trial_copy) -> None:
     trial = trial_copy()
     (trial / "truth.csv").rename(trial.parent / "elsewhere.csv")
     (trial / "truth.csv").symlink_to("../elsewhere.csv")
-    ended = run("reconstruct", trial, "--method", "least-squares", "--no-figures", cwd=trial.parent)
+    ended = run("reconstruct", trial, "--method", "least-squares", "--figures", "none", cwd=trial.parent)
     assert ended.returncode == 0
     assert "node RMSE" in ended.stdout

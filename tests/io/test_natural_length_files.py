@@ -72,7 +72,7 @@ REFUSED_TABLES = {
 @pytest.mark.parametrize("message", REFUSED_TABLES)
 def test_a_table_that_cannot_be_is_refused_in_one_line(message, wound) -> None:
     path = wound(table=REFUSED_TABLES[message])
-    result = run("reconstruct", path.name, "--no-figures", cwd=path.parent)
+    result = run("reconstruct", path.name, "--figures", "none", cwd=path.parent)
     assert (result.returncode, result.stderr.count("\n")) == (2, 1)
     assert message in result.stderr
 

@@ -25,7 +25,7 @@ def kept(example):
 
 @pytest.fixture
 def saved(kept, tmp_path):
-    tg.save(kept, tmp_path / "run", figures=False)
+    tg.save(kept, tmp_path / "run", figures=None)
     return tmp_path / "run"
 
 
@@ -56,24 +56,24 @@ class TestLoad:
             np.testing.assert_array_equal(getattr(structure, name), getattr(kept.structure, name))
 
     def test_saved_again_is_the_same(self, saved, tmp_path) -> None:
-        tg.save(tg.load(saved), tmp_path / "again", figures=False)
+        tg.save(tg.load(saved), tmp_path / "again", figures=None)
         for name in ("shape.csv", "estimated_loads.csv", "other_shape.csv", "sensor_drift.csv"):
             assert (tmp_path / "again" / name).read_bytes() == (saved / name).read_bytes(), name
 
     def test_slips_are_those_of_their_frames(self, kept, tmp_path) -> None:
         slip = Slip(float(kept.t_s[4]), 7, np.array([0.003, 0.0, -0.004]), 0.002)
         slips = tuple((slip,) if frame == 4 else () for frame in range(len(kept)))
-        tg.save(replace(kept, contacts=np.ones((len(kept), 12)), slips=slips), tmp_path / "run", figures=False)
+        tg.save(replace(kept, contacts=np.ones((len(kept), 12)), slips=slips), tmp_path / "run", figures=None)
         read = tg.load(tmp_path / "run")
         assert [len(found) for found in read.slips] == [len(found) for found in slips]
         (found,) = read.slips[4]
         assert (found.node, found.sigma_m, found.way_m.tolist()) == (7, 0.002, [0.003, 0.0, -0.004])
-        tg.save(read, tmp_path / "again", figures=False)
+        tg.save(read, tmp_path / "again", figures=None)
         assert (tmp_path / "again" / "slips.csv").read_bytes() == (tmp_path / "run" / "slips.csv").read_bytes()
 
     @pytest.mark.parametrize("row", ["0.0001,7", "0.0,12", "0.0,0.5"])
     def test_a_slip_that_cannot_be_is_refused(self, kept, row, tmp_path) -> None:
-        tg.save(replace(kept, contacts=np.ones((len(kept), 12))), tmp_path / "run", figures=False)
+        tg.save(replace(kept, contacts=np.ones((len(kept), 12))), tmp_path / "run", figures=None)
         with (tmp_path / "run" / "slips.csv").open("a") as file:
             file.write(f"{row},0.005,0.002,0.003,0.0,-0.004\n")
         with pytest.raises(tg.InputError, match=r"slips\.csv: expected nodes from 0 to 11 at times of shape\.csv"):

@@ -27,7 +27,7 @@ def start(*arguments, cwd) -> subprocess.Popen:
 def test_every_shape_is_sent_and_the_result_is_the_same(trial_copy) -> None:
     path = trial_copy(rows=100)
     folder = path.parent
-    tg.save(tg.reconstruct(path, "live"), folder / "offline", figures=False)
+    tg.save(tg.reconstruct(path, "live"), folder / "offline", figures=None)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind(("127.0.0.1", 0))
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)

@@ -78,7 +78,7 @@ def test_the_command_line_tells_the_normal(tmp_path) -> None:
     A live session tells the same to the last digit.
     """
     cut_trial(tmp_path / "trial", "normal = [0.1, -0.1, 0.98995]\nnormal_sigma_rad = 0.17")
-    result = run("reconstruct", "trial", "--live", "--no-figures", "--out", "out", cwd=tmp_path)
+    result = run("reconstruct", "trial", "--live", "--figures", "none", "--out", "out", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "normal of the floor" in result.stdout
     told = tomllib.loads((tmp_path / "out" / "run.toml").read_text())["floor_normal"]

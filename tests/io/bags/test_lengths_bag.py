@@ -176,13 +176,13 @@ def test_as_a_user_types_it(ros, example, trial_with) -> None:
     length_m = natural_m(example) * 1.08
     states = [joint_state(ros, EPOCH_NS + k * 20_000_000, length_m) for k in range(20)]
     write_bag(ros, folder / "bag", {"/tendon_lengths": states})
-    made = run("reconstruct", folder, "--no-figures", "--out", "result", cwd=folder)
+    made = run("reconstruct", folder, "--figures", "none", "--out", "result", cwd=folder)
     assert (made.returncode, made.stderr) == (0, "")
     result = tg.load(folder / "result")
     assert len(result) == 20
     np.testing.assert_allclose(result.predicted_m[-1], length_m, atol=0.01)
     trial_with(file="lengths.csv", topic="/tendon_lengths")
     (folder / "lengths.csv").touch()
-    wrong = run("reconstruct", folder, "--no-figures", "--out", "result", cwd=folder)
+    wrong = run("reconstruct", folder, "--figures", "none", "--out", "result", cwd=folder)
     assert wrong.returncode == 2
     assert "lengths.topic: goes with a bag: expected none with lengths.csv" in wrong.stderr
