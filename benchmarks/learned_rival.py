@@ -1,7 +1,7 @@
 """Train the network that reconstructs shapes without a model of the robot: `learned_rival.py --out FILE`.
 
 Plans of the twin that vary loads, stiffness and sensors are simulated and reconstructed by the front end, and a torch
-LSTM learns the nodes from the dR/R of all sensors. Half a day of two cores at 400 trials, nearly all for the twin.
+LSTM learns the nodes from the dR/R of all sensors. On two cores, an hour for 75 trials, nearly all of it for the twin.
 """
 
 import argparse
@@ -208,7 +208,7 @@ def as_shape_network(network: Network, examples: list[Example], validation: list
 def main() -> None:
     """Simulate, train, and write the network."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, default=400, help="number of simulated trials")
+    parser.add_argument("--trials", type=int, default=75, help="number of simulated trials")
     parser.add_argument("--from", dest="folder", type=Path, help="folder of trials that are simulated already")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, required=True, help="file of the network, *.safetensors")
