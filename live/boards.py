@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from ..io.model_file import read_sensor_model
 from ..io.trial_directory import Reading
@@ -14,8 +14,9 @@ from ..models.structure.shape import Shape
 from ..models.trial_description import TrialDescription
 from ..models.values.errors import TensegraphError
 from ..pipeline import Pipeline
-from .feeds import Feed, boards_feed
-from .rig import Rig
+
+if TYPE_CHECKING:
+    from .feeds import Feed
 
 
 class Boards:
@@ -60,6 +61,9 @@ class Boards:
         self._feed: Feed | None = None
 
     def __enter__(self) -> Self:
+        from .feeds import boards_feed  # pyserial, which nothing else of the public names needs
+        from .rig import Rig
+
         self._model = self._model or read_sensor_model()
         feed = boards_feed(
             Rig.read(self._rig), self._ports, self._record, self._settings, self._model, _Listener(self._say)
@@ -92,7 +96,7 @@ class Boards:
         self._opened.source.stop()
 
     @property
-    def _opened(self) -> Feed:
+    def _opened(self) -> "Feed":
         if self._feed is None:
             raise TensegraphError("Boards: expected 'with tensegraph.Boards(...) as boards:', got boards not entered")
         return self._feed

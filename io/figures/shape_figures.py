@@ -242,7 +242,7 @@ def draw_heights(axis: Axes, r: Reconstruction, nodes: list[int], frames: list[i
         "Height of the nodes that are loaded or move most, with 95 % bands; dotted: the instants above", fontsize=9
     )
     axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)
-    axis.margins(x=0)
+    axis.margins(x=0 if len(r) > 1 else 0.05)
     add_grid(axis)
 
 

@@ -17,7 +17,7 @@ class TestRig:
         return tmp_path / name, read_rig(tmp_path / "rig.toml")
 
     def test_its_text_makes_the_same_rig(self, tmp_path) -> None:
-        rig = read_rig(Path(__file__).parents[2] / "examples" / "cb_silicone_rig.toml")
+        rig = read_rig(Path(__file__).parents[3] / "examples" / "cb_silicone_rig.toml")
         (tmp_path / "rig.toml").write_text(rig_text(rig))
         assert rig.gauge_length_mm == 40
         assert read_rig(tmp_path / "rig.toml") == rig
