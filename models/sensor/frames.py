@@ -9,7 +9,8 @@ noise of dR/R at rest was 0.0022, 0.0018 and 0.0013; the length error about each
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -44,10 +45,12 @@ class _Source:
     def __init__(self, reading: ResistanceReading, natural_ohm: NDArray[np.float64], gate: GateSettings) -> None:
         self.tendon = reading.tendon
         self.t_s: list[float] = []
+        self._whole: list[bool] = []
         self.arrival_s = reading.arrival_s
         self._gate = ReadingGate(gate, len(reading.tendon))
         self._natural_ohm = natural_ohm[reading.tendon]
-        self._readings: list[ResistanceReading] = []
+        self._values: list[NDArray[np.float64]] = []
+        self._flags: list[NDArray[np.int64]] = []
 
     def add(self, reading: ResistanceReading) -> None:
         self.arrival_s = reading.arrival_s
@@ -55,34 +58,43 @@ class _Source:
         value, flags = self._gate.check(reading.t_s, change, reading.sigma_ohm / self._natural_ohm, reading.flags)
         self.t_s.append(reading.t_s)
         resistance_ohm = np.where(np.isnan(value), np.nan, reading.resistance_ohm)
-        self._readings.append(replace(reading, resistance_ohm=resistance_ohm, flags=flags))
+        self._whole.append(bool(np.isfinite(resistance_ohm).all()))
+        self._values.append(np.array([resistance_ohm, reading.sigma_ohm]))
+        self._flags.append(flags)
 
     def mean(self, from_s: float, until_s: float, max_gap_s: float) -> ResistanceFrame:
         """Return the mean over an interval, of this source's channels alone, and delete the readings before it."""
         reach = slice(
             max(bisect_left(self.t_s, from_s - max_gap_s) - 1, 0), bisect_right(self.t_s, until_s + max_gap_s) + 1
         )
-        t_s = np.array(self.t_s[reach])
+        t_s = self.t_s[reach]
         middle_s = 0.5 * (from_s + until_s)
-        if len(t_s) == 0:
+        if not t_s:
             return _missing(middle_s, len(self.tendon))
-        value = np.array([reading.resistance_ohm for reading in self._readings[reach]])
-        sigma = np.array([reading.sigma_ohm for reading in self._readings[reach]])
-        flags = np.array([reading.flags for reading in self._readings[reach]])
-        inside = (t_s > from_s - 0.5 * (until_s - from_s)) & (t_s <= until_s + 0.5 * (until_s - from_s))
-        result_flags = np.bitwise_or.reduce(np.where(inside[:, None], flags, 0), axis=0)
-        finite = np.isfinite(value)
-        weight = np.zeros(value.shape)
-        for readings, channels in _grouped(finite):  # one group, unless some channel has a gap
-            weight[np.ix_(readings, channels)] = _mean_weights(t_s[readings], from_s, until_s, max_gap_s)[:, None]
+        value, sigma = np.array(self._values[reach]).swapaxes(0, 1)
+        if all(self._whole[reach]):  # the usual case: all channels have the same weights
+            weight = _mean_weights(t_s, from_s, until_s, max_gap_s)[:, None]
+        else:
+            finite = np.isfinite(value)
+            weight = _weights_of_channels(finite, t_s, from_s, until_s, max_gap_s)
+            value, sigma = np.where(finite, value, 0), np.where(finite, sigma, 0)
         seen = weight.sum(axis=0) > 0.5
-        mean = np.where(seen, (weight * np.where(finite, value, 0)).sum(axis=0), np.nan)
-        mean_sigma = np.sqrt(((weight * np.where(finite, sigma, 0)) ** 2).sum(axis=0))
-        drop = max(bisect_left(self.t_s, until_s - 2 * max_gap_s) - 1, 0)
-        del self.t_s[:drop]
-        del self._readings[:drop]
-        mean_flags = result_flags | np.where(seen, 0, Flag.MISSING)
-        return ResistanceFrame(middle_s, mean, np.where(seen, mean_sigma, np.nan), mean_flags)
+        mean = np.where(seen, (weight * value).sum(axis=0), np.nan)
+        mean_sigma = np.sqrt(((weight * sigma) ** 2).sum(axis=0))
+        margin_s = 0.5 * (until_s - from_s)
+        first = max(bisect_right(self.t_s, from_s - margin_s), reach.start)
+        last = min(bisect_right(self.t_s, until_s + margin_s), reach.stop)
+        flags = np.where(seen, 0, int(Flag.MISSING))
+        for about in self._flags[first:last]:
+            flags = flags | about
+        self._drop(until_s - 2 * max_gap_s)
+        return ResistanceFrame(middle_s, mean, np.where(seen, mean_sigma, np.nan), flags)
+
+    def _drop(self, before_s: float) -> None:
+        """Delete the readings before a time, but for the last of them."""
+        count = max(bisect_left(self.t_s, before_s) - 1, 0)
+        for readings in (self.t_s, self._whole, self._values, self._flags):
+            del readings[:count]
 
 
 def _missing(t_s: float, count: int) -> ResistanceFrame:
@@ -90,43 +102,49 @@ def _missing(t_s: float, count: int) -> ResistanceFrame:
     return ResistanceFrame(t_s, np.full(count, np.nan), np.full(count, np.nan), np.full(count, int(Flag.MISSING)))
 
 
-def _grouped(finite: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield the finite rows and the channels of each group of channels that are finite in the same rows."""
-    if finite.all():  # the usual case, without the cost of `unique`
-        patterns = finite[:, :1]
-        group = np.zeros(finite.shape[1], dtype=np.int64)
-    else:
-        patterns, group = np.unique(finite, axis=1, return_inverse=True)
-    for index, pattern in enumerate(patterns.T):
-        yield np.flatnonzero(pattern), np.flatnonzero(group == index)
+def _weights_of_channels(
+    finite: NDArray[np.bool_], t_s: list[float], from_s: float, until_s: float, max_gap_s: float
+) -> NDArray[np.float64]:
+    """Return (readings, channels) the weights of `_mean_weights` where only (readings, channels) `finite` counts."""
+    channels_of: dict[bytes, list[int]] = {}
+    for channel, pattern in enumerate(finite.T):
+        channels_of.setdefault(pattern.tobytes(), []).append(channel)
+    weight = np.zeros(finite.shape)
+    for channels in channels_of.values():  # those that have a value in the same readings
+        readings = np.flatnonzero(finite[:, channels[0]])
+        seen_s = [t_s[k] for k in readings.tolist()]
+        weight[np.ix_(readings, np.array(channels))] = _mean_weights(seen_s, from_s, until_s, max_gap_s)[:, None]
+    return weight
 
 
-def _mean_weights(t_s: NDArray[np.float64], from_s: float, until_s: float, max_gap_s: float) -> NDArray[np.float64]:
+def _mean_weights(t_s: list[float], from_s: float, until_s: float, max_gap_s: float) -> NDArray[np.float64]:
     """Return (readings,) the weight of each reading in the mean of the line through all readings over an interval.
 
     The line is constant before the first reading and after the last, for at most `max_gap_s`. All weights are zero when
     the middle of the interval is in a wider gap.
     """
-    weight = np.zeros(len(t_s))
-    if len(t_s) == 0:
-        return weight
+    if not t_s:
+        return np.zeros(0)
     middle_s = 0.5 * (from_s + until_s)
-    after = int(np.searchsorted(t_s, middle_s))
+    after = bisect_left(t_s, middle_s)
     before_s = t_s[after - 1] if after > 0 else t_s[0]
     after_s = t_s[after] if after < len(t_s) else t_s[-1]
     if after_s - before_s > max_gap_s or max(before_s - middle_s, middle_s - after_s) > max_gap_s:
-        return weight
-    knots = np.clip(t_s, from_s, until_s)
-    points = np.unique(np.concatenate([[from_s], knots, [until_s]]))
-    widths = np.diff(points)
-    for point, share in zip(points, np.concatenate([widths, [0]]) + np.concatenate([[0], widths]), strict=True):
-        right = int(np.searchsorted(t_s, point))
-        if right == 0 or right == len(t_s):
-            weight[min(right, len(t_s) - 1)] += share
+        return np.zeros(len(t_s))
+    inside = t_s[bisect_right(t_s, from_s) : bisect_left(t_s, until_s)]
+    points = sorted({from_s, *inside, until_s})
+    weights = [0.0] * len(t_s)
+    widths = [0.0, *(right - left for left, right in pairwise(points)), 0.0]
+    for point, left, right in zip(points, widths, widths[1:], strict=False):
+        share = left + right  # twice that of the trapezoidal rule
+        k = bisect_left(t_s, point)
+        if k == 0 or k == len(t_s):
+            weights[min(k, len(t_s) - 1)] += share
         else:
-            fraction = (point - t_s[right - 1]) / (t_s[right] - t_s[right - 1])
-            weight[right - 1] += share * (1 - fraction)
-            weight[right] += share * fraction
+            fraction = (point - t_s[k - 1]) / (t_s[k] - t_s[k - 1])
+            weights[k - 1] += share * (1 - fraction)
+            weights[k] += share * fraction
+    weight = np.array(weights)
     return np.asarray(weight / weight.sum())
 
 

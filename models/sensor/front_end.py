@@ -15,6 +15,9 @@ from .sensor_model import SensorModel
 from .stretching import Extrapolation, FastSwing, StrainSpread, StretchingSensors
 from .taring import RestShift, Taring
 
+NO_LENGTH = int(Flag.MISSING | Flag.MISFIT)
+"""Flags with which a tendon has no length."""
+
 
 @dataclass(frozen=True, slots=True)
 class FrontEndSettings:
@@ -90,6 +93,7 @@ class FrontEnd:
         self._R0 = natural_resistance_ohm
         self._L0 = natural_length_m
         self._references = references
+        self._bending_log_odds = logit(settings.bending_share)
         self._bending = model.bending_curve(settings.bending_abscissa)
         self._taring = Taring(self._gauge, self._bending, rest, natural_length_m)
         self._mode = np.full(count, int(Mode.STRETCHING))
@@ -122,7 +126,8 @@ class FrontEnd:
         probability = self._decide_mode(lag_free, frame.t_s)
         strain = self._in_its_mode(stretched, bent, probability)  # eq. (3)
         swing = self._swing.step(strain.value, self._seen_s == frame.t_s, held.fresh, step_s)
-        flags = self._flags(held.flags, probability, frame.t_s) | np.where(swing > 1.5 * strain.sigma, Flag.SHAKEN, 0)
+        flags = self._flags(held.flags, probability, frame.t_s)
+        flags = flags | np.where(swing > 1.5 * strain.sigma, int(Flag.SHAKEN), 0)
         strain = _Strain(strain.value, np.hypot(strain.sigma, swing))
         lengths = self._lengths(frame, strain, probability, flags)  # eq. (4)
         modes = ModeReadings(
@@ -175,7 +180,7 @@ class FrontEnd:
 
     def _decide_mode(self, lag_free: NDArray[np.float64], t_s: float) -> NDArray[np.float64]:
         """Return the probability that each tendon is bent, and set its mode, with hysteresis."""
-        probability = expit(self._model.mode_odds.at(lag_free) + logit(self._settings.bending_share))
+        probability = expit(self._model.mode_odds.at(lag_free) + self._bending_log_odds)
         if self._taring.is_resting(t_s):  # at rest the mode is known
             known = np.isfinite(self._taring.rest_strain)
             probability = np.where(known, self._taring.rest_strain < 0, probability)
@@ -194,13 +199,14 @@ class FrontEnd:
             after_gap = np.hypot(self._settings.gap_sigma, self._settings.gap_share * self._strain_spread)
             known = np.isfinite(self._seen_s)
             self._warm_sigma = np.where(fresh & known, after_gap, self._warm_sigma)
-        step_s = frame.t_s - np.where(seen & ~fresh, self._seen_s, np.nan)
-        rate = np.nan_to_num((change - self._change) / step_s)
+        follows = seen & ~fresh
+        step_s = frame.t_s - np.where(follows, self._seen_s, np.nan)
+        rate = np.where(follows, (change - self._change) / step_s, 0.0)
         self._change = change
         self._seen_s = np.where(seen, frame.t_s, self._seen_s)
-        flags = frame.flags | np.where(np.abs(rate) > self._model.ranges.rate_per_s, Flag.TOO_FAST, 0)
+        flags = frame.flags | np.where(np.abs(rate) > self._model.ranges.rate_per_s, int(Flag.TOO_FAST), 0)
         in_range = (change <= self._model.ranges.change[1]) & self._bending.in_range(change)
-        return _HeldChange(change, rate, fresh, flags | np.where(in_range, 0, Flag.OUT_OF_RANGE))
+        return _HeldChange(change, rate, fresh, flags | np.where(in_range, 0, int(Flag.OUT_OF_RANGE)))
 
     def _rests(self, t_s: float) -> NDArray[np.bool_]:
         return self._taring.tared & self._taring.is_resting(t_s)
@@ -212,8 +218,8 @@ class FrontEnd:
         widening, beyond, _ = self._extrapolation.step(held.change, held.rate_per_s, strain, step_s)
         self._strain_spread = self._spread.step(strain, step_s)
         sigma = sigma * widening * self._model.sigma_scale.at(self._strain_spread)
-        warm_for_s = np.nan_to_num(t_s - self._warm_s, nan=np.inf)
-        warm_up = self._warm_sigma * np.exp(-warm_for_s / self._settings.warm_up_s)
+        left = np.exp(-(t_s - self._warm_s) / self._settings.warm_up_s)
+        warm_up = np.where(np.isnan(self._warm_s), 0.0, self._warm_sigma * left)
         curve = self._stretching.curve_sigma(held.change)
         parts = (sigma, self._taring.sigma(strain, held.change), curve, beyond, warm_up)
         return _Strain(strain, np.asarray(np.sqrt(sum(part**2 for part in parts))))
@@ -248,14 +254,14 @@ class FrontEnd:
     def _lengths(
         self, frame: ResistanceFrame, strain: _Strain, probability: NDArray[np.float64], flags: NDArray[np.int64]
     ) -> TendonLengths:
-        missing = (flags & (Flag.MISSING | Flag.MISFIT)) != 0
+        missing = (flags & NO_LENGTH) != 0
         rest_sigma_m = np.sqrt(1 - probability) * self._taring.rest_sigma * self._L0
         return TendonLengths(
             t_s=frame.t_s,
             length_m=np.where(missing, np.nan, (1 + strain.value) * self._L0),
             sigma_m=np.where(missing, np.inf, strain.sigma * self._L0),
             mode=self._mode,
-            flags=np.where(missing, frame.flags | (flags & Flag.MISFIT), flags),
+            flags=np.where(missing, frame.flags | (flags & int(Flag.MISFIT)), flags),
             rest_sigma_m=np.where(missing, 0.0, rest_sigma_m),
             lag_s=self._model.lag_s,
         )

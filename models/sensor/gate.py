@@ -54,7 +54,7 @@ class ReadingGate:
         """
         outlier = self._outliers(t_s, value, sigma)
         stuck = self._stuck(t_s, value)
-        flags = flags | np.where(outlier, Flag.OUTLIER, 0) | np.where(stuck, Flag.STUCK, 0)
+        flags = flags | np.where(outlier, int(Flag.OUTLIER), 0) | np.where(stuck, int(Flag.STUCK), 0)
         return np.where(outlier | stuck, np.nan, value), flags
 
     def _outliers(self, t_s: float, value: NDArray[np.float64], sigma: NDArray[np.float64]) -> NDArray[np.bool_]:

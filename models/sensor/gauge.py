@@ -1,6 +1,7 @@
 """The static gauge curve: dR/R as a function of strain without history, and how much sensors differ from it."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +13,7 @@ OVERSHOOT = 1.25
 is released suddenly has a far higher dR/R than any stretched strip."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class StaticGauge:
     """dR/R = g(strain): piecewise linear when stretched, eq. (9) when bent; g(0) = 0.
 
@@ -46,11 +47,14 @@ class StaticGauge:
         """The largest strain that `stretched_strain` returns."""
         return OVERSHOOT * float(self.strain_knots[-1])
 
+    @cached_property
+    def _slopes(self) -> NDArray[np.float64]:
+        return np.asarray(np.diff(self.change_knots) / np.diff(self.strain_knots))
+
     def slope(self, strain: ArrayLike) -> NDArray[np.float64]:
         """Return dg/d(strain) of a stretched tendon."""
-        index = np.clip(np.searchsorted(self.strain_knots, strain, side="right") - 1, 0, len(self.strain_knots) - 2)
-        slopes = np.diff(self.change_knots) / np.diff(self.strain_knots)
-        return np.asarray(slopes[index])
+        piece = np.searchsorted(self.strain_knots[1:-1], strain, side="right")
+        return np.asarray(self._slopes[piece])
 
     def _stretched_change(self, strain: NDArray[np.float64]) -> NDArray[np.float64]:
         return _interpolate(strain, self.strain_knots, self.change_knots)

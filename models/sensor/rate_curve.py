@@ -43,7 +43,7 @@ class RateCurve:
     def strain(self, change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return strain from (...) dR/R and its (..., memories) running means."""
         inputs = rate_inputs(change, means)
-        terms = curve_terms(np.clip(inputs, *self.range), self.scale, self.gauge)
+        terms = curve_terms(np.minimum(np.maximum(inputs, self.range[0]), self.range[1]), self.scale, self.gauge)
         beyond = self.gauge.stretched_strain(change) - terms[..., -1]
         return np.asarray(terms @ self.coefficients + beyond)
 
@@ -53,7 +53,7 @@ class RateCurve:
         y is clipped to its range in the fit; `Extrapolation` adds the uncertainty outside of this range.
         """
         inputs = rate_inputs(change, means)
-        inputs[..., 0] = np.clip(inputs[..., 0], *self.range[:, 0])
+        inputs[..., 0] = np.minimum(np.maximum(inputs[..., 0], self.range[0, 0]), self.range[1, 0])
         return np.asarray(np.linalg.norm(curve_terms(inputs, self.scale, self.gauge) @ self.factor, axis=-1))
 
 

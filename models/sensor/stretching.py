@@ -74,14 +74,15 @@ class StretchingSensors:
         """
         state = self._lstm.initial_state(len(change))
         still = np.zeros(len(change))
-        strain = np.zeros(len(change))
         means = np.repeat(change[:, None], len(self._memory_s), axis=1)
+        x = features(change, still, step_s, means, self._scaling)
+        output = np.zeros((len(change), 2))
         for _ in range(round(SETTLING_S / step_s)):
-            strain, _, state = self._evaluate(change, still, step_s, means, state)
+            output, state = self._lstm.step(x, state)
         replaced = chosen[:, None]
         self._means = np.where(replaced, means, self._means)
         self._state = LstmState(np.where(replaced, state.h, self._state.h), np.where(replaced, state.c, self._state.c))
-        return strain
+        return self._strain(output, change, means)
 
     def _evaluate(
         self,
@@ -92,9 +93,15 @@ class StretchingSensors:
         state: LstmState,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], LstmState]:
         output, state = self._lstm.step(features(change, rate_per_s, step_s, means, self._scaling), state)
-        strain = self._curve.strain(change, means[:, : self._curve_memories]) + STRAIN_SCALE * output[:, 0]
-        sigma = STRAIN_SCALE * np.exp(0.5 * np.clip(output[:, 1], *LOG_VARIANCE_RANGE))
+        strain = self._strain(output, change, means)
+        log_variance = np.minimum(np.maximum(output[:, 1], LOG_VARIANCE_RANGE[0]), LOG_VARIANCE_RANGE[1])
+        sigma = STRAIN_SCALE * np.exp(0.5 * log_variance)
         return strain, sigma, state
+
+    def _strain(
+        self, output: NDArray[np.float64], change: NDArray[np.float64], means: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        return self._curve.strain(change, means[:, : self._curve_memories]) + STRAIN_SCALE * output[:, 0]
 
 
 class StrainSpread:
@@ -107,7 +114,8 @@ class StrainSpread:
     def step(self, strain: NDArray[np.float64], step_s: Floats) -> NDArray[np.float64]:
         """Return (sensors,) the running standard deviation after one more strain of each sensor."""
         weight = low_pass_weight(step_s, SPREAD_MEMORY_S)
-        deviation = np.nan_to_num(strain - self._mean)
+        deviation = strain - self._mean
+        deviation = np.where(np.isnan(deviation), 0.0, deviation)
         self._mean = np.where(np.isnan(self._mean), strain, self._mean + weight * deviation)
         self._variance = (1 - weight) * (self._variance + weight * deviation**2)
         return np.asarray(np.sqrt(self._variance))
@@ -135,7 +143,7 @@ class Extrapolation:
 
         The factor and the term decay with `EXTRAPOLATION_MEMORY_S` after such an input.
         """
-        fade = np.exp(-np.asarray(step_s) / EXTRAPOLATION_MEMORY_S)
+        fade = np.exp(-(step_s / EXTRAPOLATION_MEMORY_S))
         ratio = np.maximum(np.abs(rate_per_s) / self._ranges.rate_per_s - 1, 0)
         self._ratio = np.maximum(ratio, self._ratio * fade)
         strain_rate = self._strain_rate.step(strain, step_s)
@@ -187,6 +195,6 @@ class FastSwing:
         floor = np.maximum(np.minimum(self._least, self._mean_square), LEAST_SWING**2)
         self._least = np.where(settled, floor, self._least)
         excess = np.where(settled, np.maximum(self._mean_square - 4 * self._least, 0), 0.0)
-        swing = self._swing = np.maximum(excess, self._swing * np.exp(-np.asarray(step_s) / SWING_MEMORY_S))
+        swing = self._swing = np.maximum(excess, self._swing * np.exp(-(step_s / SWING_MEMORY_S)))
         common = np.sort(swing)[: max(len(swing) - FAULTY, 1)].mean()
         return np.asarray(SWING_LOSS * np.sqrt(swing + common))

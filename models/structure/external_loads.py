@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,7 @@ class ExternalLoads:
         return ExternalLoads(self.force_n @ turn.T, self.sigma_n)
 
 
+@lru_cache(maxsize=1)  # a run asks in every frame, always of one structure
 def observable_loads(structure: Structure) -> tuple[Observable, ...]:
     """Return (nodes,) which part of the load at each node is observable."""
     observable = [Observable.ALL] * structure.node_count

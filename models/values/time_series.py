@@ -9,7 +9,7 @@ Floats = float | NDArray[np.float64]
 
 def low_pass_weight(step_s: Floats, time_constant_s: Floats) -> NDArray[np.float64]:
     """Return w = 1 - exp(-dt / tau), the share of the distance to its input by which the filter moves in one step."""
-    return np.asarray(1 - np.exp(-np.asarray(step_s) / np.asarray(time_constant_s)))
+    return np.asarray(1 - np.exp(-(step_s / time_constant_s)))
 
 
 class SmoothedRate:
