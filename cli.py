@@ -2,13 +2,17 @@
 
 import math
 import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from .models.values.errors import TensegraphError, one_line
+from .models.plug_ins import PlugInWarning
+from .models.values.errors import InputError, TensegraphError, one_line
 
 if TYPE_CHECKING:
     from .commands.many import Workers
@@ -25,7 +29,11 @@ Config = Annotated[
     Path | None, typer.Option(help="TOML file of the settings that differ from the defaults.", show_default=False)
 ]
 Model = Annotated[
-    Path | None, typer.Option(help="Sensor model, a file written by `calibrate`.", show_default="in the package")
+    Path | None,
+    typer.Option(
+        help="Sensor model: a file written by `calibrate`, or the name of one of another package.",
+        show_default="in the package",
+    ),
 ]
 Ports = Annotated[
     list[str] | None,
@@ -44,10 +52,31 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show how long ea
 def main() -> None:
     """Run the command line; an error of the input or of the disk is printed as one line on stderr, with exit code 2."""
     try:
-        app()
+        with _warnings_as_lines():
+            app()
     except (TensegraphError, OSError) as error:
         print(f"tensegraph: {one_line(error)}", file=sys.stderr)
         sys.exit(2)
+
+
+@contextmanager
+def _warnings_as_lines() -> Iterator[None]:
+    """Print a warning about a plug-in as one line on stderr; others stay as they are."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", PlugInWarning)
+        usual = warnings.formatwarning
+
+        def as_line(
+            message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+        ) -> str:
+            is_ours = issubclass(category, PlugInWarning)
+            return f"tensegraph: {message}\n" if is_ours else usual(message, category, filename, lineno, line)
+
+        warnings.formatwarning = as_line
+        try:
+            yield
+        finally:
+            warnings.formatwarning = usual
 
 
 def _examples(*commands: str) -> str:
@@ -65,6 +94,21 @@ def _workers(jobs: int, scheduler: str | None) -> "Workers":
     from .commands.many import Workers
 
     return Workers(jobs, scheduler)
+
+
+def _method(name: str, *, live: bool = False) -> str:
+    """Return the name in the pipeline of a method as the command line names it.
+
+    Raises:
+        InputError: when there is none.
+    """
+    from .pipeline import ESTIMATORS, estimator_plug_ins
+
+    ours = {"graph": "live" if live else "batch"} | {one: one for one in ESTIMATORS if one not in ("batch", "live")}
+    known = ours | {one: one for one in estimator_plug_ins()}
+    if name not in known:
+        raise InputError(f"--method {name}: expected one of {', '.join(known)}")
+    return known[name]
 
 
 def _print_version(asked: bool) -> None:
@@ -93,10 +137,11 @@ def tensegraph(
 def reconstruct(
     trials: Annotated[list[Path], typer.Argument(help="Trial directories, each with a trial.toml.")],
     method: Annotated[
-        Literal["graph", "frame", "least-squares", "ukf", "network"],
+        str,
         typer.Option(
-            help="Factor graph over all frames, factor graph of each frame by itself, least squares as in the paper, "
-            "unscented Kalman filter, or a recurrent network alone."
+            help="graph (factor graph over all frames), frame (factor graph of each frame by itself), least-squares "
+            "(as in the paper), ukf (unscented Kalman filter), network (a recurrent network alone), or an estimator "
+            "of another package."
         ),
     ] = "graph",
     live: Annotated[
@@ -130,7 +175,7 @@ def reconstruct(
 
     reconstruct_trials(
         trials,
-        method if method != "graph" else "live" if live else "batch",
+        _method(method, live=live),
         out=out,
         config=config,
         model=model,
@@ -204,8 +249,11 @@ def evaluate(
 def export(
     result: Annotated[Path, typer.Argument(help="Result directory written by reconstruct or live.")],
     to: Annotated[
-        Literal["mat", "npz", "netcdf", "parquet", "ply", "gltf", "ros2", "rerun", "mp4", "gif"] | None,
-        typer.Option(help="Format.", show_default="that of the suffix of --out"),
+        str | None,
+        typer.Option(
+            help="Format: mat, npz, netcdf, parquet, ply, gltf, ros2, rerun, mp4, gif, or one of another package.",
+            show_default="that of the suffix of --out",
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -246,6 +294,13 @@ def view(
 @app.command(epilog=_examples("tensegraph compare examples/press_01", "tensegraph compare trials/* --jobs 4"))
 def compare(
     trials: Annotated[list[Path], typer.Argument(help="Trial directories that include the true node positions.")],
+    method: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Method to compare: batch, live, or one of reconstruct but graph; may be repeated.",
+            show_default="all",
+        ),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Directory of the table and the figure.")] = Path("results/comparison"),
     config: Config = None,
     model: Model = None,
@@ -254,11 +309,12 @@ def compare(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Compare all methods on the same tendon lengths, in the form of the paper's Table I."""
+    """Compare methods on the same tendon lengths, in the form of the paper's Table I."""
     from .commands.compare import compare_trials
 
     compare_trials(
         trials,
+        methods=method,
         out=out,
         config=config,
         model=model,

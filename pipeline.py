@@ -20,6 +20,7 @@ from .estimator.smoother import LiveSmoother
 from .io.model_file import read_sensor_model
 from .io.result import result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
+from .models.plug_ins import PlugIn, plug_ins
 from .models.pose.imu_gate import ImuGate
 from .models.pose.position_frames import OwnFrames
 from .models.pose.robot import FreeStandingRobot, HangingRobot
@@ -28,6 +29,7 @@ from .models.sensor.front_end import FrontEnd
 from .models.sensor.reference_drift import ReferenceTendons
 from .models.sensor.sensor_model import SensorModel
 from .models.settings import Settings, checked_settings
+from .models.strain_front_end import StrainFrontEnd, StrainModelFactory
 from .models.structure.natural_lengths import Winding, strip_length_m
 from .models.structure.possible import PossibleShapes
 from .models.structure.reconstruction import Reconstruction
@@ -46,6 +48,8 @@ from .models.values.readings import (
 )
 from .models.values.threads import one_thread
 
+AnySensorModel = SensorModel | StrainModelFactory
+"""A model file, or what makes the sensor model that another package brings."""
 Progress = Callable[[int, float], None]
 """Function that is called after each iteration of an optimisation, with its number from 1 and the error."""
 
@@ -87,7 +91,8 @@ ESTIMATORS: dict[str, EstimatorFactory] = {
     "network": recurrent_network,
 }
 """The estimator of each method, by name. To add one: `tensegraph.pipeline.ESTIMATORS["mine"] = MyEstimator`; after that
-`reconstruct`, `stream` and the comparison of methods can use it in this process."""
+`reconstruct`, `stream` and the comparison of methods can use it in this process. An entry point of the group
+`tensegraph.estimators` adds one for all processes."""
 
 
 FREE_STANDING: dict[str, Callable[[Structure, RestShape, FreeStandingRobot, Settings], Estimator]] = {
@@ -101,6 +106,27 @@ HANGING: dict[str, Callable[[Structure, RestShape, HangingRobot, Settings], Esti
     "live": HangingSmoother,
 }
 """The estimator of each method for a structure that hangs from one or two anchors."""
+
+
+def estimator_plug_ins() -> dict[str, PlugIn]:
+    """Return the estimators that other packages bring, by the name of their method."""
+    return plug_ins("estimators", [*ESTIMATORS, "graph"])  # on the command line, `graph` is `batch` or `live`
+
+
+def estimator_of(method: str) -> EstimatorFactory:
+    """Return what makes the estimator of a method.
+
+    Raises:
+        InputError: for a method that is neither in `ESTIMATORS` nor brought by another package, or that cannot be
+            imported.
+    """
+    others = estimator_plug_ins()
+    if method in ESTIMATORS:
+        return ESTIMATORS[method]
+    if method not in others:
+        raise InputError(f"method '{method}': expected one of {', '.join([*ESTIMATORS, *others])}")
+    factory: EstimatorFactory = others[method].load()
+    return factory
 
 
 def in_one_thread(shapes: Iterable[Shape]) -> Iterator[Shape]:
@@ -119,7 +145,7 @@ def _estimated(estimator: Any, frames: Iterable[TendonLengths], progress: Progre
 class Pipeline:
     """The processing from the readings of one trial to its shapes, set up once from the trial's description."""
 
-    def __init__(self, trial: TrialDescription, settings: Settings, model: SensorModel) -> None:
+    def __init__(self, trial: TrialDescription, settings: Settings, model: AnySensorModel) -> None:
         self.trial = trial
         self.settings = settings
         rest = rest_step(
@@ -146,14 +172,22 @@ class Pipeline:
         wound = [tendon for motors in trial.motors for tendon in motors.tendons]
         references = np.setdiff1d(np.flatnonzero(trial.structure.joins_anchors & trial.structure.is_sensed), wound)
         self._frames = FrameAssembler(natural_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate)
-        self.front_end = FrontEnd(
+        self.front_end = self._front_end(model, ReferenceTendons(np.concatenate([references, strips]), settings.drift))
+
+    def _front_end(self, model: AnySensorModel, references: ReferenceTendons) -> FrontEnd | StrainFrontEnd:
+        trial, settings = self.trial, self.settings
+        natural_ohm, natural_m = trial.natural_resistance_ohm, strip_length_m(trial.structure, trial.motors)
+        rest = self.winding.strips(self.rest.lengths(trial.rest_seconds)) if trial.rest_seconds > 0 else None
+        if not isinstance(model, SensorModel):
+            return StrainFrontEnd(model, natural_ohm, natural_m, rest)
+        return FrontEnd(
             model=model,
-            natural_resistance_ohm=trial.natural_resistance_ohm,
-            natural_length_m=strip_length_m(trial.structure, trial.motors),
-            rest=self.winding.strips(self.rest.lengths(trial.rest_seconds)) if trial.rest_seconds > 0 else None,
+            natural_resistance_ohm=natural_ohm,
+            natural_length_m=natural_m,
+            rest=rest,
             settings=settings.front_end,
             frame_step_s=1 / settings.frames.rate_hz,
-            references=ReferenceTendons(np.concatenate([references, strips]), settings.drift),
+            references=references,
         )
 
     def estimate(self, readings: Iterable[Reading], method: str = "batch") -> Iterator[Shape]:
@@ -165,20 +199,21 @@ class Pipeline:
 
         Args:
             frames: lengths, in order of time.
-            method: a name in `ESTIMATORS`.
+            method: see `reconstruct`.
             progress: called by methods that optimise over all frames.
 
         Raises:
-            InputError: for a method that is not in `ESTIMATORS`.
+            InputError: see `estimator_of`.
         """
-        if method not in ESTIMATORS:
-            raise InputError(f"method '{method}': expected one of {', '.join(ESTIMATORS)}")
-        return in_one_thread(map(PossibleShapes(self.rest).check, self._shapes(frames, method, progress)))
+        factory = estimator_of(method)
+        return in_one_thread(map(PossibleShapes(self.rest).check, self._shapes(frames, method, factory, progress)))
 
-    def _shapes(self, frames: Iterable[TendonLengths], method: str, progress: Progress | None) -> Iterator[Shape]:
+    def _shapes(
+        self, frames: Iterable[TendonLengths], method: str, factory: EstimatorFactory, progress: Progress | None
+    ) -> Iterator[Shape]:
         if not self.rest.structure.is_held:
             return _estimated(self._not_held(method), frames, progress)
-        shapes = _estimated(ESTIMATORS[method](self.rest.structure, self.rest, self.settings), frames, progress)
+        shapes = _estimated(factory(self.rest.structure, self.rest, self.settings), frames, progress)
         if self.trial.imus and self.trial.rest_seconds > 0:
             return map(MovingBase(self.rest, self.trial.imus, self.trial.rest_seconds).observe, shapes)
         return shapes
@@ -253,7 +288,8 @@ def reconstruct(
     method: str = "batch",
     *,
     settings: Settings | None = None,
-    model: SensorModel | None = None,
+    model: AnySensorModel | str | None = None,
+    progress: Progress | None = None,
 ) -> Reconstruction:
     """Return the shapes of a whole trial.
 
@@ -261,16 +297,20 @@ def reconstruct(
         trial: an opened trial, or the path of its directory.
         method: `batch` estimates each shape from all frames, `live` from its frame and those before it, `frame` from
             its frame alone. For comparison, `least-squares` is the paper's method and `ukf` an unscented Kalman filter;
-            both use the past only. Any other name in `ESTIMATORS` is possible, too.
+            both use the past only. Any other name in `ESTIMATORS`, and of an estimator that another package brings,
+            is possible, too.
         settings: the settings of the run; the defaults if None.
-        model: the sensor model; the one that ships with the package if None.
+        model: the sensor model, or the name of one that another package brings; the one that ships with this package if
+            None.
+        progress: called after each iteration of a method that optimises over all frames, with its number and error.
 
     Raises:
         InputError: for anything in the trial that cannot be read.
         IndeterminateError: when the readings and priors leave some node free.
     """
     trial = trial if isinstance(trial, Trial) else open_trial(trial)
-    shapes = stream(trial.readings(), trial.description, method, settings=settings, model=model)
+    pipeline = _pipeline_of(trial.description, settings, model)
+    shapes = pipeline.shapes(pipeline.lengths(trial.readings()), method, progress)
     return Reconstruction.of(trial.description.structure, shapes)
 
 
@@ -280,7 +320,7 @@ def stream(
     method: str = "live",
     *,
     settings: Settings | None = None,
-    model: SensorModel | None = None,
+    model: AnySensorModel | str | None = None,
 ) -> Iterator[Shape]:
     """Yield shapes from any iterable of readings, as the readings arrive.
 
@@ -295,10 +335,35 @@ def stream(
         InputError: see `reconstruct`.
         IndeterminateError: see `reconstruct`.
     """
-    if isinstance(model, str | Path):
-        raise InputError(f"model: expected a SensorModel, as read_sensor_model({str(model)!r}) returns it, got a path")
-    pipeline = Pipeline(trial, checked_settings(settings), model or read_sensor_model())
-    return pipeline.estimate(readings, method)
+    return _pipeline_of(trial, settings, model).estimate(readings, method)
+
+
+def sensor_model_plug_ins() -> dict[str, PlugIn]:
+    """Return the sensor models that other packages bring, by name."""
+    return plug_ins("sensor_models", ())
+
+
+def sensor_model_of(model: AnySensorModel | str | None) -> AnySensorModel:
+    """Return a sensor model, that of the package for None, or the one of another package that has a name.
+
+    Raises:
+        InputError: for a name that is none, or a path.
+    """
+    if not isinstance(model, str | Path):
+        return model or read_sensor_model()
+    others = sensor_model_plug_ins()
+    if str(model) in others:
+        made: StrainModelFactory = others[str(model)].load()
+        return made
+    known = f", or one of {', '.join(others)}" if others else ""
+    raise InputError(
+        f"model: expected a SensorModel, as read_sensor_model({str(model)!r}) returns it{known}, got a path"
+    )
+
+
+def _pipeline_of(trial: TrialDescription, settings: Settings | None, model: AnySensorModel | str | None) -> Pipeline:
+    """Return the pipeline of a trial, with defaults for None."""
+    return Pipeline(trial, checked_settings(settings), sensor_model_of(model))
 
 
 def save(

@@ -90,17 +90,13 @@ def calibrate_folder(
     start_s = time.perf_counter()
     try:
         with terminal.stage("recordings and bending"):
-            data = _training_data(folder, strip_rig, hold_out, terminal)
+            data = training_data(folder, strip_rig, hold_out)
+            for line in data.folder.left_out:
+                terminal.line(f"left out: {line}")
         losses = _sweep(data, settings, paths, workers, terminal) if sweep else {}
         with terminal.stage("training"):
             trained = _train(data, settings, CheckpointFile(paths.checkpoint), terminal)
-        report = CalibrationReport(
-            calibration=calibrate_model(data.split, trained, data.bending, settings),
-            folder=data.folder,
-            rig=strip_rig,
-            command=_command(strip_rig, settings, hold_out),
-            seconds=time.perf_counter() - start_s,
-        )
+        report = report_of(data, trained, settings, strip_rig, hold_out, start_s)
         with terminal.stage("files"):
             _write(report, losses, settings.learning_rate, paths)
     except KeyboardInterrupt:
@@ -112,7 +108,7 @@ def calibrate_folder(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _TrainingData:
+class TrainingData:
     """The data of a training."""
 
     folder: RecordingFolder
@@ -126,15 +122,14 @@ class _TrainingData:
         return self.bending.curve() if self.bending else BendingCurve()
 
 
-def _training_data(folder: Path, rig: StripRig, hold_out: HoldOut, terminal: Terminal) -> _TrainingData:
+def training_data(folder: Path, rig: StripRig, hold_out: HoldOut) -> TrainingData:
+    """Return the recordings of a folder, split, and the fit of bending; see `calibrate_folder`."""
     found = read_recordings(folder, rig)
-    for line in found.left_out:
-        terminal.line(f"left out: {line}")
     split = hold_out.split(found.recordings)
-    return _TrainingData(found, split, fit_bending([*split.training, *split.validation], split.held_out))
+    return TrainingData(found, split, fit_bending([*split.training, *split.validation], split.held_out))
 
 
-def _train(data: _TrainingData, settings: TrainingSettings, checkpoint: CheckpointFile, terminal: Terminal) -> Trained:
+def _train(data: TrainingData, settings: TrainingSettings, checkpoint: CheckpointFile, terminal: Terminal) -> Trained:
     from ..models.calibration.training import train  # torch takes seconds to import
 
     with terminal.progress(TextColumn("{task.fields[loss]}")) as progress:
@@ -152,14 +147,14 @@ def _train(data: _TrainingData, settings: TrainingSettings, checkpoint: Checkpoi
 class _ShortTraining:
     """One learning rate to be tried."""
 
-    data: _TrainingData
+    data: TrainingData
     settings: TrainingSettings
     checkpoint: CheckpointFile
     """Its state, so that the same command goes on from there, and does not repeat what was finished."""
 
 
 def _sweep(
-    data: _TrainingData, settings: TrainingSettings, paths: CalibrationPaths, workers: Workers, terminal: Terminal
+    data: TrainingData, settings: TrainingSettings, paths: CalibrationPaths, workers: Workers, terminal: Terminal
 ) -> dict[float, float]:
     """Return the least validation loss of a short training at each learning rate; inf where it diverged."""
     short = replace(settings, epochs=min(SWEEP_EPOCHS, settings.epochs))
@@ -189,6 +184,24 @@ def _least_loss(job: _ShortTraining, terminal: Terminal) -> float:
             lambda epoch, _: bar.reached("epochs", epoch / job.settings.epochs),
             job.checkpoint,
         ).history.best_loss
+
+
+def report_of(
+    data: TrainingData,
+    trained: Trained,
+    settings: TrainingSettings,
+    rig: StripRig,
+    hold_out: HoldOut,
+    start_s: float,
+) -> CalibrationReport:
+    """Return the report of a training that began at a time of `time.perf_counter`."""
+    return CalibrationReport(
+        calibration=calibrate_model(data.split, trained, data.bending, settings),
+        folder=data.folder,
+        rig=rig,
+        command=_command(rig, settings, hold_out),
+        seconds=time.perf_counter() - start_s,
+    )
 
 
 def _write(

@@ -10,8 +10,7 @@ from rich.markdown import Markdown
 
 from ..io.figures.comparison_figure import write_comparison_figure, write_spread_figure
 from ..io.measured_trials import measured_by, measured_methods, read_measured, write_measured
-from ..io.model_file import model_path, read_sensor_model
-from ..io.provenance import file_hashes, fingerprint, sha256_of
+from ..io.provenance import file_hashes, fingerprint
 from ..io.reports.comparison_tables import as_markdown, write_comparison_csv
 from ..io.reports.progress import StageBar
 from ..io.reports.terminal import Terminal
@@ -22,13 +21,22 @@ from ..models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow, FrameE
 from ..models.evaluation.estimate import Estimate
 from ..models.evaluation.metrics import evaluate
 from ..models.evaluation.truth import Truth
-from ..models.sensor.sensor_model import SensorModel
+from ..models.plug_ins import PlugIn
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.values.errors import IndeterminateError, InputError
 from ..models.values.readings import TendonLengths
-from ..pipeline import ESTIMATORS, EstimatorFactory, Pipeline, in_one_thread
+from ..pipeline import (
+    ESTIMATORS,
+    AnySensorModel,
+    EstimatorFactory,
+    Pipeline,
+    estimator_of,
+    estimator_plug_ins,
+    in_one_thread,
+)
 from .many import Many, Workers
+from .origin import chosen_model, made_with, placed_model
 from .paths import distinct_names
 
 COMPARISON_FILE = "comparison.csv"
@@ -60,39 +68,55 @@ class ComparisonJob:
     """File that keeps what was measured."""
     settings: Settings
     model: Path | None
-    """File of the sensor model; the one in the package if None."""
+    """File or name of the sensor model; the one in the package if None."""
     estimators: Mapping[str, EstimatorFactory]
     """The methods by name."""
 
-    def fingerprint(self) -> str | None:
-        """Return the hash of all that is measured; None with a method from elsewhere, whose code is not known."""
-        if any(made.__module__.partition(".")[0] != __name__.partition(".")[0] for made in self.estimators.values()):
+    def fingerprint(self, reader: PlugIn | None) -> str | None:
+        """Return the hash of all that is measured; None with a method of this process, whose code is not known."""
+        others = estimator_plug_ins()
+        known = {method for method, made in self.estimators.items() if _is_ours(made)} | others.keys()
+        if self.estimators.keys() - known:
             return None
         return fingerprint(
             {
                 "inputs": file_hashes(self.trial),
                 "settings": asdict(self.settings),
-                "model": sha256_of(model_path(self.model)),
-                "methods": list(self.estimators),
+                "methods": {method: made_with(method, self.model, reader) for method in self.estimators},
             }
         )
+
+
+def _is_ours(made: EstimatorFactory) -> bool:
+    return made.__module__.partition(".")[0] == __name__.partition(".")[0]
+
+
+def estimators_of(methods: Sequence[str] | None) -> dict[str, EstimatorFactory]:
+    """Return what makes the estimator of each method; of all, those of other packages included, for None.
+
+    Raises:
+        InputError: see `estimator_of`.
+    """
+    return {method: estimator_of(method) for method in methods or [*ESTIMATORS, *estimator_plug_ins()]}
 
 
 def compare_trials(
     trials: Sequence[Path],
     *,
+    methods: Sequence[str] | None,
     out: Path,
     config: Path | None,
     model: Path | None,
     workers: Workers,
     terminal: Terminal,
 ) -> None:
-    """Run every method in `ESTIMATORS` on trials, write table and figure, and print the table.
+    """Run methods on trials, write table and figure, and print the table.
 
     What was measured on a trial is kept in a file as soon as it is known, and used by the same command again.
 
     Args:
         trials: their directories.
+        methods: see `estimators_of`.
         out: directory of the comparison.
         config: file of settings; defaults if None.
         model: sensor model; the one in the package if None.
@@ -106,11 +130,11 @@ def compare_trials(
     names = distinct_names(trials)
     check_comparison(out)
     settings = read_settings(config)
-    read_sensor_model(model)  # refused here if it is none, not by every worker
-    placed = workers.place(model) if model else None
+    placed = placed_model(model, workers)  # refused here if it is none, not by every worker
+    estimators = estimators_of(methods)
     jobs = {
         name: ComparisonJob(
-            workers.place(trial), workers.place(out / PARTS / f"{name}.npz"), settings, placed, dict(ESTIMATORS)
+            workers.place(trial), workers.place(out / PARTS / f"{name}.npz"), settings, placed, estimators
         )
         for name, trial in zip(names, trials, strict=True)
     }
@@ -138,13 +162,11 @@ def compare_trial(job: ComparisonJob, terminal: Terminal) -> list[str]:
         TensegraphError: when the trial cannot be read, or the file cannot be written.
     """
     trial = open_trial(job.trial)
-    made_from = job.fingerprint()
+    made_from = job.fingerprint(trial.reader)
     measured = read_measured(job.part, made_from)
     if measured is None:
         with terminal.stage(f"all methods on {trial.name}"):
-            measured = list(
-                measure(trial, job.settings, read_sensor_model(job.model), terminal, estimators=job.estimators)
-            )
+            measured = list(measure(trial, job.settings, chosen_model(job.model), terminal, estimators=job.estimators))
         write_measured(measured, made_from, job.part)
     return [one.line() for one in measured]
 
@@ -170,7 +192,7 @@ def comparison_command(trials: Sequence[Path]) -> str:
 def measure(
     trial: Trial,
     settings: Settings,
-    model: SensorModel,
+    model: AnySensorModel,
     terminal: Terminal,
     estimators: Mapping[str, EstimatorFactory] = ESTIMATORS,
 ) -> Iterator[Measured]:
@@ -186,7 +208,7 @@ def measure(
 class TrialComparison:
     """The lengths of a trial, and its truth."""
 
-    def __init__(self, trial: Trial, settings: Settings, model: SensorModel, bar: StageBar) -> None:
+    def __init__(self, trial: Trial, settings: Settings, model: AnySensorModel, bar: StageBar) -> None:
         self._settings = settings
         self._bar = bar
         self._name = trial.path.resolve().name

@@ -9,24 +9,17 @@ from typing import Any
 import tomli_w
 from rich.console import Group
 
-from ..estimator.rest_step import rest_step
 from ..io.figures.evaluation_figures import write_errors_figure, write_heights_figure, write_loads_figure
 from ..io.figures.track_figure import write_followed_figure
-from ..io.mocap.truth_file import read_truth
 from ..io.provenance import FINGERPRINT, file_hashes, fingerprint, is_up_to_date, sha256_of, versions
 from ..io.reports.evaluation_tables import ScoredResult, as_text
 from ..io.reports.terminal import Terminal
 from ..io.result import RUN_FILE, read_estimate, read_run, result_directory
 from ..io.trial_directory import Trial, open_trial
-from ..models.evaluation.estimate import Estimate
-from ..models.evaluation.metrics import evaluate
-from ..models.evaluation.motion_capture import lay_onto
-from ..models.evaluation.truth import Truth
 from ..models.settings import Settings
 from ..models.values.errors import InputError
-from ..models.values.marker_tracks import MarkerTracks
-from ..models.values.stamped_positions import StampedPositions
 from ..models.values.tables import parse_table
+from ..scoring import evaluation_of
 from .many import Many, Workers
 from .paths import result_paths
 
@@ -168,40 +161,12 @@ def score_result(
     run = read_run(path)
     opened = trial_of(run, path, trial)
     settings = parse_table(Settings, run.get("settings", {}), str(path / RUN_FILE))
-    d = opened.description
-    rest_m = rest_step(d.structure, d.mechanics, d.rest_position_m, d.geometry, settings.rest, d.floor).node_position_m
-    estimate = read_estimate(path, d.structure)
-    threshold_n = settings.load_threshold_n
+    estimate = read_estimate(path, opened.description.structure)
     try:
-        known = truth_of_trial(opened, truth, estimate, offset_s)
-        evaluation = evaluate(d.structure, rest_m, estimate, known, align=align, load_threshold_n=threshold_n)
+        evaluation = evaluation_of(opened, estimate, settings, truth, align=align, offset_s=offset_s)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     return ScoredResult(path, opened.name, str(run.get("method", "method not stated")), evaluation)
-
-
-def truth_of_trial(trial: Trial, path: Path | None, estimate: Estimate, offset_s: float | None) -> Truth:
-    """Return the truth of a trial, with positions from another file if one is given, on the host's clock.
-
-    Raises:
-        InputError: when there is none, or it cannot be read, or laid onto the estimate.
-    """
-    structure = trial.description.structure
-    recorded = trial.recorded_truth() if path is None else read_truth(path, structure.node_count)
-    if recorded is None:
-        raise InputError(f"{trial.path}: has no truth: expected [truth] in trial.toml, or --truth FILE")
-    if isinstance(recorded, MarkerTracks):
-        positions, capture = lay_onto(
-            recorded,
-            estimate,
-            structure,
-            marked=trial.marked_nodes(),
-            offset_s=offset_s,
-            rest_seconds=trial.description.rest_seconds,
-        )
-        return replace(trial.truth_of(positions, trial.true_loads()), capture=capture)
-    positions = StampedPositions(recorded.t_s + (offset_s or 0.0), recorded.node_position_m)
-    return trial.truth_of(positions, trial.true_loads())
 
 
 def trial_of(run: dict[str, Any], path: Path, trial: Path | None) -> Trial:

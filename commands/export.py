@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from ..io.exports.formats import SUFFIXES, check_file, export, format_of, paths_of
+from ..io.exports.formats import all_suffixes, check_file, export, format_of, paths_of
 from ..io.reports.terminal import Terminal
 from ..io.result import RUN_FILE, read_run
 from ..io.stored_result import load
@@ -39,13 +39,16 @@ def export_result(path: Path, *, to: str | None, out: Path | None, at_s: float |
 
 
 def _destination(path: Path, to: str | None, out: Path | None) -> Path:
+    suffixes = all_suffixes()
     if to is None and out is None:
-        raise InputError(f"expected --to with one of {', '.join(SUFFIXES)}, or --out with a name that ends like one")
+        raise InputError(f"expected --to with one of {', '.join(suffixes)}, or --out with a name that ends like one")
+    if to is not None and to not in suffixes:
+        raise InputError(f"--to {to}: expected one of {', '.join(suffixes)}")
     if out is None:
         place = path.resolve()
-        return path.parent / f"{place.name}{SUFFIXES[str(to)]}"
+        return path.parent / f"{place.name}{suffixes[str(to)]}"
     if to is not None and format_of(out) != to:
-        raise InputError(f"--out {out}: expected a name that ends in {SUFFIXES[to]} for --to {to}")
+        raise InputError(f"--out {out}: expected a name that ends in {suffixes[to]} for --to {to}")
     return out
 
 

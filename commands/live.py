@@ -1,10 +1,10 @@
 """`live`: shows and writes the shape while it moves, from boards, a recorded trial or the twin."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from ..io.model_file import read_sensor_model
 from ..io.publish.ros2_node import check_ros2, ros2_publisher
@@ -23,6 +23,7 @@ from ..models.settings import Settings
 from ..models.structure.shape import Shape
 from ..models.values.errors import TensegraphError
 from ..pipeline import Pipeline
+from .origin import chosen_model, made_with
 from .record import report_recording
 
 
@@ -160,16 +161,17 @@ def show_live(
         TensegraphError: when the source cannot be read, or the result or the recording cannot be written.
     """
     settings = read_settings(config)
-    sensor_model = read_sensor_model(model)
+    sensor_model = chosen_model(model)
+    at_rest = sensor_model if isinstance(sensor_model, SensorModel) else read_sensor_model()  # tells motion from rest
     path = out or Path("results") / source.name
     check_replaceable(path, RUN_FILE)
     if source.record is not None:
         check_vacant(source.record)
-    with outputs.page(terminal) as server, source.feed(settings, sensor_model, terminal) as feed:
+    with outputs.page(terminal) as server, source.feed(settings, at_rest, terminal) as feed:
         session = Session(feed, Pipeline(feed.description, settings, sensor_model), seconds)
         with ExitStack() as stack:
             sinks = [stack.enter_context(sink) for sink in outputs.sinks(session.pipeline, server)]
-            run_session(session, feed, path, sinks, terminal)
+            run_session(session, feed, path, sinks, terminal, made_with("live", model, feed.reader))
         for sink in sinks:
             if isinstance(sink, UdpPublisher) and sink.left_out:
                 terminal.line(f"{sink.address}: {sink.left_out} shapes could not be sent")
@@ -180,8 +182,15 @@ def show_live(
         report_recording(source.record, feed.state(), terminal)
 
 
-def run_session(session: Session, feed: Feed, path: Path, sinks: Sequence[ShapeSink], terminal: Terminal) -> None:
-    """Run a session to its end, on the screen, into a result directory and to all sinks."""
+def run_session(
+    session: Session,
+    feed: Feed,
+    path: Path,
+    sinks: Sequence[ShapeSink],
+    terminal: Terminal,
+    parts: Mapping[str, Any],
+) -> None:
+    """Run a session to its end, on the screen, into a result directory and to all sinks; `parts` go into run.toml."""
     pipeline = session.pipeline
     clocks = pipeline.boards.counts if pipeline.boards else []
     panel = Panel(
@@ -197,4 +206,4 @@ def run_session(session: Session, feed: Feed, path: Path, sinks: Sequence[ShapeS
                 for sink in (result, *sinks):
                     sink.add(shape)
         with terminal.stage("figures"):
-            result.finish(f"{feed.name}, live", session.as_table(path))
+            result.finish(f"{feed.name}, live", {**session.as_table(path), **parts})

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from ..io.model_file import model_path, read_sensor_model
-from ..io.provenance import FINGERPRINT, fingerprint, is_up_to_date, relative_path, sha256_of, versions
+from ..io.provenance import FINGERPRINT, fingerprint, is_up_to_date, relative_path, versions
 from ..io.reports.progress import StageBar
 from ..io.reports.terminal import Terminal
 from ..io.result import RUN_FILE
@@ -25,8 +24,9 @@ from ..models.structure.rest_shape import RestShape, WrongPart
 from ..models.values.errors import InputError
 from ..models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag, TendonLengths
 from ..models.values.slip import Slip
-from ..pipeline import FigureFormat, Pipeline, write_result
+from ..pipeline import FigureFormat, Pipeline, estimator_of, write_result
 from .many import Many, Workers
+from .origin import chosen_model, made_with, placed_model
 from .paths import result_paths
 
 LONG_S = 1.0
@@ -69,10 +69,10 @@ class RunOptions:
     """What is done to each trial."""
 
     method: str
-    """A name in `ESTIMATORS`."""
+    """See `estimator_of`."""
     settings: Settings
     model: Path | None
-    """File of the sensor model; the one in the package if None."""
+    """File or name of the sensor model; the one in the package if None."""
     figures: FigureFormat | None
     """Format of the figures; None draws none."""
     span: Span
@@ -90,7 +90,7 @@ class RunOptions:
                 "inputs": trial.hashes(),
                 "method": self.method,
                 "settings": asdict(self.settings),
-                "model": sha256_of(model_path(self.model)),
+                **made_with(self.method, self.model, trial.reader),
                 "figures": self.figures,
                 "span": [self.span.from_s, self.span.to_s],
             }
@@ -123,7 +123,7 @@ def reconstruct_trials(
 
     Args:
         trials: trial directories.
-        method: a name in `ESTIMATORS`.
+        method: see `estimator_of`.
         out: see `result_paths`.
         config: file of settings; defaults if None.
         model: sensor model; the one in the package if None.
@@ -137,8 +137,8 @@ def reconstruct_trials(
         SystemExit: with 1 when some of several trials failed.
     """
     settings = read_settings(config)
-    read_sensor_model(model)  # refused here if it is none, not by every worker
-    options = RunOptions(method, settings, workers.place(model) if model else None, figures, span)
+    estimator_of(method)  # refused here if it is none, not by every worker
+    options = RunOptions(method, settings, placed_model(model, workers), figures, span)
     paths = result_paths(trials, out, Path("results"), RUN_FILE)
     places = {str(trial): path for trial, path in zip(trials, paths, strict=True)}
     jobs = {name: TrialJob(workers.place(Path(name)), workers.place(path), options) for name, path in places.items()}
@@ -167,7 +167,8 @@ def reconstruct_trial(job: TrialJob, terminal: Terminal) -> Table | None:
         run = run_trial(trial, options, terminal, bar)
         with terminal.stage("tables and figures" if options.figures else "tables"):
             title = f"{trial.name}, {run.method}"
-            table = run.as_table(job.out) | options.span.as_table() | {FINGERPRINT: made_from}
+            parts = made_with(options.method, options.model, trial.reader)
+            table = run.as_table(job.out) | parts | options.span.as_table() | {FINGERPRINT: made_from}
             write_result(
                 run.reconstruction,
                 job.out,
@@ -183,7 +184,7 @@ def reconstruct_trial(job: TrialJob, terminal: Terminal) -> Table | None:
 def run_trial(trial: Trial, options: RunOptions, terminal: Terminal, bar: StageBar) -> "Run":
     """Return a trial's shapes, and show on a bar how far they are."""
     with terminal.stage("rest shape"):
-        pipeline = Pipeline(trial.description, options.settings, read_sensor_model(options.model))
+        pipeline = Pipeline(trial.description, options.settings, chosen_model(options.model))
     with terminal.stage("shapes"):
         start_s = time.perf_counter()
         readings = bar.track("lengths", trial.readings(), trial.row_count())

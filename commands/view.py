@@ -21,7 +21,8 @@ from ..models.structure.reconstruction import Reconstruction
 from ..models.values.errors import InputError
 from ..models.values.stamped_positions import StampedPositions
 from ..models.values.tables import parse_table
-from .evaluate import trial_of, truth_of_trial
+from ..scoring import truth_of_trial
+from .evaluate import trial_of
 from .paths import distinct_names
 
 

@@ -4,12 +4,16 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from ..models.plug_ins import PlugIn
+from .model_file import model_path
+from .shape_network_file import shape_network_path
 from .toml import read_toml
 
 FINGERPRINT = "fingerprint"
@@ -37,6 +41,39 @@ def code_hash() -> str:
     digest = hashlib.sha256()
     for path in sorted(path for path in files if path.suffix in (".py", ".safetensors")):
         digest.update(path.relative_to(PACKAGE).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def model_tables(model: Path | None, method: str) -> dict[str, dict[str, str]]:
+    """Return name and SHA-256 of each model file that a result is made with.
+
+    Args:
+        model: file of the sensor model; the one in the package if None.
+        method: of the estimate; `network` has a model of its own.
+    """
+    files = {"model": model_path(model)} | ({"shape_network": shape_network_path()} if method == "network" else {})
+    return {key: {"file": path.name, "sha256": sha256_of(path)} for key, path in files.items()}
+
+
+def plug_in_tables(used: Iterable[PlugIn]) -> dict[str, dict[str, dict[str, str]]]:
+    """Return, by kind and name, package, version and SHA-256 of each plug-in that a result was made with."""
+    tables: dict[str, dict[str, dict[str, str]]] = {}
+    for one in used:
+        told = {"package": one.package, "version": one.version, "sha256": _sha256_of_module(one.entry.module)}
+        tables.setdefault(one.kind, {})[one.entry.name] = told
+    return tables
+
+
+def _sha256_of_module(name: str) -> str:
+    """Return the SHA-256 of the outermost package that a module is in, of all its files; of a module that is alone."""
+    spec = find_spec(name.partition(".")[0])
+    assert spec is not None, "the part has been imported"
+    places = [Path(place) for place in spec.submodule_search_locations or [str(spec.origin)]]
+    digest = hashlib.sha256()
+    for place in places:
+        files = place.rglob("*") if place.is_dir() else [place]
+        for path in sorted(path for path in files if path.is_file() and path.suffix != ".pyc"):
+            digest.update(path.relative_to(place.parent).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
 
 

@@ -20,13 +20,18 @@ def write_shape_network(network: ShapeNetwork, path: Path) -> None:
     path.write_bytes(save({name: np.ascontiguousarray(tensor) for name, tensor in {**tensors, **weights}.items()}))
 
 
+def shape_network_path() -> Path:
+    """Return the path of the network that ships with the package."""
+    return Path(str(files("tensegraph.models.data").joinpath("shape_network.safetensors")))
+
+
 def read_shape_network(path: Path | None = None) -> ShapeNetwork:
     """Return the network in a file, or the one that ships with the package.
 
     Raises:
         InputError: when the file is missing or is no such network.
     """
-    path = Path(str(files("tensegraph.models.data").joinpath("shape_network.safetensors"))) if path is None else path
+    path = shape_network_path() if path is None else path
     try:
         tensors = load(path.read_bytes())
         weights = LstmWeights(**{f.name: tensors[f.name].astype(np.float64) for f in fields(LstmWeights)})

@@ -19,6 +19,7 @@ from ..models.evaluation.truth import (
     known_faults,
     marked_nodes,
 )
+from ..models.plug_ins import PlugIn
 from ..models.trial_description import TrialDescription, TrialTable, describe_trial
 from ..models.values.aids import AidReading
 from ..models.values.errors import InputError
@@ -43,6 +44,7 @@ from .aid_files import (
     range_readings,
 )
 from .bags.lengths_bag import LengthsBag, bag_bytes, is_bag
+from .bags.lengths_reader import ReadLengths, reader_of
 from .csv import CsvFile
 from .mocap.truth_file import read_truth
 from .positions import read_contacts, read_forces
@@ -117,6 +119,11 @@ class Trial:
                 raise InputError(f"{self.path / 'trial.toml'}: imu[{number}].file: is missing")
             files.append(imu.file)
         return files
+
+    @property
+    def reader(self) -> PlugIn | None:
+        """What of another package reads the file of lengths; None where it is a CSV file or a bag, or there is none."""
+        return reader_of(self.path / self.table.lengths.file) if self.table.lengths else None
 
     def row_count(self) -> int:
         """Return the approximate number of readings, for a progress bar."""
@@ -251,7 +258,7 @@ class Trial:
     def _lengths(self) -> Iterator[TendonLengths]:
         natural_m = self.description.structure.natural_length_m
         sensed = np.flatnonzero(self.description.structure.is_sensed)
-        rows = self._bag() or self._lengths_csv()
+        rows = self._bag() or self._read_lengths() or self._lengths_csv()
         for index, row in enumerate(self._forward(rows)):
             length_m, sigma_m = np.full((2, len(natural_m)), np.nan)
             length_m[sensed] = row[1 : 1 + len(sensed)]
@@ -298,7 +305,15 @@ class Trial:
             )
         return None
 
-    def _forward(self, rows: CsvFile | LengthsBag) -> Iterator[list[float]]:
+    def _read_lengths(self) -> ReadLengths | None:
+        """Return the file of lengths as a reader of another package reads it; None without one."""
+        reader = self.reader
+        if self.table.lengths is None or reader is None:
+            return None
+        sensed = np.flatnonzero(self.description.structure.is_sensed).tolist()
+        return ReadLengths(self.path / self.table.lengths.file, reader, sensed)
+
+    def _forward(self, rows: CsvFile | LengthsBag | ReadLengths) -> Iterator[list[float]]:
         """Yield the rows whose stamp is later than all stamps before; count the others."""
         latest_s = -np.inf
         for index, row in enumerate(rows):

@@ -16,6 +16,7 @@ from ..io.plan_file import read_plan
 from ..io.provenance import sha256_of, simulation_provenance
 from ..io.replay import Replay
 from ..io.trial_directory import Reading, arrival_s, open_trial
+from ..models.plug_ins import PlugIn
 from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
 from ..models.trial_description import TrialDescription, describe_trial
@@ -69,6 +70,8 @@ class Feed:
     """SHA-256 of the files from which the session was begun: those of a trial, the rig, or the plan."""
     trial: Path | None
     """Directory in which the same readings can be found afterwards; None if they are not recorded."""
+    reader: PlugIn | None = None
+    """What of another package reads the lengths that are replayed; None where nothing does."""
     taring: str = ""
     """Description of the motion while the sensors were tared; empty without taring."""
 
@@ -137,6 +140,7 @@ def replay_feed(path: Path, speed: float, record: Path | None) -> Iterator[Feed]
         state=LinkState,
         inputs=trial.hashes(),
         trial=path,
+        reader=trial.reader,
     )
     with _recorded(feed, trial.toml, record) as recorded:
         yield recorded

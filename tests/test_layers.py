@@ -40,6 +40,8 @@ MODELS_MAY_IMPORT = {
     "models.shape_network": BASIS,
     "models.settings": BASIS | {"models.pose", "models.estimation"},
     "models.calibration": BASIS,
+    "models.plug_ins": {"models.values"},
+    "models.strain_front_end": BASIS,
     "models.towers": BASIS,
     "models.twin": RUNNING,
     "models.evaluation": RUNNING,

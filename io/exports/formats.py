@@ -1,9 +1,10 @@
 """The formats that runs are exported to, and their files."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from ...models.plug_ins import PlugIn, plug_ins
 from ...models.structure.labelled import TABLES
 from ...models.structure.reconstruction import Reconstruction
 from ...models.values.errors import InputError
@@ -23,6 +24,24 @@ SUFFIXES = {
 }
 """How the file of each format ends."""
 OF_ONE_FRAME = ("ply", "gltf")
+Exporter = Callable[[Reconstruction, Mapping[str, Any], Path], None]
+"""What another package writes a run with: a function of the run, of what is told of it, which are texts and numbers by
+name, and of the path of the file to write. The name of its entry point, of the group `tensegraph.exporters`, is that of
+the format, and the suffix of its files without the dot."""
+
+
+def exporter_plug_ins() -> dict[str, PlugIn]:
+    """Return the formats that other packages write, by name.
+
+    Raises:
+        InputError: when two packages bring one.
+    """
+    return plug_ins("exporters", {*SUFFIXES, *(suffix.removeprefix(".") for suffix in SUFFIXES.values())})
+
+
+def all_suffixes() -> dict[str, str]:
+    """Return how the file of each format ends, of those of other packages too."""
+    return SUFFIXES | {name: f".{name}" for name in exporter_plug_ins()}
 
 
 def export(
@@ -37,7 +56,7 @@ def export(
 
     Args:
         result: the run.
-        path: of the file, whose suffix is one of `SUFFIXES`; an earlier file is replaced. Parquet is three files,
+        path: of the file, whose suffix is one of `all_suffixes`; an earlier file is replaced. Parquet is three files,
             `NAME.frames.parquet`, `NAME.nodes.parquet` and `NAME.tendons.parquet`.
         at_s: time of the frame, for the formats of one frame (.ply, .glb).
         probability: of the ellipsoids.
@@ -72,10 +91,11 @@ def format_of(path: Path) -> str:
     Raises:
         InputError: when there is none.
     """
-    for name, suffix in SUFFIXES.items():
+    known = all_suffixes()
+    for name, suffix in known.items():
         if path.suffix == suffix:
             return name
-    raise InputError(f"{path}: expected a name that ends in {', '.join(SUFFIXES.values())}")
+    raise InputError(f"{path}: expected a name that ends in {', '.join(known.values())}")
 
 
 def paths_of(path: Path, format_name: str) -> list[Path]:
@@ -118,6 +138,12 @@ def _write_run(
         arrays = result.arrays(probability)
         for table, path in zip(TABLES, paths, strict=True):
             write_parquet(arrays, table, about, path)
+    elif format_name not in SUFFIXES:
+        plug_in = exporter_plug_ins()[format_name]
+        write: Exporter = plug_in.load()
+        write(result, about, paths[0])
+        if not paths[0].is_file():
+            raise InputError(f"{plug_in}: has written no file")
     else:
         from .array_files import write_mat, write_netcdf, write_npz
 

@@ -13,9 +13,9 @@ from tensegraph import cli
 from tensegraph.io.exports.formats import SUFFIXES
 
 
-def test_the_options_are_the_formats() -> None:
-    option = get_args(get_type_hints(cli.export)["to"])[0]
-    assert get_args(option) == tuple(SUFFIXES)
+def test_the_help_names_the_formats() -> None:
+    help_text = get_args(get_type_hints(cli.export, include_extras=True)["to"])[1].help
+    assert f"Format: {', '.join(SUFFIXES)}, or one of another package." == help_text
 
 
 def test_a_result_beside_itself_or_anywhere(done, tmp_path) -> None:

@@ -152,9 +152,7 @@ def test_what_does_not_fit_is_one_line(ros, tmp_path) -> None:
     assert refused(tmp_path / "b", None, 2) == "/l: message 2: header.stamp: expected a time, as in the first, got 0"
     for names in (["a", "b"], ["t0", "t2"], ["t1", "t1"]):
         write_bag(ros, tmp_path / names[1] / names[0], {"/l": [joint_state(ros, EPOCH_NS, [1, 2], names)]})
-        assert "expected names that end in the number of a tendon" in refused(
-            tmp_path / names[1] / names[0], "/l", 2
-        )
+        assert "expected names that end in the number of a tendon" in refused(tmp_path / names[1] / names[0], "/l", 2)
     assert refused(tmp_path / "no.mcap", None, 2) == "no such file"
 
 

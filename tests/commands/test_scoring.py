@@ -1,0 +1,88 @@
+"""`tg.evaluate`, `tg.compare` and `tg.calibrate`: the numbers of the commands, as values."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import tensegraph as tg
+from command_line import run
+from tensegraph.models.calibration.recipe import TrainingSettings
+
+
+def test_evaluate_is_the_command_s(done) -> None:
+    folder, *_ = done
+    evaluation = tg.evaluate(tg.load(folder / "results" / "press"), folder / "press")
+    (scores,) = json.loads(run("evaluate", "results/press", "--json", cwd=folder).stdout)
+    assert evaluation.absolute.nodes.rmse_m == pytest.approx(scores["absolute"]["nodes"]["rmse_m"], rel=1e-12)
+    assert evaluation.consistency.coverage_95 == scores["consistency"]["coverage_95"]
+
+
+def test_evaluate_with_another_truth_and_offset(done, tmp_path) -> None:
+    """The truth moved by 3 mm along z, and told 1 s late: the errors move with it."""
+    folder, *_ = done
+    result = tg.load(folder / "results" / "press")
+    truth = np.genfromtxt(folder / "press" / "truth.csv", delimiter=",", names=True)
+    table = np.array([list(row) for row in truth])
+    table[:, 0] -= 1.0
+    table[:, 3::3] += 0.003
+    np.savetxt(tmp_path / "moved.csv", table, delimiter=",", header=",".join(truth.dtype.names), comments="")
+    plain = tg.evaluate(result, folder / "press")
+    moved = tg.evaluate(result, folder / "press", tmp_path / "moved.csv", offset_s=1.0)
+    difference_m = moved.compared.true_m - plain.compared.true_m
+    np.testing.assert_allclose(difference_m, np.broadcast_to([0, 0, 0.003], difference_m.shape), atol=1e-9)
+
+
+def test_what_does_not_match_is_said(done, loaded) -> None:
+    folder, *_ = done
+    with pytest.raises(tg.InputError, match="trials: expected a list of trials, as"):
+        tg.compare(str(folder / "press"))
+    with pytest.raises(tg.InputError, match="method 'best': expected one of batch, live"):
+        tg.compare([folder / "press"], ["best"])
+
+
+def test_compare_returns_rows(done) -> None:
+    """One method and the rest shape; its row is what evaluate says of the same method."""
+    folder, *_ = done
+    rows = tg.compare([folder / "press"], ["frame"])
+    assert [(row.trial, row.method) for row in rows] == [
+        ("all", "rest shape held"),
+        ("all", "graph, frame by frame"),
+        ("press", "rest shape held"),
+        ("press", "graph, frame by frame"),
+    ]
+    alone = tg.evaluate(tg.reconstruct(folder / "press", "frame"), folder / "press")
+    assert rows[-1].errors.nodes.rmse_m == pytest.approx(alone.absolute.nodes.rmse_m, rel=1e-9)
+
+
+def test_progress_is_told(done) -> None:
+    """The graph's error falls from step to step, counted from 1; a method without steps tells nothing."""
+    folder, *_ = done
+    told = []
+    tg.reconstruct(folder / "press", progress=lambda iteration, error: told.append((iteration, error)))
+    assert [iteration for iteration, _ in told] == list(range(1, len(told) + 1))
+    errors = np.array([error for _, error in told])
+    assert len(errors) > 1
+    assert (np.diff(errors) <= 0).all()
+
+
+def test_calibrate_returns_a_model_that_reconstructs(rig_folder, tmp_path, trial_copy) -> None:
+    """Ten epochs; nothing is written, and what was left out is told."""
+    strips = tmp_path / "strips"
+    shutil.copytree(rig_folder / "strips", strips)
+    before = sorted(tmp_path.rglob("*"))
+    epochs = []
+    report = tg.calibrate(
+        strips,
+        hold_out=["s2*"],
+        settings=TrainingSettings(epochs=10, steps=400, sequences=8),
+        progress=lambda epoch, loss: epochs.append(epoch),
+    )
+    assert sorted(tmp_path.rglob("*")) == before
+    assert len(epochs) == 10
+    assert [line.partition(":")[0] for line in report.folder.left_out] == [str(strips / "bad.csv")]
+    shapes = tg.reconstruct(trial_copy(rows=60), "frame", model=report.model())
+    assert np.isfinite(shapes.node_position_m).all()
+    with pytest.raises(tg.InputError, match=r"settings: epochs: .*, got 0"):
+        tg.calibrate(strips, settings=TrainingSettings(epochs=0))
