@@ -35,7 +35,7 @@ def test_compare_runs_every_method(trial_copy) -> None:
     assert sorted(p.name for p in folder.iterdir()) == ["comparison.csv", "comparison.md", "comparison.png", "trials"]
     with (folder / "comparison.csv").open() as file:
         rows = {(row["trial"], row["method"]): row for row in csv.DictReader(file)}
-    assert len(rows) == 3 + 4 * 6
+    assert len(rows) == 3 + 4 * 7
     assert rows["blind", "UKF"]["nodes_rmse_m"] == ""
     assert float(rows["blind", "UKF"]["ms_per_frame"]) > 0
     assert "(ukf)" in run("reconstruct", seen, "--method", "ukf", "--figures", "none", cwd=seen.parent).stdout
