@@ -1,6 +1,7 @@
 """What the tests share: the example trial, a six-strut at rest, boards, and the one check of derivatives."""
 
 import shutil
+import signal
 import subprocess
 import tomllib
 from collections.abc import Callable, Iterator
@@ -24,6 +25,10 @@ from tensegraph.models.structure.rigidity import find_rest_shape
 from tensegraph.models.values.readings import Mode, TendonLengths
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "press_01"
+
+for number in (signal.SIGINT, signal.SIGHUP):  # a shell that starts the tests in the background ignores them,
+    if signal.getsignal(number) is signal.SIG_IGN:  # and so would all commands that the tests start and end
+        signal.signal(number, signal.SIG_DFL)
 
 
 @pytest.fixture(scope="session")
