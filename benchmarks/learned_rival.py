@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tensegraph import Settings, Structure, open_trial, simulate
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.shape_network_file import write_shape_network
-from tensegraph.models.sensor.lstm import LstmWeights
+from tensegraph.models.calibration.torch_network import lstm_weights
 from tensegraph.models.shape_network import LOG_SCALE_RANGE, ShapeNetwork
 from tensegraph.pipeline import Pipeline
 
@@ -188,13 +188,7 @@ def as_shape_network(network: Network, examples: list[Example], validation: list
     scaled = error_m / scale[:, None]
     structure = examples[0].structure
     return ShapeNetwork(
-        weights=LstmWeights(
-            weight_ih=parameters["lstm.weight_ih_l0"],
-            weight_hh=parameters["lstm.weight_hh_l0"],
-            bias=parameters["lstm.bias_ih_l0"] + parameters["lstm.bias_hh_l0"],
-            head_weight=parameters["head.weight"],
-            head_bias=parameters["head.bias"],
-        ),
+        weights=lstm_weights(parameters),
         change_scale=CHANGE_SCALE,
         displacement_scale_m=DISPLACEMENT_SCALE_M,
         covariance_m2=scaled.T @ scaled / len(scaled),

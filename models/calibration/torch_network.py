@@ -3,6 +3,7 @@
 At run time `sensor.lstm` and `sensor.rate_curve` are used; tests check that the two versions of each equation agree.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from ..sensor.gauge import StaticGauge
-from ..sensor.lstm import LOG_VARIANCE_RANGE, Scaling
+from ..sensor.lstm import LOG_VARIANCE_RANGE, LstmWeights, Scaling
 from ..sensor.rate_curve import RateCurve, product_indices
 
 
@@ -39,6 +40,17 @@ class StretchingModule(torch.nn.Module):
         h, state = self.lstm(x, state)
         mean, log_variance = self.head(h).unbind(-1)
         return mean, log_variance.clamp(*LOG_VARIANCE_RANGE), state
+
+
+def lstm_weights(parameters: Mapping[str, NDArray[np.float64]]) -> LstmWeights:
+    """Return the weights of `sensor.lstm` from the parameters of a torch module with an `lstm` and a linear `head`."""
+    return LstmWeights(
+        weight_ih=parameters["lstm.weight_ih_l0"],
+        weight_hh=parameters["lstm.weight_hh_l0"],
+        bias=parameters["lstm.bias_ih_l0"] + parameters["lstm.bias_hh_l0"],
+        head_weight=parameters["head.weight"],
+        head_bias=parameters["head.bias"],
+    )
 
 
 def network_input(

@@ -13,13 +13,20 @@ import torch
 from numpy.typing import NDArray
 
 from ..sensor.bending import BendingCurve
-from ..sensor.lstm import CURVE_MEMORIES, MEMORY_S, STRAIN_SCALE, LstmWeights, Scaling
+from ..sensor.lstm import CURVE_MEMORIES, MEMORY_S, STRAIN_SCALE, Scaling
 from .gauge_fit import INDEPENDENT, fit_gauge
 from .rate_curve_fit import fit_rate_curve
 from .recipe import CHECK_EVERY, Checkpoint, History, NoCheckpoint, Trained, TrainingSettings
 from .recordings import Recording, Split
 from .strip_baselines import on_common_curve
-from .torch_network import StretchingModule, curve_strain, network_input, sample_loss, scaled_gaussian_loss
+from .torch_network import (
+    StretchingModule,
+    curve_strain,
+    lstm_weights,
+    network_input,
+    sample_loss,
+    scaled_gaussian_loss,
+)
 
 CHECKPOINT_VERSION = 2
 """Version of the names in a checkpoint; a checkpoint of another version is not used."""
@@ -297,15 +304,8 @@ class _Training:
         best = {name: value.numpy().astype(np.float64) for name, value in self._best.items()}
         units = best["free_gains"] - best["free_gains"].mean(axis=0) + best["mean_gains"]
         gains = np.array([1.0, 0.0]) + units * self._spread
-        weights = LstmWeights(
-            weight_ih=best["lstm.weight_ih_l0"],
-            weight_hh=best["lstm.weight_hh_l0"],
-            bias=best["lstm.bias_ih_l0"] + best["lstm.bias_hh_l0"],
-            head_weight=best["head.weight"],
-            head_bias=best["head.bias"],
-        )
         return Trained(
-            weights=weights,
+            weights=lstm_weights(best),
             curve=self._curve,
             gain_and_offset=dict(zip(self._names, gains, strict=True)),
             scaling=self._scaling,

@@ -11,6 +11,7 @@ from learned_rival import Network, loss, plan_text
 from tensegraph.estimator.baselines.recurrent_network import RecurrentNetwork
 from tensegraph.io.plan_file import read_plan
 from tensegraph.io.shape_network_file import read_shape_network, write_shape_network
+from tensegraph.models.calibration.torch_network import lstm_weights
 from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.sensor.lstm import LstmWeights
 from tensegraph.models.shape_network import ShapeNetwork
@@ -59,17 +60,17 @@ def test_numpy_and_torch_agree(tmp_path, structure, rest, lengths_of) -> None:
     torch.manual_seed(1)
     trained = Network(24, len(structure.free_coordinates))
     parameters = {name: value.detach().double().numpy() for name, value in trained.state_dict().items()}
-    weights = LstmWeights(
-        weight_ih=parameters["lstm.weight_ih_l0"],
-        weight_hh=parameters["lstm.weight_hh_l0"],
-        bias=parameters["lstm.bias_ih_l0"] + parameters["lstm.bias_hh_l0"],
-        head_weight=parameters["head.weight"],
-        head_bias=parameters["head.bias"],
-    )
     size = len(structure.free_coordinates)
     rest_length_m = structure.tendon_length_m(rest.node_position_m)
     network = ShapeNetwork(
-        weights, 0.1, 0.01, np.eye(size), structure.rods, structure.tendons, structure.anchors, rest_length_m
+        lstm_weights(parameters),
+        0.1,
+        0.01,
+        np.eye(size),
+        structure.rods,
+        structure.tendons,
+        structure.anchors,
+        rest_length_m,
     )
     write_shape_network(network, tmp_path / "network.safetensors")
     estimator = RecurrentNetwork(read_shape_network(tmp_path / "network.safetensors"), structure, rest)
