@@ -239,7 +239,7 @@ class Trial:
 
     def _resistances(self) -> Iterator[ResistanceReading]:
         assert self.table.resistance is not None
-        tendons = np.flatnonzero(self.description.structure.is_sensed)
+        tendons = self.description.structure.sensed_tendons
         columns = [f"r{e}_ohm" for e in tendons]
         file = self._csv(self.table.resistance.file, ["t_s", *columns], blank=columns)
         for row in self._forward(file):
@@ -257,7 +257,7 @@ class Trial:
 
     def _lengths(self) -> Iterator[TendonLengths]:
         natural_m = self.description.structure.natural_length_m
-        sensed = np.flatnonzero(self.description.structure.is_sensed)
+        sensed = self.description.structure.sensed_tendons
         rows = self._bag() or self._read_lengths() or self._lengths_csv()
         for index, row in enumerate(self._forward(rows)):
             length_m, sigma_m = np.full((2, len(natural_m)), np.nan)
@@ -281,7 +281,7 @@ class Trial:
     def _lengths_csv(self) -> CsvFile:
         """Return t_s, then the lengths of the tendons that have a sensor, then their sigmas."""
         assert self.table.lengths is not None
-        sensed = np.flatnonzero(self.description.structure.is_sensed)
+        sensed = self.description.structure.sensed_tendons
         columns = [f"l{e}_m" for e in sensed]
         sigmas = [f"s{e}_m" for e in sensed]
         return self._csv(self.table.lengths.file, ["t_s", *columns], optional=sigmas, blank=[*columns, *sigmas])
@@ -296,9 +296,7 @@ class Trial:
         if table is None:
             return None
         if is_bag(self.path / table.file):
-            return LengthsBag(
-                self.path / table.file, table.topic, np.flatnonzero(self.description.structure.is_sensed).tolist()
-            )
+            return LengthsBag(self.path / table.file, table.topic, self.description.structure.sensed_tendons.tolist())
         if table.topic is not None:
             raise InputError(
                 f"{self.path / 'trial.toml'}: lengths.topic: goes with a bag: expected none with {table.file}"
@@ -310,7 +308,7 @@ class Trial:
         reader = self.reader
         if self.table.lengths is None or reader is None:
             return None
-        sensed = np.flatnonzero(self.description.structure.is_sensed).tolist()
+        sensed = self.description.structure.sensed_tendons.tolist()
         return ReadLengths(self.path / self.table.lengths.file, reader, sensed)
 
     def _forward(self, rows: CsvFile | LengthsBag | ReadLengths) -> Iterator[list[float]]:

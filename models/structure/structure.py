@@ -90,6 +90,11 @@ class Structure:
         return np.asarray(~np.isin(np.arange(len(self.tendons)), self.unsensed))
 
     @cached_property
+    def sensed_tendons(self) -> NDArray[np.int64]:
+        """(sensed tendons,) the numbers of the tendons with a sensor."""
+        return np.flatnonzero(self.is_sensed)
+
+    @cached_property
     def is_free_tendon(self) -> NDArray[np.bool_]:
         """(tendons,) True for tendons with a sensor that do not join two anchors: only they measure the shape."""
         return np.asarray(self.is_sensed & ~self.joins_anchors)
