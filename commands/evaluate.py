@@ -70,7 +70,7 @@ def evaluate_results(
     Args:
         results: result directories.
         truth: see `score_result`.
-        trial: see `score_result`.
+        trial: trial directory; see `trial_of`.
         align: see `score_result`.
         offset_s: see `score_result`.
         json_only: whether to print JSON instead of tables.
@@ -115,11 +115,13 @@ def evaluate_result(job: EvaluationJob, terminal: Terminal) -> Group | None:
         TensegraphError: when the result cannot be evaluated, or the evaluation cannot be written.
     """
     with terminal.stages(job.name, {"errors": 0.5, "figures": 0.5}) as bar:
-        made_from = job.fingerprint(trial_of(read_run(job.result), job.result, job.trial))
+        run = read_run(job.result)
+        trial = trial_of(run, job.result, job.trial)
+        made_from = job.fingerprint(trial)
         if is_up_to_date(job.out / RUN_FILE, made_from):
             return None
         with terminal.stage(f"evaluation of {job.name}"):
-            score = score_result(job.result, job.truth, job.trial, align=job.align, offset_s=job.offset_s)
+            score = score_result(job.result, run, trial, job.truth, align=job.align, offset_s=job.offset_s)
         bar.reached("errors", 1.0)
         with terminal.stage(f"files of {job.out}"):
             write_score(replace(score, result=Path(job.name)), job.out, made_from)
@@ -144,29 +146,28 @@ def write_score(score: ScoredResult, path: Path, made_from: str) -> None:
 
 
 def score_result(
-    path: Path, truth: Path | None, trial: Path | None, *, align: bool, offset_s: float | None = None
+    path: Path, run: dict[str, Any], trial: Trial, truth: Path | None, *, align: bool, offset_s: float | None
 ) -> ScoredResult:
     """Evaluate a result directory.
 
     Args:
         path: result directory.
+        run: its run.toml.
+        trial: see `trial_of`.
         truth: a file of stamped node positions or of motion capture; that of the trial if None.
-        trial: trial directory; the one named in run.toml if None.
         align: see `evaluate`.
         offset_s: host time minus the time of the truth; if None, 0, or for motion capture what its motion tells.
 
     Raises:
-        InputError: when the result, its trial or the truth cannot be read, or do not match.
+        InputError: when the result or the truth cannot be read, or do not match the trial.
     """
-    run = read_run(path)
-    opened = trial_of(run, path, trial)
     settings = parse_table(Settings, run.get("settings", {}), str(path / RUN_FILE))
-    estimate = read_estimate(path, opened.description.structure)
+    estimate = read_estimate(path, trial.description.structure)
     try:
-        evaluation = evaluation_of(opened, estimate, settings, truth, align=align, offset_s=offset_s)
+        evaluation = evaluation_of(trial, estimate, settings, truth, align=align, offset_s=offset_s)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    return ScoredResult(path, opened.name, str(run.get("method", "method not stated")), evaluation)
+    return ScoredResult(path, trial.name, str(run.get("method", "method not stated")), evaluation)
 
 
 def trial_of(run: dict[str, Any], path: Path, trial: Path | None) -> Trial:

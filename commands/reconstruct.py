@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -83,14 +83,19 @@ class RunOptions:
         shapes = {"optimisation": 5.0, "ellipsoids": 1.0} if self.method == "batch" else {"shapes": 4.0}
         return {"lengths": 2.0} | shapes | {"tables": 0.4} | ({"figures": 2.3} if self.figures else {})
 
-    def fingerprint(self, trial: Trial) -> str:
-        """Return the hash of all that the result of a trial is made from."""
+    def fingerprint(self, inputs: Mapping[str, str], parts: Mapping[str, Any]) -> str:
+        """Return the hash of all that the result of a trial is made from.
+
+        Args:
+            inputs: see `Trial.hashes`.
+            parts: see `made_with`.
+        """
         return fingerprint(
             {
-                "inputs": trial.hashes(),
+                "inputs": inputs,
                 "method": self.method,
                 "settings": asdict(self.settings),
-                **made_with(self.method, self.model, trial.reader),
+                **parts,
                 "figures": self.figures,
                 "span": [self.span.from_s, self.span.to_s],
             }
@@ -160,15 +165,15 @@ def reconstruct_trial(job: TrialJob, terminal: Terminal) -> Table | None:
     """
     options = job.options
     trial = open_trial(job.trial)
-    made_from = options.fingerprint(trial)
+    inputs, parts = trial.hashes(), made_with(options.method, options.model, trial.reader)
+    made_from = options.fingerprint(inputs, parts)
     if is_up_to_date(job.out / RUN_FILE, made_from):
         return None
     with terminal.stages(trial.name, options.stages()) as bar:
         run = run_trial(trial, options, terminal, bar)
         with terminal.stage("tables and figures" if options.figures else "tables"):
             title = f"{trial.name}, {run.method}"
-            parts = made_with(options.method, options.model, trial.reader)
-            table = run.as_table(job.out) | parts | options.span.as_table() | {FINGERPRINT: made_from}
+            table = run.as_table(job.out, inputs) | parts | options.span.as_table() | {FINGERPRINT: made_from}
             write_result(
                 run.reconstruction,
                 job.out,
@@ -260,11 +265,12 @@ class Run:
             table.add_row(name, error)
         return table
 
-    def as_table(self, path: Path) -> dict[str, Any]:
+    def as_table(self, path: Path, inputs: Mapping[str, str]) -> dict[str, Any]:
         """Return run.toml: every setting, versions, input hashes, irregular rows, timing.
 
         Args:
             path: result directory, to which the path of the trial is relative.
+            inputs: see `Trial.hashes`.
         """
         normal = self.reconstruction.floor_normal
         return {
@@ -276,7 +282,7 @@ class Run:
             "frames": len(self.reconstruction),
             **({"floor_normal": asdict(normal)} if normal else {}),
             "versions": versions(),
-            "inputs": self.trial.hashes(),
+            "inputs": inputs,
             "rows": self._rows_not_plain(),
             **self.pipeline.own_frames.as_table(),
             "settings": asdict(self.settings),
