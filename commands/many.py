@@ -17,7 +17,7 @@ from ..models.values.extras import needs_extra
 Job = TypeVar("Job")
 Made = TypeVar("Made")
 
-DIED = "its process died twice, the second time alone: is there enough memory?"
+DIED = "its process died while no other job was being done: is there enough memory?"
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,10 +16,14 @@ class Letter:
 
     path: Path
     text: str
+    after: Path | None = None
+    """File for which the job waits before it begins, so that the order of two jobs is known."""
 
 
 def write_letter(job: Letter, terminal: Terminal) -> int:
     """Write a text into a file and return this process; `dies` kills it, `dies once` only at the first attempt."""
+    while job.after is not None and not job.after.exists():
+        time.sleep(0.01)
     attempts = len(list(job.path.parent.glob(f"{job.path.name}.try*")))
     job.path.with_name(f"{job.path.name}.try{attempts}").touch()
     if job.text == "dies" or (job.text == "dies once" and attempts == 0):
