@@ -31,6 +31,9 @@ SLIPS_FILE = "slips.csv"
 COVARIANCE_COLUMNS = ("cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2")
 """The upper triangle, row by row; ten digits, because the inverse for a long, thin ellipsoid loses seven."""
 
+BLOCK_ROWS = 10_000
+"""Rows of a table that are made at a time, so that a long run does not need much memory for them."""
+
 
 @contextmanager
 def result_directory(path: Path, marker: str = RUN_FILE) -> Iterator[Path]:
@@ -202,63 +205,82 @@ def _append(path: Path, rows: Iterator[str]) -> None:
         file.writelines(f"{row}\n" for row in rows)
 
 
+def _rows(form: str, *columns: NDArray[Any]) -> Iterator[str]:
+    """Yield the rows of a table as text.
+
+    Args:
+        form: of a row, for the operator %.
+        columns: (rows,) or (rows, columns) each, side by side.
+    """
+    for start in range(0, len(columns[0]), BLOCK_ROWS):
+        for row in np.column_stack([column[start : start + BLOCK_ROWS] for column in columns]).tolist():
+            yield form % tuple(row)
+
+
+def _each(t_s: NDArray[np.float64], members: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return time and number of each row of a table that has one row for each member in each frame."""
+    return np.repeat(t_s, len(members)), np.tile(members, len(t_s))
+
+
 def _shape_rows(r: Reconstruction) -> Iterator[str]:
     yield ",".join(["t_s", *position_columns(r.structure.node_count)])
-    for t_s, position in zip(r.t_s, r.node_position_m.reshape(len(r), -1), strict=True):
-        yield f"{t_s:.4f}," + ",".join(f"{value:.6f}" for value in position)
+    yield from _rows("%.4f" + 3 * r.structure.node_count * ",%.6f", r.t_s, r.node_position_m.reshape(len(r), -1))
 
 
 def _ellipsoid_rows(r: Reconstruction, probability: float) -> Iterator[str]:
     yield (f"t_s,node,x_m,y_m,z_m,{','.join(COVARIANCE_COLUMNS)},semi_a_m,semi_b_m,semi_c_m,qx,qy,qz,qw,probability")
     regions = r.ellipsoids(probability)
-    quaternion = regions.quaternion
-    upper = np.triu_indices(3)
-    covariance = r.node_covariance_m2[..., upper[0], upper[1]]
-    for k, t_s in enumerate(r.t_s):
-        for node in range(r.structure.node_count):
-            yield (
-                f"{t_s:.4f},{node},"
-                + ",".join(f"{v:.6f}" for v in r.node_position_m[k, node])
-                + "," + ",".join(f"{v:.9e}" for v in covariance[k, node])
-                + "," + ",".join(f"{v:.6f}" for v in regions.semi_axis_m[k, node])
-                + "," + ",".join(f"{v:.6f}" for v in quaternion[k, node])
-                + f",{probability:g}"
-            )  # fmt: skip
+    row, column = np.triu_indices(3)
+    yield from _rows(
+        "%.4f,%d" + 3 * ",%.6f" + 6 * ",%.9e" + 7 * ",%.6f" + f",{probability:g}",
+        *_each(r.t_s, np.arange(r.structure.node_count)),
+        r.node_position_m.reshape(-1, 3),
+        r.node_covariance_m2[..., row, column].reshape(-1, 6),
+        regions.semi_axis_m.reshape(-1, 3),
+        regions.quaternion.reshape(-1, 4),
+    )
 
 
 def _length_rows(r: Reconstruction) -> Iterator[str]:
     yield "t_s,tendon,length_m,sigma_m,mode,flags,predicted_m,innovation_sigma_m"
-    modes = {int(mode): mode.name.lower() for mode in Mode}
-    names = {int(flags): Flag(int(flags)).names() for flags in np.unique(r.flags)}
-    for k, t_s in enumerate(r.t_s):
-        for e in range(len(r.structure.tendons)):
-            yield (
-                f"{t_s:.4f},{e},{r.length_m[k, e]:.6f},{r.sigma_m[k, e]:.6f},{modes[int(r.mode[k, e])]},"
-                f"{names[int(r.flags[k, e])]},{r.predicted_m[k, e]:.6f},{r.innovation_sigma_m[k, e]:.6f}"
-            )
+    modes = np.array([mode.name.lower() for mode in sorted(Mode)], dtype=object)
+    flags, flags_of = np.unique(r.flags, return_inverse=True)
+    names = np.array([Flag(int(flag)).names() for flag in flags], dtype=object)
+    yield from _rows(
+        "%.4f,%d,%.6f,%.6f,%s,%s,%.6f,%.6f",
+        *_each(r.t_s, np.arange(len(r.structure.tendons))),
+        r.length_m.ravel(),
+        r.sigma_m.ravel(),
+        modes[r.mode.ravel()],
+        names[flags_of.ravel()],
+        r.predicted_m.ravel(),
+        r.innovation_sigma_m.ravel(),
+    )
 
 
 def _load_rows(r: Reconstruction, loads: ExternalLoads) -> Iterator[str]:
     yield "t_s,node,fx_n,fy_n,fz_n,sigma_n,observable"
-    observable = observable_loads(r.structure)
-    for t_s, force, sigma in zip(r.t_s, loads.force_n, loads.sigma_n, strict=True):
-        for node in r.structure.free_nodes:
-            values = ",".join(f"{value:.4f}" for value in (*force[node], sigma[node]))
-            yield f"{t_s:.4f},{node},{values},{observable[node]}"
+    free = r.structure.free_nodes
+    observable = np.array(observable_loads(r.structure), dtype=object)
+    yield from _rows(
+        "%.4f,%d" + 4 * ",%.4f" + ",%s",
+        *_each(r.t_s, free),
+        loads.force_n[:, free].reshape(-1, 3),
+        loads.sigma_n[:, free].ravel(),
+        np.tile(observable[free], len(r)),
+    )
 
 
 def _contact_rows(t_s: NDArray[np.float64], contacts: NDArray[np.float64]) -> Iterator[str]:
     yield ",".join(["t_s", *contact_columns(contacts.shape[1])])
-    for frame_t_s, probability in zip(t_s, contacts, strict=True):
-        yield f"{frame_t_s:.4f}," + ",".join(f"{value:.3f}" for value in probability)
+    yield from _rows("%.4f" + contacts.shape[1] * ",%.3f", t_s, contacts)
 
 
 def _track_rows(r: Reconstruction) -> Iterator[str]:
     yield ",".join(["t_s", "x_m", "y_m", "z_m", *COVARIANCE_COLUMNS])
     row, column = np.triu_indices(3)
-    for t_s, position, covariance in zip(r.t_s, r.centroid_m, r.centroid_covariance_m2, strict=True):
-        numbers = [*(f"{value:.6f}" for value in position), *(f"{value:.9e}" for value in covariance[row, column])]
-        yield f"{t_s:.4f}," + ",".join(numbers)
+    covariance = r.centroid_covariance_m2[:, row, column]
+    yield from _rows("%.4f" + 3 * ",%.6f" + 6 * ",%.9e", r.t_s, r.centroid_m, covariance)
 
 
 def _slip_rows(r: Reconstruction) -> Iterator[str]:
@@ -270,9 +292,7 @@ def _slip_rows(r: Reconstruction) -> Iterator[str]:
 
 def _drift_rows(t_s: NDArray[np.float64], drift: NDArray[np.float64], sigma: NDArray[np.float64]) -> Iterator[str]:
     yield "t_s,tendon,drift,sigma"
-    for frame_t_s, frame_drift, frame_sigma in zip(t_s, drift, sigma, strict=True):
-        for e, (value, value_sigma) in enumerate(zip(frame_drift, frame_sigma, strict=True)):
-            yield f"{frame_t_s:.4f},{e},{value:.6f},{value_sigma:.6f}"
+    yield from _rows("%.4f,%d,%.6f,%.6f", *_each(t_s, np.arange(drift.shape[1])), drift.ravel(), sigma.ravel())
 
 
 def _status_rows(r: Reconstruction) -> Iterator[str]:
