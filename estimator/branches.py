@@ -9,48 +9,67 @@ is zero again at a = -2 s_1 / c: there the search for the other shape starts. In
 shows which of the two is the right one.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..factors.noise import weigh
+from ..factors.noise import WeightedLengths, weigh
 from ..models.estimation import BranchSettings
 from ..models.structure.rigidity import branch, free_length_jacobian
 from ..models.structure.shape import OtherShape, Shape, Status
 from ..models.structure.structure import Structure
-from ..models.values.readings import TendonLengths
-from .graph import GraphBuilder
+from .graph import FrameSearch, GraphBuilder
 
 
 class OtherBranch:
-    """Searches at regular times for another shape that explains a frame about equally well."""
+    """Searches at regular times for another shape that explains a frame about equally well.
+
+    A search takes about as long as the estimates of two frames. It is spread over the frames that follow, one iteration
+    in each, so that no frame waits for it.
+    """
 
     def __init__(self, builder: GraphBuilder, settings: BranchSettings) -> None:
         self._builder = builder
         self._settings = settings
-        self._last_search_s = -np.inf
+        self._began_s = -np.inf
+        self._search: Iterator[bool] | None = None
         self._other_shape: OtherShape | None = None
 
     def with_other(self, shape: Shape) -> Shape:
         """Return the shape together with the other shape that the latest search found, if it found one."""
-        if self._builder.structure.is_square and shape.t_s - self._last_search_s >= self._settings.look_every_s:
-            self._last_search_s = shape.t_s
-            self._other_shape = self._search(shape.node_position_m, shape.lengths)
+        due = shape.t_s - self._began_s >= self._settings.look_every_s
+        if self._search is None and due and self._builder.structure.is_square:
+            self._began_s = shape.t_s
+            self._search = self._iterations(shape.node_position_m, weigh(shape.lengths, self._builder.noise))
+        if self._search is not None and not next(self._search, False):
+            self._search = None
         if self._other_shape is None:
             return shape
         return replace(shape, status=Status.TWO_SHAPES, other=self._other_shape)
 
-    def _search(self, position_m: NDArray[np.float64], lengths: TendonLengths) -> OtherShape | None:
-        """Return the other minimum of a frame's own factors, or None when there is none or it is much less probable."""
+    def _iterations(self, position_m: NDArray[np.float64], measured: WeightedLengths) -> Iterator[bool]:
+        """Search the other minimum of a frame's own factors, and keep it if it is not much less probable.
+
+        Yields True after each iteration.
+        """
         structure = self._builder.structure
-        measured = weigh(lengths, self._builder.noise)
-        first = self._builder.minimum(measured, position_m)
-        second = self._builder.minimum(measured, across(structure, first.node_position_m))
-        if branch(structure, second.node_position_m) * branch(structure, position_m) > 0:
-            return None
+        first = self._builder.search(measured, position_m)
+        yield from _iterated(first)
+        second = self._builder.search(measured, across(structure, first.node_position_m))
+        yield from _iterated(second)
+        is_other = branch(structure, second.node_position_m) * branch(structure, position_m) <= 0
         log_ratio = second.error - first.error
-        return OtherShape(second.node_position_m, log_ratio) if log_ratio < self._settings.log_ratio else None
+        found = is_other and log_ratio < self._settings.log_ratio
+        self._other_shape = OtherShape(second.node_position_m, log_ratio) if found else None
+
+
+def _iterated(search: FrameSearch) -> Iterator[bool]:
+    """Do a search; yield True after each iteration."""
+    while not search.ended:
+        search.iterate()
+        yield True
 
 
 def across(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:

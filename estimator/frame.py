@@ -31,10 +31,9 @@ class FrameEstimator:
             IndeterminateError: when measurements and priors leave some node undetermined.
         """
         measured = weigh(lengths, self._builder.noise)
-        minimum = self._builder.minimum(measured, self._builder.rest.node_position_m)
-        assessment = self._evidence.assess(
-            linearised(self._builder, minimum.node_position_m, measured), minimum.node_position_m
-        )
+        minimum = self._builder.search(measured, self._builder.rest.node_position_m).finished()
+        position = minimum.node_position_m
+        assessment = self._evidence.assess(linearised(self._builder, position, measured), position)
         return Shape(
             t_s=lengths.t_s,
             node_position_m=assessment.node_position_m,

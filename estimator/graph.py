@@ -1,7 +1,6 @@
 """The factor graph: the factors of one frame, and those that connect it to the frames before it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import gtsam
 import numpy as np
@@ -38,15 +37,44 @@ NEAR_SIGMA_M = 2e-5
 """Change of the sigma of a natural length over which it does so: 0.008 N at 400 N/m."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FrameMinimum:
-    """The shape of least error of one frame's own factors."""
+class FrameSearch:
+    """The search for a local minimum of the error of one frame's own factors (Levenberg-Marquardt)."""
 
-    node_position_m: NDArray[np.float64]
-    """(nodes, 3)"""
-    error: float
-    """Half the sum of squares, which is the negative log-likelihood up to a constant."""
-    converged: bool
+    def __init__(self, graph: gtsam.NonlinearFactorGraph, start: gtsam.Values) -> None:
+        self._parameters = gtsam.LevenbergMarquardtParams()
+        self._parameters.setMaxIterations(MAX_FRAME_ITERATIONS)
+        self._parameters.setAbsoluteErrorTol(ERROR_TOLERANCE)
+        self._optimizer = gtsam.LevenbergMarquardtOptimizer(graph, start, self._parameters)
+        self.converged = False
+        """Whether the minimum is found."""
+
+    @property
+    def error(self) -> float:
+        """Half the sum of squares so far, which is the negative log-likelihood up to a constant."""
+        return float(self._optimizer.error())
+
+    @property
+    def node_position_m(self) -> NDArray[np.float64]:
+        """(nodes, 3) the shape so far."""
+        return np.array(gtsam.utilities.extractPoint3(self._optimizer.values()))
+
+    @property
+    def ended(self) -> bool:
+        """Whether the minimum is found, or given up."""
+        return self.converged or self._optimizer.iterations() >= MAX_FRAME_ITERATIONS
+
+    def iterate(self) -> None:
+        """Do one iteration; none when the search has ended."""
+        if not self.ended:
+            before = self._optimizer.error()
+            self._optimizer.iterate()
+            self.converged = gtsam.checkConvergence(self._parameters, before, self._optimizer.error())
+
+    def finished(self) -> "FrameSearch":
+        """Return this search after all its iterations."""
+        while not self.ended:
+            self.iterate()
+        return self
 
 
 class GraphBuilder:
@@ -159,20 +187,15 @@ class GraphBuilder:
         if self.statics:
             graph.add(equilibrium_factor(self.statics, keys, self.force_sigma_n))
 
-    def minimum(self, measured: WeightedLengths, start_m: NDArray[np.float64]) -> FrameMinimum:
-        """Return the local minimum of the error of a frame's own factors, searched from (nodes, 3) positions."""
+    def search(self, measured: WeightedLengths, start_m: NDArray[np.float64]) -> FrameSearch:
+        """Return the search for a minimum of the error of a frame's own factors, from (nodes, 3) positions."""
         graph = gtsam.NonlinearFactorGraph()
         values = gtsam.Values()
         keys = self.keys(0)
         self.add_frame(graph, 0, measured)
         for key, position in zip(keys, start_m, strict=True):
             values.insertPoint3(key, position)
-        parameters = gtsam.LevenbergMarquardtParams()
-        parameters.setMaxIterations(MAX_FRAME_ITERATIONS)
-        parameters.setAbsoluteErrorTol(ERROR_TOLERANCE)
-        optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
-        position = np.array(gtsam.utilities.extractPoint3(optimizer.optimize()))
-        return FrameMinimum(position, optimizer.error(), optimizer.iterations() < MAX_FRAME_ITERATIONS)
+        return FrameSearch(graph, values)
 
     def add_motion(self, graph: gtsam.NonlinearFactorGraph, frame: int, times_s: Sequence[float]) -> None:
         """Add the factors that connect a frame to the two before it, or the first frame to the rest shape.

@@ -105,14 +105,14 @@ class SensorHealth:
         self._checked_s[suspect] = shape.t_s
         admitted = self.admit(measured)
         without = admitted.without(np.arange(len(self._left_out)) == suspect)
-        start_m = shape.node_position_m
-        with_all = min(
-            self._builder.minimum(admitted, start_m).error,
-            self._builder.minimum(admitted.scaled(ALL_WRONG), start_m).error + admitted.count * np.log(ALL_WRONG),
-        )
-        log_ratio = with_all - self._builder.minimum(without, start_m).error
+        all_wrong = self._least_error(admitted.scaled(ALL_WRONG), shape) + admitted.count * np.log(ALL_WRONG)
+        log_ratio = min(self._least_error(admitted, shape), all_wrong) - self._least_error(without, shape)
         self._log_evidence[suspect] = max(self._log_evidence[suspect] + log_ratio - settings.expected_log_ratio, 0.0)
         if self._log_evidence[suspect] >= settings.log_ratio:
             self._left_out[suspect] = True
             self._agrees_since_s[suspect] = np.inf
             self._log_evidence[suspect] = 0.0
+
+    def _least_error(self, measured: WeightedLengths, shape: Shape) -> float:
+        """Return the least error of a frame's own factors, near its shape."""
+        return self._builder.search(measured, shape.node_position_m).finished().error

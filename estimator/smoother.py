@@ -119,7 +119,7 @@ class LiveSmoother:
         self._builder.add_frame(graph, self._frame, measured)
         self._builder.add_motion(graph, self._frame, self._times_s)
         if self._frame == 0 and not self._builder.rest.at_start:
-            start_m = self._builder.minimum(measured, self._builder.rest.node_position_m).node_position_m
+            start_m = self._builder.search(measured, self._builder.rest.node_position_m).finished().node_position_m
             self._positions.extend([start_m] * 2)
         values = gtsam.Values()
         keys = list(self._builder.keys(self._frame))

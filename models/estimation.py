@@ -113,8 +113,8 @@ class BranchSettings:
     """When the other shape that explains the same lengths is searched for and reported."""
 
     look_every_s: Positive = 0.5
-    """Shortest time between two searches, each of which takes as long as two frames. The result of the latest search
-    is reported until the next one."""
+    """Shortest time between the starts of two searches. A search does one iteration in each frame, ten or so in all,
+    and its result is reported until that of the next."""
     log_ratio: Positive = 3.0
     """Log likelihood ratio of the estimated shape to the other one below which the other is reported; 3 means a ratio
     of 20."""

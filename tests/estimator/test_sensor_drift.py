@@ -73,11 +73,11 @@ def test_evidence_is_the_slope_of_the_best_error(example_structure, still, lengt
     lengths = lengths_of(example_structure, still.node_position_m, noise=rng.normal(0, 5e-4, 24))
     position = still.node_position_m
     for _ in range(6):
-        position = builder.minimum(weigh(lengths, builder.noise), position).node_position_m
+        position = builder.search(weigh(lengths, builder.noise), position).finished().node_position_m
     _, gradient = length_evidence(builder, position, lengths)
 
     def error(length_m: NDArray[np.float64]) -> float:
-        return builder.minimum(weigh(replace(lengths, length_m=length_m), builder.noise), position).error
+        return builder.search(weigh(replace(lengths, length_m=length_m), builder.noise), position).finished().error
 
     for e in (3, 8, 20):
         step_m = 2e-4 * np.eye(24)[e]

@@ -164,7 +164,7 @@ def test_each_frame_s_minimum_is_that_of_gtsam(balanced, lengths_of) -> None:
     position_m, error = own_minima(trial.factors, trial.start_m)
     for k, measured in enumerate(trial.measured):
         trial.builder.approach(trial.start_m[k])
-        minimum = trial.builder.minimum(measured, trial.start_m[k])
+        minimum = trial.builder.search(measured, trial.start_m[k]).finished()
         assert error[k] == pytest.approx(minimum.error, abs=0.02)
         assert np.abs(position_m[k] - minimum.node_position_m).max() < 0.002
 
