@@ -7,7 +7,8 @@ start; their rates are forgotten within `memory_s`, and each sensor has a random
     dc = c' dt,   c' stationary with sigma s_c;     do_e = o_e' dt + walk,   o_e' stationary with sigma s_o
 
 How fast sensors drift is not known beforehand. One Kalman filter runs for each pair (s_c, s_o), zero among them, and is
-weighted by the likelihood of its predictions (a static multiple model). Reference tendons that drift alike are evidence
+weighted by the likelihood of its predictions. A pair lasts for `regime_s` and is then any, by its prior probability: a
+drift may begin after hours without one. Reference tendons that drift alike are evidence
 of a common drift, those that drift apart of own drifts; a reading that jumps is evidence of neither and is not used.
 """
 
@@ -36,8 +37,10 @@ class DriftSettings:
     """Random walk of each sensor, which its sigma contains: in calibration offsets differ by 0.003 over 100 s."""
     memory_s: Positive = 30.0
     """Time after which a rate of drift is forgotten: bodies of this size warm up in a minute."""
+    regime_s: Positive = 300.0
+    """Time for which the sensors go on to drift, or not to."""
     common_probability: Probability = 0.1
-    """Prior probability that the sensors drift together in a trial."""
+    """Prior probability that the sensors drift together."""
     own_probability: Probability = 0.1
     """Prior probability that each drifts by itself."""
     reading_sigma: Positive = 0.002
@@ -77,8 +80,8 @@ class ReferenceTendons:
         rates = np.array(list(product(RATES_PER_S, RATES_PER_S)))
         self._rate_variance = np.hstack([rates[:, :1], np.repeat(rates[:, 1:], len(tendons), axis=1)]) ** 2
         self._own_rate = rates[:, 1]
-        self._log_weight = _log_prior(rates[:, 0], settings.common_probability)
-        self._log_weight += _log_prior(rates[:, 1], settings.own_probability)
+        self._prior = _prior(rates[:, 0], settings.common_probability) * _prior(rates[:, 1], settings.own_probability)
+        self._weight = self._prior
         self._mean = np.zeros((len(rates), 2 * parts))
         self._covariance = np.zeros((len(rates), 2 * parts, 2 * parts))
         rate_index = np.arange(parts, 2 * parts)
@@ -123,6 +126,8 @@ class ReferenceTendons:
         rate = level + parts
         self._covariance[:, level[1:], level[1:]] += self._settings.walk_per_sqrt_s**2 * step_s
         self._covariance[:, rate, rate] += (1 - keep**2) * self._rate_variance
+        stay = np.exp(-step_s / self._settings.regime_s)
+        self._weight = stay * self._weight + (1 - stay) * self._prior
 
     def _update(self, drift: NDArray[np.float64], step_s: float) -> None:
         noise = self._settings.reading_sigma**2 * max(0.5 / step_s, 1.0)
@@ -138,14 +143,16 @@ class ReferenceTendons:
         expected = reads @ crossed + noise * np.eye(len(seen))
         gain = np.swapaxes(np.linalg.solve(expected, np.swapaxes(crossed, 1, 2)), 1, 2)
         squared = np.einsum("hr,hr->h", innovation, np.linalg.solve(expected, innovation[..., None])[..., 0])
-        self._log_weight -= 0.5 * (squared + np.linalg.slogdet(expected).logabsdet)
-        self._log_weight -= self._log_weight.max()
+        log_likelihood = -0.5 * (squared + np.linalg.slogdet(expected).logabsdet)
+        weight = self._weight * np.exp(log_likelihood - log_likelihood.max())
+        self._weight = weight / weight.sum()
         self._mean = self._mean + np.einsum("hjr,hr->hj", gain, innovation)
-        self._covariance = self._covariance - gain @ np.swapaxes(crossed, 1, 2)
+        left = np.eye(self._mean.shape[1]) - gain @ reads  # Joseph's form stays symmetric and positive for hours
+        covariance = left @ self._covariance @ np.swapaxes(left, 1, 2) + noise * gain @ np.swapaxes(gain, 1, 2)
+        self._covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
 
     def _mixture(self) -> ReferenceDrift:
-        weight = np.exp(self._log_weight)
-        weight /= weight.sum()
+        weight = self._weight
         common = float(weight @ self._mean[:, 0])
         variance = weight @ (self._covariance[:, 0, 0] + (self._mean[:, 0] - common) ** 2)
         own_rate = float(np.sqrt(weight @ self._own_rate**2)) if weight[self._own_rate > 0].sum() > 0.5 else 0.0
@@ -191,7 +198,6 @@ def drift_transition(parts: int, step_s: float, memory_s: float) -> tuple[NDArra
     return transition, keep
 
 
-def _log_prior(rate: NDArray[np.float64], probability: float) -> NDArray[np.float64]:
-    """Return the log prior of each rate; those that are not zero share `probability`."""
-    each = probability / (len(RATES_PER_S) - 1)
-    return np.log(np.where(rate > 0, each, 1 - probability))
+def _prior(rate: NDArray[np.float64], probability: float) -> NDArray[np.float64]:
+    """Return the prior probability of each rate; those that are not zero share `probability`."""
+    return np.where(rate > 0, probability / (len(RATES_PER_S) - 1), 1 - probability)
