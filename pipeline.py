@@ -164,7 +164,7 @@ class Pipeline:
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
         self.imu_gate = ImuGate(len(trial.imus))
         self.factors = tuple(factor.factor(trial.structure) for factor in trial.factors)
-        self.factor_watch = FactorWatch(self.factors)
+        self.factor_watch = FactorWatch()
         self.own_frames = OwnFrames(self.rest, trial.own_frames, trial.rest_seconds, settings.pose.position_m)
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
         tendons = len(trial.structure.tendons)
@@ -216,9 +216,7 @@ class Pipeline:
             raise InputError(
                 f"method '{method}': expected one of {', '.join(WITH_FACTORS)}, which use the trial's [[factor]]"
             )
-        shapes = self._shapes(frames, method, factory, progress)
-        if self.factors:
-            shapes = map(self.factor_watch.observe, shapes)
+        shapes = map(self.factor_watch.observe, self._shapes(frames, method, factory, progress))
         return in_one_thread(map(PossibleShapes(self.rest).check, shapes))
 
     def _shapes(
