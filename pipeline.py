@@ -15,6 +15,7 @@ from .estimator.frame import FrameEstimator
 from .estimator.free_standing.estimators import FreeStandingOptimizer, FreeStandingSmoother
 from .estimator.hanging.hanging_estimators import HangingOptimizer, HangingSmoother
 from .estimator.moving_base import MovingBase
+from .estimator.own_evidence import FactorWatch
 from .estimator.rest_step import rest_step
 from .estimator.smoother import LiveSmoother
 from .io.model_file import read_sensor_model
@@ -95,6 +96,9 @@ ESTIMATORS: dict[str, EstimatorFactory] = {
 `tensegraph.estimators` adds one for all processes."""
 
 
+WITH_FACTORS = ("batch", "live", "frame")
+"""The methods that use factors of one's own; the others would leave them out and not say so."""
+
 FREE_STANDING: dict[str, Callable[[Structure, RestShape, FreeStandingRobot, Settings], Estimator]] = {
     "batch": FreeStandingOptimizer,
     "live": FreeStandingSmoother,
@@ -159,6 +163,8 @@ class Pipeline:
         )
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
         self.imu_gate = ImuGate(len(trial.imus))
+        self.factors = tuple(factor.factor(trial.structure) for factor in trial.factors)
+        self.factor_watch = FactorWatch()
         self.own_frames = OwnFrames(self.rest, trial.own_frames, trial.rest_seconds, settings.pose.position_m)
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
         tendons = len(trial.structure.tendons)
@@ -206,7 +212,12 @@ class Pipeline:
             InputError: see `estimator_of`.
         """
         factory = estimator_of(method)
-        return in_one_thread(map(PossibleShapes(self.rest).check, self._shapes(frames, method, factory, progress)))
+        if self.factors and method not in WITH_FACTORS:
+            raise InputError(
+                f"method '{method}': expected one of {', '.join(WITH_FACTORS)}, which use the trial's [[factor]]"
+            )
+        shapes = map(self.factor_watch.observe, self._shapes(frames, method, factory, progress))
+        return in_one_thread(map(PossibleShapes(self.rest).check, shapes))
 
     def _shapes(
         self, frames: Iterable[TendonLengths], method: str, factory: EstimatorFactory, progress: Progress | None
@@ -274,8 +285,10 @@ class Pipeline:
         return replace(lengths, sigma_m=np.where(np.isnan(lengths.length_m), np.inf, sigma_m))
 
     def _with_aids(self, lengths: TendonLengths, aids: list[AidReading]) -> TendonLengths:
-        """Return the lengths with the readings of other sensors up to their time, which are taken from the list."""
+        """Return the lengths with the readings of other sensors up to their time, taken from the list, and factors."""
         self.imu_gate.count_frame(lengths.t_s)
+        if self.factors:
+            lengths = replace(lengths, factors=self.factors)
         if not aids:
             return lengths
         until = bisect_right(aids, lengths.t_s, key=lambda reading: reading.t_s)

@@ -28,6 +28,7 @@ from ..models.values.errors import IndeterminateError, InputError
 from ..models.values.readings import TendonLengths
 from ..pipeline import (
     ESTIMATORS,
+    WITH_FACTORS,
     AnySensorModel,
     EstimatorFactory,
     Pipeline,
@@ -72,7 +73,7 @@ class ComparisonJob:
     estimators: Mapping[str, EstimatorFactory]
     """The methods by name."""
 
-    def fingerprint(self, reader: PlugIn | None) -> str | None:
+    def fingerprint(self, of_trial: Sequence[PlugIn]) -> str | None:
         """Return the hash of all that is measured; None with a method of this process, whose code is not known."""
         others = estimator_plug_ins()
         known = {method for method, made in self.estimators.items() if _is_ours(made)} | others.keys()
@@ -82,7 +83,7 @@ class ComparisonJob:
             {
                 "inputs": file_hashes(self.trial),
                 "settings": asdict(self.settings),
-                "methods": {method: made_with(method, self.model, reader) for method in self.estimators},
+                "methods": {method: made_with(method, self.model, of_trial) for method in self.estimators},
             }
         )
 
@@ -162,7 +163,7 @@ def compare_trial(job: ComparisonJob, terminal: Terminal) -> list[str]:
         TensegraphError: when the trial cannot be read, or the file cannot be written.
     """
     trial = open_trial(job.trial)
-    made_from = job.fingerprint(trial.reader)
+    made_from = job.fingerprint(trial.plug_ins)
     measured = read_measured(job.part, made_from)
     if measured is None:
         with terminal.stage(f"all methods on {trial.name}"):
@@ -231,22 +232,22 @@ class TrialComparison:
     def with_method(self, method: str, factory: EstimatorFactory) -> Measured:
         """Run a method over all frames, and return its result."""
         label = METHODS.get(method, method)
+        if self._pipeline.factors and method not in WITH_FACTORS:
+            return self._without_errors(label, "(uses no [[factor]])")
         estimator = factory(self._pipeline.rest.structure, self._pipeline.rest, self._settings)
         frames = self._bar.track(label, self._frames, len(self._frames))
         start_s = time.perf_counter()
         try:
             shapes = list(in_one_thread(estimator.estimate(frames)))
         except IndeterminateError as error:
-            return Measured(
-                trial=self._name,
-                method=label,
-                frames=len(self._frames),
-                seconds=np.nan,
-                errors=None,
-                note=f"gave up at {error}",
-            )
+            return self._without_errors(label, f"gave up at {error}")
         seconds = time.perf_counter() - start_s
         return self._measured(label, seconds, Estimate.of(Reconstruction.of(self._structure, shapes)))
+
+    def _without_errors(self, label: str, note: str) -> Measured:
+        """Return the result of a method that gives no shapes."""
+        frames = len(self._frames)
+        return Measured(trial=self._name, method=label, frames=frames, seconds=np.nan, errors=None, note=note)
 
     def _measured(self, method: str, seconds: float, estimate: Estimate) -> Measured:
         errors = None

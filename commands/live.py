@@ -171,7 +171,7 @@ def show_live(
         session = Session(feed, Pipeline(feed.description, settings, sensor_model), seconds)
         with ExitStack() as stack:
             sinks = [stack.enter_context(sink) for sink in outputs.sinks(session.pipeline, server)]
-            run_session(session, feed, path, sinks, terminal, made_with("live", model, feed.reader))
+            run_session(session, feed, path, sinks, terminal, made_with("live", model, feed.plug_ins))
         for sink in sinks:
             if isinstance(sink, UdpPublisher) and sink.left_out:
                 terminal.line(f"{sink.address}: {sink.left_out} shapes could not be sent")

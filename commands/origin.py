@@ -1,5 +1,6 @@
 """What a result is made with: the choice of the sensor model, and what run.toml tells of model files and plug-ins."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,17 +36,17 @@ def placed_model(model: Path | None, workers: Workers) -> Path | None:
     return model if model is None or _model_plug_in(model) else workers.place(model)
 
 
-def made_with(method: str, model: Path | None, reader: PlugIn | None) -> dict[str, Any]:
+def made_with(method: str, model: Path | None, of_trial: Sequence[PlugIn]) -> dict[str, Any]:
     """Return the tables of run.toml that name model files and plug-ins.
 
     Args:
         method: of the estimate.
         model: file or name of the sensor model; the one in the package if None.
-        reader: what of another package reads the trial's lengths, if anything does.
+        of_trial: see `Trial.plug_ins`.
     """
     estimator = estimator_plug_ins().get(method) if method not in ESTIMATORS else None
     sensor_model = _model_plug_in(model)
-    used = [one for one in (estimator, sensor_model, reader) if one is not None]
+    used = [one for one in (estimator, sensor_model, *of_trial) if one is not None]
     tables: dict[str, Any] = model_tables(None if sensor_model else model, method)
     if sensor_model:
         del tables["model"]

@@ -165,7 +165,7 @@ def reconstruct_trial(job: TrialJob, terminal: Terminal) -> Table | None:
     """
     options = job.options
     trial = open_trial(job.trial)
-    inputs, parts = trial.hashes(), made_with(options.method, options.model, trial.reader)
+    inputs, parts = trial.hashes(), made_with(options.method, options.model, trial.plug_ins)
     made_from = options.fingerprint(inputs, parts)
     if is_up_to_date(job.out / RUN_FILE, made_from):
         return None
@@ -313,6 +313,7 @@ class Run:
             for name, n in asdict(clock).items():
                 counts[f"board {board}: {name.replace('_', ' ')}"] = n if name != "rows" else 0
         counts |= self.pipeline.imu_gate.counts() | self.pipeline.winding.counts() | self.pipeline.own_frames.counts()
+        counts |= self.pipeline.factor_watch.counts()
         counts |= {"half lines": self.trial.half_lines, "dropped rows": self.trial.dropped_rows}
         return {name: n for name, n in counts.items() if n}
 

@@ -224,6 +224,7 @@ class BatchOptimizer:
             lengths=lengths,
             loads=assessment.loads,
             doubt=reason,
+            factor_innovation=assessment.factor_innovation,
         )
 
     def _assessed(self, trial: _Problem, position_m: NDArray[np.float64], window: slice) -> Assessment:

@@ -226,6 +226,10 @@ def log_evidence(
     weighted = frame.force_jacobian / force_variance[:, :, None]
     without = np.swapaxes(weighted, 1, 2) @ frame.force_jacobian + prior
     slope_without = (frame.force_n / force_variance) @ frame.force_jacobian + frame.from_prior_m / prior_m**2
+    if len(frame.own_error):
+        own_information, own_gradient = frame.own
+        without += own_information
+        slope_without += own_gradient
     weight = np.repeat(frame.weight_per_m[None], len(length_scale), axis=0)
     weight[:, rods:] /= length_scale[:, None]
     error = frame.length_error_m * weight

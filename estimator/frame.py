@@ -41,4 +41,5 @@ class FrameEstimator:
             status=status_of(lengths, self._builder.structure) if minimum.converged else Status.NOT_CONVERGED,
             lengths=lengths,
             loads=assessment.loads,
+            factor_innovation=assessment.factor_innovation,
         )

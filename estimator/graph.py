@@ -25,6 +25,7 @@ from ..models.structure.structure import Structure
 from ..models.structure.support import Support
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import NaturalLengths, TendonLengths
+from .own_evidence import own_graph_factor, own_rows
 
 MAX_FRAME_ITERATIONS = 100
 ERROR_TOLERANCE = 1e-2
@@ -165,7 +166,7 @@ class GraphBuilder:
         return frame_keys(frame, self.node_count)
 
     def add_frame(self, graph: gtsam.NonlinearFactorGraph, frame: int, measured: WeightedLengths) -> None:
-        """Add a frame's own factors: anchors, rods, tendons, equilibrium, and the weak shape prior.
+        """Add a frame's own factors: anchors, rods, tendons, equilibrium, the weak shape prior, and those of one's own.
 
         The natural lengths of the frame are used from now on.
 
@@ -186,6 +187,10 @@ class GraphBuilder:
             graph.add(body_frame_factor(keys, self.fixed_motions.T, self.rest.node_position_m))
         if self.statics:
             graph.add(equilibrium_factor(self.statics, keys, self.force_sigma_n))
+        lengths = measured.lengths
+        if lengths.factors:
+            _, by_position = own_rows(lengths.factors, lengths.t_s, self.rest.node_position_m)
+            graph.add(own_graph_factor(lengths.factors, keys, lengths.t_s, len(by_position)))
 
     def search(self, measured: WeightedLengths, start_m: NDArray[np.float64]) -> FrameSearch:
         """Return the search for a minimum of the error of a frame's own factors, from (nodes, 3) positions."""
@@ -237,8 +242,12 @@ class GraphBuilder:
             return None
         members = np.concatenate([self.structure.rods, self.structure.tendons[lengths.usable]])
         jacobian = length_jacobian(self.rest.node_position_m, members, self.structure.free_coordinates)
-        fixed = self.fixed_motions[:, self.structure.free_coordinates]
-        _, singular_value, motion = np.linalg.svd(np.concatenate([jacobian, fixed]))
+        others = self.fixed_motions[:, self.structure.free_coordinates]
+        if lengths.factors:
+            _, by_position = own_rows(lengths.factors, lengths.t_s, self.rest.node_position_m)
+            scale = np.maximum(np.linalg.norm(by_position, axis=1, keepdims=True), SINGULAR)
+            others = np.concatenate([others, (by_position / scale)[:, self.structure.free_coordinates]])
+        _, singular_value, motion = np.linalg.svd(np.concatenate([jacobian, others]))
         rank = int((singular_value > SINGULAR).sum())
         if rank == jacobian.shape[1]:
             return None

@@ -12,7 +12,9 @@ from ..factors.noise import WeightedLengths
 from ..models.structure.lengths import member_length_m
 from ..models.structure.rigidity import free_length_jacobian
 from ..models.structure.statics import Statics
+from ..models.values.readings import NodeFactor
 from .graph import GraphBuilder
+from .own_evidence import own_rows, own_weight
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,12 +31,24 @@ class FrameData:
     """The balance of forces; None without mechanics."""
     force_sigma_n: NDArray[np.float64]
     """(..., rows) its standard deviation at a node without load."""
+    t_s: NDArray[np.float64]
+    """(...,) time of each frame."""
+    factors: tuple[NodeFactor, ...]
+    """What else says something of the nodes."""
 
     @classmethod
     def of(cls, builder: GraphBuilder, measured: WeightedLengths) -> "FrameData":
         """Return those of one frame, near the shape that the builder has approached."""
         length_m, sigma_m = measured.lengths.length_m, measured.sigma_m
-        return cls(length_m, sigma_m, _shared_m2(measured), builder.statics, builder.force_sigma_n)
+        return cls(
+            length_m=length_m,
+            sigma_m=sigma_m,
+            shared_m2=_shared_m2(measured),
+            statics=builder.statics,
+            force_sigma_n=builder.force_sigma_n,
+            t_s=np.array(measured.lengths.t_s),
+            factors=measured.lengths.factors,
+        )
 
     @classmethod
     def stacked(
@@ -52,8 +66,15 @@ class FrameData:
         if any(one is not None for one in shared):
             none = np.zeros((measured[0].sigma_m.size,) * 2)
             shared_m2 = np.array([none if one is None else one for one in shared])
-        length_m = np.array([one.lengths.length_m for one in measured])
-        return cls(length_m, np.array([one.sigma_m for one in measured]), shared_m2, statics, force_sigma_n)
+        return cls(
+            length_m=np.array([one.lengths.length_m for one in measured]),
+            sigma_m=np.array([one.sigma_m for one in measured]),
+            shared_m2=shared_m2,
+            statics=statics,
+            force_sigma_n=force_sigma_n,
+            t_s=np.array([one.lengths.t_s for one in measured]),
+            factors=measured[0].lengths.factors,
+        )
 
 
 def _shared_m2(measured: WeightedLengths) -> NDArray[np.float64] | None:
@@ -93,11 +114,17 @@ class LinearFrame:
     """Standard deviation of the shape prior."""
     fixed_motions: NDArray[np.float64]
     """(motions, free) rigid motions that are fixed; no rows with three anchors."""
+    own_error: NDArray[np.float64]
+    """(..., rows) residuals of factors of one's own over sigma; 0 where nothing is read, no rows without factors."""
+    own_jacobian: NDArray[np.float64]
+    """(..., rows, free)"""
+    own_weight: NDArray[np.float64]
+    """(..., rows) weights of their kernel."""
 
     def without_forces(
         self, share: float | NDArray[np.float64] = 1.0
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (..., free, free) the information of lengths and shape prior, and (..., free) their error's gradient.
+        """Return (..., free, free) the information of all but forces, and (..., free) their error's gradient.
 
         Args:
             share: (...,) of the lengths' information that counts.
@@ -111,6 +138,10 @@ class LinearFrame:
             moved = _product(self.fixed_motions, self.from_prior_m)
             information += self.fixed_motions.T @ self.fixed_motions / BODY_FRAME_M**2
             gradient += _product(self.fixed_motions.T, moved) / BODY_FRAME_M**2
+        if self.own_error.shape[-1]:
+            own_information, own_gradient = self.own
+            information += own_information
+            gradient += own_gradient
         return information, gradient
 
     def with_forces(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -121,6 +152,12 @@ class LinearFrame:
             np.swapaxes(self.force_jacobian, -1, -2), self.force_weight_per_n / self.force_sigma_n * self.force_n
         )
         return information + np.swapaxes(forces, -1, -2) @ forces, gradient + pull
+
+    @property
+    def own(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (..., free, free) the information of factors of one's own, and (..., free) their error's gradient."""
+        weighted = np.swapaxes(self.own_jacobian * self.own_weight[..., None], -1, -2)
+        return weighted @ self.own_jacobian, _product(weighted, self.own_error)
 
     @property
     def weighted_lengths(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -169,6 +206,10 @@ def linearised_frames(builder: GraphBuilder, node_position_m: NDArray[np.float64
     else:
         force_n = force_weight = np.zeros((*lead, 0))
         by_position = np.zeros((*lead, 0, len(free)))
+    own_error, by_own = np.zeros((*lead, 0)), np.zeros((*lead, 0, len(free)))
+    if data.factors:
+        own_error, by_own = own_rows(data.factors, data.t_s, node_position_m)
+        by_own = by_own[..., free]
     from_rest_m = node_position_m - builder.rest.node_position_m
     return LinearFrame(
         length_error_m=np.where(used, length_m - known_m, 0.0),
@@ -182,4 +223,7 @@ def linearised_frames(builder: GraphBuilder, node_position_m: NDArray[np.float64
         from_prior_m=from_rest_m.reshape(*lead, -1)[..., free],
         prior_m=builder.noise.shape_prior_m,
         fixed_motions=builder.fixed_motions[:, free],
+        own_error=own_error,
+        own_jacobian=by_own,
+        own_weight=own_weight(own_error),
     )

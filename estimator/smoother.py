@@ -105,6 +105,7 @@ class LiveSmoother:
             lengths=admitted.lengths,
             loads=assessment.loads,
             doubt=doubt.reason,
+            factor_innovation=assessment.factor_innovation,
         )
         if self._health:
             self._health.observe(shape, measured)

@@ -29,7 +29,7 @@ from ..models.structure.lengths import propagated_variance
 from ..models.structure.shape import Reason
 from ..models.structure.statics import Statics
 from ..models.values.errors import IndeterminateError
-from .doubt import Doubt
+from .doubt import WIDEST_M, Doubt
 from .graph import GraphBuilder
 from .linear_frame import LinearFrame
 
@@ -82,16 +82,20 @@ class Assessment:
     """(..., 3 nodes, 3 nodes) covariance of all coordinates, ordered by node."""
     loads: ExternalLoads | None
     """None where the stiffness of the tendons is not known."""
+    factor_innovation: NDArray[np.float64] | None = None
+    """(..., rows) see `Shape`; None without factors of one's own."""
 
     @classmethod
     def joined(cls, parts: Sequence["Assessment"]) -> "Assessment":
         """Return the frames of all parts, one part after the other."""
         loads = [part.loads for part in parts if part.loads is not None]
         force_n = np.concatenate([one.force_n for one in loads]) if loads else None
+        innovations = [part.factor_innovation for part in parts if part.factor_innovation is not None]
         return cls(
             np.concatenate([part.node_position_m for part in parts]),
             np.concatenate([part.covariance_m2 for part in parts]),
             None if force_n is None else ExternalLoads(force_n, np.concatenate([one.sigma_n for one in loads])),
+            np.concatenate(innovations) if innovations else None,
         )
 
     def __getitem__(self, frames: int | slice) -> "Assessment":
@@ -100,6 +104,7 @@ class Assessment:
             self.node_position_m[frames],
             self.covariance_m2[frames],
             None if loads is None else ExternalLoads(loads.force_n[frames], loads.sigma_n[frames]),
+            None if self.factor_innovation is None else self.factor_innovation[frames],
         )
 
 
@@ -144,11 +149,13 @@ class FrameEvidence:
         lead = node_position_m.shape[:-2]
         covariance = np.tile(self._rest_covariance_m2, (*lead, 1, 1))
         try:
+            held, gradient = frame.without_forces(mixture.share_of_lengths)
             if statics is None:
-                held, _ = frame.without_forces(mixture.share_of_lengths)
                 covariance[..., free[:, None], free] += np.linalg.inv(held)
-                return Assessment(node_position_m, covariance, None)
-            step_m, free_covariance = self._mixed(frame, statics, mixture)
+                return Assessment(node_position_m, covariance, None, self._innovation(frame, held, gradient, None))
+            few = self._force_variance(frame, statics, held)
+            step_m, free_covariance = self._mixed(frame, few, held, gradient, mixture)
+            innovation = self._innovation(frame, held, gradient, few)
         except np.linalg.LinAlgError as error:
             raise IndeterminateError("a node is undetermined: no shape prior, and too few lengths") from error
         covariance[..., free[:, None], free] += free_covariance
@@ -157,14 +164,51 @@ class FrameEvidence:
         mean_m = mean_m.reshape(node_position_m.shape)
         force_n = frame.force_n + (frame.force_jacobian @ step_m[..., None])[..., 0]
         variance = propagated_variance(frame.force_jacobian, free_covariance)
-        return Assessment(mean_m, covariance, external_loads(statics, mean_m, force_n, variance))
+        return Assessment(mean_m, covariance, external_loads(statics, mean_m, force_n, variance), innovation)
+
+    def _innovation(
+        self,
+        frame: LinearFrame,
+        held: NDArray[np.float64],
+        gradient_of_held: NDArray[np.float64],
+        force_variance: NDArray[np.float64] | None,
+    ) -> NDArray[np.float64] | None:
+        """Return (..., rows) how far factors of one's own are from what all else says, see `Shape.factor_innovation`.
+
+        With z and A their residuals and derivatives, H and g the information and the gradient of all other factors of
+        the frame, and R the covariance of the rest shape, it is (z - A H^-1 g) / sqrt(diag(1 + A (H^-1 + R) A^T)).
+        """
+        if not frame.own_error.shape[-1]:
+            return None
+        own_information, own_gradient = frame.own
+        information, gradient = held - own_information, gradient_of_held - own_gradient
+        if force_variance is not None:
+            weighted = np.swapaxes(frame.force_jacobian / force_variance[..., None], -1, -2)
+            information = information + weighted @ frame.force_jacobian
+            gradient = gradient + (weighted @ frame.force_n[..., None])[..., 0]
+        free, rows = self._builder.structure.free_coordinates, frame.own_jacobian
+        covariance_m2 = np.linalg.inv(information + np.eye(len(free)) / WIDEST_M**2)
+        moved = (rows @ covariance_m2 @ gradient[..., None])[..., 0]
+        variance = 1 + propagated_variance(rows, covariance_m2 + self._rest_covariance_m2[np.ix_(free, free)])
+        return np.where(rows.any(axis=-1), (frame.own_error - moved) / np.sqrt(variance), np.nan)
 
     def _mixed(
-        self, frame: LinearFrame, statics: Statics, mixture: Mixture
+        self,
+        frame: LinearFrame,
+        few: NDArray[np.float64],
+        held: NDArray[np.float64],
+        gradient_of_held: NDArray[np.float64],
+        mixture: Mixture,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the (..., free) step to the mean of the mixture of a few and of many loads, and its covariance."""
-        held, gradient_of_held = frame.without_forces(mixture.share_of_lengths)
-        few = self._force_variance(frame, statics, held)
+        """Return the (..., free) step to the mean of the mixture of a few and of many loads, and its covariance.
+
+        Args:
+            frame: see `assess`.
+            few: (..., rows) variance of the balance of forces with a few loads.
+            held: (..., free, free) information of all but forces.
+            gradient_of_held: (..., free) the gradient of its error.
+            mixture: see `assess_frames`.
+        """
         many = np.maximum(few, mixture.many_loads_n[..., None] ** 2)
         forces = frame.force_jacobian
         weighted = forces[..., None, :, :] / np.stack([few, many], axis=-2)[..., None]

@@ -110,7 +110,8 @@ class Trial:
         tendons = [stand_in.file] if stand_in else [board.file for board in self.table.board]
         others = [other.file for other in self.table.range] + [other.file for other in self.table.position]
         motors = [motor.file for motor in self.table.motor]
-        return tendons + self._imu_files() + others + motors
+        factors = [factor["file"] for factor in self.table.factor if factor.get("file") is not None]
+        return tendons + self._imu_files() + others + motors + factors
 
     def _imu_files(self) -> list[str]:
         files: list[str] = []
@@ -125,10 +126,21 @@ class Trial:
         """What of another package reads the file of lengths; None where it is a CSV file or a bag, or there is none."""
         return reader_of(self.path / self.table.lengths.file) if self.table.lengths else None
 
+    @property
+    def plug_ins(self) -> tuple[PlugIn, ...]:
+        """What of other packages reads the trial: the reader of its lengths, and its factors.
+
+        Raises:
+            InputError: for a factor that no package brings.
+        """
+        factors = tuple(factor.plug_in() for factor in self.description.factors)
+        return factors if self.reader is None else (self.reader, *factors)
+
     def row_count(self) -> int:
         """Return the approximate number of readings, for a progress bar."""
         bag = self._bag()
-        tables = [name for name in self.files() if bag is None or self.path / name != bag.path]
+        others = [self.path / str(factor["file"]) for factor in self.table.factor if "file" in factor]
+        tables = [name for name in self.files() if self.path / name not in [*others, *([bag.path] if bag else [])]]
         rows = sum(max((self.path / name).read_bytes().count(b"\n") - 1, 0) for name in tables)
         return rows + (bag.message_count() if bag else 0)
 

@@ -70,8 +70,8 @@ class Feed:
     """SHA-256 of the files from which the session was begun: those of a trial, the rig, or the plan."""
     trial: Path | None
     """Directory in which the same readings can be found afterwards; None if they are not recorded."""
-    reader: PlugIn | None = None
-    """What of another package reads the lengths that are replayed; None where nothing does."""
+    plug_ins: tuple[PlugIn, ...] = ()
+    """What of other packages reads the trial that is replayed."""
     taring: str = ""
     """Description of the motion while the sensors were tared; empty without taring."""
 
@@ -140,7 +140,7 @@ def replay_feed(path: Path, speed: float, record: Path | None) -> Iterator[Feed]
         state=LinkState,
         inputs=trial.hashes(),
         trial=path,
-        reader=trial.reader,
+        plug_ins=trial.plug_ins,
     )
     with _recorded(feed, trial.toml, record) as recorded:
         yield recorded
@@ -179,6 +179,8 @@ def _recorded(feed: Feed, metadata: Mapping[str, Any], record: Path | None) -> I
         return
     if feed.description.source != "counts":
         raise InputError(f"{feed.origin}: holds {feed.description.source}: only rows of boards can be recorded again")
+    if feed.description.factors:
+        raise InputError(f"{feed.origin}: has [[factor]], whose readings cannot be recorded again")
     named = without_truth(metadata) | {"name": record.resolve().name}
     with RecorderThread(Recorder(record, named, with_boot=True)) as recorder:
 

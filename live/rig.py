@@ -103,7 +103,7 @@ def _check_sources(table: TrialTable, path: Path) -> None:
     for number, imu in enumerate(table.imu):
         if imu.board is None:
             raise InputError(f"{path}: imu[{number}].board: is missing: a rig reads its inertial sensors from boards")
-    for kind in ("range", "position", "motor"):
+    for kind in ("range", "position", "motor", "factor"):
         if getattr(table, kind):
             raise InputError(f"{path}: [[{kind}]]: comes from no board: expected a rig without it")
 

@@ -145,6 +145,7 @@ class Session:
             "taring": self._feed.taring,
             "latency": {"median_ms": round(median_ms, 3), "p99_ms": round(p99_ms, 3)} if p.latency_s else {},
             **self.pipeline.own_frames.as_table(),
+            **({"rows": self.pipeline.factor_watch.counts()} if self.pipeline.factors else {}),
             "settings": asdict(self.pipeline.settings),
         }
 

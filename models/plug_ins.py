@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 from .values.errors import InputError
 
-PlugInKind = Literal["estimators", "sensor_models", "readers", "exporters"]
+PlugInKind = Literal["estimators", "factors", "sensor_models", "readers", "exporters"]
 
 
 class PlugInWarning(UserWarning):

@@ -3,11 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import count
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .own_factor import FactorKeys, FactorTable
 from .pose.robot import FreeStandingRobot, HangingRobot
 from .sensor.clock import ClockSettings
 from .sensor.divider import Divider
@@ -226,6 +228,7 @@ class TrialTable:
     range: list[RangeTable] = field(default_factory=list)
     position: list[PositionTable] = field(default_factory=list)
     motor: list[MotorTable] = field(default_factory=list)
+    factor: list[dict[str, Any]] = field(default_factory=list)
     adc: AdcTable | None = None
     sensors: SensorsTable | None = None
     board: list[BoardTable] = field(default_factory=list)
@@ -271,6 +274,8 @@ class TrialDescription:
     """Numbers of the recordings of positions that are in a frame of their own."""
     motors: tuple[Motors, ...]
     """What each recording of natural lengths tells."""
+    factors: tuple[FactorTable, ...]
+    """The factors of other packages."""
     ignored_keys: tuple[str, ...]
     """Dotted names in trial.toml that are not read."""
 
@@ -295,19 +300,19 @@ def describe_trial(table: Mapping[str, Any], where: str) -> tuple[TrialTable, Tr
 
     Args:
         table: the parsed file.
-        where: name of the file for the error text.
+        where: path of the file.
 
     Raises:
         InputError: the text names the file and the key.
     """
     parsed = parse_table(TrialTable, table, where)
     try:
-        return parsed, _describe(parsed, tuple(unknown_keys(TrialTable, table)))
+        return parsed, _describe(parsed, tuple(unknown_keys(TrialTable, table)), Path(where))
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
 
 
-def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescription:
+def _describe(table: TrialTable, ignored_keys: tuple[str, ...], path: Path) -> TrialDescription:
     told = described(StructureFile(table.structure, table.body, table.mechanics, table.rest))
     structure = told.structure
     given = [name for name in ("board", "resistance", "lengths") if getattr(table, name)]
@@ -340,6 +345,7 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...]) -> TrialDescript
         beacon_position_m=tuple(_beacons(number, ranges) for number, ranges in enumerate(table.range)),
         own_frames=_own_frames(table),
         motors=_motors(table.motor, structure),
+        factors=tuple(_factor(number, keys, path) for number, keys in enumerate(table.factor)),
         ignored_keys=ignored_keys,
     )
 
@@ -463,6 +469,11 @@ def _motors(tables: list[MotorTable], structure: Structure) -> tuple[Motors, ...
             raise InputError(f"motor[{number}].tendons: tendon {min(twice)} has a motor already")
         seen.update(one.tendons)
     return motors
+
+
+def _factor(number: int, keys: dict[str, Any], path: Path) -> FactorTable:
+    parse_table(FactorKeys, keys, f"factor[{number}]")
+    return FactorTable(keys, path.parent, f"{path}: factor[{number}]")
 
 
 def _natural_resistance(table: TrialTable, structure: Structure) -> NDArray[np.float64]:

@@ -22,12 +22,13 @@ from ...factors.equilibrium import squared_norms
 from ...factors.noise import WeightedLengths, robust_loss, rounded_sigma_m
 from ...models.structure.lengths import length_jacobian, member_length_m
 from ..graph import GraphBuilder
+from ..own_evidence import own_error, own_rows, own_weight
 from .parts import Frames
 from .trial_balance import TrialBalance
 
 
 class TrialFactors:
-    """The frames' own factors: rods, lengths, anchors, shape prior, body frame and balance of forces."""
+    """The frames' own factors: rods, lengths, anchors, shape prior, body frame, balance of forces, one's own."""
 
     def __init__(
         self, builder: GraphBuilder, measured: Sequence[WeightedLengths], balance: TrialBalance | None
@@ -37,6 +38,8 @@ class TrialFactors:
         self.count = len(measured)
         self._balance = balance
         self._robust = noise.robust
+        self._own = measured[0].lengths.factors if measured else ()
+        self._t_s = np.array([one.lengths.t_s for one in measured])
         self._rods = len(structure.rods)
         self._members = np.concatenate([structure.rods, structure.tendons])
         sigma_m = np.array([one.sigma_m for one in measured])
@@ -65,6 +68,8 @@ class TrialFactors:
         error += np.sum(robust_loss(z[:, self._rods :] ** 2, self._robust)[0], axis=1)
         error += 0.5 * (x - self._x_0) ** 2 @ self._per_m2
         error += 0.5 * np.sum((x @ self._fixed.T - self._fixed_at) ** 2, axis=1)
+        if self._own:
+            error += own_error(self._own, self._t_s[frames], node_position_m)
         if self._balance:
             statics = self._balance.statics_of(frames)
             z = statics.residual_n(node_position_m) / self._balance.sigma_n[frames]
@@ -89,6 +94,11 @@ class TrialFactors:
         if len(self._fixed):
             information += self._fixed.T @ self._fixed
             gradient += (x @ self._fixed.T - self._fixed_at) @ self._fixed
+        if self._own:
+            z, rows = own_rows(self._own, self._t_s[frames], node_position_m)
+            weighted = np.swapaxes(rows * own_weight(z)[..., None], 1, 2)
+            information += weighted @ rows
+            gradient += (weighted @ z[..., None])[..., 0]
         return information, gradient
 
     def _weighted_rows(

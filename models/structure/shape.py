@@ -54,6 +54,7 @@ class Reason(StrEnum):
     CONTACTS = "contacts"
     ATTITUDE = "attitude"
     HANGING = "hanging"
+    FACTOR = "factor"
 
     @property
     def advice(self) -> str:
@@ -70,6 +71,7 @@ REASON_ADVICE = {
     Reason.IMU: "an inertial sensor contradicts the inclination of its rod and is left out: is its axis told right?",
     Reason.HANGING: "it is turned otherwise than weight and hands can hold it: fix sensors on rods of other directions",
     Reason.CONTACTS: "heights and forces tell different nodes on the floor: fix a sensor on a rod of another direction",
+    Reason.FACTOR: "a factor of your own contradicts lengths and forces: is what it reads right, and its sigma?",
     Reason.ATTITUDE: "nothing measures how the robot is turned, a push would be missed: add an [[imu]], or [mechanics]",
 }
 
@@ -142,6 +144,9 @@ class Shape:
     """Of nodes on the floor that are not where they stood."""
     floor_normal: EstimatedNormal | None = None
     """Of the floor; None where it is told exactly, or there is no floor."""
+    factor_innovation: NDArray[np.float64] | None = None
+    """(rows,) how far each row of the factors of one's own is from what all else says, over the standard deviation of
+    both; nan where nothing was read, None without such factors."""
 
     def __repr__(self) -> str:
         nodes = len(self.node_position_m)

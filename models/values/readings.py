@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,6 +183,34 @@ class ModeReadings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FactorRows:
+    """What a factor says of node positions, in rows; leading axes are frames."""
+
+    residual: NDArray[np.float64]
+    """(..., rows) what the positions predict minus what was read, in any unit; nan where nothing was read."""
+    jacobian: NDArray[np.float64]
+    """(..., rows, 3 nodes) its derivative by all coordinates, ordered by node."""
+    sigma: NDArray[np.float64]
+    """(..., rows) standard deviation of the reading, in the same unit; inf where nothing was read."""
+
+
+class NodeFactor(Protocol):
+    """A factor of one's own: what something other than a tendon's sensor says of the nodes of each frame."""
+
+    def rows(self, t_s: NDArray[np.float64], node_position_m: NDArray[np.float64]) -> FactorRows:
+        """Return what was read at some times against the positions of the nodes.
+
+        The number of rows is always the same. A time may be asked for again, with other positions, and has the same
+        readings then.
+
+        Args:
+            t_s: (...,) times of frames on the host clock; live, one time, and those of the last few frames again.
+            node_position_m: (..., nodes, 3) positions at these times.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class TendonLengths:
     """The lengths of all tendons at one instant, eq. (4): the measurement that the factor graph takes."""
 
@@ -209,6 +238,8 @@ class TendonLengths:
     were not computed from resistance."""
     natural: NaturalLengths | None = None
     """The natural lengths at the instant that the lengths show, `lag_s` before t_s; None where no motor changes any."""
+    factors: tuple[NodeFactor, ...] = ()
+    """What else says something of the nodes at t_s; the same in all frames of a trial."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:

@@ -1,11 +1,16 @@
-"""Two runs of `reconstruct`, and two of `calibrate`, that several tests look at."""
+"""Two runs of `reconstruct`, and two of `calibrate`, that several tests look at; and packages beside ours."""
 
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
 from unittest import mock
 
 import numpy as np
 import pytest
 
 from command_line import CALIBRATE, run, run_process
+from installed import install_example
 
 
 @pytest.fixture(scope="session")
@@ -43,3 +48,22 @@ def calibrated(rig_folder):
     """A quick calibration with its sweep, of three learning rates."""
     with mock.patch("tensegraph.commands.calibrate.SWEEP", (1e-3, 1e-2, 1e-1)):
         return run(*CALIBRATE, "m.safetensors", "--sweep", cwd=rig_folder)
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A directory of installed packages, for this process and those that it starts; afterwards they are forgotten."""
+    place = tmp_path / "site"
+    place.mkdir()
+    monkeypatch.syspath_prepend(place)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(place), *filter(None, [os.environ.get("PYTHONPATH")])]))
+    yield place
+    for name in ("own_parts", "own_mine"):
+        sys.modules.pop(name, None)
+
+
+@pytest.fixture
+def own_parts(site: Path) -> Path:
+    """The example package, installed."""
+    install_example(site)
+    return site

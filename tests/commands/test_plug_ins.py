@@ -3,10 +3,7 @@
 import csv
 import hashlib
 import json
-import os
-import sys
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,29 +11,11 @@ import pytest
 
 import tensegraph as tg
 from command_line import run, run_process
-from installed import SOURCE, install, install_example
+from installed import SOURCE, install
 from tensegraph.models.plug_ins import PlugInWarning, plug_ins
 
 ROOT = Path(__file__).parents[2]
-KINDS = ("estimators", "sensor_models", "readers", "exporters")
-
-
-@pytest.fixture
-def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A directory of installed packages, for this process and those that it starts; afterwards they are forgotten."""
-    place = tmp_path / "site"
-    place.mkdir()
-    monkeypatch.syspath_prepend(place)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(place), *filter(None, [os.environ.get("PYTHONPATH")])]))
-    yield place
-    sys.modules.pop("own_parts", None)
-
-
-@pytest.fixture
-def own_parts(site: Path) -> Path:
-    """The example package, installed."""
-    install_example(site)
-    return site
+KINDS = ("estimators", "factors", "sensor_models", "readers", "exporters")
 
 
 def lengths_trial(trial: Path, rows: list[list[float]], file: str, text: str) -> Path:

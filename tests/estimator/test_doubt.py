@@ -65,6 +65,9 @@ def test_evidence_is_the_probability_of_the_lengths() -> None:
         from_prior_m=np.array([0.1, -0.3]),
         prior_m=0.8,
         fixed_motions=np.zeros((0, 1)),
+        own_error=np.zeros(0),
+        own_jacobian=np.zeros((0, 2)),
+        own_weight=np.zeros(0),
     )
     variance = np.array([[1.0, 1.0, 1.0, 1.0], [4.0, 4.0, 0.25, 0.25], [1.0, 1.0, 1.0, 1.0]])
     scale = np.array([1.0, 1.0, 3.0])

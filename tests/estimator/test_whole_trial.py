@@ -18,20 +18,36 @@ from tensegraph.estimator.whole_trial.trial_factors import TrialFactors
 from tensegraph.factors.motion import motion_rows
 from tensegraph.factors.noise import KERNELS, robust_loss, weigh
 from tensegraph.models.estimation import DoubtSettings, NoiseSettings
+from tensegraph.models.structure.lengths import length_jacobian, member_length_m
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.structure.shape import Reason
 from tensegraph.models.structure.support import Support
-from tensegraph.models.values.readings import NaturalLengths, SensorDrift
+from tensegraph.models.values.readings import FactorRows, NaturalLengths, SensorDrift
 
 T_S = np.array([0.0, 0.02, 0.04, 0.055, 0.1, 0.12, 0.5, 0.52])
 """With a gap, and steps that are not even."""
 NOISE = NoiseSettings()
 
 
+class Apart:
+    """A factor: how far two nodes are apart at each time, in millimetres, which is not read once."""
+
+    def __init__(self, a: int, b: int) -> None:
+        self._ends = np.array([[a, b]])
+
+    def rows(self, t_s, node_position_m) -> FactorRows:
+        residual = 1e3 * (member_length_m(node_position_m, self._ends) - (0.25 + 0.02 * t_s)[..., None])
+        sigma = np.where(t_s[..., None] == 0.1, np.inf, 2.0)
+        return FactorRows(residual, 1e3 * length_jacobian(node_position_m, self._ends), sigma)
+
+
+FACTORS = (Apart(2, 8), Apart(0, 5))
+
+
 class Trial:
     """A few frames near a rest shape, as the batch estimator and as gtsam see them."""
 
-    def __init__(self, rest: RestShape, lengths_of, noise=NOISE, supports=None, wound=False) -> None:
+    def __init__(self, rest: RestShape, lengths_of, noise=NOISE, supports=None, wound=False, factors=()) -> None:
         rng = np.random.default_rng(3)
         structure = rest.structure
         self.start_m = rest.node_position_m + 0.004 * rng.standard_normal((len(T_S), structure.node_count, 3))
@@ -43,7 +59,7 @@ class Trial:
             if wound:
                 natural = NaturalLengths(structure.natural_length_m - 0.002 * k, np.full(len(structure.tendons), 2e-4))
                 lengths = replace(lengths, natural=natural)
-            self.frames.append(lengths)
+            self.frames.append(replace(lengths, factors=factors))
         self.rest, self.noise, self.supports = rest, noise, supports
         self.measured = [weigh(lengths, noise) for lengths in self.frames]
         self.builder = GraphBuilder(structure, rest, noise)
@@ -79,7 +95,10 @@ def supports_of(structure) -> list[Support]:
     return [Support(0.2 * rng.standard_normal((count, 3)), root @ np.swapaxes(root, 1, 2)) for root in roots]
 
 
-@pytest.fixture(params=["forces", "lengths", "huber", "cauchy", "no start", "supports", "motors", "no anchors"])
+KINDS = ["forces", "lengths", "huber", "cauchy", "no start", "supports", "motors", "no anchors", "factors"]
+
+
+@pytest.fixture(params=KINDS)
 def trial(request, balanced, lengths_of) -> Trial:
     kind = request.param
     if kind == "lengths":
@@ -95,6 +114,8 @@ def trial(request, balanced, lengths_of) -> Trial:
     if kind == "no anchors":
         free = replace(balanced.structure, anchors=np.zeros(0, dtype=np.int64), anchor_position_m=np.zeros((0, 3)))
         return Trial(replace(balanced, structure=free), lengths_of, supports=supports_of(free))
+    if kind == "factors":
+        return Trial(balanced, lengths_of, factors=FACTORS)
     return Trial(balanced, lengths_of)
 
 
@@ -123,9 +144,10 @@ def test_shapes_of_least_error_are_those_of_gtsam(balanced, lengths_of, monkeypa
     np.testing.assert_allclose(position_m, plain_m, atol=1e-6)
 
 
-def test_assessments_of_all_frames_are_those_of_each(balanced, lengths_of) -> None:
+@pytest.mark.parametrize("factors", [(), FACTORS])
+def test_assessments_of_all_frames_are_those_of_each(factors, balanced, lengths_of) -> None:
     """Shape, covariance and loads, with drift that sensors share in some frames, and with every kind of doubt."""
-    trial = Trial(balanced, lengths_of)
+    trial = Trial(balanced, lengths_of, factors=factors)
     doubts = [Doubt(), Doubt(0.3, 1.0), Doubt(1.0, 5.0, 1.0, 0.0, Reason.MOTION), Doubt(0.9, 1.0)] * 2
     root = 3e-4 * np.random.default_rng(6).standard_normal((24, 24))
     for k in (1, 2, 5):
@@ -159,8 +181,9 @@ def test_windows_do_not_show(balanced, lengths_of, monkeypatch) -> None:
     np.testing.assert_allclose(parts_m, whole_m, atol=1e-6)
 
 
-def test_each_frame_s_minimum_is_that_of_gtsam(balanced, lengths_of) -> None:
-    trial = Trial(balanced, lengths_of)
+@pytest.mark.parametrize("factors", [(), FACTORS])
+def test_each_frame_s_minimum_is_that_of_gtsam(factors, balanced, lengths_of) -> None:
+    trial = Trial(balanced, lengths_of, factors=factors)
     position_m, error = own_minima(trial.factors, trial.start_m)
     for k, measured in enumerate(trial.measured):
         trial.builder.approach(trial.start_m[k])
