@@ -69,9 +69,7 @@ def own_error(
     return np.asarray(np.sum(robust_loss(z * z, OWN_KERNEL)[0], axis=-1))
 
 
-def own_graph_factor(
-    factors: Sequence[NodeFactor], keys: Sequence[int], t_s: float, rows: int
-) -> gtsam.CustomFactor:
+def own_graph_factor(factors: Sequence[NodeFactor], keys: Sequence[int], t_s: float, rows: int) -> gtsam.CustomFactor:
     """Return all factors of one frame as one of gtsam, with their number of rows.
 
     Its linearisation has the weights of the kernel, as in gtsam's own robust models; its error is that of the kernel.

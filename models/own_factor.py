@@ -62,7 +62,9 @@ class FactorTable:
         """
         found, name = plug_ins("factors", ()), self.keys["name"]
         if name not in found:
-            known = f"one of {', '.join(found)}" if found else "a factor of an installed package, of which there is none"
+            known = (
+                f"one of {', '.join(found)}" if found else "a factor of an installed package, of which there is none"
+            )
             raise InputError(f"{self.where}: name: expected {known}, got '{name}'")
         return found[name]
 
@@ -100,7 +102,9 @@ class OwnFactor:
         """
         try:
             told = self.part.rows(t_s, node_position_m)
-            rows = FactorRows(*(np.asarray(each, dtype=np.float64) for each in (told.residual, told.jacobian, told.sigma)))
+            rows = FactorRows(
+                *(np.asarray(each, dtype=np.float64) for each in (told.residual, told.jacobian, told.sigma))
+            )
         except TensegraphError:
             raise
         except Exception as error:  # the code of another package may raise anything
