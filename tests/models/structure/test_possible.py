@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from tensegraph import Shape, Status
+from tensegraph.models.structure.external_loads import ExternalLoads
 from tensegraph.models.structure.possible import PossibleShapes
+from tensegraph.models.values.slip import Slip
 
 
 @pytest.fixture
@@ -41,3 +43,14 @@ def test_an_impossible_shape_is_replaced_and_says_so(rest, shape: Shape, change)
     assert checked.status == Status.FAILED
     np.testing.assert_array_equal(checked.node_position_m, rest.node_position_m)
     assert (checked.node_sigma_m >= rest.structure.rod_length_m.sum()).all()
+
+
+def test_nothing_that_follows_from_an_impossible_shape_is_kept(rest, shape: Shape) -> None:
+    told = ExternalLoads(np.ones((12, 3)), np.ones(12))
+    slip = Slip(0.0, 3, np.array([0.1, 0.0, 0.0]), 0.01)
+    checked = PossibleShapes(rest).check(replace(moved(shape, 5, 0.4), loads=told, slips=(slip,)))
+    assert checked.loads is not None
+    assert np.isnan(checked.loads.force_n).all()
+    assert np.isinf(checked.loads.sigma_n).all()
+    assert checked.slips == ()
+    assert PossibleShapes(rest).check(moved(shape, 5, 0.4)).loads is None
