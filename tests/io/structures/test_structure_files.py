@@ -146,6 +146,7 @@ MALFORMED = {
     "robot.yaml: nodes or": "",
     "robot.yaml: expected nodes": "- 1",
     "robot.yaml: substructures: is not read": YAML + "substructures: {}\n",
+    "robot.yaml: is no YAML: unacceptable character #x000b": YAML + "# \x0b\n",
     "robot.yaml: line 2: is no YAML": "nodes:\n  a: !!python/object/apply:os.system [ls]\n",
     "robot.xml: MuJoCo cannot read it": XML.replace("</tendon>", ""),
     "robot.xml: tendon 't1': expected a spatial tendon from one site to another": XML.replace(
