@@ -11,8 +11,9 @@ from .shape import Shape, Status
 
 ROUNDING_M2 = 1e-12
 """Variance below zero that is rounding: anchors have none."""
-RIGID = 0.5
-"""Share of its length by which no rod of a shape differs from what it is; estimates keep rods to a thousandth."""
+RIGID = 0.1
+"""Share of its length by which no rod of a shape differs from what it is; estimates keep rods to a thousandth. Lengths
+that jump by their own size to and fro bend rods by a third, which no other check notices."""
 
 
 class PossibleShapes:

@@ -32,11 +32,12 @@ def moved(shape: Shape, node: int, by_m: float) -> Shape:
     [
         lambda shape: moved(shape, 5, np.nan),
         lambda shape: moved(shape, 5, 0.4),
+        lambda shape: moved(shape, 5, 0.05),
         lambda shape: replace(shape, node_position_m=shape.node_position_m + 4000.0),
         lambda shape: replace(shape, covariance_m2=-shape.covariance_m2),
         lambda shape: replace(shape, covariance_m2=np.full((36, 36), np.inf)),
     ],
-    ids=["not finite", "rod too long", "far away", "negative", "infinite"],
+    ids=["not finite", "rod too long", "rod bent", "far away", "negative", "infinite"],
 )
 def test_an_impossible_shape_is_replaced_and_says_so(rest, shape: Shape, change) -> None:
     checked = PossibleShapes(rest).check(change(shape))
