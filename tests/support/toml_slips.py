@@ -52,7 +52,7 @@ def with_tables(text: str, rng: random.Random, change: Callable[[Any, list[tuple
         if found:
             change(table, found)
         return tomli_w.dumps(table)
-    except (ValueError, TypeError, RecursionError, AttributeError):
+    except (ValueError, TypeError, RecursionError, AttributeError, OverflowError):
         return text
 
 
