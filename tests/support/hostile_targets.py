@@ -36,7 +36,8 @@ class Target:
     other: str | None = None
     """A file of another kind, whose rows are mixed into the one that is changed."""
     slow: bool = False
-    """Whether a run takes a second or more; then `-m long` alone attacks it, and a tenth as often."""
+    """Whether a run takes long, or differs little from that of another; then `-m long` alone attacks it, and a tenth as
+    often."""
     refused: bool = False
     """Whether the command is refused even with the files as they are: no board is there."""
 
@@ -281,10 +282,10 @@ EVALUATE = ("evaluate", "result", "--json", "--out", "out")
 TARGETS = {
     "press": Target(press, (*WITH_CONFIG, "--live"), (*TRIAL_FILES, "truth.csv", "model.safetensors"), "truth.csv"),
     "press_batch": Target(press, WITH_CONFIG, (*TRIAL_FILES, "board1.csv", "model.safetensors"), "loads.csv"),
-    "press_frame": Target(press, (*WITH_CONFIG, "--method", "frame"), TRIAL_FILES, "board1.csv"),
-    "press_paper": Target(press, (*WITH_CONFIG, "--method", "least-squares"), TRIAL_FILES, "board1.csv"),
+    "press_frame": Target(press, (*WITH_CONFIG, "--method", "frame"), TRIAL_FILES, "board1.csv", slow=True),
+    "press_paper": Target(press, (*WITH_CONFIG, "--method", "least-squares"), TRIAL_FILES, "board1.csv", slow=True),
     "press_ukf": Target(press, (*WITH_CONFIG, "--method", "ukf"), TRIAL_FILES, "board1.csv"),
-    "press_network": Target(press, (*WITH_CONFIG, "--method", "network"), TRIAL_FILES, "board1.csv"),
+    "press_network": Target(press, (*WITH_CONFIG, "--method", "network"), TRIAL_FILES, "board1.csv", slow=True),
     "roll": Target(
         roll, (*WITH_CONFIG, "--live"), (*TRIAL_FILES, "imu0.csv", "ranges.csv", "positions.csv"), "truth.csv"
     ),
@@ -297,7 +298,7 @@ TARGETS = {
     ),
     "prism": Target(prism, (*WITH_CONFIG, "--live"), (*TRIAL_FILES, MOTOR_FILE, "model.safetensors"), "loads.csv"),
     "prism_batch": Target(prism, WITH_CONFIG, (*TRIAL_FILES, MOTOR_FILE), "truth.csv"),
-    "hang": Target(hang, (*WITH_CONFIG, "--live"), (*TRIAL_FILES, "imu0.csv"), "truth.csv"),
+    "hang": Target(hang, (*WITH_CONFIG, "--live"), (*TRIAL_FILES, "imu0.csv"), "truth.csv", slow=True),
     "lengths": Target(lengths, (*WITH_CONFIG, "--live"), ("trial.toml", "lengths.csv", "config.toml"), "truth.csv"),
     "resistance": Target(
         resistance, (*WITH_CONFIG, "--live"), ("trial.toml", "resistance.csv", "model.safetensors"), "truth.csv"
