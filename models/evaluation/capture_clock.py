@@ -32,6 +32,8 @@ CLUSTER_S = 2.0
 MISTAKEN = 5.0
 """Residual, in robust standard deviations, above which a signal is left out: a marker that was taken for another."""
 
+NOTHING_IN_COMMON = "the capture and the estimate have no motion of a marker in common: give --offset"
+
 
 @dataclass(frozen=True, slots=True)
 class CaptureClock:
@@ -197,6 +199,9 @@ class ClockFit:
         estimated: signals of the estimate.
         captured: the same signals of the capture.
         offset_s: first guess of the offset.
+
+    Raises:
+        InputError: when they have no time in common.
     """
 
     def __init__(self, estimated: MotionSignals, captured: MotionSignals, offset_s: float) -> None:
@@ -206,6 +211,8 @@ class ClockFit:
         self._slope = self._signal.derivative()
         self._captured = captured
         common_s = captured.t_s[self._covered(captured.t_s + offset_s)]
+        if not len(common_s):
+            raise InputError(NOTHING_IN_COMMON)
         self.middle_s = float(common_s.mean())
         self.start = np.array([offset_s, 0.0])
 
@@ -279,7 +286,7 @@ def _of_known(
     """
     known = np.isfinite(residual).any(axis=0)
     if not known.any():
-        raise InputError("the capture and the estimate have no motion of a marker in common: give --offset")
+        raise InputError(NOTHING_IN_COMMON)
     return residual[:, known], jacobian[:, known]
 
 

@@ -108,6 +108,12 @@ def test_what_is_hardly_seen_at_the_same_time_tells_no_offset(seen_until_s: floa
         ClockFit(estimated, replace(captured, signal_m=none), 0.0).solve()
 
 
+def test_a_capture_of_another_time_is_refused() -> None:
+    estimated, captured = motions(0.0, 0.0, 40.0)
+    with pytest.raises(InputError, match="no motion of a marker in common: give --offset"):
+        ClockFit(estimated, captured, 1000.0)
+
+
 def test_what_stands_still_while_both_see_it_is_refused() -> None:
     still = MotionSignals(np.arange(0, 20, 0.05), np.full((400, 1), 0.2))
     with pytest.raises(InputError, match="too little motion in common: give --offset"):
