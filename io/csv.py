@@ -10,6 +10,9 @@ from ..models.values.errors import InputError
 from ..models.values.units import beyond, largest
 from .input_files import check_regular, lines_of
 
+LONGEST_SHOWN = 60
+"""Number of characters of a cell that an error shows."""
+
 
 @dataclass(frozen=True, slots=True)
 class CsvHead:
@@ -104,7 +107,7 @@ class CsvFile:
             try:
                 return self.words[column](cell)
             except ValueError as error:
-                raise InputError(f"{self.path}: row {row}, column {column}: {error}, got '{cell.strip()}'") from error
+                raise InputError(f"{self.path}: row {row}, column {column}: {error}, got '{_shown(cell)}'") from error
         try:
             value = float(cell) if cell.strip() or not may_be_blank else math.nan
         except ValueError:
@@ -113,4 +116,10 @@ class CsvFile:
             return value
         if math.isfinite(value):
             raise InputError(f"{self.path}: row {row}, column {column}: {beyond(value, limit)}")
-        raise InputError(f"{self.path}: row {row}, column {column}: expected a finite number, got '{cell.strip()}'")
+        raise InputError(f"{self.path}: row {row}, column {column}: expected a finite number, got '{_shown(cell)}'")
+
+
+def _shown(cell: str) -> str:
+    """Return a cell as an error shows it: its beginning, where it is long."""
+    text = cell.strip()
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."

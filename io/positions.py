@@ -26,29 +26,38 @@ def contact_columns(node_count: int) -> list[str]:
     return [f"c{node}" for node in range(node_count)]
 
 
-def read_contacts(path: Path, node_count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def read_contacts(path: Path, node_count: int, fewest: int = 2) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (times,) stamps and (times, nodes) probabilities that the floor carries each node.
+
+    Args:
+        path: of the file.
+        node_count: of the structure.
+        fewest: see `read_positions`.
 
     Raises:
         InputError: see `read_positions`; and for what is no probability.
     """
     columns = contact_columns(node_count)
     rows = np.array(list(CsvFile(path, ["t_s", *columns])))
-    if len(rows) < 2:
-        raise InputError(f"{path}: expected at least two rows, got {len(rows)}")
+    _check_count(path, len(rows), fewest)
     if (rows[:, 1:] < 0).any() or (rows[:, 1:] > 1).any():
         raise InputError(f"{path}: expected probabilities from 0 to 1 in {columns[0]} to {columns[-1]}")
     return rows[:, 0], rows[:, 1:]
 
 
-def read_positions(path: Path, node_count: int) -> StampedPositions:
+def read_positions(path: Path, node_count: int, fewest: int = 2) -> StampedPositions:
     """Return the positions in a file; nan where a cell is blank or a node has no columns.
 
+    Args:
+        path: of the file.
+        node_count: of the structure.
+        fewest: number of rows that it has at least: 2 between which one can interpolate, 1 in a result.
+
     Raises:
-        InputError: for a file that cannot be read, fewer than two rows, no node at all, or a stamp that is not
-            later than the one before.
+        InputError: for a file that cannot be read, fewer rows, no node at all, or a stamp that is not later than the
+            one before.
     """
-    rows = _read_rows(path, position_columns(node_count))
+    rows = _read_rows(path, position_columns(node_count), fewest)
     return StampedPositions(rows[:, 0], _vectors(rows))
 
 
@@ -62,21 +71,26 @@ def read_forces(path: Path, node_count: int) -> TrueLoads:
     return TrueLoads(rows[:, 0], _vectors(rows))
 
 
-def _read_rows(path: Path, columns: list[str]) -> NDArray[np.float64]:
+def _read_rows(path: Path, columns: list[str], fewest: int = 2) -> NDArray[np.float64]:
     """Return (times, 1 + columns): the stamps, then the columns."""
     file = CsvFile(path, ["t_s"], optional=columns, blank=columns)
     head = file.head()
     if not set(columns) & set(head.columns):
         raise InputError(f"{path}: holds no node: expected columns as {columns[0]}")
     rows = np.array(list(file))
-    if len(rows) < 2:
-        raise InputError(f"{path}: expected at least two rows, got {len(rows)}")
+    _check_count(path, len(rows), fewest)
     for index in np.flatnonzero(np.diff(rows[:, 0]) <= 0)[:1]:
         row = index + 1 + head.first_row
         raise InputError(
             f"{path}: row {row}, column t_s: expected more than {rows[index, 0]}, got {rows[index + 1, 0]}"
         )
     return rows
+
+
+def _check_count(path: Path, rows: int, fewest: int) -> None:
+    """Raise InputError for a file with too few rows."""
+    if rows < fewest:
+        raise InputError(f"{path}: expected at least {'two rows' if fewest == 2 else 'one row'}, got {rows}")
 
 
 def _vectors(rows: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -102,7 +102,7 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
     Raises:
         InputError: when a table cannot be read, or does not match shape.csv or the structure.
     """
-    positions = read_positions(directory / "shape.csv", structure.node_count)
+    positions = read_positions(directory / "shape.csv", structure.node_count, fewest=1)
     t_s = positions.t_s
     if np.isnan(positions.node_position_m).any():
         raise InputError(f"{directory / 'shape.csv'}: expected the positions of all {structure.node_count} nodes")
@@ -138,7 +138,7 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
 def _read_contacts(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
     if not path.is_file():
         return None
-    contacts_s, probability = read_contacts(path, structure.node_count)
+    contacts_s, probability = read_contacts(path, structure.node_count, fewest=1)
     if not np.array_equal(contacts_s, t_s):
         raise InputError(f"{path}: expected one row for each row of shape.csv")
     return probability
@@ -147,7 +147,8 @@ def _read_contacts(path: Path, structure: Structure, t_s: NDArray[np.float64]) -
 def _read_loads(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> ExternalLoads | None:
     if not path.is_file():
         return None
-    rows = read_blocks(path, "node", structure.free_nodes, t_s, ("fx_n", "fy_n", "fz_n", "sigma_n"))
+    words = dict.fromkeys(("fx_n", "fy_n", "fz_n", "sigma_n"), number)
+    rows = read_blocks(path, "node", structure.free_nodes, t_s, list(words), words)
     force_n = np.full((len(t_s), structure.node_count, 3), np.nan)
     sigma_n = np.full(force_n.shape[:2], np.inf)
     force_n[:, structure.free_nodes] = rows[..., :3]

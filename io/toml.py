@@ -38,6 +38,10 @@ def read_settings(path: Path | None) -> Settings:
     return parse_table(Settings, table, str(path))
 
 
+LONG_STATEMENT = 10_000
+"""Number of characters of a statement above which it is not parsed anew with each line, but when its brackets close."""
+
+
 def line_of(text: str, key: str) -> int:
     """Return the line, counted from 1, of a dotted key in a TOML file, or of the innermost table around it.
 
@@ -62,6 +66,8 @@ def _lines_of_keys(text: str) -> dict[str, int]:
         if not statement:
             first = number
         statement += line
+        if len(statement) > LONG_STATEMENT and statement.count("[") != statement.count("]"):
+            continue
         try:
             parsed: Any = tomllib.loads(statement)
         except tomllib.TOMLDecodeError:

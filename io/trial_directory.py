@@ -54,6 +54,8 @@ from .toml import read_toml
 MOST_STRETCH = 20.0
 """Ratio of a length to the natural length, or of that to the length, above which no tendon has it."""
 
+STAMP_DECIMALS = 4
+"""Decimals of a time in seconds in the tables of a result: times that differ by less are one."""
 LONGEST_STEP_S = 600.0
 """Time from the first row to the second above which stamps are not in seconds."""
 
@@ -324,10 +326,10 @@ class Trial:
         return ReadLengths(self.path / self.table.lengths.file, reader, sensed)
 
     def _forward(self, rows: CsvFile | LengthsBag | ReadLengths) -> Iterator[list[float]]:
-        """Yield the rows whose stamp is later than all stamps before; count the others."""
+        """Yield the rows whose stamp is later than all stamps before, as results write them; count the others."""
         latest_s = -np.inf
         for index, row in enumerate(rows):
-            if row[0] > latest_s:
+            if round(row[0], STAMP_DECIMALS) > round(latest_s, STAMP_DECIMALS):
                 if index == 1 and row[0] - latest_s > LONGEST_STEP_S:
                     raise InputError(
                         f"{rows.place(index)}, column t_s: expected at most {LONGEST_STEP_S:g} s after "

@@ -12,12 +12,17 @@ from .structure.lengths import member_length_m
 from .structure.rest_shape import GeometrySigma
 from .structure.statics import Mechanics
 from .structure.structure import Structure
+from .structure.support import GRAVITY_M_PER_S2
 from .values.errors import InputError
 from .values.tables import NotNegative, Positive, parse_table
 
 _TOLD = GeometrySigma()
 FLAT = 0.05
 """Share of its extent by which a rigid body is thick, at least: the fixed distances of a flat one let it bend."""
+MOST_PULL = 1e4
+"""Ratio of the pull of the stiffest tendon, stretched by a tenth, to the weight of the structure, above which one of
+them is in another unit; so it is below its inverse. Strips of rubber on the paper's structure give 4, steel ropes of a
+millimetre 1000."""
 MOST_OFF = 0.5
 """Share of its length by which a rod of the measured rest shape may differ from it."""
 
@@ -232,6 +237,8 @@ def described(tables: StructureFile) -> DescribedStructure:
         if position_m is not None:
             _check_shape(name, position_m, structure)
     mechanics = tables.mechanics.mechanics(structure, tables.body) if tables.mechanics else None
+    if mechanics is not None:
+        _check_stiffness(mechanics, structure)
     return DescribedStructure(structure, tuple(tuple(body.nodes) for body in tables.body), mechanics, about_m, rest_m)
 
 
@@ -246,6 +253,22 @@ def _check_shape(name: str, position_m: NDArray[np.float64], structure: Structur
     for rod in np.flatnonzero(np.abs(rod_m - structure.rod_length_m) > MOST_OFF * structure.rod_length_m)[:1]:
         told_m = structure.rod_length_m[rod]
         raise InputError(f"{name}: expected rod {rod} to be {told_m:g} m long, got {rod_m[rod]:g} m")
+
+
+def _check_stiffness(mechanics: Mechanics, structure: Structure) -> None:
+    """Raise InputError where the stiffness of a tendon and the weight of the structure cannot both be in their unit."""
+    weight_n = GRAVITY_M_PER_S2 * float(mechanics.node_mass_kg(structure).sum())
+    if weight_n == 0 or not len(structure.tendons):
+        return
+    pull_n = 0.1 * mechanics.stiffness_n_per_m * mechanics.natural_length_m
+    ratio = pull_n / weight_n
+    tendon = int(ratio.argmax())
+    if not 1 / MOST_PULL < ratio[tendon] < MOST_PULL:
+        raise InputError(
+            f"mechanics.tendon_stiffness_n_per_m: expected a pull of {1 / MOST_PULL:g} to {MOST_PULL:g} times the "
+            f"weight of the structure in a tendon stretched by a tenth, got {pull_n[tendon]:.3g} N in tendon {tendon}, "
+            f"and {weight_n:.3g} N by mechanics.rod_mass_kg and others: is the unit of each right?"
+        )
 
 
 def _numbers(name: str, value: ArrayLike, count: int) -> NDArray[np.float64]:

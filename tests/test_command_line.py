@@ -7,7 +7,7 @@ from importlib.metadata import version
 import pytest
 
 from command_line import run, run_process
-from tensegraph import cli
+from tensegraph import InputError, cli
 from tensegraph.models.calibration.recipe import TrainingSettings
 from tensegraph.models.trial_description import LinkTable
 
@@ -85,6 +85,18 @@ def test_an_error_of_the_system_is_one_line_too(monkeypatch, capsys) -> None:
         cli.main()
     assert ended.value.code == 2
     assert capsys.readouterr().err == "tensegraph: some/file: Permission denied\n"
+
+
+def test_what_cannot_be_printed_is_escaped_in_an_error(monkeypatch, capsys) -> None:
+    """A cell with zero bytes, a name with a line end, marks that turn the direction of a line round."""
+
+    def fail() -> None:
+        raise InputError("a\x00b\tc\nd\u202ee: got 'µ'")
+
+    monkeypatch.setattr(cli, "app", fail)
+    with pytest.raises(SystemExit):
+        cli.main()
+    assert capsys.readouterr().err == "tensegraph: a\\x00b\\tc\\nd\\u202ee: got 'µ'\n"
 
 
 @pytest.mark.parametrize("command", ["", *(command.callback.__name__ for command in cli.app.registered_commands)])

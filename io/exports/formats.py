@@ -7,7 +7,7 @@ from typing import Any
 from ...models.plug_ins import PlugIn, plug_ins
 from ...models.structure.labelled import TABLES
 from ...models.structure.reconstruction import Reconstruction
-from ...models.values.errors import InputError
+from ...models.values.errors import InputError, TensegraphError
 from ..whole import check_writable, written_whole
 
 SUFFIXES = {
@@ -139,17 +139,31 @@ def _write_run(
         for table, path in zip(TABLES, paths, strict=True):
             write_parquet(arrays, table, about, path)
     elif format_name not in SUFFIXES:
-        plug_in = exporter_plug_ins()[format_name]
-        write: Exporter = plug_in.load()
-        write(result, about, paths[0])
-        if not paths[0].is_file():
-            raise InputError(f"{plug_in}: has written no file")
+        _write_by(exporter_plug_ins()[format_name], result, about, paths[0])
     else:
         from .array_files import write_mat, write_netcdf, write_npz
 
         {"mat": write_mat, "npz": write_npz, "netcdf": write_netcdf}[format_name](
             result.arrays(probability), about, paths[0]
         )
+
+
+def _write_by(plug_in: PlugIn, result: Reconstruction, about: dict[str, Any], path: Path) -> None:
+    """Write all frames with an exporter of another package.
+
+    Raises:
+        InputError: when it cannot be imported, raises anything, or writes no file.
+    """
+    write: Exporter = plug_in.load()
+    try:
+        write(result, about, path)
+    except TensegraphError:
+        raise
+    except Exception as error:  # the exporter is code of another package, which may raise anything
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{path.name}: {plug_in} cannot write it: {reason}") from error
+    if not path.is_file():
+        raise InputError(f"{plug_in}: has written no file")
 
 
 def _write_frame(
@@ -159,11 +173,10 @@ def _write_frame(
     from .mesh_files import write_gltf, write_ply  # matplotlib, whose colours these files have too
     from .solids import solids_of
 
-    if at_s is None:
-        first_s, last_s = result.t_s[[0, -1]]
-        raise InputError(
-            f"{path.name}: holds one frame: expected its time, --at or at_s, from {first_s:.2f} to {last_s:.2f} s"
-        )
+    first_s, last_s = result.t_s[[0, -1]]
+    if at_s is None or not first_s <= at_s <= last_s:
+        expected = f"expected its time, --at or at_s, from {first_s:.2f} to {last_s:.2f} s"
+        raise InputError(f"{path.name}: holds one frame: {expected}" + ("" if at_s is None else f", got {at_s:g}"))
     shape = result[at_s]
     solids = list(solids_of(result.structure, shape, probability))
     told = {**about, "t_s": float(shape.t_s), "status": str(shape.status)}

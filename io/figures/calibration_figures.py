@@ -204,7 +204,7 @@ def write_errors_figure(runs: Mapping[str, Sequence[StripRun]], path: Path) -> N
     coverage.plot([0, 1], [0, 1], color=GREY, lw=0.8, ls="--", label="honest sigma")
     coverage.set(xlabel="nominal probability of the band", ylabel="share of errors inside")
     coverage.set_title("coverage of sigma", fontsize=10)
-    rates.set(xscale="log", yscale="log", xlabel="speed [strain/s] (three bins a decade)", ylabel="RMSE of strain [1]")
+    rates.set(xlabel="speed [strain/s] (three bins a decade)", ylabel="RMSE of strain [1]")
     rates.set_title("error against rate", fontsize=10)
     correlation.axhline(np.exp(-1), color=GREY, lw=0.8, ls="--", label="1/e")
     correlation.set(xlabel="lag [s]", ylabel="autocorrelation [1]")
@@ -236,6 +236,8 @@ def _draw_rates(axis: Axes, name: str, rate: NDArray[np.float64], error: NDArray
     rates = [float(np.median(rate[part])) for part in parts]
     rmses = [float(np.sqrt(np.mean(error[part] ** 2))) for part in parts]
     axis.plot(rates, rmses, color=COLORS[name], marker="o", ms=4, label=name)
+    if any(rmses):  # an empty axis, of recordings with few samples, has no logarithmic scale
+        axis.set(xscale="log", yscale="log")
 
 
 def _draw_autocorrelation(axis: Axes, name: str, runs: Sequence[StripRun]) -> None:

@@ -75,7 +75,7 @@ def write_loads_figure(e: Evaluation, title: str, path: Path) -> None:
     true_n = np.linalg.norm(c.true_load_n, axis=-1)
     estimated_n = np.linalg.norm(c.estimated_load_n, axis=-1)
     threshold_n = e.loads.threshold_n
-    top_n = 1.08 * max(float(np.nanmax(true_n)), float(np.nanmax(estimated_n)), threshold_n)
+    top_n = 1.08 * max(float(np.nan_to_num(true_n).max()), float(np.nan_to_num(estimated_n).max()), threshold_n)
     figure = Figure(figsize=(13, 4.8), layout="constrained")
     over_time, pairs = figure.subplots(1, 2, width_ratios=(1.7, 1))
     _draw_largest_load(over_time, c.t_s, estimated_n, true_n, threshold_n)

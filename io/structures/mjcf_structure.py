@@ -29,16 +29,23 @@ def mjcf_tables(path: Path) -> dict[str, Any]:
     """Return the tables `structure`, `body` and `mechanics` of trial.toml that a MuJoCo model tells.
 
     Raises:
-        InputError: for a model that MuJoCo cannot read, or that is no structure of rods, rigid bodies and tendons.
+        InputError: for a model that MuJoCo cannot read or warns of, or that is no structure of rods, rigid bodies and
+            tendons.
     """
     with needs_extra("a MuJoCo model", "twin"):
         import mujoco
+    warnings: list[str] = []
+    mujoco.set_mju_user_warning(warnings.append)  # MuJoCo itself writes them to the terminal and into a file
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
     except ValueError as error:
         raise InputError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from error
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    if warnings:
+        raise InputError(f"{path}: MuJoCo warns of it: {' '.join(warnings[0].split())}")
     return _Model(path, mujoco, model, data).tables()
 
 

@@ -84,7 +84,8 @@ def _document(path: Path) -> dict[str, Any]:
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1}: " if mark else ""
-        raise InputError(f"{path}: {place}is no YAML: {getattr(error, 'problem', None) or error}") from error
+        reason = " ".join(str(getattr(error, "problem", None) or error).split())
+        raise InputError(f"{path}: {place}is no YAML: {reason}") from error
     if not isinstance(document, dict):
         raise InputError(f"{path}: expected nodes, connections or pair_groups, and builders, got no table")
     for name in ("substructures", "bond_groups"):

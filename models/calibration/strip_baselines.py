@@ -14,6 +14,8 @@ from .rate_curve_fit import rate_samples, ridge
 from .recordings import Recording
 from .strain_estimators import EstimatedStrain
 
+LEAST_SIGMA = 1e-6
+"""Smallest standard deviation of a baseline's strain: far below that of any rig."""
 FILTERS_S = np.array([0.3, 2.0, 10.0])
 """Time constants of the filters: that of the sensor's lag, and two of its relaxation over seconds."""
 
@@ -38,8 +40,7 @@ class StaticEstimator:
         knots = np.unique(np.linspace(0, len(order) - 1, 400).astype(np.int64))
         curve_change, first = np.unique(change[order][knots], return_index=True)
         curve_strain = fitted[knots][first]
-        sigma = float(np.std(strain - np.interp(change, curve_change, curve_strain)))
-        return cls(curve_change, curve_strain, sigma)
+        return cls(curve_change, curve_strain, _spread(strain - np.interp(change, curve_change, curve_strain)))
 
     def estimate(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> EstimatedStrain:
         """Return strain and sigma, see `StrainEstimator`."""
@@ -64,7 +65,7 @@ class PolynomialEstimator:
         scale: NDArray[np.float64] = np.maximum(inputs.std(axis=0), 1e-9)
         terms = products(inputs / scale)
         coefficients, _ = ridge(terms, strain)
-        return cls(scale, coefficients, float(np.std(strain - terms @ coefficients)))
+        return cls(scale, coefficients, _spread(strain - terms @ coefficients))
 
     def estimate(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> EstimatedStrain:
         """Return strain and sigma, see `StrainEstimator`."""
@@ -89,6 +90,11 @@ def _samples(recordings: Sequence[Recording], signed: bool) -> tuple[NDArray[np.
     change = np.concatenate([r.change[r.counted(signed)] for r in recordings])
     strain = np.concatenate([r.strain[r.counted(signed)] for r in recordings])
     return change, strain
+
+
+def _spread(error: NDArray[np.float64]) -> float:
+    """Return the standard deviation of errors in training; a curve through all of few samples has none of its own."""
+    return max(float(np.std(error)), LEAST_SIGMA)
 
 
 def _with_constant_sigma(strain: NDArray[np.float64], sigma: float) -> EstimatedStrain:

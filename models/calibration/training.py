@@ -30,6 +30,10 @@ from .torch_network import (
 
 CHECKPOINT_VERSION = 2
 """Version of the names in a checkpoint; a checkpoint of another version is not used."""
+WARM_UP = 0.1
+"""Share of the updates in which the learning rate rises, of the one-cycle schedule."""
+FEWEST_UPDATES = 20
+"""Shortest one-cycle schedule: with half as many its rise has no length, and torch divides by it."""
 
 
 def train(
@@ -136,8 +140,9 @@ class _Training:
         ]
         self._optimizer = torch.optim.AdamW(groups, lr=settings.learning_rate)
         self._chunks = [slice(k, k + settings.chunk) for k in range(0, settings.steps, settings.chunk)]
+        updates = max(settings.epochs * len(self._chunks), FEWEST_UPDATES)
         self._schedule = torch.optim.lr_scheduler.OneCycleLR(
-            self._optimizer, settings.learning_rate, total_steps=settings.epochs * len(self._chunks), pct_start=0.1
+            self._optimizer, settings.learning_rate, total_steps=updates, pct_start=WARM_UP
         )
         self.history = History(likelihood_from=int(settings.squared_error_share * settings.epochs))
         self._best = self._copy()

@@ -8,6 +8,8 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 
+from ..values.errors import InputError
+
 STEP_S = 0.05
 """Time step of the signals that are compared."""
 SMOOTH_S = 0.3
@@ -29,6 +31,8 @@ CLUSTER_S = 2.0
 """Residuals this far apart are taken as independent: presses, and the errors of an estimate with them, last so long."""
 MISTAKEN = 5.0
 """Residual, in robust standard deviations, above which a signal is left out: a marker that was taken for another."""
+
+NOTHING_IN_COMMON = "the capture and the estimate have no motion of a marker in common: give --offset"
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +199,9 @@ class ClockFit:
         estimated: signals of the estimate.
         captured: the same signals of the capture.
         offset_s: first guess of the offset.
+
+    Raises:
+        InputError: when they have no time in common.
     """
 
     def __init__(self, estimated: MotionSignals, captured: MotionSignals, offset_s: float) -> None:
@@ -204,6 +211,8 @@ class ClockFit:
         self._slope = self._signal.derivative()
         self._captured = captured
         common_s = captured.t_s[self._covered(captured.t_s + offset_s)]
+        if not len(common_s):
+            raise InputError(NOTHING_IN_COMMON)
         self.middle_s = float(common_s.mean())
         self.start = np.array([offset_s, 0.0])
 
@@ -223,23 +232,31 @@ class ClockFit:
         return residual, jacobian
 
     def solve(self) -> CaptureClock:
-        """Return the clock with its standard deviations, by Gauss-Newton on the offset, then on offset and rate."""
+        """Return the clock with its standard deviations, by Gauss-Newton on the offset, then on offset and rate.
+
+        Raises:
+            InputError: when the motion that both have does not tell offset and rate.
+        """
         x = self.start
         for free in (1, 1, 1, 2, 2, 2, 2):
             residual, jacobian = self._inliers(x)
             r, j = np.nan_to_num(residual).ravel(), np.nan_to_num(jacobian).reshape(-1, 2)
+            information = j.T @ j
+            if np.linalg.matrix_rank(information) < 2:
+                raise InputError("the capture and the estimate have too little motion in common: give --offset")
             x = x.copy()
-            x[:free] -= np.linalg.solve(j[:, :free].T @ j[:, :free], j[:, :free].T @ r)
+            x[:free] -= np.linalg.solve(information[:free, :free], j[:, :free].T @ r)
         block = ((self._captured.t_s - self._captured.t_s[0]) / CLUSTER_S).astype(np.int64)
         return self._with_prior(x, clustered_covariance(residual, jacobian, block))
 
     def _inliers(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the residuals without bias and their derivatives; outliers are nan."""
-        residual, jacobian = self.rows(x)
+        """Return the residuals without bias and their derivatives, of signals that both have; outliers are nan."""
+        residual, jacobian = _of_known(*self.rows(x))
         residual = residual - np.nanmedian(residual, axis=0)
         outlier = np.abs(residual) > MISTAKEN * 1.4826 * np.nanmedian(np.abs(residual))
         residual = np.where(outlier, np.nan, residual)
         jacobian = np.where(outlier[..., None], np.nan, jacobian)
+        residual, jacobian = _of_known(residual, jacobian)
         return residual - np.nanmean(residual, axis=0), jacobian - np.nanmean(jacobian, axis=0)
 
     def _with_prior(self, x: NDArray[np.float64], covariance: NDArray[np.float64]) -> CaptureClock:
@@ -257,6 +274,20 @@ class ClockFit:
         after = np.clip(np.searchsorted(frame_s, host_s), 1, len(frame_s) - 1)
         inside = (host_s >= frame_s[0]) & (host_s <= frame_s[-1])
         return np.asarray(inside & (frame_s[after] - frame_s[after - 1] < 2 * STEP_S))
+
+
+def _of_known(
+    residual: NDArray[np.float64], jacobian: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the residuals of the signals that are known at any time, and their derivatives.
+
+    Raises:
+        InputError: when none is.
+    """
+    known = np.isfinite(residual).any(axis=0)
+    if not known.any():
+        raise InputError(NOTHING_IN_COMMON)
+    return residual[:, known], jacobian[:, known]
 
 
 def clustered_covariance(

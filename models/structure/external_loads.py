@@ -35,9 +35,15 @@ class ExternalLoads:
     """Estimated external forces at the nodes; leading axes are frames."""
 
     force_n: NDArray[np.float64]
-    """(..., nodes, 3) nan at anchors; zero along the rod where that part is not observable."""
+    """(..., nodes, 3) nan at anchors, and where a frame failed; zero along the rod if that part is not observable."""
     sigma_n: NDArray[np.float64]
-    """(..., nodes) root mean square of the standard deviations along the observable directions; inf at anchors."""
+    """(..., nodes) root mean square of the standard deviations along the observable directions; inf where the force is
+    nan."""
+
+    @classmethod
+    def unknown(cls, node_count: int) -> "ExternalLoads":
+        """Return the loads of a frame that tells nothing of them: nan, with a sigma of inf."""
+        return cls(np.full((node_count, 3), np.nan), np.full(node_count, np.inf))
 
     def is_certain(self, threshold_n: float) -> NDArray[np.bool_]:
         """Return (..., nodes) where a load is above a threshold, and above `SURE` times its sigma."""

@@ -4,14 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from .external_loads import ExternalLoads
 from .lengths import member_length_m
 from .rest_shape import RestShape
 from .shape import Shape, Status
 
 ROUNDING_M2 = 1e-12
 """Variance below zero that is rounding: anchors have none."""
-RIGID = 0.5
-"""Share of its length by which no rod of a shape differs from what it is; estimates keep rods to a thousandth."""
+RIGID = 0.1
+"""Share of its length by which no rod of a shape differs from what it is; estimates keep rods to a thousandth. Lengths
+that jump by their own size to and fro bend rods by a third, which no other check notices."""
 
 
 class PossibleShapes:
@@ -24,6 +26,8 @@ class PossibleShapes:
     def check(self, shape: Shape) -> Shape:
         """Return the shape; with the status `failed` in its place the rest shape, its sigma the size of the structure.
 
+        Loads and slips that follow from an impossible shape are not known either.
+
         A shape is impossible when a number of it is not finite, a rod is not rigid, a node is farther from the rest
         shape than all rods are long together while the base is anchored, or a node's covariance is not positive.
         """
@@ -32,7 +36,14 @@ class PossibleShapes:
         rest_m = self._rest.node_position_m
         unknown = self._size_m**2 * np.eye(rest_m.size)
         return replace(
-            shape, node_position_m=rest_m.copy(), covariance_m2=unknown, status=Status.FAILED, other=None, doubt=None
+            shape,
+            node_position_m=rest_m.copy(),
+            covariance_m2=unknown,
+            status=Status.FAILED,
+            loads=ExternalLoads.unknown(len(rest_m)) if shape.loads else None,
+            other=None,
+            doubt=None,
+            slips=(),
         )
 
     def _is_possible(self, shape: Shape) -> bool:

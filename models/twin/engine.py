@@ -45,6 +45,9 @@ class Twin:
         body: what it is made of.
         step_s: of the integration.
         node_position_m: (nodes, 3) from which it starts, at rest; the shape of least tendon energy if None.
+
+    Raises:
+        TensegraphError: when MuJoCo is not installed, or takes no such structure.
     """
 
     def __init__(self, body: Body, step_s: float, node_position_m: NDArray[np.float64] | None = None) -> None:
@@ -54,7 +57,10 @@ class Twin:
             raise TensegraphError("the twin needs MuJoCo: pip install 'tensegraph[twin]'") from error
         start_m = find_rest_shape(body.structure) if node_position_m is None else node_position_m
         self._engine: Any = mujoco
-        self._model = mujoco.MjModel.from_xml_string(mjcf(body, start_m, step_s))
+        try:
+            self._model = mujoco.MjModel.from_xml_string(mjcf(body, start_m, step_s))
+        except ValueError as error:  # a mass or a radius so small that an inertia is none
+            raise TensegraphError(f"MuJoCo refuses the structure: {' '.join(str(error).split())}") from error
         self._data = mujoco.MjData(self._model)
         self._site = np.array([self._model.site(f"n{node}").id for node in range(body.structure.node_count)])
         self._body = self._model.site_bodyid[self._site]

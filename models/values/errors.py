@@ -24,7 +24,6 @@ class IndeterminateError(TensegraphError):
 
 
 def one_line(error: TensegraphError | OSError) -> str:
-    """Return an error as the line that a user reads."""
-    if isinstance(error, OSError) and error.filename:
-        return f"{error.filename}: {error.strerror}"
-    return str(error)
+    """Return an error as the line that a user reads; what of a file or a name cannot be printed is escaped."""
+    text = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else str(error)
+    return "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)

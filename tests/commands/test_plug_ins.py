@@ -176,6 +176,18 @@ def test_a_plug_in_that_cannot_be_imported_is_one_line(site, tmp_path) -> None:
         assert refused.stderr.count("\n") == 1
 
 
+def test_an_exporter_that_fails_is_one_line(site, done, tmp_path) -> None:
+    install("half-written", "0.3", {"tensegraph.exporters": {"abc": "half_written:write"}}, site)
+    (site / "half_written.py").write_text("def write(result, about, path):\n    raise KeyError('a\\nb')\n")
+    result = done[0] / "results" / "press"
+    refused = run_process("export", result, "--out", "press.abc", cwd=tmp_path)
+    assert (refused.returncode, refused.stderr) == (
+        2,
+        "tensegraph: press.abc: exporter 'abc' of package half-written 0.3 cannot write it: KeyError: 'a\\nb'\n",
+    )
+    assert not (tmp_path / "press.abc").exists()
+
+
 def test_ours_win_and_that_is_said(site, trial_copy, tmp_path) -> None:
     install("rival", "2.0", {"tensegraph.estimators": {"frame": "nothing_such:Mine"}}, site)
     trial_copy(rows=60, name="press")

@@ -33,6 +33,17 @@ def test_a_simulated_trial_is_reconstructed(tmp_path) -> None:
     assert "node RMSE" in result.stdout
 
 
+def test_what_mujoco_takes_for_no_body_is_one_line(tmp_path) -> None:
+    """Rods of a picogram have an inertia that its numbers do not hold."""
+    text = PLANS["prism"].read_text().replace("rod_mass_kg = 0.030", "rod_mass_kg = 1e-12")
+    text = text.replace("tendon_stiffness_n_per_m = 400.0", "tendon_stiffness_n_per_m = 1e-8")
+    (tmp_path / "light.toml").write_text(text)
+    result = run("simulate", "light.toml", "--out", "trial", cwd=tmp_path)
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+    assert "MuJoCo refuses the structure: " in result.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["light.toml"]
+
+
 def test_a_bad_plan_is_one_line_and_nothing_is_written(tmp_path) -> None:
     text = (Path(__file__).parents[2] / "examples" / "plans" / "press.toml").read_text()
     (tmp_path / "bad.toml").write_text(text.replace("push_back", "push_bak"))

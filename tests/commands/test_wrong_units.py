@@ -28,6 +28,8 @@ def scaled(table: str, key: str, factor: float) -> Callable[[str], str]:
         ("structure", "natural_length_m", 1000.0, "natural_length_m[0]"),
         ("sensors", "natural_resistance_ohm", 0.001, "sensors.natural_resistance_ohm"),
         ("mechanics", "tendon_stiffness_n_per_m", 1e17, "mechanics.tendon_stiffness_n_per_m"),
+        ("mechanics", "tendon_stiffness_n_per_m", 1e6, "mechanics.tendon_stiffness_n_per_m"),
+        ("mechanics", "rod_mass_kg", 1e6, "mechanics.rod_mass_kg"),
     ],
 )
 def test_a_wrong_unit_is_refused_by_that_word(

@@ -31,3 +31,9 @@ class TestCsv:
             InputError, match=f"row {4 if numbered else 5}, column 1: expected a finite number, got 'x'"
         ):
             list(file)
+
+
+def test_an_error_shows_the_beginning_of_a_long_cell(tmp_path) -> None:
+    (tmp_path / "a.csv").write_text(f"t_s\n{'9' * 5000}\n")
+    with pytest.raises(InputError, match=r"row 2, column t_s: expected a finite number, got '9{60}\.\.\.'$"):
+        list(CsvFile(tmp_path / "a.csv", ["t_s"]))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import tensegraph as tg
+from tensegraph.models.structure.external_loads import ExternalLoads
 from tensegraph.models.structure.shape import OtherShape, Reason
 from tensegraph.models.values.slip import Slip
 
@@ -42,6 +43,21 @@ class TestLoad:
         np.testing.assert_array_equal(read.others[3].node_position_m, kept.others[3].node_position_m)
         assert [k for k, other in enumerate(read.others) if other] == [3]
         assert read.others[3].log_ratio == 1.25
+
+    def test_one_frame_is_a_run(self, kept, tmp_path) -> None:
+        tg.save(kept[0.2:0.21], tmp_path / "one", figures=None)
+        read = tg.load(tmp_path / "one")
+        assert len(read) == 1
+        np.testing.assert_allclose(read.node_position_m[0], kept[0.2].node_position_m, atol=1e-6)
+
+    def test_the_loads_of_a_frame_that_failed_are_not_known(self, kept, tmp_path) -> None:
+        force_n, sigma_n = kept.loads.force_n.copy(), kept.loads.sigma_n.copy()
+        force_n[2], sigma_n[2] = np.nan, np.inf
+        tg.save(replace(kept, loads=ExternalLoads(force_n, sigma_n)), tmp_path / "failed", figures=None)
+        read = tg.load(tmp_path / "failed").loads
+        assert np.isnan(read.force_n[2]).all()
+        assert np.isinf(read.sigma_n[2]).all()
+        np.testing.assert_allclose(read.force_n[3], force_n[3], atol=1e-4)
 
     def test_does_not_invent_covariances_between_nodes(self, saved) -> None:
         read = tg.load(saved)

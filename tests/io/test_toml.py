@@ -47,3 +47,13 @@ def test_lines_of_keys() -> None:
     assert tomllib.loads(text)["t"]["l"][1] == {"d": {"e": 2}}
     lines = {"a": 1, "t": 3, "t.b": 4, "t.b[1][0]": 4, "t.s": 8, "t.l[0].c": 12, "t.l[1]": 13, "t.l[1].d.e": 14, "z": 1}
     assert {key: line_of(text, key) for key in lines} == lines
+
+
+def test_a_statement_of_thousands_of_lines_is_parsed_a_few_times(monkeypatch) -> None:
+    """Parsing it anew with each of its lines takes as many seconds as it has thousands of lines."""
+    text = "[a]\nlong = [\n" + "    [1, 2],\n" * 5000 + "]\nafter = 3\n"
+    parsed = []
+    loads = tomllib.loads
+    monkeypatch.setattr("tensegraph.io.toml.tomllib.loads", lambda some: parsed.append(len(some)) or loads(some))
+    assert line_of(text, "a.after") == 5004
+    assert sum(parsed) < 200 * len(text)

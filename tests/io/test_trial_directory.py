@@ -1,7 +1,10 @@
 """Trials on disk: what is read, and what is refused and how."""
 
+import tomllib
+
 import numpy as np
 import pytest
+import tomli_w
 
 from tensegraph import InputError, open_trial
 from tensegraph.pipeline import reconstruct
@@ -91,3 +94,17 @@ class TestFaults:
         (fault,) = open_trial(trial_copy(trial=lambda text: text + table)).faults()
         assert fault.where == "board 1"
         np.testing.assert_array_equal(fault.tendons, np.arange(12, 24))
+
+
+def test_stamps_that_a_result_cannot_tell_apart_are_one(example, tmp_path) -> None:
+    """Rows 40 microseconds apart: tables have a tenth of a millisecond."""
+    table = tomllib.loads((example / "trial.toml").read_text())
+    kept = {name: table[name] for name in ("structure", "mechanics", "rest")} | {"lengths": {"file": "lengths.csv"}}
+    (tmp_path / "trial.toml").write_text(tomli_w.dumps(kept))
+    lengths = ",".join(map(str, table["structure"]["natural_length_m"]))
+    names = ",".join(f"l{tendon}_m" for tendon in range(24))
+    stamps = (0.0, 0.02, 0.02004, 0.0201, 0.04)
+    (tmp_path / "lengths.csv").write_text("\n".join([f"t_s,{names}", *(f"{t},{lengths}" for t in stamps), ""]))
+    trial = open_trial(tmp_path)
+    assert [reading.t_s for reading in trial.readings()] == [0.0, 0.02, 0.0201, 0.04]
+    assert trial.dropped_rows == 1

@@ -107,7 +107,7 @@ def key_removed(text: str, rng: random.Random) -> str:
 
 
 def key_repeated(text: str, rng: random.Random) -> str:
-    lines = text.splitlines(keepends=True)
+    lines = text.splitlines(keepends=True) or [""]
     line = rng.choice(lines)
     lines.insert(rng.randrange(len(lines) + 1), line)
     return "".join(lines)
@@ -182,7 +182,7 @@ def lines_removed(text: str, rng: random.Random) -> str:
 
 
 def lines_repeated(text: str, rng: random.Random) -> str:
-    lines = text.splitlines(keepends=True)
+    lines = text.splitlines(keepends=True) or [""]
     first = rng.randrange(len(lines))
     here = rng.randrange(len(lines) + 1)
     lines[here:here] = lines[first : first + rng.choice((1, 10))]
@@ -261,7 +261,7 @@ def _with_leaf(text: str, rng: random.Random, change: Callable[[Any], Any], *, w
             else:
                 holder[key] = value
         return tomli_w.dumps(table)
-    except (tomllib.TOMLDecodeError, ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         return text
 
 

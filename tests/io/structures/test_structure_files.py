@@ -146,8 +146,10 @@ MALFORMED = {
     "robot.yaml: nodes or": "",
     "robot.yaml: expected nodes": "- 1",
     "robot.yaml: substructures: is not read": YAML + "substructures: {}\n",
+    "robot.yaml: is no YAML: unacceptable character #x000b": YAML + "# \x0b\n",
     "robot.yaml: line 2: is no YAML": "nodes:\n  a: !!python/object/apply:os.system [ls]\n",
     "robot.xml: MuJoCo cannot read it": XML.replace("</tendon>", ""),
+    "robot.xml: MuJoCo warns of it: XML contains a 'NaN'": XML.replace('pos="0.3 0 0"', 'pos="0.3 NaN 0"'),
     "robot.xml: tendon 't1': expected a spatial tendon from one site to another": XML.replace(
         '<site site="a"/><site site="n1"/>', '<site site="a"/><site site="n1"/><site site="n2"/>'
     ),

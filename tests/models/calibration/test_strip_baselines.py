@@ -24,3 +24,10 @@ class TestBaselines:
         estimate = polynomial.estimate(r.change[:, None], np.full((len(T_S), 1), 0.05))
         settled = r.settled
         assert np.std(estimate.strain[settled, 0] - strain[settled]) == pytest.approx(polynomial.sigma, rel=1e-6)
+
+
+def test_a_curve_through_all_samples_still_has_a_sigma() -> None:
+    """Fewer samples than knots: no error in training, and yet none of sigma zero, which scores are divided by."""
+    few = Recording("a", T_S[::10], 0.1 + 0.01 * T_S[::10], 0.2 + 0.02 * T_S[::10])
+    assert StaticEstimator.fit([few], signed=False).sigma > 0
+    assert PolynomialEstimator.fit([few], signed=False).sigma > 0

@@ -209,3 +209,10 @@ def _dict(settings: TrainingSettings) -> dict:
     from dataclasses import asdict
 
     return asdict(settings)
+
+
+@pytest.mark.parametrize("epochs", [1, 2, 3])
+def test_a_training_of_few_updates_ends(split, epochs: int) -> None:
+    """Ten updates, of two epochs here, are where the rise of torch's one-cycle schedule has no length."""
+    few = replace(TINY, epochs=epochs, steps=250)
+    assert len(fit(split, few).history.training_loss) == epochs

@@ -1,8 +1,11 @@
 """The clock of a motion capture, from motion alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from tensegraph import InputError
 from tensegraph.models.evaluation.capture_clock import (
     LAG_SIGMA_S,
     CaptureClock,
@@ -91,6 +94,30 @@ def test_a_capture_that_saw_nothing_tells_no_offset() -> None:
     search = search_offset(estimated, captured)
     assert not search.is_clear
     assert search.unexplained_share == search.other_unexplained_share == 1
+
+
+@pytest.mark.parametrize("seen_until_s", [0.0, 20.2])
+def test_what_is_hardly_seen_at_the_same_time_tells_no_offset(seen_until_s: float) -> None:
+    """A marker that is never seen while the estimate lasts is left out; where all are, that is said."""
+    estimated, captured = motions(0.0, 0.0, 40.0)
+    known = captured.t_s < seen_until_s
+    one = np.where(known[:, None] | [True, False], captured.signal_m, np.nan)
+    assert np.isfinite(ClockFit(estimated, replace(captured, signal_m=one), 0.0).solve().offset_s)
+    none = np.where((captured.t_s < 0)[:, None], captured.signal_m, np.nan)
+    with pytest.raises(InputError, match="no motion of a marker in common: give --offset"):
+        ClockFit(estimated, replace(captured, signal_m=none), 0.0).solve()
+
+
+def test_a_capture_of_another_time_is_refused() -> None:
+    estimated, captured = motions(0.0, 0.0, 40.0)
+    with pytest.raises(InputError, match="no motion of a marker in common: give --offset"):
+        ClockFit(estimated, captured, 1000.0)
+
+
+def test_what_stands_still_while_both_see_it_is_refused() -> None:
+    still = MotionSignals(np.arange(0, 20, 0.05), np.full((400, 1), 0.2))
+    with pytest.raises(InputError, match="too little motion in common: give --offset"):
+        ClockFit(still, still, 0.0).solve()
 
 
 def test_jacobian(check_jacobian) -> None:

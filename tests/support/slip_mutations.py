@@ -1,0 +1,307 @@
+"""A second kind of hostile copies: slips that keep a file plausible, and its text odd in ways that editors hide.
+
+The first kind, in `mutations.py`, breaks one value or the file. Here values change places, arrays lose one element,
+units slip in several keys at once, two files are mixed, and characters look like others.
+"""
+
+import random
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from toml_slips import FACTORS, TOML
+
+NUMBER = re.compile(r"(?<![\w.])-?\d+\.?\d*(?:e[-+]?\d+)?(?![\w.])")
+ODD_NUMBERS = (
+    *("1e400", "5e-324", "1.7976931348623157e308", "1e-12", "1e12", "-0.0", "+1", ".5", "5.", "1e5", "infinity"),
+    *("-nan", "NaN", "١٢", "０.３", "²", "1__0", "0x1F", "1e+", "9" * 5000, "true", "False", "2026-01-01", "12:30:00"),
+    *("", "None", "null", "#N/A", "1 000", "1'000", "−1", "3.0", "65535", "65536", "4294967296", "-32768"),
+)
+Change = Callable[[str, random.Random], str | bytes]
+
+
+def slip(path: Path, rng: random.Random, other: Path | None = None) -> str:
+    """Change a file once, twice or three times, and return the names of the changes.
+
+    Args:
+        path: of the file.
+        rng: that draws the changes.
+        other: a file of another kind, of which parts are mixed in.
+    """
+    names = []
+    for _ in range(rng.choice((1, 1, 1, 2, 3))):
+        try:
+            text = path.read_bytes().decode()
+        except UnicodeDecodeError:
+            change: Callable[..., str | bytes] = rng.choice(BINARY)
+            result = change(path.read_bytes(), rng)
+        else:
+            change = rng.choice((*TEXT, *TOML) if path.suffix == ".toml" else TABLE)
+            if other is not None and rng.random() < 0.04:
+                change = mixed
+                result = mixed(text, other.read_text(errors="replace"), rng)
+            else:
+                result = change(text, rng)
+        path.write_bytes(result if isinstance(result, bytes) else result.encode("utf-8", "surrogatepass"))
+        names.append(change.__name__)
+    return f"{path.name}: {', '.join(names)}"
+
+
+def with_token(text: str, rng: random.Random, change: Callable[[str], str]) -> str:
+    """Return a text with one of its numbers changed."""
+    tokens = list(NUMBER.finditer(text))
+    if not tokens:
+        return text
+    token = rng.choice(tokens)
+    return text[: token.start()] + change(token.group()) + text[token.end() :]
+
+
+def number_odd(text: str, rng: random.Random) -> str:
+    return with_token(text, rng, lambda _: rng.choice(ODD_NUMBERS))
+
+
+def number_scaled(text: str, rng: random.Random) -> str:
+    return with_token(text, rng, lambda token: repr(float(token) * rng.choice(FACTORS)))
+
+
+def number_next(text: str, rng: random.Random) -> str:
+    """A number of a node, a tendon or a row that is one off, or the last digit that is."""
+    return with_token(text, rng, lambda token: token[:-1] + "1234567890."["0123456789.".index(token[-1])])
+
+
+def digits_transposed(text: str, rng: random.Random) -> str:
+    return with_token(text, rng, lambda token: token[1:2] + token[:1] + token[2:])
+
+
+def digit_doubled(text: str, rng: random.Random) -> str:
+    return with_token(text, rng, lambda token: token[:1] + token)
+
+
+def decimal_comma(text: str, rng: random.Random) -> str:
+    return with_token(text, rng, lambda token: token.replace(".", ","))
+
+
+def numbers_exchanged(text: str, rng: random.Random) -> str:
+    tokens = list(NUMBER.finditer(text))
+    if len(tokens) < 2:
+        return text
+    a, b = sorted(rng.sample(range(len(tokens)), 2))
+    a, b = tokens[a], tokens[b]
+    return text[: a.start()] + b.group() + text[a.end() : b.start()] + a.group() + text[b.end() :]
+
+
+def lines_exchanged(text: str, rng: random.Random) -> str:
+    lines = text.splitlines(keepends=True)
+    if len(lines) > 1:
+        a, b = rng.sample(range(len(lines)), 2)
+        lines[a], lines[b] = lines[b], lines[a]
+    return "".join(lines)
+
+
+def block_doubled(text: str, rng: random.Random) -> str:
+    lines = text.splitlines(keepends=True)
+    a, b = sorted((rng.randrange(len(lines) + 1), rng.randrange(len(lines) + 1)))
+    return "".join([*lines[:b], *lines[a:b], *lines[b:]])
+
+
+def file_doubled(text: str, rng: random.Random) -> str:
+    return text + text
+
+
+def cut_in_a_row(text: str, rng: random.Random) -> str:
+    return text[: rng.randrange(len(text) + 1)] + "\n"
+
+
+def middle_lost(text: str, rng: random.Random) -> str:
+    a, b = sorted((rng.randrange(len(text) + 1), rng.randrange(len(text) + 1)))
+    return text[:a] + text[b:]
+
+
+def odd_character(text: str, rng: random.Random) -> str:
+    """Spaces that are none, ends of line that only Python sees, marks that editors hide."""
+    at = rng.randrange(len(text) + 1)
+    odd = rng.choice("\u00a0\u200b\ufeff\u2028\u2029\x85\x0b\x0c\x1c\x1a\x00\t;'\"\\#[]{}=,\u202e\ud800\r\n")
+    return text[:at] + odd * rng.choice((1, 1, 3)) + text[at:]
+
+
+def character_replaced(text: str, rng: random.Random) -> str:
+    old, new = rng.choice(((",", ";"), (",", "\t"), (",", ", "), (".", ","), ("\n", "\n\n"), ("\n", " \n"), ("_", "-")))
+    return text.replace(old, new)
+
+
+def ends_mixed(text: str, rng: random.Random) -> str:
+    return "".join(line + rng.choice(("\n", "\r\n", "\r")) for line in text.splitlines())
+
+
+def letter_case(text: str, rng: random.Random) -> str:
+    return rng.choice((str.upper, str.title, str.swapcase))(text)
+
+
+def mixed(text: str, other: str, rng: random.Random) -> str:
+    """Two files in one: one after the other, the end of one replaced, or rows in turn."""
+    lines, others = text.splitlines(keepends=True), other.splitlines(keepends=True)
+    half = rng.randrange(len(lines) + 1)
+    in_turn = [line for pair in zip(lines, others, strict=False) for line in pair]
+    return "".join(rng.choice(([*lines, *others], [*others, *lines], [*lines[:half], *others[half:]], in_turn)))
+
+
+def with_rows(text: str, change: Callable[[list[list[str]]], list[list[str]]]) -> str:
+    """Return a table with its rows of cells changed, under the same header."""
+    header, *rows = text.splitlines() or [""]
+    return "\n".join([header, *(",".join(cells) for cells in change([row.split(",") for row in rows])), ""])
+
+
+def columns_exchanged(text: str, rng: random.Random) -> str:
+    """The cells change places, the header stays."""
+
+    def change(rows: list[list[str]]) -> list[list[str]]:
+        width = min(map(len, rows), default=0)
+        if width > 1:
+            a, b = rng.sample(range(width), 2)
+            for row in rows:
+                row[a], row[b] = row[b], row[a]
+        return rows
+
+    return with_rows(text, change)
+
+
+def column_copied(text: str, rng: random.Random) -> str:
+    def change(rows: list[list[str]]) -> list[list[str]]:
+        width = min(map(len, rows), default=0)
+        if width > 1:
+            a, b = rng.sample(range(width), 2)
+            for row in rows:
+                row[a] = row[b]
+        return rows
+
+    return with_rows(text, change)
+
+
+def column_late(text: str, rng: random.Random) -> str:
+    """One column a few rows later than the others."""
+
+    def change(rows: list[list[str]]) -> list[list[str]]:
+        width = min(map(len, rows), default=0)
+        late = rng.choice((1, 5, -3))
+        if width and rows:
+            column = rng.randrange(width)
+            cells = [row[column] for row in rows]
+            for k, row in enumerate(rows):
+                row[column] = cells[(k - late) % len(rows)]
+        return rows
+
+    return with_rows(text, change)
+
+
+def some_columns_set(text: str, rng: random.Random) -> str:
+    """Several columns dead, saturated or blank at once, from a row on."""
+
+    def change(rows: list[list[str]]) -> list[list[str]]:
+        width = min(map(len, rows), default=0)
+        value = rng.choice(("0", "1023", "", "nan", "1", "0.0", "-1", "1e6", "1e-6", "512"))
+        columns = [c for c in range(1, width) if rng.random() < rng.choice((0.1, 0.5, 1.0))]
+        for row in rows[rng.randrange(len(rows) + 1) if rng.random() < 0.5 else 0 :]:
+            for column in columns:
+                row[column] = value
+        return rows
+
+    return with_rows(text, change)
+
+
+def rows_reordered(text: str, rng: random.Random) -> str:
+    def change(rows: list[list[str]]) -> list[list[str]]:
+        kind = rng.randrange(5)
+        if kind == 0:
+            return rows[::-1]
+        if kind == 1:
+            return rows[:: rng.choice((2, 5, 20))]
+        if kind == 2:
+            return [row for row in rows for _ in range(rng.choice((1, 2)))]
+        if kind == 3:
+            return rows[1::2] + rows[::2]
+        return rows[: rng.choice((0, 1, 2, 3))]
+
+    return with_rows(text, change)
+
+
+def times_scaled(text: str, rng: random.Random) -> str:
+    factor, shift = rng.choice((1e3, 1e-3, 1e6, 60.0, -1.0, 0.0, 1.0)), rng.choice((0.0, 0.0, 1.7e9, -0.5, 1e7))
+
+    def change(rows: list[list[str]]) -> list[list[str]]:
+        for row in rows:
+            if NUMBER.fullmatch(row[0]):
+                row[0] = repr(float(row[0]) * factor + shift)
+        return rows
+
+    return with_rows(text, change)
+
+
+def noise_added(text: str, rng: random.Random) -> str:
+    """All cells of one column shaken, by a share of themselves."""
+    share = rng.choice((0.01, 0.3, 3.0))
+
+    def change(rows: list[list[str]]) -> list[list[str]]:
+        width = min(map(len, rows), default=0)
+        column = rng.randrange(width) if width else 0
+        for row in rows:
+            if width and NUMBER.fullmatch(row[column]):
+                value = float(row[column]) * (1 + share * rng.gauss(0, 1))
+                row[column] = repr(value) if "." in row[column] else repr(round(value))
+        return rows
+
+    return with_rows(text, change)
+
+
+def header_odd(text: str, rng: random.Random) -> str:
+    header, *rows = text.splitlines() or [""]
+    names = header.split(",")
+    odd = rng.choice(
+        (
+            [f" {name} " for name in names],
+            [f'"{name}"' for name in names],
+            [*names, "extra"],
+            [*names, names[-1]],
+            names[::-1],
+            names[:-1],
+            ["#" + names[0], *names[1:]],
+            [name.upper() for name in names],
+            ["t_s"] * len(names),
+            [names[0], *names[2:], *names[1:2]],
+        )
+    )
+    return "\n".join([",".join(odd), *rows, ""])
+
+
+def bits_flipped(data: bytes, rng: random.Random) -> bytes:
+    changed = bytearray(data)
+    for _ in range(rng.choice((1, 1, 4, 100)) if changed else 0):
+        changed[rng.randrange(len(changed))] ^= 1 << rng.randrange(8)
+    return bytes(changed)
+
+
+def word_set(data: bytes, rng: random.Random) -> bytes:
+    """Two, four or eight bytes that are the ends of the range of whole numbers, or no number."""
+    word = rng.choice((b"\xff\xff", b"\xff\x7f", b"\0\0\0\0", b"\xff\xff\xff\xff", b"\0\0\xc0\x7f", b"\0\0\x80\x7f",
+                       b"\xff" * 8, b"\0\0\0\0\0\0\xf0\x7f"))  # fmt: skip
+    at = rng.randrange(len(data) + 1) if rng.random() < 0.5 else rng.randrange(min(len(data), 600) + 1)
+    return data[:at] + word + data[at + len(word) :]
+
+
+def block_moved(data: bytes, rng: random.Random) -> bytes:
+    a, b = sorted((rng.randrange(len(data) + 1), rng.randrange(len(data) + 1)))
+    lost, doubled, zeroed = data[:a] + data[b:], data[:b] + data[a:], data[:a] + bytes(b - a) + data[b:]
+    return rng.choice((lost, doubled, zeroed, data[:a]))
+
+
+BINARY = (bits_flipped, word_set, block_moved)
+TEXT: tuple[Change, ...] = (
+    *((number_odd, number_scaled) * 3),
+    *(number_next, digits_transposed, digit_doubled, decimal_comma, numbers_exchanged, lines_exchanged, block_doubled),
+    *(file_doubled, cut_in_a_row, middle_lost, odd_character, odd_character, character_replaced, ends_mixed),
+    letter_case,
+)
+TABLE: tuple[Change, ...] = (
+    *TEXT,
+    *((columns_exchanged, column_copied, column_late, some_columns_set, rows_reordered, times_scaled, noise_added) * 2),
+    header_odd,
+)
