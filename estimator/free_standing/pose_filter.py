@@ -105,7 +105,7 @@ class PoseFilter:
         standing = self._contacts_of(predicted, frame, standing)
         stood, self._standing = self._standing, standing.nodes
         kept, landed = standing.nodes & stood, standing.nodes & ~stood
-        predicted = self._landed(predicted, standing, kept, landed)
+        predicted, kept, landed = self._landed(predicted, standing, kept, landed)
         if samples is not None:
             self._trust.observe(self._imus, predicted.placed, samples, step_s)
         slid = np.isfinite(self._slides_since_s)
@@ -128,8 +128,10 @@ class PoseFilter:
 
     def _landed(
         self, predicted: Prediction, standing: Standing, kept: NDArray[np.bool_], landed: NDArray[np.bool_]
-    ) -> Prediction:
-        """Return the prediction tipped onto nodes that have landed, and with feet that slide by least friction.
+    ) -> tuple[Prediction, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return the prediction tipped onto nodes that have landed, or with feet that slide by least friction.
+
+        After a tip all nodes that stand have landed.
 
         Args:
             predicted: what is expected of the frame.
@@ -140,9 +142,11 @@ class PoseFilter:
         if has_landed(predicted.placed, self.floor, landed):
             predicted = self._tipped(predicted, standing.nodes, kept)
             self._unheld = None
+            kept, landed = np.zeros_like(kept), standing.nodes
+            self.state = replace(self.state, turn=predicted.placed.state.turn)  # new footholds do not roll by the tip
         if standing.assumed and kept.any():
             predicted = let_slide(predicted, self._body_before_m, standing.nodes, kept, self._floor, self._settings)
-        return predicted
+        return predicted, kept, landed
 
     def _slid(
         self,
@@ -176,11 +180,19 @@ class PoseFilter:
         """
         rows = self._rows(predicted, before, frame, held)
         rows += self._held_rows(predicted.placed, predicted.covariance, frame.step_s)
-        self.state, self.covariance = predicted.corrected(stacked(rows))
+        if self._is_blind(frame):
+            self.state, self.covariance = predicted.corrected_blindly(stacked(rows), self._floor)
+        else:
+            self.state, self.covariance = predicted.corrected(stacked(rows))
         self._turn_before = before.turn
         self._body_before_m = frame.body_m
         self._samples = frame.samples
         self._last_s = frame.t_s
+
+    def _is_blind(self, frame: Frame) -> bool:
+        """Return whether the floor alone tells where the robot is, and so nothing where it heads."""
+        is_told = frame.samples is not None or bool(frame.aids) or frame.t_s < self._rest_seconds
+        return not is_told and bool(self._standing.any())
 
     def _contacts_of(self, predicted: Prediction, frame: Frame, standing: Standing | None) -> Standing:
         """Return which nodes stand, as told or by heights."""
@@ -339,7 +351,7 @@ class PoseFilter:
         if abs(heading) > MISSED_RAD:  # the pose before was wrong, and so are its footholds
             stayed = np.zeros_like(stayed)
         turn = rotation(heading * normal) @ turn
-        return tipped(predicted, turn, pivot_m, stayed, self._settings)
+        return tipped(predicted, turn, pivot_m, stayed, self._floor, self._settings)
 
     def _slips(
         self,
