@@ -13,6 +13,7 @@ Batch runs the same filter, and then `pose_smoother` over its steps.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from ...factors.range import range_rows
 from ...models.pose.placed import PlacedShape, Rows, stacked
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
+from ...models.pose.position_gate import believed
 from ...models.pose.robot import FreeStandingRobot
 from ...models.structure.floor import Floor
 from ...models.structure.rest_shape import RestShape
@@ -39,6 +41,8 @@ from .prediction import Frame, Prediction
 from .slide_watch import LOST_M, WATCH_S, WITH_IT_SIGMA, UnheldPose, at_rest
 from .tipping import MISSED_RAD, has_landed, heading_missed, tipped, tipping
 
+FIRST_STEP_S = 0.02
+"""Time before the first frame for which its readings count."""
 STILL = 1e-3
 """Standard deviation of all motion while the structure stands at rest at the start, in rad and m and per second."""
 LOCATED_S = 0.2
@@ -98,7 +102,7 @@ class PoseFilter:
             sliding: (nodes,) which of them slide; None to tell it from inertial sensors.
         """
         samples, taken_on = self._imu_samples(t_s, aids)
-        step_s = t_s - self._last_s if np.isfinite(self._last_s) else 0.02
+        step_s = t_s - self._last_s if np.isfinite(self._last_s) else FIRST_STEP_S
         frame = Frame(t_s, step_s, body_m - self.centre_m, body_covariance_m2, aids, samples)
         predicted = self._predict(frame, self.state, self.covariance, self._turn_before)
         predicted = replace(predicted, transition=predicted.transition @ taken_on)
@@ -235,6 +239,35 @@ class PoseFilter:
         state, covariance = free.corrected(stacked(self._rows(free, unheld.state, frame, nothing)))
         self._unheld = UnheldPose(unheld.since_s, state, covariance, unheld.state.turn)
         return predicted, self.state
+
+    def without_contradictions(
+        self,
+        t_s: float,
+        body_m: NDArray[np.float64],
+        body_covariance_m2: NDArray[np.float64],
+        aids: Sequence[AidReading],
+    ) -> tuple[AidReading, ...]:
+        """Return the readings of a frame without the positions that contradict its shape or the pose before it.
+
+        Args:
+            t_s: time of the frame.
+            body_m: (nodes, 3) the shape, in body coordinates.
+            body_covariance_m2: (3 nodes, 3 nodes) its covariance.
+            aids: the readings since the frame before.
+        """
+        positions = [reading for reading in aids if isinstance(reading, PositionReading)]
+        if not positions:
+            return tuple(aids)
+        placed = PlacedShape(self.state, body_m - self.centre_m, body_covariance_m2)
+        expected_m, covariance = placed.node_position_m, placed.total_covariance_m2(self.covariance)
+        of_shape = placed.covariance_m2.swapaxes(1, 2).reshape(covariance.shape)
+        step_s = t_s - self._last_s if np.isfinite(self._last_s) else FIRST_STEP_S
+        used: set[int] = set()
+        for _, instant in groupby(positions, key=lambda reading: (reading.t_s, reading.recording)):
+            at_once = list(instant)
+            passes = believed(at_once, expected_m, covariance, of_shape, step_s, self._settings.position_m)
+            used |= {id(reading) for reading, passed in zip(at_once, passes, strict=True) if passed}
+        return tuple(reading for reading in aids if not isinstance(reading, PositionReading) or id(reading) in used)
 
     @property
     def standing(self) -> Standing:

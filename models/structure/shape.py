@@ -142,6 +142,8 @@ class Shape:
     """Of nodes on the floor that are not where they stood."""
     floor_normal: EstimatedNormal | None = None
     """Of the floor; None where it is told exactly, or there is no floor."""
+    contradicted_positions: tuple[int, ...] = ()
+    """Nodes of measured positions that contradict shape or pose, and were left out; one entry for each reading."""
 
     def __repr__(self) -> str:
         nodes = len(self.node_position_m)
