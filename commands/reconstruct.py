@@ -314,8 +314,15 @@ class Run:
                 counts[f"board {board}: {name.replace('_', ' ')}"] = n if name != "rows" else 0
         counts |= self.pipeline.imu_gate.counts() | self.pipeline.winding.counts() | self.pipeline.own_frames.counts()
         counts |= self.pipeline.factor_watch.counts()
+        counts |= position_counts(self.reconstruction.contradicted_positions)
         counts |= {"half lines": self.trial.half_lines, "dropped rows": self.trial.dropped_rows}
         return {name: n for name, n in counts.items() if n}
+
+
+def position_counts(contradicted: Sequence[Sequence[int]]) -> dict[str, int]:
+    """Return the number of positions of each node that were left out, see `Shape.contradicted_positions`."""
+    nodes = Counter(node for frame in contradicted for node in frame)
+    return {f"position of node {node}: contradicted": nodes[node] for node in sorted(nodes)}
 
 
 def wrong_geometry(wrong: WrongPart) -> str:

@@ -60,6 +60,8 @@ class _Kept:
     """(states,) probabilities of `RestingFaces`, after an update of them."""
     may_tip: float
     """Whether lengths changed as if the structure tipped, see `LengthChange.may_have_tipped`."""
+    shape: Shape
+    """With the readings that were used, and the positions that were left out."""
 
 
 class FreeStandingSmoother:
@@ -92,7 +94,8 @@ class FreeStandingSmoother:
 
     def update(self, lengths: TendonLengths) -> tuple[Shape, PoseStep]:
         """Return the shape in one more frame, in body coordinates, and its pose."""
-        shape = self.shapes.update(lengths)
+        shape = self._without_contradictions(self.shapes.update(lengths))
+        lengths = shape.lengths
         self._change.observe(shape.lengths)
         used = self._poses.used_imus
         measured = self._measured.observe(lengths, used)
@@ -112,8 +115,19 @@ class FreeStandingSmoother:
         self._stand_on(step.state, step.covariance, step.standing)
         if self.kept is not None:
             probability = self._faces.probability if self._faces and looked else None
-            self.kept.append(_Kept(step.standing, stands is not None, probability, self._may_tip))
+            self.kept.append(_Kept(step.standing, stands is not None, probability, self._may_tip, shape))
         return shape, step
+
+    def _without_contradictions(self, shape: Shape) -> Shape:
+        """Return the shape with the readings that are used, and the nodes of positions that are left out."""
+        told = shape.lengths.aids
+        used = self._poses.without_contradictions(shape.t_s, shape.node_position_m, shape.covariance_m2, told)
+        if len(used) == len(told):
+            return shape
+        left_out = tuple(
+            reading.node for reading in told if isinstance(reading, PositionReading) and reading not in used
+        )
+        return replace(shape, lengths=replace(shape.lengths, aids=used), contradicted_positions=left_out)
 
     def _with_doubt(self, step: PoseStep) -> PoseStep:
         """Return the step with the faces that forces tell beside its own, if they do not tell its own."""
@@ -189,6 +203,7 @@ class FreeStandingOptimizer:
         live.kept = []
         frames = without_lag(list(frames))
         shapes = [live.update(lengths)[0] for lengths in frames]
+        frames = [replace(lengths, aids=shape.lengths.aids) for lengths, shape in zip(frames, shapes, strict=True)]
         poses = self._poses(frames, shapes, self._contacts(live, frames, shapes))
         supports = [
             support_of(self._structure, self._rest, shape.node_position_m, state, covariance, step.standing.probability)
@@ -201,6 +216,7 @@ class FreeStandingOptimizer:
             if kept.standing.contradicted:
                 standing = replace(step.standing, others=kept.standing.others, contradicted=True)
                 step = replace(step, standing=standing)
+            shape = replace(shape, contradicted_positions=kept.shape.contradicted_positions)
             yield in_world(shape, self._rest, self._robot.floor, state, covariance, step)
 
     def _contacts(

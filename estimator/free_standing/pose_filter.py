@@ -13,6 +13,7 @@ Batch runs the same filter, and then `pose_smoother` over its steps.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from ...factors.range import range_rows
 from ...models.pose.placed import PlacedShape, Rows, stacked
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
+from ...models.pose.position_gate import believed
 from ...models.pose.robot import FreeStandingRobot
 from ...models.structure.floor import Floor
 from ...models.structure.rest_shape import RestShape
@@ -39,6 +41,8 @@ from .prediction import Frame, Prediction
 from .slide_watch import LOST_M, WATCH_S, WITH_IT_SIGMA, UnheldPose, at_rest
 from .tipping import MISSED_RAD, has_landed, heading_missed, tipped, tipping
 
+FIRST_STEP_S = 0.02
+"""Time before the first frame for which its readings count."""
 STILL = 1e-3
 """Standard deviation of all motion while the structure stands at rest at the start, in rad and m and per second."""
 LOCATED_S = 0.2
@@ -98,14 +102,14 @@ class PoseFilter:
             sliding: (nodes,) which of them slide; None to tell it from inertial sensors.
         """
         samples, taken_on = self._imu_samples(t_s, aids)
-        step_s = t_s - self._last_s if np.isfinite(self._last_s) else 0.02
+        step_s = t_s - self._last_s if np.isfinite(self._last_s) else FIRST_STEP_S
         frame = Frame(t_s, step_s, body_m - self.centre_m, body_covariance_m2, aids, samples)
         predicted = self._predict(frame, self.state, self.covariance, self._turn_before)
         predicted = replace(predicted, transition=predicted.transition @ taken_on)
         standing = self._contacts_of(predicted, frame, standing)
         stood, self._standing = self._standing, standing.nodes
         kept, landed = standing.nodes & stood, standing.nodes & ~stood
-        predicted = self._landed(predicted, standing, kept, landed)
+        predicted, kept, landed = self._landed(predicted, standing, kept, landed)
         if samples is not None:
             self._trust.observe(self._imus, predicted.placed, samples, step_s)
         slid = np.isfinite(self._slides_since_s)
@@ -128,8 +132,10 @@ class PoseFilter:
 
     def _landed(
         self, predicted: Prediction, standing: Standing, kept: NDArray[np.bool_], landed: NDArray[np.bool_]
-    ) -> Prediction:
-        """Return the prediction tipped onto nodes that have landed, and with feet that slide by least friction.
+    ) -> tuple[Prediction, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return the prediction tipped onto nodes that have landed, or with feet that slide by least friction.
+
+        After a tip all nodes that stand have landed.
 
         Args:
             predicted: what is expected of the frame.
@@ -140,9 +146,11 @@ class PoseFilter:
         if has_landed(predicted.placed, self.floor, landed):
             predicted = self._tipped(predicted, standing.nodes, kept)
             self._unheld = None
+            kept, landed = np.zeros_like(kept), standing.nodes
+            self.state = replace(self.state, turn=predicted.placed.state.turn)  # new footholds do not roll by the tip
         if standing.assumed and kept.any():
             predicted = let_slide(predicted, self._body_before_m, standing.nodes, kept, self._floor, self._settings)
-        return predicted
+        return predicted, kept, landed
 
     def _slid(
         self,
@@ -176,11 +184,19 @@ class PoseFilter:
         """
         rows = self._rows(predicted, before, frame, held)
         rows += self._held_rows(predicted.placed, predicted.covariance, frame.step_s)
-        self.state, self.covariance = predicted.corrected(stacked(rows))
+        if self._is_blind(frame):
+            self.state, self.covariance = predicted.corrected_blindly(stacked(rows), self._floor)
+        else:
+            self.state, self.covariance = predicted.corrected(stacked(rows))
         self._turn_before = before.turn
         self._body_before_m = frame.body_m
         self._samples = frame.samples
         self._last_s = frame.t_s
+
+    def _is_blind(self, frame: Frame) -> bool:
+        """Return whether the floor alone tells where the robot is, and so nothing where it heads."""
+        is_told = frame.samples is not None or bool(frame.aids) or frame.t_s < self._rest_seconds
+        return not is_told and bool(self._standing.any())
 
     def _contacts_of(self, predicted: Prediction, frame: Frame, standing: Standing | None) -> Standing:
         """Return which nodes stand, as told or by heights."""
@@ -223,6 +239,35 @@ class PoseFilter:
         state, covariance = free.corrected(stacked(self._rows(free, unheld.state, frame, nothing)))
         self._unheld = UnheldPose(unheld.since_s, state, covariance, unheld.state.turn)
         return predicted, self.state
+
+    def without_contradictions(
+        self,
+        t_s: float,
+        body_m: NDArray[np.float64],
+        body_covariance_m2: NDArray[np.float64],
+        aids: Sequence[AidReading],
+    ) -> tuple[AidReading, ...]:
+        """Return the readings of a frame without the positions that contradict its shape or the pose before it.
+
+        Args:
+            t_s: time of the frame.
+            body_m: (nodes, 3) the shape, in body coordinates.
+            body_covariance_m2: (3 nodes, 3 nodes) its covariance.
+            aids: the readings since the frame before.
+        """
+        positions = [reading for reading in aids if isinstance(reading, PositionReading)]
+        if not positions:
+            return tuple(aids)
+        placed = PlacedShape(self.state, body_m - self.centre_m, body_covariance_m2)
+        expected_m, covariance = placed.node_position_m, placed.total_covariance_m2(self.covariance)
+        of_shape = placed.covariance_m2.swapaxes(1, 2).reshape(covariance.shape)
+        step_s = t_s - self._last_s if np.isfinite(self._last_s) else FIRST_STEP_S
+        used: set[int] = set()
+        for _, instant in groupby(positions, key=lambda reading: (reading.t_s, reading.recording)):
+            at_once = list(instant)
+            passes = believed(at_once, expected_m, covariance, of_shape, step_s, self._settings.position_m)
+            used |= {id(reading) for reading, passed in zip(at_once, passes, strict=True) if passed}
+        return tuple(reading for reading in aids if not isinstance(reading, PositionReading) or id(reading) in used)
 
     @property
     def standing(self) -> Standing:
@@ -339,7 +384,7 @@ class PoseFilter:
         if abs(heading) > MISSED_RAD:  # the pose before was wrong, and so are its footholds
             stayed = np.zeros_like(stayed)
         turn = rotation(heading * normal) @ turn
-        return tipped(predicted, turn, pivot_m, stayed, self._settings)
+        return tipped(predicted, turn, pivot_m, stayed, self._floor, self._settings)
 
     def _slips(
         self,

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ...factors.imu import ImuSamples
 from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_state import PoseState
+from ...models.structure.floor import Floor
 from ...models.values.aids import AidReading
 
 
@@ -67,3 +68,40 @@ class Prediction:
         covariance[considered, considered] = self.covariance[considered, considered]
         K[considered] = 0.0
         return self.placed.state.moved(K @ rows.error), 0.5 * (covariance + covariance.T)
+
+    def corrected_blindly(self, rows: Rows, floor: Floor) -> tuple[PoseState, NDArray[np.float64]]:
+        """Return the same for rows that no turn of all about the floor's normal changes: those of floor and footholds.
+
+        With the direction N of such a turn in the errors of the state, H N = 0. Linearised where the state is wrong by
+        some degrees it is not, so that the heading would seem to become known, the more so the longer the structure
+        rests. H loses what it says of N, and P follows N to the corrected state (Huang et al. 2010, observability):
+
+            H <- H - H N n^T,     P <- J P J^T,     J = 1 + (N' - N) n^T
+        """
+        before = self.placed.state
+        H = rows.jacobian.copy()
+        turn = before.layout.turn
+        N = heading_direction(before, floor)
+        H[:, turn] -= np.outer(H @ N, floor.normal)
+        state, covariance = self.corrected(Rows(rows.error, H, rows.variance))
+        J = np.eye(len(covariance))
+        J[:, turn] += np.outer(heading_direction(state, floor) - N, floor.normal)
+        return state, J @ covariance @ J.T
+
+
+def heading_direction(state: PoseState, floor: Floor) -> NDArray[np.float64]:
+    """Return (size,) N, the derivative of the state's errors by a turn of robot and footholds about the normal.
+
+    N = (n, n x p, n x w, n x v, E (n x c), ...): the turn is about the origin of the world.
+    """
+    at, n = state.layout, floor.normal
+    N = np.zeros(at.size)
+    N[at.turn] = n
+    for part, vector in (
+        (at.position, state.position_m),
+        (at.rate, state.rate_rad_per_s),
+        (at.velocity, state.velocity_m_per_s),
+    ):
+        N[part] = np.cross(n, vector)
+    N[at.foothold] = (np.cross(n, state.foothold_m @ floor.axes) @ floor.axes.T).ravel()
+    return N

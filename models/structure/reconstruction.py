@@ -103,6 +103,8 @@ class Reconstruction:
     """(frames,) of nodes on the floor that are not where they stood."""
     floor_normal: EstimatedNormal | None = None
     """Of the floor, as the last frame tells it; None where it is told exactly, or there is no floor."""
+    contradicted_positions: tuple[tuple[int, ...], ...] = ()
+    """(frames,) see `Shape.contradicted_positions`; empty in a run that was loaded from files."""
     propagated: Propagated | None = None
     """What was written of a run that was loaded from files; None where it is computed from `covariance_m2`."""
 
@@ -144,6 +146,7 @@ class Reconstruction:
             contacts=np.array(contacts) if contacts else None,
             slips=tuple(shape.slips for shape in collected),
             floor_normal=collected[-1].floor_normal,
+            contradicted_positions=tuple(shape.contradicted_positions for shape in collected),
         )
 
     @property
@@ -212,6 +215,7 @@ class Reconstruction:
             drift_sigma=None if self.drift_sigma is None else self.drift_sigma[frames],
             contacts=None if self.contacts is None else self.contacts[frames],
             slips=self.slips[frames],
+            contradicted_positions=self.contradicted_positions[frames],
             propagated=self.propagated.part(frames) if self.propagated else None,
         )
 

@@ -147,6 +147,8 @@ class Shape:
     factor_innovation: NDArray[np.float64] | None = None
     """(rows,) how far each row of the factors of one's own is from what all else says, over the standard deviation of
     both; nan where nothing was read, None without such factors."""
+    contradicted_positions: tuple[int, ...] = ()
+    """Nodes of measured positions that contradict shape or pose, and were left out; one entry for each reading."""
 
     def __repr__(self) -> str:
         nodes = len(self.node_position_m)

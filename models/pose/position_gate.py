@@ -1,0 +1,86 @@
+"""The plausibility of positions: those that contradict the shape or the pose are left out.
+
+Readings of one instant are of one body. Two of them, of nodes a and b, agree if their distance is that in the shape,
+
+    | |y_a - y_b| - |x_a - x_b| | < MOST_SIGMA s,     s^2 = u^T (P_aa + P_bb - P_ab - P_ba) u + 2 sigma^2 + LAGS_M^2
+
+with the direction u from b to a. The largest set of nodes that all agree is used, wherever it is, so that a robot that
+was moved unseen is found at once. A node that agrees with no other is used only where the pose expects it, with its
+error e and the covariance S of it, e^T S^-1 e < MOST_SIGMA^2.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..structure.shape import node_blocks
+from ..values.aids import PositionReading
+
+MOST_SIGMA = 6.0
+"""Difference, in standard deviations, from which two values contradict each other."""
+LAGS_M = 0.002
+"""Standard deviation by which a shape lags behind a structure that tips: distances were 8 mm off at most in roll_05."""
+MOVES_M_PER_S = 1.0
+"""Standard deviation of the velocity of a node since the frame before."""
+
+
+def believed(
+    readings: Sequence[PositionReading],
+    node_position_m: NDArray[np.float64],
+    covariance_m2: NDArray[np.float64],
+    shape_covariance_m2: NDArray[np.float64],
+    step_s: float,
+    sigma_m: float,
+) -> list[bool]:
+    """Return which positions of one instant, each of another node, are to be used.
+
+    Args:
+        readings: in the world.
+        node_position_m: (nodes, 3) where the pose of the frame before expects the nodes.
+        covariance_m2: (3 nodes, 3 nodes) of that, by pose and shape.
+        shape_covariance_m2: (3 nodes, 3 nodes) of the shape alone, in the same axes.
+        step_s: time since the frame before.
+        sigma_m: standard deviation of a position, per axis.
+    """
+    nodes = np.array([reading.node for reading in readings])
+    read_m = np.array([reading.position_m for reading in readings])
+    expected_m = node_position_m[nodes]
+    S = node_blocks(covariance_m2)[nodes] + (sigma_m**2 + (MOVES_M_PER_S * step_s) ** 2) * np.eye(3)
+    e = read_m - expected_m
+    squared = np.einsum("ka,ka->k", e, np.linalg.solve(S, e[:, :, None])[:, :, 0])
+    agree = _agree(read_m, expected_m, _blocks(shape_covariance_m2, nodes), sigma_m)
+    largest = max((_agreeing(agree, k) for k in np.argsort(squared)), key=len)
+    if len(largest) > 1:
+        return [k in largest for k in range(len(nodes))]
+    return [bool(alone < MOST_SIGMA**2) for alone in squared]
+
+
+def _agree(
+    read_m: NDArray[np.float64], shape_m: NDArray[np.float64], blocks_m2: NDArray[np.float64], sigma_m: float
+) -> NDArray[np.bool_]:
+    """Return (k, k) whether the distance of two nodes as read is that in the shape."""
+    between_m = shape_m[:, None] - shape_m
+    distance_m = np.linalg.norm(between_m, axis=2)
+    u = between_m / np.maximum(distance_m, 1e-12)[:, :, None]
+    own = np.einsum("kkij->kij", blocks_m2)
+    of_both = own[:, None] + own - blocks_m2 - np.swapaxes(blocks_m2, 0, 1)
+    variance = np.einsum("kli,klij,klj->kl", u, of_both, u) + 2 * sigma_m**2 + LAGS_M**2
+    misfit_m = np.linalg.norm(read_m[:, None] - read_m, axis=2) - distance_m
+    return np.asarray(np.abs(misfit_m) < MOST_SIGMA * np.sqrt(variance))
+
+
+def _agreeing(agree: NDArray[np.bool_], first: int) -> set[int]:
+    """Return the readings that agree with one and with each other, those with most friends first."""
+    found = {first}
+    for k in np.argsort(-agree.sum(axis=1), kind="stable").tolist():
+        if agree[k, list(found)].all():
+            found.add(k)
+    return found
+
+
+def _blocks(covariance_m2: NDArray[np.float64], nodes: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return (k, k, 3, 3) the covariance of each pair of some nodes."""
+    count = len(covariance_m2) // 3
+    blocks = covariance_m2.reshape(count, 3, count, 3).swapaxes(1, 2)
+    return np.asarray(blocks[np.ix_(nodes, nodes)])

@@ -1,0 +1,131 @@
+"""How a pose tips unseen: derivatives against finite differences, and what is not known after it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poses import any_state
+from tensegraph.estimator.free_standing.contacts import Standing
+from tensegraph.estimator.free_standing.pose_filter import PoseFilter
+from tensegraph.estimator.free_standing.prediction import Prediction, heading_direction
+from tensegraph.estimator.free_standing.tipping import ANY_HEADING_RAD, LANDING_RAD_PER_RAD05, tipped, tipping
+from tensegraph.factors.ground import foothold_rows, height_rows
+from tensegraph.models.pose.placed import PlacedShape, stacked
+from tensegraph.models.pose.pose_settings import PoseSettings
+from tensegraph.models.pose.robot import FreeStandingRobot
+from tensegraph.models.structure.floor import UP, Floor
+from tensegraph.models.values.rotations import rotation, rotation_vector
+
+STATE = any_state(imus=0, pairs=0)
+SIZE = STATE.layout.size
+BODY_M = 0.15 * np.random.default_rng(5).standard_normal((12, 3))
+FLOOR = Floor(0.01, np.array([0.1, 0.0, 1.0]) / np.sqrt(1.01))
+STANDS = np.isin(np.arange(12), [0, 2, 4])
+STAYED = np.isin(np.arange(12), [0, 2])
+NO_CAPS = PoseSettings(cap_radius_m=0.0)
+
+
+def prediction(state) -> Prediction:
+    return Prediction(PlacedShape(state, BODY_M, 1e-6 * np.eye(36)), np.eye(SIZE), 1e-6 * np.eye(SIZE))
+
+
+def after_tip(state, stayed=STAYED, settings=NO_CAPS) -> Prediction:
+    """Return the prediction tipped onto three nodes."""
+    before = prediction(state)
+    turn, pivot_m = tipping(before.placed.node_position_m, STANDS, stayed, FLOOR.normal)
+    return tipped(before, turn, pivot_m, stayed, FLOOR, settings)
+
+
+def turned(state, angle: float):
+    """Return the state with robot and footholds turned about the floor's normal, through the origin of the world."""
+    R = rotation(angle * FLOOR.normal)
+    return replace(
+        state,
+        turn=R @ state.turn,
+        position_m=R @ state.position_m,
+        rate_rad_per_s=R @ state.rate_rad_per_s,
+        velocity_m_per_s=R @ state.velocity_m_per_s,
+        foothold_m=state.foothold_m @ FLOOR.axes @ R.T @ FLOOR.axes.T,
+    )
+
+
+def test_the_transition_of_a_tip_is_its_derivative(check_jacobian) -> None:
+    after = after_tip(STATE)
+    check_jacobian(
+        lambda d: after.placed.state.errors_to(after_tip(STATE.moved(d)).placed.state),
+        after.transition,
+        np.zeros(SIZE),
+        step=1e-6,
+        tolerance=2e-5,
+    )
+
+
+def test_the_direction_of_a_heading_is_the_derivative_of_a_turn(check_jacobian) -> None:
+    check_jacobian(
+        lambda angle: STATE.errors_to(turned(STATE, float(angle[0]))),
+        heading_direction(STATE, FLOOR)[:, None],
+        np.zeros(1),
+        step=1e-6,
+        tolerance=2e-5,
+    )
+
+
+def test_an_error_of_the_heading_is_one_after_a_tip_on_caps() -> None:
+    """F N = N' for the pose: a robot that is turned about the normal before a tip is turned so after it."""
+    after = after_tip(STATE, settings=PoseSettings())
+    pose = STATE.layout.pose
+    told = (after.transition @ heading_direction(STATE, FLOOR))[pose]
+    assert told == pytest.approx(heading_direction(after.placed.state, FLOOR)[pose], abs=1e-9)
+
+
+def test_a_tip_rolls_on_the_caps_of_the_feet_that_stay() -> None:
+    """By hand: the mean of the feet moves by r phi x n, 10 mm times the angle."""
+    before, after = prediction(STATE).placed, after_tip(STATE, settings=PoseSettings()).placed
+    moved_m = (after.node_position_m - before.node_position_m)[STAYED].mean(axis=0)
+    phi = rotation_vector(after.state.turn @ before.state.turn.T)
+    assert moved_m == pytest.approx(0.01 * np.cross(phi, FLOOR.normal))
+
+
+def test_a_robot_that_has_rolled_over_several_faces_heads_anywhere() -> None:
+    after = after_tip(STATE, stayed=np.zeros(12, dtype=np.bool_))
+    turn = after.covariance[STATE.layout.turn, STATE.layout.turn]
+    assert FLOOR.normal @ turn @ FLOOR.normal == pytest.approx(ANY_HEADING_RAD**2, rel=1e-3)
+
+
+def test_what_the_floor_tells_says_nothing_of_the_heading() -> None:
+    """Feet are 20 mm from where they stood: linearised there, they would tell the heading."""
+    nodes = np.flatnonzero(STANDS)
+    after = after_tip(STATE)
+    foothold_m = after.placed.node_position_m @ FLOOR.axes.T + np.array([0.02, 0.0])
+    placed = PlacedShape(replace(after.placed.state, foothold_m=foothold_m), BODY_M, 1e-6 * np.eye(36))
+    N = heading_direction(placed.state, FLOOR)
+    before = replace(after, placed=placed, covariance=1e-6 * np.eye(SIZE) + np.outer(N, N))
+    rows = stacked(
+        [
+            height_rows(placed, FLOOR, nodes, 5e-4, 1.0),
+            foothold_rows(placed, FLOOR, nodes, np.zeros(3), 0.01, 5e-4, 1.0),
+        ]
+    )
+    heading = np.zeros(SIZE)
+    heading[STATE.layout.turn] = FLOOR.normal
+    _, told = before.corrected(rows)
+    _, untold = before.corrected_blindly(rows, FLOOR)
+    assert heading @ told @ heading < 0.1
+    assert heading @ untold @ heading == pytest.approx(1.0, abs=1e-5)
+
+
+def test_the_heading_walks_with_every_tip_and_stays_as_uncertain_at_rest(balanced) -> None:
+    """By hand: four tips to and fro over one edge, each by the angle a, leave 4 * 0.14^2 a of variance; feet creep."""
+    floor = Floor(float(balanced.node_position_m[0, 2]), UP)
+    poses = PoseFilter(balanced, FreeStandingRobot(floor, (), (), 0.2), PoseSettings())
+    x, base = balanced.node_position_m, np.isin(np.arange(12), [0, 1, 2])
+    turn, _ = tipping(x, STANDS, STAYED, UP)
+    variances = []
+    for k in range(300):
+        nodes = STANDS if (k // 60) % 2 else base
+        step = poses.step(0.02 * k, x, 1e-8 * np.eye(36), (), Standing(nodes, nodes.astype(np.float64)))
+        variances.append(step.covariance[2, 2])
+    walked = LANDING_RAD_PER_RAD05**2 * np.linalg.norm(rotation_vector(turn))
+    assert variances[-1] - variances[59] == pytest.approx(4 * walked, rel=0.05)
+    assert (np.diff(variances)[61:119] > -1e-5).all()
