@@ -2,8 +2,9 @@
 
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import chain, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -42,16 +43,22 @@ class Span:
     to_s: float | None = None
     """Time of its end; that of the trial if None."""
 
-    def until_end(self, frames: Sequence[TendonLengths]) -> list[TendonLengths]:
-        """Return the frames up to the end of the span.
+    def until_end(self, frames: Iterable[TendonLengths]) -> list[TendonLengths]:
+        """Return the frames up to the end of the span; no frame after that is read.
 
         Raises:
             InputError: when no frame is in the span.
         """
-        kept = [frame for frame in frames if self.to_s is None or frame.t_s <= self.to_s]
-        if frames and not any(self.holds(frame.t_s) for frame in kept):
-            whole = f"a span within {frames[0].t_s:.2f} to {frames[-1].t_s:.2f} s"
-            raise InputError(f"--from and --to: expected {whole}, got {self.from_s or 0:g} to {self.to_s or np.inf:g}")
+        to_s = np.inf if self.to_s is None else self.to_s
+        frames = iter(frames)
+        first = next(frames, None)
+        if first is None:
+            return []
+        kept = list(takewhile(lambda frame: frame.t_s <= to_s, chain([first], frames)))
+        if not any(self.holds(frame.t_s) for frame in kept):
+            last_s = kept[-1].t_s if kept else first.t_s
+            whole = f"a span within {first.t_s:.2f} to {last_s:.2f} s"
+            raise InputError(f"--from and --to: expected {whole}, got {self.from_s or 0:g} to {to_s:g}")
         return kept
 
     def as_table(self) -> dict[str, float]:
@@ -193,7 +200,7 @@ def run_trial(trial: Trial, options: RunOptions, terminal: Terminal, bar: StageB
     with terminal.stage("shapes"):
         start_s = time.perf_counter()
         readings = bar.track("lengths", trial.readings(), trial.row_count())
-        frames = options.span.until_end(list(pipeline.lengths(readings)))
+        frames = options.span.until_end(pipeline.lengths(readings))
         shapes = pipeline.shapes(frames, options.method, lambda iteration, _: bar.iterated("optimisation", iteration))
         shapes = bar.track("ellipsoids" if options.method == "batch" else "shapes", shapes, len(frames))
         wanted = (shape for shape in shapes if options.span.holds(shape.t_s))

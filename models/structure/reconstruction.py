@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 
 NO_COVARIANCE = np.zeros((0, 0))
+BLOCK_FRAMES = 1000
+"""Frames whose matrices are made at a time, so that those of half an hour do not take gigabytes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -390,8 +392,13 @@ class Reconstruction:
         """
         if self.propagated is not None:
             return self.propagated.innovation_sigma_m
-        jacobian = length_jacobian(self.node_position_m, self.structure.tendons)
-        predicted = propagated_variance(jacobian, self.covariance_m2)
+        tendons = self.structure.tendons
+        predicted = np.concatenate(
+            [
+                propagated_variance(length_jacobian(self.node_position_m[block], tendons), self.covariance_m2[block])
+                for block in self._blocks()
+            ]
+        )
         measured = np.isfinite(self.sigma_m)
         difference = np.where(measured, self.sigma_m, 0.0) ** 2 - predicted
         return np.asarray(np.sqrt(np.where(measured, np.maximum(difference, 1e-12), np.maximum(predicted, 0.0))))
@@ -399,9 +406,13 @@ class Reconstruction:
     @cached_property
     def _smallest_singular(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(frames,) smallest singular value of the length Jacobian, (frames, free coordinates) its right vector."""
-        _, singular_value, motion = np.linalg.svd(held_jacobian(self.structure, self.node_position_m))
-        full_rank = singular_value.shape[-1] == motion.shape[-1]
-        return singular_value[:, -1] if full_rank else np.zeros(len(self)), motion[:, -1]
+        singular_value, motion = [], []
+        for block in self._blocks():
+            _, s, v = np.linalg.svd(held_jacobian(self.structure, self.node_position_m[block]))
+            full_rank = s.shape[-1] == v.shape[-1]
+            singular_value.append(s[:, -1] if full_rank else np.zeros(len(s)))
+            motion.append(v[:, -1].copy())  # a view would keep all of v
+        return np.concatenate(singular_value), np.concatenate(motion)
 
     @property
     def smallest_singular_value(self) -> NDArray[np.float64]:
@@ -414,7 +425,7 @@ class Reconstruction:
     @cached_property
     def branch(self) -> NDArray[np.float64]:
         """(frames,) sign of det J at the shape, 1 or -1; 0 where J is not square."""
-        return branch(self.structure, self.node_position_m)
+        return np.concatenate([branch(self.structure, self.node_position_m[block]) for block in self._blocks()])
 
     @cached_property
     def mechanism_sigma_m(self) -> NDArray[np.float64]:
@@ -422,6 +433,12 @@ class Reconstruction:
         if self.propagated is not None:
             return self.propagated.mechanism_sigma_m
         free = self.structure.free_coordinates
-        covariance = self.covariance_m2[:, free[:, None], free]
         motion = self._smallest_singular[1]
-        return np.sqrt(propagated_variance(motion[:, None, :], covariance)[:, 0])
+        variance = [
+            propagated_variance(motion[block, None, :], self.covariance_m2[block, free[:, None], free])[:, 0]
+            for block in self._blocks()
+        ]
+        return np.sqrt(np.concatenate(variance))
+
+    def _blocks(self) -> Iterator[slice]:
+        return (slice(start, start + BLOCK_FRAMES) for start in range(0, len(self), BLOCK_FRAMES))

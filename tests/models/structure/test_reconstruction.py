@@ -34,3 +34,14 @@ class TestReconstruction:
         again = Reconstruction.of(structure, iter(result))
         np.testing.assert_array_equal(again.covariance_m2, result.covariance_m2)
         assert len(again) == 3
+
+    def test_blocks_of_frames_are_as_the_whole(self, structure, rest, lengths_of, monkeypatch) -> None:
+        frames = [lengths_of(structure, rest.node_position_m, 0.02 * k, noise=0.001 * k) for k in range(5)]
+        shapes = list(FrameEstimator(structure, rest, Settings()).estimate(frames))
+        whole = Reconstruction.of(structure, shapes)
+        names = ("innovation_sigma_m", "smallest_singular_value", "mechanism_sigma_m", "branch")
+        expected = {name: getattr(whole, name) for name in names}
+        monkeypatch.setattr("tensegraph.models.structure.reconstruction.BLOCK_FRAMES", 2)
+        in_blocks = Reconstruction.of(structure, shapes)
+        for name in names:
+            np.testing.assert_array_equal(getattr(in_blocks, name), expected[name])
