@@ -66,8 +66,8 @@ def test_a_ply_mesh(short_run, tmp_path) -> None:
     ("name", "at_s", "message"),
     [
         ("run.ply", None, "run.ply: holds one frame: expected its time, --at or at_s, from 0.00 to 0.48 s"),
-        ("run.glb", 7.0, "expected a time from 0.0000 to 0.4800 s"),
-        ("run.glb", float("nan"), "expected a time from 0.0000 to 0.4800 s"),
+        ("run.glb", 7.0, "expected its time, --at or at_s, from 0.00 to 0.48 s"),
+        ("run.glb", float("nan"), "expected its time, --at or at_s, from 0.00 to 0.48 s"),
         ("run.PLY", 0.2, "run.PLY: expected a name that ends in"),
         ("run.npz", 0.2, ".npz holds all frames: expected no time"),
         ("run.stl", None, "run.stl: expected a name that ends in .mat, .npz"),
