@@ -71,9 +71,11 @@ def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
             _move(written, places)
             _sync(aside.parent)
     finally:
-        shutil.rmtree(aside, ignore_errors=True)
-        if lock is not None:
-            os.close(lock)
+        try:
+            _remove(aside)
+        finally:
+            if lock is not None:
+                os.close(lock)
 
 
 def _remove_left_over(places: Sequence[Path]) -> None:
@@ -87,7 +89,19 @@ def _remove_left_over(places: Sequence[Path]) -> None:
             if (aside / place.name).exists() and not place.exists():
                 (aside / place.name).rename(place)
             _keep_others(aside / place.name, place)
-        shutil.rmtree(aside, ignore_errors=True)
+        _remove(aside)
+
+
+def _remove(directory: Path) -> None:
+    """Remove a directory as far as that is possible.
+
+    Raises:
+        KeyboardInterrupt: when it was interrupted where `rmtree` closes a directory, and then closes it once more.
+    """
+    try:
+        shutil.rmtree(directory, ignore_errors=True)
+    except OSError as error:  # it ignores all others
+        raise KeyboardInterrupt from error
 
 
 def _locked(directory: Path) -> int | None:
@@ -185,7 +199,7 @@ def _move(written: Sequence[Path], places: Sequence[Path]) -> None:
             undo.pop_all()
         for place in places:
             _keep_others(earlier / place.name, place)
-        shutil.rmtree(earlier, ignore_errors=True)
+        _remove(earlier)
     finally:
         with suppress(OSError):
             earlier.rmdir()

@@ -218,3 +218,26 @@ def test_what_another_run_is_writing_stays(tmp_path) -> None:
         assert first.read_text() == "first"
     assert (tmp_path / "out").read_text() == "first"
     assert sorted(p.name for p in tmp_path.iterdir()) == [".out-mine", "out"]
+
+
+def test_an_interruption_while_the_hidden_directory_is_removed_is_one(tmp_path, monkeypatch) -> None:
+    """`shutil.rmtree` closes its directory once more after it, and would raise that the descriptor is bad."""
+    close, closed = os.close, []
+
+    def close_and_interrupt(descriptor: int) -> None:
+        close(descriptor)
+        if not closed:
+            closed.append(descriptor)
+            raise KeyboardInterrupt
+
+    def write() -> None:
+        with written_whole(tmp_path / "file") as (inside,):
+            inside.write_text("whole")
+            monkeypatch.setattr("tensegraph.io.whole._sync", lambda path: None)
+            monkeypatch.setattr("tensegraph.io.whole._sync_all", lambda path: None)
+            monkeypatch.setattr(os, "close", close_and_interrupt)
+
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert closed
+    assert (tmp_path / "file").read_text() == "whole"
