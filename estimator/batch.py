@@ -20,7 +20,7 @@ from ..models.structure.structure import Structure
 from ..models.structure.support import Support
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import Flag, TendonLengths
-from ..models.values.time_series import interpolated
+from ..models.values.time_series import interpolated, parts
 from .doubt import Doubt
 from .graph import GraphBuilder, status_of
 from .linear_frame import FrameData, linearised_frames
@@ -28,7 +28,7 @@ from .mode_choice import is_uncertain, stacked_modes
 from .sensor_drift import DriftState, smoothed
 from .smoother import LiveSmoother
 from .uncertainty import Assessment, FrameEvidence, Mixture
-from .whole_trial.parts import WINDOW, parts
+from .whole_trial.parts import STACKED, WINDOW
 from .whole_trial.second_shapes import frames_to_search, second_shapes
 from .whole_trial.trial_balance import TrialBalance
 from .whole_trial.trial_chain import TrialChain, minimised
@@ -146,7 +146,7 @@ class BatchOptimizer:
         position_m, _ = minimised(self._chain(problem), problem.start_m, steps=MODE_STEPS)
         problem = replace(problem, start_m=position_m)
         evidence = np.zeros((len(frames), len(self._builder.structure.tendons)))
-        for part in parts(len(asked)):
+        for part in parts(len(asked), STACKED):
             numbers = asked[part]
             assessment = self._assessed_frames(problem, position_m, numbers)
             measured = [problem.measured[k] for k in numbers]
@@ -234,7 +234,7 @@ class BatchOptimizer:
         reach = int(np.ceil(FILTER_REACH * frames_per_push))
         around = np.arange(max(window.start - reach, 0), min(window.stop + reach, count))
         assessment = Assessment.joined(
-            [self._assessed_frames(trial, position_m, around[part]) for part in parts(len(around))]
+            [self._assessed_frames(trial, position_m, around[part]) for part in parts(len(around), STACKED)]
         )
         if assessment.loads is not None and frames_per_push:
             averaged_n = gaussian_filter1d(

@@ -17,6 +17,7 @@ from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.structure import Structure
 from ..models.values.errors import InputError
 from ..models.values.readings import Flag, Mode
+from ..models.values.time_series import parts
 from .csv import CsvFile
 from .positions import contact_columns, position_columns, read_contacts, read_positions
 from .toml import read_toml
@@ -213,8 +214,8 @@ def _rows(form: str, *columns: NDArray[Any]) -> Iterator[str]:
         form: of a row, for the operator %.
         columns: (rows,) or (rows, columns) each, side by side.
     """
-    for start in range(0, len(columns[0]), BLOCK_ROWS):
-        for row in np.column_stack([column[start : start + BLOCK_ROWS] for column in columns]).tolist():
+    for block in parts(len(columns[0]), BLOCK_ROWS):
+        for row in np.column_stack([column[block] for column in columns]).tolist():
             yield form % tuple(row)
 
 

@@ -1,7 +1,5 @@
 """Parts of a trial that are computed together."""
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,8 +9,3 @@ STACKED = 64
 """Number of frames whose arrays are stacked: few enough for the processor's cache."""
 WINDOW = 2000
 """Number of frames that are solved together, and whose covariances are held: 42 MB of band, and 20 MB."""
-
-
-def parts(count: int, size: int = STACKED) -> Iterator[slice]:
-    """Yield the slices of at most `size` frames that follow each other, for a number of frames."""
-    return (slice(first, min(first + size, count)) for first in range(0, count, size))

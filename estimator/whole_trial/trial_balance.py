@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from ...models.structure.statics import Statics
 from ...models.structure.support import Support
 from ...models.values.readings import NaturalLengths, TendonLengths
+from ...models.values.time_series import parts
 from ..graph import NEAR_M, GraphBuilder, are_near
-from .parts import Frames, parts
+from .parts import STACKED, Frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,9 +71,11 @@ class TrialBalance:
         """
         near = self._near_frames(node_position_m)
         new, of_frame = np.unique(near, return_inverse=True)
-        by_mechanics = [self._by_mechanics_n2(builder, node_position_m[new[k]], new[k]) for k in parts(len(new))]
+        by_mechanics = [
+            self._by_mechanics_n2(builder, node_position_m[new[k]], new[k]) for k in parts(len(new), STACKED)
+        ]
         variance = np.concatenate(by_mechanics)[of_frame]
-        for frames in parts(len(near)):
+        for frames in parts(len(near), STACKED):
             variance[frames] += self.statics_of(frames).support_variance_n2(node_position_m[near[frames]])
         return replace(self, sigma_n=np.sqrt(variance))
 

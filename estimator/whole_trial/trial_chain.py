@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from .parts import WINDOW, parts
+from ...models.values.time_series import parts
+from .parts import STACKED, WINDOW
 from .trial_factors import TrialFactors
 
 OVERLAP = 250
@@ -56,7 +57,7 @@ class TrialChain:
 
     def error(self, node_position_m: NDArray[np.float64]) -> float:
         """Return the error of all factors at (frames, nodes, 3) shapes, half a sum of squares without kernels."""
-        own = [self._factors.error(node_position_m[part], part).sum() for part in parts(len(node_position_m))]
+        own = [self._factors.error(node_position_m[part], part).sum() for part in parts(len(node_position_m), STACKED)]
         return float(sum(own) + 0.5 * np.sum(self._motion_error(node_position_m) ** 2))
 
     def step(self, node_position_m: NDArray[np.float64], damping: float) -> NDArray[np.float64]:
@@ -95,7 +96,7 @@ class TrialChain:
         band = np.zeros((count, size, 2 * size + 1))
         gradient = np.empty((count, size))
         row, column = np.tril_indices(size)
-        for part in parts(count):
+        for part in parts(count, STACKED):
             frames = slice(window.start + part.start, window.start + part.stop)
             information, gradient[part] = self._factors.linear(node_position_m[frames], frames)
             band[part, column, row - column] = information[:, row, column]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..values.errors import InputError
 from ..values.readings import TendonLengths
 from ..values.slip import Slip, slides
+from ..values.time_series import parts
 from .external_loads import ExternalLoads
 from .floor import EstimatedNormal
 from .labelled import as_dataframe, as_dataset, columns_of
@@ -396,7 +397,7 @@ class Reconstruction:
         predicted = np.concatenate(
             [
                 propagated_variance(length_jacobian(self.node_position_m[block], tendons), self.covariance_m2[block])
-                for block in self._blocks()
+                for block in parts(len(self), BLOCK_FRAMES)
             ]
         )
         measured = np.isfinite(self.sigma_m)
@@ -407,7 +408,7 @@ class Reconstruction:
     def _smallest_singular(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(frames,) smallest singular value of the length Jacobian, (frames, free coordinates) its right vector."""
         singular_value, motion = [], []
-        for block in self._blocks():
+        for block in parts(len(self), BLOCK_FRAMES):
             _, s, v = np.linalg.svd(held_jacobian(self.structure, self.node_position_m[block]))
             full_rank = s.shape[-1] == v.shape[-1]
             singular_value.append(s[:, -1] if full_rank else np.zeros(len(s)))
@@ -425,7 +426,9 @@ class Reconstruction:
     @cached_property
     def branch(self) -> NDArray[np.float64]:
         """(frames,) sign of det J at the shape, 1 or -1; 0 where J is not square."""
-        return np.concatenate([branch(self.structure, self.node_position_m[block]) for block in self._blocks()])
+        return np.concatenate(
+            [branch(self.structure, self.node_position_m[block]) for block in parts(len(self), BLOCK_FRAMES)]
+        )
 
     @cached_property
     def mechanism_sigma_m(self) -> NDArray[np.float64]:
@@ -436,9 +439,6 @@ class Reconstruction:
         motion = self._smallest_singular[1]
         variance = [
             propagated_variance(motion[block, None, :], self.covariance_m2[block, free[:, None], free])[:, 0]
-            for block in self._blocks()
+            for block in parts(len(self), BLOCK_FRAMES)
         ]
         return np.sqrt(np.concatenate(variance))
-
-    def _blocks(self) -> Iterator[slice]:
-        return (slice(start, start + BLOCK_FRAMES) for start in range(0, len(self), BLOCK_FRAMES))

@@ -1,10 +1,17 @@
-"""Values over time: the first-order low-pass filter m += (y - m) w, interpolation, and correlation."""
+"""Values over time: the first-order low-pass filter m += (y - m) w, interpolation, correlation, and parts."""
+
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = float | NDArray[np.float64]
 """One number for all, or one for each."""
+
+
+def parts(count: int, size: int) -> Iterator[slice]:
+    """Yield the slices of at most `size` values that follow each other, of a number of values."""
+    return (slice(first, min(first + size, count)) for first in range(0, count, size))
 
 
 def low_pass_weight(step_s: Floats, time_constant_s: Floats) -> NDArray[np.float64]:
