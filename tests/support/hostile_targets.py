@@ -14,6 +14,7 @@ import tensegraph as tg
 from capture_files import motive_text, take_of, trc_text, vicon_text, write_c3d
 from command_line import run
 from plan_edits import PLANS
+from structures import YAML
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SHIPPED_MODEL = EXAMPLES.parent / "models" / "data" / "stretching.safetensors"
@@ -216,27 +217,6 @@ def captured(folder: Path) -> None:
     (folder / "vicon.csv").write_text(vicon_text(take).replace("Robot:", ""))
     (folder / "take.trc").write_text(trc_text(take))
     write_c3d(take, folder / "take.c3d")
-
-
-YAML = """
-nodes:
-  foot: [0, 0, 0]
-  top: [0, 10, 0]
-  left: [6, 2, 0]
-  right: [6, 2, 8]
-pair_groups:
-  my_rod:
-    - [foot, top]
-    - [left, right]
-  my_string:
-    - [foot, left]
-    - named: [top, left]
-    - [foot, right]
-    - [top, right]
-builders:
-  my_rod: {class: tgRodInfo, parameters: {density: 0.5, radius: 0.2}}
-  my_string: {class: tgBasicActuatorInfo, parameters: {stiffness: 100, pretension: 50}}
-"""
 
 
 def structures(folder: Path) -> None:

@@ -16,6 +16,27 @@ FLOOR_M = np.array([[-0.2, 0.2, 0], [-0.2, -0.2, 0], [0.2, -0.2, 0], [0.2, 0.2, 
 PLATE_M = np.concatenate([CORNERS_M, CEILING_M, FLOOR_M])
 """Four corners and the top of a stem, which are rigid; each corner has a tendon up, and one down and aside."""
 
+YAML = """
+nodes:
+  foot: [0, 0, 0]
+  top: [0, 10, 0]
+  left: [6, 2, 0]
+  right: [6, 2, 8]
+pair_groups:
+  my_rod:
+    - [foot, top]
+    - [left, right]
+  my_string:
+    - [foot, left]
+    - named: [top, left]
+    - [foot, right]
+    - [top, right]
+builders:
+  my_rod: {class: tgRodInfo, parameters: {density: 0.5, radius: 0.2}}
+  my_string: {class: tgBasicActuatorInfo, parameters: {stiffness: 100, pretension: 50}}
+"""
+"""Two rods and four strings, in the words of NTRT."""
+
 
 def plate_tables(**mechanics) -> dict:
     """The plate as a file tells it."""

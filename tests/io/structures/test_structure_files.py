@@ -5,31 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from structures import PLATE_M, TOWER, TOWER_M, plate
+from structures import PLATE_M, TOWER, TOWER_M, YAML, plate
 from tensegraph import InputError, read_structure
 from tensegraph.io.structures.structure_output import write_structure
 from tensegraph.models.twin.mjcf import mjcf
 from twin_bodies import SHAPES, body
-
-YAML = """
-nodes:
-  foot: [0, 0, 0]
-  top: [0, 10, 0]
-  left: [6, 2, 0]
-  right: [6, 2, 8]
-pair_groups:
-  my_rod:
-    - [foot, top]
-    - [left, right]
-  my_string:
-    - [foot, left]
-    - named: [top, left]
-    - [foot, right]
-    - [top, right]
-builders:
-  my_rod: {class: tgRodInfo, parameters: {density: 0.5, radius: 0.2}}
-  my_string: {class: tgBasicActuatorInfo, parameters: {stiffness: 100, pretension: 50}}
-"""
 
 XML = """<mujoco>
 <worldbody>
