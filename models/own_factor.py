@@ -12,10 +12,10 @@ from typing import Any, TypeVar, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from .plug_ins import PlugIn, plug_ins
+from .plug_ins import PlugIn, errors_of_plug_in, plug_ins
 from .structure.rigidity import motions_left
 from .structure.structure import Structure
-from .values.errors import InputError, TensegraphError
+from .values.errors import InputError
 from .values.readings import FactorRows, NodeFactor
 from .values.tables import FileName, parse_table, unknown_keys
 
@@ -76,12 +76,8 @@ class FactorTable:
         """
         plug_in = self.plug_in()
         make: Callable[[FactorTable, Structure], NodeFactor] = plug_in.load()
-        try:
+        with errors_of_plug_in(lambda: f"{self.where}: {plug_in} cannot be made"):
             return OwnFactor(plug_in, self.where, make(self, structure), structure)
-        except TensegraphError:
-            raise
-        except Exception as error:  # the code of another package may raise anything
-            raise InputError(f"{self.where}: {plug_in} cannot be made: {_in_one_line(error)}") from error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,15 +96,10 @@ class OwnFactor:
         Raises:
             InputError: when it fails, or returns something else than rows of one form.
         """
-        try:
+        with errors_of_plug_in(lambda: f"{self.where}: {self.plug_in}"):
             told = self.part.rows(t_s, node_position_m)
-            rows = FactorRows(
-                *(np.asarray(each, dtype=np.float64) for each in (told.residual, told.jacobian, told.sigma))
-            )
-        except TensegraphError:
-            raise
-        except Exception as error:  # the code of another package may raise anything
-            raise InputError(f"{self.where}: {self.plug_in}: {_in_one_line(error)}") from error
+            arrays = (np.asarray(each, dtype=np.float64) for each in (told.residual, told.jacobian, told.sigma))
+            rows = FactorRows(*arrays)
         lead, count = node_position_m.shape[:-2], rows.residual.shape[-1:]
         expected = ((*lead, *count), (*lead, *count, 3 * self.structure.node_count), (*lead, *count))
         got = (rows.residual.shape, rows.jacobian.shape, rows.sigma.shape)
@@ -138,7 +129,3 @@ class OwnFactor:
 
     def __str__(self) -> str:
         return f"{self.where.rpartition(': ')[2]} {self.plug_in.entry.name}"
-
-
-def _in_one_line(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())

@@ -10,13 +10,14 @@ Nothing of it is imported before its name is used.
 
 import warnings
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal
 
-from .values.errors import InputError
+from .values.errors import InputError, TensegraphError
 
 PlugInKind = Literal["estimators", "factors", "sensor_models", "readers", "exporters"]
 
@@ -51,8 +52,7 @@ class PlugIn:
         try:
             part = self.entry.load()
         except Exception as error:  # the import runs the code of the package, which may raise anything
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise InputError(f"{self}: {self.entry.value} cannot be imported: {reason}") from error
+            raise InputError(f"{self}: {self.entry.value} cannot be imported: {_reason(error)}") from error
         if not callable(part):
             raise InputError(f"{self}: {self.entry.value}: expected a class or a function, got {type(part).__name__}")
         return part
@@ -81,6 +81,29 @@ def plug_ins(kind: PlugInKind, ours: Collection[str]) -> dict[str, PlugIn]:
             both = " and ".join(sorted(one.package for one in free if one.entry.name == name))
             raise InputError(f"{kind[:-1].replace('_', ' ')} '{name}': expected one package that brings it, got {both}")
     return {one.entry.name: one for one in free}
+
+
+@contextmanager
+def errors_of_plug_in(doing: Callable[[], str]) -> Iterator[None]:
+    """Turn whatever the code of another package raises in this block into one line; errors of tensegraph pass.
+
+    Args:
+        doing: returns what was done, for the text.
+
+    Raises:
+        InputError: with what was done and the reason.
+    """
+    try:
+        yield
+    except TensegraphError:
+        raise
+    except Exception as error:
+        raise InputError(f"{doing()}: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    """Return the kind and the text of an error in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 @cache

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...models.plug_ins import PlugIn, plug_ins
-from ...models.values.errors import InputError, TensegraphError
+from ...models.plug_ins import PlugIn, errors_of_plug_in, plug_ins
+from ...models.values.errors import InputError
 from .lengths_bag import SUFFIXES_OF_BAGS, is_bag
 
 Reader = Callable[[Path, Sequence[int]], Iterable[Sequence[float]]]
@@ -48,14 +48,9 @@ class ReadLengths:
 
     def __iter__(self) -> Iterator[list[float]]:
         index = 0
-        try:
+        with errors_of_plug_in(lambda: f"{self.path}: after row {index}: {self._plug_in} cannot read it"):
             for index, row in enumerate(self._read(self.path, self._tendons)):
                 yield self._checked(np.asarray(row, dtype=np.float64), index)
-        except TensegraphError:
-            raise
-        except Exception as error:  # the reader is code of another package, which may raise anything
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise InputError(f"{self.path}: after row {index}: {self._plug_in} cannot read it: {reason}") from error
 
     def _checked(self, row: np.ndarray, index: int) -> list[float]:
         count = len(self._tendons)

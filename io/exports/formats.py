@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ...models.plug_ins import PlugIn, plug_ins
+from ...models.plug_ins import PlugIn, errors_of_plug_in, plug_ins
 from ...models.structure.labelled import TABLES
 from ...models.structure.reconstruction import Reconstruction
-from ...models.values.errors import InputError, TensegraphError
+from ...models.values.errors import InputError
 from ..whole import check_writable, written_whole
 
 SUFFIXES = {
@@ -155,13 +155,8 @@ def _write_by(plug_in: PlugIn, result: Reconstruction, about: dict[str, Any], pa
         InputError: when it cannot be imported, raises anything, or writes no file.
     """
     write: Exporter = plug_in.load()
-    try:
+    with errors_of_plug_in(lambda: f"{path.name}: {plug_in} cannot write it"):
         write(result, about, path)
-    except TensegraphError:
-        raise
-    except Exception as error:  # the exporter is code of another package, which may raise anything
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{path.name}: {plug_in} cannot write it: {reason}") from error
     if not path.is_file():
         raise InputError(f"{plug_in}: has written no file")
 
