@@ -18,7 +18,8 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from ..factors.noise import robust_loss, unit
+from ..factors.keys import factor_on_nodes
+from ..factors.noise import robust_loss
 from ..models.structure.shape import Reason, Shape
 from ..models.values.errors import InputError
 from ..models.values.readings import NodeFactor
@@ -74,23 +75,17 @@ def own_graph_factor(factors: Sequence[NodeFactor], keys: Sequence[int], t_s: fl
 
     Its linearisation has the weights of the kernel, as in gtsam's own robust models; its error is that of the kernel.
     """
-    keys = list(keys)
 
-    def error(
-        factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[NDArray[np.float64]] | None
-    ) -> NDArray[np.float64]:
-        position = np.array([values.atPoint3(key) for key in keys])
-        if jacobians is None:
-            z, _ = own_rows(factors, t_s, position)
-            return np.asarray(np.sign(z) * np.sqrt(2 * robust_loss(z * z, OWN_KERNEL)[0]))
+    def residual(position: NDArray[np.float64]) -> NDArray[np.float64]:
+        z, _ = own_rows(factors, t_s, position)
+        return np.asarray(np.sign(z) * np.sqrt(2 * robust_loss(z * z, OWN_KERNEL)[0]))
+
+    def linearised(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         z, by_position = own_rows(factors, t_s, position)
         root = np.sqrt(own_weight(z))
-        by_position *= root[:, None]
-        for n in range(len(keys)):
-            jacobians[n] = by_position[:, 3 * n : 3 * n + 3]
-        return np.asarray(root * z)
+        return root * z, by_position * root[:, None]
 
-    return gtsam.CustomFactor(unit(rows), keys, error)
+    return factor_on_nodes(keys, rows, residual, linearised)
 
 
 class FactorWatch:

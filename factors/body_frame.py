@@ -14,7 +14,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from .noise import unit
+from .keys import factor_on_nodes
 
 BODY_FRAME_M = 1e-5
 """Standard deviation of a rigid motion: nothing beside the errors of any sensor, and enough for the arithmetic."""
@@ -24,17 +24,9 @@ def body_frame_factor(
     keys: Sequence[int], motions: NDArray[np.float64], rest_position_m: NDArray[np.float64]
 ) -> gtsam.CustomFactor:
     """Return the factor of one frame, with (3 nodes, motions) orthonormal rigid motions."""
-    keys = list(keys)
     weighted = motions.T / BODY_FRAME_M
-    by_node = [weighted[:, 3 * n : 3 * n + 3].copy() for n in range(len(keys))]
 
-    def error(
-        factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[NDArray[np.float64]] | None
-    ) -> NDArray[np.float64]:
-        position = np.array([values.atPoint3(key) for key in keys])
-        if jacobians is not None:
-            for n, jacobian in enumerate(by_node):
-                jacobians[n] = jacobian
+    def residual(position: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(weighted @ (position - rest_position_m).ravel())
 
-    return gtsam.CustomFactor(unit(len(weighted)), keys, error)
+    return factor_on_nodes(keys, len(weighted), residual, lambda position: (residual(position), weighted))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.structure.statics import Statics
-from .noise import unit
+from .keys import factor_on_nodes
 
 
 def equilibrium_factor(statics: Statics, keys: Sequence[int], sigma_n: NDArray[np.float64]) -> gtsam.CustomFactor:
@@ -20,25 +20,20 @@ def equilibrium_factor(statics: Statics, keys: Sequence[int], sigma_n: NDArray[n
 
     Its linearisation has the weight 1 / (1 + q_g), as in gtsam's own robust models; its error is that of the kernel.
     """
-    keys = list(keys)
 
-    def error(
-        factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[NDArray[np.float64]] | None
-    ) -> NDArray[np.float64]:
-        position = np.array([values.atPoint3(key) for key in keys])
-        if jacobians is None:
-            r = statics.residual_n(position) / sigma_n
-            q = squared_norms(r, statics)
-            # log(1 + q) / q, whose limit at 0 is 1
-            return np.asarray(r * np.sqrt(np.log1p(q) / np.maximum(q, 1e-12)))
+    def residual(position: NDArray[np.float64]) -> NDArray[np.float64]:
+        r = statics.residual_n(position) / sigma_n
+        q = squared_norms(r, statics)
+        # log(1 + q) / q, whose limit at 0 is 1
+        return np.asarray(r * np.sqrt(np.log1p(q) / np.maximum(q, 1e-12)))
+
+    def linearised(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         r, jacobian = statics.residual_and_jacobian(position)
         weight = np.sqrt(1 / (1 + squared_norms(r / sigma_n, statics))) / sigma_n
         jacobian *= weight[:, None]
-        for n in range(len(keys)):
-            jacobians[n] = jacobian[:, 3 * n : 3 * n + 3]
-        return np.asarray(r * weight)
+        return r * weight, jacobian
 
-    return gtsam.CustomFactor(unit(len(statics.group)), keys, error)
+    return factor_on_nodes(keys, len(statics.group), residual, linearised)
 
 
 def squared_norms(r: NDArray[np.float64], statics: Statics) -> NDArray[np.float64]:
