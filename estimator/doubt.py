@@ -43,6 +43,8 @@ SHAKEN_SHARE = 0.4
 """Share of the tendons that swing too fast for their sensors, above which the whole robot is shaken."""
 STILL_SHARE = 0.1
 """Share below which it is shaken no more."""
+SEEN_AFTER_S = 0.8
+"""Time after which shaking is seen at the latest: sensors lag, and the mean square of their swings too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,20 +137,21 @@ class ModelDoubt:
 
     def smoothed(self, frames: Sequence[TendonLengths]) -> list[Doubt]:
         """Return the doubt about each frame, given all updates that were kept, later ones too."""
-        shaken = np.logical_or(self._shaken_in(frames), self._shaken_in(frames[::-1])[::-1])
+        times_s = np.array([lengths.t_s for lengths in frames])
+        shaken = self._shaken_in(frames, times_s)
         if not self.kept:
             return [self._doubt(bool(shakes), self._loads.probability, self._scale.probability) for shakes in shaken]
         t_s = np.array([update[0] for update in self.kept])
         loads = self._loads.smoothed(t_s, np.array([update[1] for update in self.kept]))
         scales = self._scale.smoothed(t_s, np.array([update[2] for update in self.kept]))
-        times_s = [lengths.t_s for lengths in frames]
         latest = np.maximum(np.searchsorted(t_s, times_s, side="right") - 1, 0)
         return [self._doubt(bool(shakes), loads[k], scales[k]) for shakes, k in zip(shaken, latest, strict=True)]
 
-    def _shaken_in(self, frames: Sequence[TendonLengths]) -> list[bool]:
-        """Return whether the robot is shaken in each frame, as the frames before it tell."""
-        shaken = list(accumulate(frames, lambda before, lengths: self._is_shaken(lengths, before), initial=False))
-        return shaken[1:]
+    def _shaken_in(self, frames: Sequence[TendonLengths], times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return whether the robot is shaken in each frame, as the frames until `SEEN_AFTER_S` later tell."""
+        seen = list(accumulate(frames, lambda before, lengths: self._is_shaken(lengths, before), initial=False))
+        seen_until = np.cumsum(seen)
+        return seen_until[np.searchsorted(times_s, times_s + SEEN_AFTER_S, side="right")] > seen_until[:-1]
 
     def _is_shaken(self, lengths: TendonLengths, before: bool) -> bool:
         swings = (lengths.flags[self._builder.structure.free_tendons] & int(Flag.SHAKEN)) != 0

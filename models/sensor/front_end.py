@@ -127,7 +127,8 @@ class FrontEnd:
         strain = self._in_its_mode(stretched, bent, probability)  # eq. (3)
         swing = self._swing.step(strain.value, self._seen_s == frame.t_s, held.fresh, step_s)
         flags = self._flags(held.flags, probability, frame.t_s)
-        flags = flags | np.where(swing > 1.5 * strain.sigma, int(Flag.SHAKEN), 0)
+        shaken = (swing > 1.5 * strain.sigma) | self._swing.robot_is_shaken
+        flags = flags | np.where(shaken, int(Flag.SHAKEN), 0)
         strain = _Strain(strain.value, np.hypot(strain.sigma, swing))
         lengths = self._lengths(frame, strain, probability, flags)  # eq. (4)
         modes = ModeReadings(

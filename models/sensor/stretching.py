@@ -34,6 +34,15 @@ LEAST_SWING = 2e-4
 """Least noise of strain above 3.5 Hz, for a sensor whose code stands still."""
 FAULTY = 2
 """Number of sensors that may have a fault at the same time, and swing without the robot."""
+CERTAIN_SWING = 6.0
+"""Ratio of the mean square of strain above 3.5 Hz to the least one so far, above which a sensor swings for certain."""
+PRESS_RATE_S = 0.1
+"""Time constant of the smoothing of strain before the rate of a press is taken."""
+PRESS_SHARE = 0.5
+"""Part of SWING_S^2 v^2 that a press with the rate v leaves above 3.5 Hz, at most: the filters pass the beginning and
+the end of a ramp of 0.1 s with half of that. Of a swing at 5 Hz and more it takes a tenth."""
+ONSET_S = 0.15
+"""Time for which sensors swing at least in a robot that is shaken; the rate of a press is known after that time."""
 STRAIN_RATE_S = 0.2
 """Time constant of the smoothing of strain before its rate is taken, so that noise of a sample is not taken as
 motion."""
@@ -161,6 +170,9 @@ class FastSwing:
     the mean square of its strain above 3.5 Hz that exceeds four times the least one so far, which is noise. A shaken
     robot moves everywhere: with the mean m of s over the sensors, without the `FAULTY` that swing most,
     sigma^2 = SWING_LOSS^2 (s + m).
+
+    The robot is shaken when more than `FAULTY` sensors swing for certain: by more than noise, and by more than a press
+    of their rate leaves above 3.5 Hz.
     """
 
     def __init__(self, sensors: int) -> None:
@@ -169,9 +181,13 @@ class FastSwing:
         self._least = np.full(sensors, np.inf)
         self._swing = np.zeros(sensors)
         self._seconds = np.zeros(sensors)
+        self._rate = SmoothedRate(sensors, PRESS_RATE_S)
+        self._mean_square_rate = np.zeros(sensors)
+        self._shaken_s = 0.0
+        self._since_shaken_s = np.inf
 
     def step(
-        self, strain: NDArray[np.float64], seen: NDArray[np.bool_], fresh: NDArray[np.bool_], step_s: Floats
+        self, strain: NDArray[np.float64], seen: NDArray[np.bool_], fresh: NDArray[np.bool_], step_s: float
     ) -> NDArray[np.float64]:
         """Return (sensors,) the standard deviation after one more strain of each sensor.
 
@@ -189,12 +205,23 @@ class FastSwing:
             low = self._low[k]
             self._low[k] = np.where(np.isnan(low), high, low + weight * (high - low))
             high = high - self._low[k]
-        self._mean_square += np.where(seen, low_pass_weight(step_s, SWING_MEAN_S) * (high**2 - self._mean_square), 0.0)
+        mean_weight = np.where(seen, low_pass_weight(step_s, SWING_MEAN_S), 0.0)
+        self._mean_square += mean_weight * (high**2 - self._mean_square)
+        self._mean_square_rate += mean_weight * (self._rate.step(strain, step_s) ** 2 - self._mean_square_rate)
         self._seconds += np.where(seen, step_s, 0.0)
         settled = seen & (self._seconds >= SWING_START_S)
         floor = np.maximum(np.minimum(self._least, self._mean_square), LEAST_SWING**2)
         self._least = np.where(settled, floor, self._least)
+        press = PRESS_SHARE * SWING_S**2 * self._mean_square_rate
+        certain = settled & (self._mean_square - press > CERTAIN_SWING * self._least)
+        self._shaken_s = self._shaken_s + step_s if certain.sum() > FAULTY else 0.0
+        self._since_shaken_s = 0.0 if self._shaken_s > ONSET_S else self._since_shaken_s + step_s
         excess = np.where(settled, np.maximum(self._mean_square - 4 * self._least, 0), 0.0)
         swing = self._swing = np.maximum(excess, self._swing * np.exp(-(step_s / SWING_MEMORY_S)))
         common = np.sort(swing)[: max(len(swing) - FAULTY, 1)].mean()
         return np.asarray(SWING_LOSS * np.sqrt(swing + common))
+
+    @property
+    def robot_is_shaken(self) -> bool:
+        """Whether the robot is shaken, or was within `SWING_MEMORY_S`; most sensors may show nothing of it."""
+        return self._since_shaken_s < SWING_MEMORY_S

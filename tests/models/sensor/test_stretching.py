@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from tensegraph.models.sensor.sensor_model import SensorModel
 from tensegraph.models.sensor.stretching import Extrapolation, FastSwing, StrainSpread, StretchingSensors
@@ -64,6 +67,16 @@ class TestExtrapolation:
         assert extra[0] == pytest.approx(0.3 / model.gauge.slope(strain)[0])
 
 
+def shaken_in(swing: FastSwing, strain: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return whether the robot is shaken after each row of strain, 50 times a second without gaps."""
+    seen, fresh = np.ones(strain.shape[1], dtype=bool), np.zeros(strain.shape[1], dtype=bool)
+    shaken = []
+    for row in strain:
+        swing.step(row, seen, fresh, 0.02)
+        shaken.append(swing.robot_is_shaken)
+    return np.array(shaken)
+
+
 class TestFastSwing:
     def test_noise_and_slow_motion_are_no_swing(self) -> None:
         rng = np.random.default_rng(7)
@@ -95,6 +108,27 @@ class TestFastSwing:
         ]
         assert sigma[4] > 0.05
         assert np.delete(sigma, 4).max() < 0.003
+
+    def test_three_sensors_that_swing_a_little_mean_that_the_robot_is_shaken(self) -> None:
+        """They swing by 0.002 at 7 Hz for a second, which is seen within 0.8 s; two that swing may be faulty."""
+        rng = np.random.default_rng(11)
+        t_s = np.arange(0, 7, 0.02)
+        for swinging in (2, 3):
+            swing = FastSwing(12)
+            strain = 0.0003 * rng.standard_normal((len(t_s), 12))
+            strain[:, :swinging] += 0.002 * (((t_s > 3) & (t_s < 4)) * np.sin(2 * np.pi * 7 * t_s))[:, None]
+            shaken = shaken_in(swing, strain)
+            assert not shaken[t_s <= 3].any()
+            assert shaken[(t_s > 3.8) & (t_s < 5)].all() == (swinging == 3)
+            assert not shaken[t_s > 6].any()
+
+    @given(seed=st.integers(0, 2**32 - 1), strain=st.floats(0.01, 0.15), ramp_s=st.floats(0.1, 1.0))
+    def test_a_press_is_no_shaking(self, seed: int, strain: float, ramp_s: float) -> None:
+        """All tendons are stretched and released within a tenth of a second or more."""
+        t_s = np.arange(0, 6, 0.02)
+        pressed = np.interp(t_s, [3, 3 + ramp_s, 4.5, 4.5 + ramp_s], [0, strain, strain, 0])
+        noise = 0.0003 * np.random.default_rng(seed).standard_normal((len(t_s), 12))
+        assert not shaken_in(FastSwing(12), pressed[:, None] + noise).any()
 
     def test_a_jump_over_a_gap_is_no_swing(self) -> None:
         swing = FastSwing(3)
