@@ -38,7 +38,7 @@ def read_settings(path: Path | None) -> Settings:
     return parse_table(Settings, table, str(path))
 
 
-LONG_STATEMENT = 10_000
+LONG_STATEMENT = 1000
 """Number of characters of a statement above which it is not parsed anew with each line, but when its brackets close."""
 
 
@@ -59,21 +59,24 @@ def _lines_of_keys(text: str) -> dict[str, int]:
     """Return the line of every key; a statement is the shortest group of lines that is valid TOML."""
     lines: dict[str, int] = {}
     table = ""
-    statement = ""
+    statement: list[str] = []
+    size = open_brackets = 0
     first = 1
     seen = Counter[str]()
     for number, line in enumerate(text.splitlines(keepends=True), start=1):
         if not statement:
-            first = number
-        statement += line
-        if len(statement) > LONG_STATEMENT and statement.count("[") != statement.count("]"):
+            first, size, open_brackets = number, 0, 0
+        statement.append(line)
+        size += len(line)
+        open_brackets += line.count("[") - line.count("]")
+        if size > LONG_STATEMENT and open_brackets:
             continue
         try:
-            parsed: Any = tomllib.loads(statement)
+            parsed: Any = tomllib.loads("".join(statement))
         except tomllib.TOMLDecodeError:
             continue  # a list or a string continues on the next line
-        header = statement.lstrip().startswith("[")
-        statement = ""
+        header = "".join(statement).lstrip().startswith("[")
+        statement = []
         key = "" if header else table
         while isinstance(parsed, dict) and len(parsed) == 1:
             ((name, parsed),) = parsed.items()

@@ -50,10 +50,10 @@ def test_lines_of_keys() -> None:
 
 
 def test_a_statement_of_thousands_of_lines_is_parsed_a_few_times(monkeypatch) -> None:
-    """Parsing it anew with each of its lines takes as many seconds as it has thousands of lines."""
-    text = "[a]\nlong = [\n" + "    [1, 2],\n" * 5000 + "]\nafter = 3\n"
+    """Parsing it anew with each of its lines takes hours, and so does counting its brackets anew."""
+    text = "[a]\nlong = [\n" + "    1,\n" * 100_000 + "]\nafter = 3\n"
     parsed = []
     loads = tomllib.loads
     monkeypatch.setattr("tensegraph.io.toml.tomllib.loads", lambda some: parsed.append(len(some)) or loads(some))
-    assert line_of(text, "a.after") == 5004
-    assert sum(parsed) < 200 * len(text)
+    assert line_of(text, "a.after") == 100_004
+    assert sum(parsed) < 3 * len(text)
