@@ -39,8 +39,8 @@ def show_structure(path: Path, *, unit_m: float, out: list[Path], terminal: Term
     terminal.news.print(table)
     if out or told.structure.node_count <= 40:
         terminal.news.print(_nodes(told))
+    write_structure(told, out, title=path.stem)
     for file in out:
-        write_structure(told, file, title=path.stem)
         terminal.written(f"written to {file}")
 
 

@@ -1,5 +1,7 @@
 """Structures written for others: our own TOML, MuJoCo's MJCF, and a picture."""
 
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +13,10 @@ from ...models.structure.rigidity import find_rest_shape
 from ...models.structure_description import DescribedStructure
 from ...models.twin.mjcf import Body, mjcf
 from ...models.values.errors import InputError
-from ..whole import check_vacant
+from ..whole import check_vacant, written_whole
 
+WRITTEN = (".toml", ".xml", ".png", ".pdf", ".svg")
+"""Suffixes of the formats."""
 RADIUS_SHARE = 0.01
 """Radius of a rod in a written model, as a share of its length: a structure does not tell it."""
 DRAG_N_S_PER_M = 0.2
@@ -20,24 +24,35 @@ DRAG_N_S_PER_M = 0.2
 MODEL_STEP_S = 0.001
 
 
-def write_structure(told: DescribedStructure, path: Path, *, title: str) -> None:
-    """Write a structure as TOML (.toml), as a MuJoCo model (.xml), or as a picture (.png, .pdf, .svg).
+def write_structure(told: DescribedStructure, paths: Sequence[Path], *, title: str) -> None:
+    """Write a structure as TOML (.toml), as a MuJoCo model (.xml), or as a picture (.png, .pdf, .svg): all, or none.
 
     Raises:
-        InputError: for another suffix, a file that exists, or a model without mechanics.
+        InputError: for another suffix, a file that exists or stands twice, or a model without mechanics.
     """
+    for number, path in enumerate(paths):
+        if path.suffix.lower() not in WRITTEN:
+            raise InputError(f"{path}: expected {', '.join(WRITTEN[:-1])} or {WRITTEN[-1]}")
+        if path in paths[:number]:
+            raise InputError(f"{path}: expected each file once")
+        check_vacant(path)
+    with ExitStack() as all_whole:
+        for path in paths:
+            (hidden,) = all_whole.enter_context(written_whole(path))
+            _write(told, path, hidden, title)
+
+
+def _write(told: DescribedStructure, path: Path, hidden: Path, title: str) -> None:
+    """Write one file, which is at first a hidden one; errors name the path that was told."""
     suffix = path.suffix.lower()
-    if suffix not in (".toml", ".xml", ".png", ".pdf", ".svg"):
-        raise InputError(f"{path}: expected .toml, .xml, .png, .pdf or .svg")
-    check_vacant(path)
     if suffix == ".toml":
-        path.write_text(tomlkit.item(structure_toml(told)).as_string(), encoding="utf-8", newline="\n")
+        hidden.write_text(tomlkit.item(structure_toml(told)).as_string(), encoding="utf-8", newline="\n")
     elif suffix == ".xml":
-        path.write_text(_model(told, path), encoding="utf-8", newline="\n")
+        hidden.write_text(_model(told, path), encoding="utf-8", newline="\n")
     else:
         from ..figures.structure_figure import write_structure_figure  # matplotlib takes a third of a second to import
 
-        write_structure_figure(told, _shape(told), title, path)
+        write_structure_figure(told, _shape(told), title, hidden)
 
 
 def structure_toml(told: DescribedStructure) -> dict[str, Any]:

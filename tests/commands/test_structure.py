@@ -95,9 +95,12 @@ def test_a_structure_is_shown_converted_and_drawn(tmp_path: Path) -> None:
         assert text in shown.stdout
     np.testing.assert_array_equal(read_structure(tmp_path / "tower.toml").structure.rods, TOWER.rods)
     assert (tmp_path / "tower.png").stat().st_size > 10_000
-    again = run("structure", "tower.xml", "--out", "tower.toml", cwd=tmp_path)
-    assert again.returncode == 2
-    assert len(again.stderr.splitlines()) == 1
+    for last in ("tower.toml", "tower.csv", "first.toml"):  # exists, of no format, twice
+        refused = run("structure", "tower.xml", "--out", "first.toml", "--out", last, cwd=tmp_path)
+        assert refused.returncode == 2
+        assert refused.stderr.startswith(f"tensegraph: {last}: ")
+        assert len(refused.stderr.splitlines()) == 1
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["tower.png", "tower.toml", "tower.xml"]
 
 
 @pytest.mark.parametrize(("name", "tendons"), [("prism", 9), ("six-strut", 24), ("tower", 21)])

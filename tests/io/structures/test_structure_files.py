@@ -83,7 +83,7 @@ def test_rods_that_share_nodes_are_tied_and_read_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", [".toml", ".xml"])
 def test_what_is_written_is_read_back(suffix: str, tmp_path: Path) -> None:
     told = plate(push_back=[0.0, *[0.1] * 7])
-    write_structure(told, tmp_path / f"plate{suffix}", title="plate")
+    write_structure(told, [tmp_path / f"plate{suffix}"], title="plate")
     back = read_structure(tmp_path / f"plate{suffix}")
     renumber = np.arange(13) if suffix == ".toml" else np.array([0, 1, 2, 3, 12, *range(4, 12)])  # the stem is last
     np.testing.assert_array_equal(back.structure.tendons, renumber[told.structure.tendons])
