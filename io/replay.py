@@ -5,11 +5,15 @@ import time
 from collections.abc import Iterable, Iterator
 from math import inf
 
+from ..models.sensor.frames import LONGEST_SILENCE_S
 from .trial_directory import Reading, arrival_s
 
 
 class Replay:
-    """Yields readings at the times at which they arrived, divided by the speed; used in place of boards."""
+    """Yields readings at the times at which they arrived, divided by the speed; used in place of boards.
+
+    A silence without frames, longer than `LONGEST_SILENCE_S`, is passed over.
+    """
 
     def __init__(self, readings: Iterable[Reading], speed: float) -> None:
         self._readings = readings
@@ -21,12 +25,13 @@ class Replay:
     def rows(self) -> Iterator[Reading]:
         """Yield the readings, until the last one or `stop`."""
         start_s = time.perf_counter()
-        first_s = None
         held: Reading | None = None
+        shown_s = 0.0
         for reading in self._readings:  # yield one reading late, to know when the next is due
-            first_s = arrival_s(reading) if first_s is None else first_s
-            self._next_due_s = start_s + (arrival_s(reading) - first_s) / self._speed
             if held is not None:
+                silence_s = arrival_s(reading) - arrival_s(held)
+                shown_s += silence_s if silence_s <= LONGEST_SILENCE_S else 0.0
+                self._next_due_s = start_s + shown_s / self._speed
                 yield held
             if self._stopped.wait(max(self._next_due_s - time.perf_counter(), 0.0)):
                 return

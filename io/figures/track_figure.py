@@ -106,9 +106,10 @@ def _draw_bars(
 ) -> None:
     """Draw a row for each node, whose darkness at each time is the probability."""
     nodes = contacts.shape[1]
+    half_s = 0.5 * float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.01
     for node in range(nodes):
         low = node - 0.45 + bottom
-        extent = (float(t_s[0]), float(t_s[-1]), low, low + height)
+        extent = (float(t_s[0]) - half_s, float(t_s[-1]) + half_s, low, low + height)
         shade = np.zeros((1, len(t_s), 4))
         shade[..., :3] = [int(color[k : k + 2], 16) / 255 for k in (1, 3, 5)]
         shade[0, :, 3] = contacts[:, node]

@@ -1,6 +1,7 @@
 """A recorded trial at its pace."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,3 +20,12 @@ def test_a_replay_keeps_the_pace_of_the_trial(example) -> None:
     assert (np.array(came_s) >= due_s - 1e-3).all()
     assert np.median(came_s - due_s) < 0.02
     assert replay.waiting() == 0
+
+
+def test_a_replay_passes_over_a_silence_of_hours(example) -> None:
+    """The clock of a recording jumps by a day: the next reading comes at once."""
+    readings = [r for r in open_trial(example).readings() if r.host_s < 0.2]
+    readings += [replace(r, host_s=r.host_s + 86_400) for r in readings]
+    begin_s = time.perf_counter()
+    assert len(list(Replay(readings, speed=1.0).rows())) == len(readings)
+    assert time.perf_counter() - begin_s < 5
