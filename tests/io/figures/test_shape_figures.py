@@ -14,6 +14,7 @@ from tensegraph.io.figures.shape_figures import (
     write_shape_figure,
 )
 from tensegraph.io.figures.structure_view import LoadArrows, Scale, round_down
+from tensegraph.io.figures.track_figure import write_track_figure
 from tensegraph.models.values.readings import Mode
 
 
@@ -82,3 +83,10 @@ def test_a_long_run_is_drawn_in_pieces_by_hand(loaded, tmp_path, monkeypatch) ->
     np.testing.assert_allclose(measured.get_ydata(), 180.0)
     write_lengths_figure(loaded, "toy", tmp_path / "lengths.png")
     assert (tmp_path / "lengths.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_track_of_one_frame_is_drawn(loaded, tmp_path) -> None:
+    """Its width in the rows of contacts is that of a frame, and not zero."""
+    first = replace(loaded[0.0:0.01], contacts=np.full((1, loaded.structure.node_count), 0.5))
+    write_track_figure(first, 0.95, "one frame", tmp_path / "track.png")
+    assert (tmp_path / "track.png").stat().st_size > 10_000
