@@ -75,6 +75,16 @@ class _Problem:
         return np.array([measured.lengths.t_s for measured in self.measured])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Optimum:
+    """The shapes of least error of a whole trial."""
+
+    problem: _Problem
+    node_position_m: NDArray[np.float64]
+    """(frames, nodes, 3)"""
+    converged: bool
+
+
 class BatchOptimizer:
     """Estimates the shape in every frame from all frames of the trial, earlier and later ones."""
 
@@ -95,11 +105,7 @@ class BatchOptimizer:
         Raises:
             IndeterminateError: when measurements and priors leave some node undetermined.
         """
-        live = LiveSmoother(self._builder.structure, self._builder.rest, _learning(self._settings))
-        live.keep()
-        frames = without_lag(list(frames))
-        shapes = [live.first_shape(lengths) for lengths in _some_of(frames)]
-        yield from self.refined(frames, live, shapes, None, progress)
+        yield from self._shapes(self._after_live_pass(frames, progress))
 
     def refined(
         self,
@@ -121,8 +127,29 @@ class BatchOptimizer:
         Raises:
             IndeterminateError: see `estimate`.
         """
+        yield from self._shapes(self._optimum(frames, live, shapes, supports, progress))
+
+    def _after_live_pass(
+        self, frames: Iterable[TendonLengths], progress: Callable[[int, float], None]
+    ) -> _Optimum | None:
+        """Return the optimum from a live pass; None without frames. What only the live pass needs is let go of."""
+        live = LiveSmoother(self._builder.structure, self._builder.rest, _learning(self._settings))
+        live.keep()
+        frames = without_lag(list(frames))
+        shapes = [live.first_shape(lengths).without_covariance() for lengths in _some_of(frames)]
+        return self._optimum(frames, live, shapes, None, progress)
+
+    def _optimum(
+        self,
+        frames: list[TendonLengths],
+        live: LiveSmoother,
+        shapes: list[Shape],
+        supports: Sequence[Support] | None,
+        progress: Callable[[int, float], None],
+    ) -> _Optimum | None:
+        """Return the optimum from a live estimate, see `refined`; None without frames."""
         if not frames:
-            return
+            return None
         problem = self._problem(frames, live, shapes, supports)
         try:
             if len(shapes) < len(frames) and self._builder.statics is not None:
@@ -130,7 +157,7 @@ class BatchOptimizer:
             position_m, converged = minimised(self._chain(problem), problem.start_m, progress)
         except np.linalg.LinAlgError as error:
             raise IndeterminateError("a node is undetermined: no shape prior, and too few lengths") from error
-        yield from self._shapes(problem, position_m, converged)
+        return _Optimum(problem, position_m, converged)
 
     def _nearer(
         self, problem: _Problem, frames: list[TendonLengths], live: LiveSmoother, shapes: list[Shape]
@@ -198,8 +225,11 @@ class BatchOptimizer:
         rows = motion_rows(problem.t_s, self._builder.noise.motion_m_per_s15, sigma_m)
         return TrialChain(factors, rows, self._builder.structure.free_coordinates, rest.node_position_m)
 
-    def _shapes(self, problem: _Problem, position_m: NDArray[np.float64], converged: bool) -> Iterator[Shape]:
-        """Yield the shapes of all frames with their covariances, loads and second shapes."""
+    def _shapes(self, optimum: _Optimum | None) -> Iterator[Shape]:
+        """Yield the shapes of all frames with their covariances, loads and second shapes; none without frames."""
+        if optimum is None:
+            return
+        problem, position_m = optimum.problem, optimum.node_position_m
         balance = problem.balance.near(self._builder, position_m) if problem.balance else None
         trial = replace(problem, balance=balance)
         t_s = problem.t_s
@@ -210,7 +240,7 @@ class BatchOptimizer:
             others = self._second_shapes(trial, assessment, window, search)
             for k in range(window.start, window.stop):
                 other = others.get(k, other)
-                shape = self._shape(trial, assessment[k - window.start], k, converged)
+                shape = self._shape(trial, assessment[k - window.start], k, optimum.converged)
                 yield replace(shape, status=Status.TWO_SHAPES, other=other) if other else shape
 
     def _shape(self, trial: _Problem, assessment: Assessment, k: int, converged: bool) -> Shape:
@@ -303,8 +333,10 @@ def _admitted(frames: list[TendonLengths], shapes: list[Shape], drift: list[Drif
             before = drift[0].earlier((lengths.t_s - first_s) / (drift[0].t_s - first_s)) if k < 0 else drift[k]
             corrected = before.corrected(lengths)
         implausible = shapes[latest].lengths.flags & int(Flag.IMPLAUSIBLE)
-        sigma_m = np.where(implausible > 0, np.inf, corrected.sigma_m)
-        admitted.append(replace(corrected, sigma_m=sigma_m, flags=corrected.flags | implausible))
+        if implausible.any():
+            sigma_m = np.where(implausible > 0, np.inf, corrected.sigma_m)
+            corrected = replace(corrected, sigma_m=sigma_m, flags=corrected.flags | implausible)
+        admitted.append(corrected)
     return admitted
 
 

@@ -23,7 +23,14 @@ from scipy.special import expit, logit
 from ..factors.noise import WeightedLengths
 from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.shape import Shape
-from ..models.values.readings import Flag, Mode, ModeReadings, TendonLengths
+from ..models.values.readings import (
+    LEAST_PROBABILITY,
+    Flag,
+    Mode,
+    ModeReadings,
+    TendonLengths,
+    is_mode_uncertain,
+)
 from ..models.values.time_series import interpolated, low_pass_weight
 from .graph import GraphBuilder
 
@@ -32,8 +39,6 @@ EVIDENCE_S = 0.1
 EVIDENCE_SHARE = 0.4
 """Share of the evidence that counts: what follows from all else has errors that last for seconds, and other tendons of
 uncertain mode."""
-LEAST_PROBABILITY = 1e-3
-"""Least probability of a mode that is considered."""
 MOST_LOG_ODDS = 20.0
 """Limit of the evidence of one frame."""
 
@@ -55,18 +60,19 @@ class ModeChoice:
 
     def observe(self, shape: Shape, measured: WeightedLengths) -> None:
         """Learn from a frame that was estimated from the measured lengths."""
-        if measured.lengths.modes is None or self._builder.statics is None:
+        if self._builder.statics is None:
             return
         step_s = shape.t_s - self._last_s if np.isfinite(self._last_s) else 0.0
         self._last_s = shape.t_s
         evidence = np.zeros(len(self._log_odds))
-        if is_uncertain(measured.lengths):
+        modes = measured.lengths.modes
+        if modes is not None and is_uncertain(measured.lengths):
             evidence = self.evidence(
                 shape.node_position_m,
                 shape.covariance_m2,
                 measured.lengths.length_m,
                 measured.sigma_m,
-                measured.lengths.modes,
+                modes,
             )
         self._log_odds += low_pass_weight(step_s, EVIDENCE_S) * (evidence - self._log_odds)
         if self.kept is not None:
@@ -118,7 +124,7 @@ class ModeChoice:
         if modes is None:
             return lengths
         alone = modes.bending_probability
-        asked = lengths.usable & _uncertain(modes)
+        asked = lengths.usable & is_mode_uncertain(alone)
         if not asked.any():
             return lengths
         bent = expit(logit(np.clip(alone, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)) + log_odds)
@@ -149,10 +155,4 @@ def stacked_modes(frames: Sequence[TendonLengths]) -> ModeReadings:
 
 def is_uncertain(lengths: TendonLengths) -> bool:
     """Return whether the reading alone does not tell the mode of some tendon."""
-    return lengths.modes is not None and bool(_uncertain(lengths.modes).any())
-
-
-def _uncertain(modes: ModeReadings) -> NDArray[np.bool_]:
-    """Return (tendons,) for which tendons both modes are considered."""
-    alone = modes.bending_probability
-    return np.asarray((alone > LEAST_PROBABILITY) & (alone < 1 - LEAST_PROBABILITY))
+    return lengths.modes is not None and bool(is_mode_uncertain(lengths.modes.bending_probability).any())

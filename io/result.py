@@ -208,15 +208,15 @@ def _append(path: Path, rows: Iterator[str]) -> None:
 
 
 def _rows(form: str, *columns: NDArray[Any]) -> Iterator[str]:
-    """Yield the rows of a table as text.
+    """Yield the rows of a table as text, many rows at a time.
 
     Args:
         form: of a row, for the operator %.
         columns: (rows,) or (rows, columns) each, side by side.
     """
     for block in parts(len(columns[0]), BLOCK_ROWS):
-        for row in np.column_stack([column[block] for column in columns]).tolist():
-            yield form % tuple(row)
+        cells = np.column_stack([column[block] for column in columns])
+        yield "\n".join([form] * len(cells)) % tuple(cells.ravel().tolist())
 
 
 def _each(t_s: NDArray[np.float64], members: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -37,16 +37,13 @@ def write_heights_figure(e: Evaluation, title: str, path: Path) -> None:
     free = e.structure.free_nodes
     faces = e.structure.faces
     c = e.compared
-    figure, axes = panels_over_time(len(free) + len(faces), 4, 1.75)
+    figure, axes = panels_over_time(len(free) + len(faces), 4, 1.75, "height [mm]")
     for axis, node in zip(axes, free, strict=False):
         _draw_height(axis, c.t_s, c.estimated_m[:, node, 2], c.true_m[:, node, 2], c.height_sigma_m[:, node])
-        axis.set_title(f"node {node}", fontsize=8, pad=2)
+        axis.set_title(f"node {node}", fontsize=8, pad=2, y=1)
     for axis, face in zip(axes[len(free) :], faces, strict=False):
         _draw_height(axis, c.t_s, c.estimated_m[:, face, 2].mean(axis=1), c.true_m[:, face, 2].mean(axis=1), None)
-        axis.set_title(f"face {face[0]}-{face[1]}-{face[2]}", fontsize=8, pad=2)
-    for axis in axes[-4:]:
-        axis.xaxis.set_tick_params(labelbottom=True)
-    figure.supylabel("height [mm]")
+        axis.set_title(f"face {face[0]}-{face[1]}-{face[2]}", fontsize=8, pad=2, y=1)
     figure.suptitle(f"{title}: heights of nodes and of faces' centres (each panel has its own scale)")
     estimated = Line2D([], [], color=BLUE, label="estimated")
     band = Patch(color=BLUE, alpha=0.25, label="its 95 % band (nodes)")

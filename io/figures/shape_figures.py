@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ from .style import (
     save_figure,
     set_cube,
     structure_handles,
+    within_margins,
 )
 from .track_figure import write_track_figure
 
@@ -62,10 +64,9 @@ def write_lengths_figure(r: Reconstruction, title: str, path: Path) -> None:
     Of a long run each panel shows, for each of `PIECES`, the mean and the range of its frames.
     """
     count = len(r.structure.tendons)
-    figure, axes = panels_over_time(count, min(count, 4), 1.55)
+    figure, axes = panels_over_time(count, min(count, 4), 1.55, "tendon length [mm]")
     for e, axis in enumerate(axes):
         draw_length(axis, r, e)
-    figure.supylabel("tendon length [mm]")
     figure.suptitle(f"{title}: tendon lengths (each panel has its own scale)")
     long = len(r) > LONG_FRAMES
     each = f"{(r.t_s[-1] - r.t_s[0]) / PIECES:.2g} s"
@@ -105,7 +106,7 @@ def draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
     margin = max(0.15 * (high - low), 1.5)
     axis.set_ylim(low - margin, high + margin)
     a, b = r.structure.tendons[e]
-    axis.set_title(f"tendon {e} ({a}-{b})", fontsize=8, pad=2)
+    axis.set_title(f"tendon {e} ({a}-{b})", fontsize=8, pad=2, y=1)
     axis.tick_params(labelsize=7)
     add_grid(axis)
     axis.margins(x=0)
@@ -160,8 +161,8 @@ def write_drift_figure(
         title: what was reconstructed.
         path: of the PNG.
     """
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    axis = figure.subplots()
+    figure = Figure(figsize=(8, 4.5))
+    axis = figure.subplots(gridspec_kw=within_margins(figure, left=0.75, right=0.15, bottom=0.85, top=0.4))
     for e in range(drift.shape[1]):
         color = BLUE if r.structure.is_free_tendon[e] else RED
         percent = 100 * drift[:, e]
@@ -195,15 +196,14 @@ def write_shape_figure(r: Reconstruction, probability: float, load_threshold_n: 
     arrows = [LoadArrows.of(r, k, load_threshold_n, scale.load_mm_per_n) for k in frames]
     drawn_mm = np.concatenate([1e3 * r.node_position_m.reshape(-1, 3), *(some.tail_mm for some in arrows)])
     rows = -(-len(frames) // 2)
-    figure = Figure(figsize=(11, 5 * rows + 4), layout="constrained")
-    grid = figure.add_gridspec(rows + 1, 2, height_ratios=[*[1.0] * rows, 0.55])
+    figure, grid, below = _panels_and_one_below(rows)
     for panel, (k, some) in enumerate(zip(frames, arrows, strict=True)):
         axis = figure.add_subplot(grid[divmod(panel, 2)], projection="3d")
         draw_structure(axis, r, k, probability, scale)
         some.draw(axis)
         set_cube(axis, drawn_mm, 0.52, fontsize=8)
         axis.set_title(f"t = {r.t_s[k]:.2f} s", fontsize=10)
-    draw_heights(figure.add_subplot(grid[rows, :]), r, nodes_of_interest(r, load_threshold_n), frames)
+    draw_heights(below, r, nodes_of_interest(r, load_threshold_n), frames)
     figure.suptitle(f"{title}: shape with {100 * probability:g} % ellipsoids × {scale.magnification}")
     load_label = f"load over {load_threshold_n:g} N, {scale.load_mm_per_n:g} mm per N"
     handles = [
@@ -215,6 +215,15 @@ def write_shape_figure(r: Reconstruction, probability: float, load_threshold_n: 
     ]
     add_legend_below(figure, handles, 4)
     save_figure(figure, path)
+
+
+def _panels_and_one_below(rows: int) -> tuple[Figure, GridSpec, Axes]:
+    """Return a figure with the places of rows of two panels, and a wide panel below, with room for legends."""
+    figure = Figure(figsize=(11, 5 * rows + 4))
+    above = within_margins(figure, left=0.3, right=0.3, bottom=4.0, top=0.9)
+    below = within_margins(figure, left=0.7, right=1.0, bottom=1.15, top=5 * rows + 0.45)
+    grid = figure.add_gridspec(rows, 2, wspace=0.0, hspace=0.06, **above)
+    return figure, grid, figure.add_subplot(figure.add_gridspec(1, 1, **below)[0])
 
 
 def nodes_of_interest(r: Reconstruction, load_threshold_n: float, count: int = 3) -> list[int]:

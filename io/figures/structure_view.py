@@ -1,13 +1,15 @@
 """The structure of one frame in space: rods, tendons, ellipsoids at a stated magnification, loads as arrows."""
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from numpy.typing import NDArray
 
 from ...models.structure.reconstruction import Reconstruction
+from ...models.structure.shape import ellipsoids
 from .style import BLACK, GREEN, GREY, PURPLE, RED, tendon_style
 
 LONGEST_ARROW = 0.4
@@ -42,7 +44,8 @@ class Scale:
             load_threshold_n: see `drawn_loads`.
         """
         extent_mm = 1e3 * float(np.max(np.ptp(r.node_position_m[0], axis=0)))
-        semi_axis_mm = 1e3 * r.ellipsoids(probability).semi_axis_m[frames][:, r.structure.free_nodes]
+        covariance_m2 = r.node_covariance_m2[frames][:, r.structure.free_nodes]
+        semi_axis_mm = 1e3 * ellipsoids(covariance_m2, probability).semi_axis_m
         widest_mm = np.max(semi_axis_mm, initial=0.0, where=np.isfinite(semi_axis_mm))
         fitting = [m for m in MAGNIFIED_BY if m * widest_mm <= WIDEST_ELLIPSOID * extent_mm]
         force_n = [np.linalg.norm(drawn_loads(r, k, load_threshold_n)[1], axis=-1) for k in frames]
@@ -90,12 +93,12 @@ def draw_structure(axis: Axes3D, r: Reconstruction, k: int, probability: float, 
     axis.computed_zorder = False
     now_mm = 1e3 * r.node_position_m[k]
     start_mm = 1e3 * r.node_position_m[0]
-    for a, b in r.structure.rods:
-        axis.plot(*start_mm[[a, b]].T, color=GREY, lw=1, alpha=0.6, zorder=_order("start"))
-        axis.plot(*now_mm[[a, b]].T, color=BLACK, lw=3, solid_capstyle="round", zorder=_order("rod"))
-    for e, (a, b) in enumerate(r.structure.tendons):
-        style = tendon_style(r.length_m[k, e], r.mode[k, e])
-        axis.plot(*now_mm[[a, b]].T, lw=1.2, zorder=_order("tendon"), **style)
+    rods, tendons = r.structure.rods, r.structure.tendons
+    _draw_lines(axis, start_mm[rods], "start", colors=GREY, linewidths=1, alpha=0.6)
+    _draw_lines(axis, now_mm[rods], "rod", colors=BLACK, linewidths=3, capstyle="round")
+    styles = [tendon_style(length_m, mode) for length_m, mode in zip(r.length_m[k], r.mode[k], strict=True)]
+    colors, dashes = ([style[name] for style in styles] for name in ("color", "linestyle"))
+    _draw_lines(axis, now_mm[tendons], "tendon", colors=colors, linewidths=1.2, linestyles=dashes)
     axis.scatter(*now_mm[r.structure.anchors].T, marker="^", color=GREEN, s=30, zorder=_order("anchor"), alpha=1)
     _draw_ellipsoids(axis, r, k, probability, scale)
     for node, position_mm in enumerate(now_mm + 0.03 * scale.extent_mm):
@@ -104,15 +107,20 @@ def draw_structure(axis: Axes3D, r: Reconstruction, k: int, probability: float, 
     axis.set_box_aspect((1, 1, 1), zoom=0.92)
 
 
+def _draw_lines(axis: Axes3D, ends_mm: NDArray[np.float64], part: str, **style: Any) -> None:
+    """Draw lines between (lines, 2, 3) ends."""
+    axis.add_collection3d(Line3DCollection(ends_mm, zorder=_order(part), **style))
+
+
 def _draw_ellipsoids(axis: Axes3D, r: Reconstruction, k: int, probability: float, scale: Scale) -> None:
     """Draw them at their magnification, the wider the more transparent: one as large as the structure hides it."""
     now_mm = 1e3 * r.node_position_m[k]
-    regions = r.ellipsoids(probability)
+    regions = ellipsoids(r.node_covariance_m2[k], probability)
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 17), np.linspace(0, np.pi, 9))
     sphere = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
     for node in r.structure.free_nodes:
-        semi_axis_mm = 1e3 * scale.magnification * regions.semi_axis_m[k, node]
-        surface = now_mm[node] + sphere @ (regions.axes[k, node] * semi_axis_mm).T
+        semi_axis_mm = 1e3 * scale.magnification * regions.semi_axis_m[node]
+        surface = now_mm[node] + sphere @ (regions.axes[node] * semi_axis_mm).T
         alpha = 0.35 * min(1.0, WIDEST_ELLIPSOID * scale.extent_mm / float(np.max(semi_axis_mm)))
         axis.plot_surface(
             *np.moveaxis(surface, -1, 0),

@@ -45,16 +45,29 @@ def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> None:
     figure.savefig(path, dpi=dpi)
 
 
-def panels_over_time(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]:
-    """Return a figure with a grid of panels that share their time, each `height` inches high."""
+def within_margins(figure: Figure, *, left: float, right: float, bottom: float, top: float) -> dict[str, float]:
+    """Return the place of panels within margins in inches, as a grid of panels takes it: in parts of the figure.
+
+    A layout that is searched for ("constrained") draws the figure twice and measures every text, which takes longer
+    than all else in a figure of many panels.
+    """
+    width, height = figure.get_size_inches()
+    return {"left": left / width, "right": 1 - right / width, "bottom": bottom / height, "top": 1 - top / height}
+
+
+def panels_over_time(count: int, columns: int, height: float, ylabel: str) -> tuple[Figure, list[Axes]]:
+    """Return a figure with a grid of panels over the same time, each `height` inches high with its title."""
     rows = -(-count // columns)
-    figure = Figure(figsize=(4.2 * columns, height * rows + 1.2), layout="constrained")
-    axes = list(figure.subplots(rows, columns, sharex=True, squeeze=False).flat)
-    for axis in axes[count:]:
-        axis.set_visible(False)
-    for axis in axes[max(count - columns, 0) : count]:
+    figure = Figure(figsize=(4.2 * columns, height * rows + 1.4))
+    place = within_margins(figure, left=0.75, right=0.12, bottom=0.98, top=0.55)
+    grid = figure.add_gridspec(rows, columns, wspace=0.14, hspace=0.22, **place)
+    figure.supylabel(ylabel, x=0.1 / figure.get_figwidth())
+    axes = [figure.add_subplot(grid[divmod(k, columns)]) for k in range(count)]
+    for axis in axes[:-columns]:
+        axis.tick_params(labelbottom=False)
+    for axis in axes[-columns:]:
         axis.set_xlabel("time [s]")
-    return figure, axes[:count]
+    return figure, axes
 
 
 def set_cube(axis: Axes3D, points_mm: NDArray[np.float64], reach: float, **label: Any) -> None:

@@ -7,7 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from ..values.readings import Flag, Mode, ModeReadings, ResistanceFrame, RestLengths, SensorDrift, TendonLengths
+from ..values.readings import (
+    Flag,
+    Mode,
+    ModeReadings,
+    ResistanceFrame,
+    RestLengths,
+    SensorDrift,
+    TendonLengths,
+    is_mode_uncertain,
+)
 from ..values.tables import Positive, Probability
 from .bending import LagFree
 from .reference_drift import ReferenceDrift, ReferenceTendons, without_drift
@@ -131,16 +140,23 @@ class FrontEnd:
         flags = flags | np.where(shaken, int(Flag.SHAKEN), 0)
         strain = _Strain(strain.value, np.hypot(strain.sigma, swing))
         lengths = self._lengths(frame, strain, probability, flags)  # eq. (4)
-        modes = ModeReadings(
-            length_m=(1 + np.stack([stretched.value, bent.value])) * self._L0,
-            sigma_m=np.hypot(np.stack([stretched.sigma, bent.sigma]), swing) * self._L0,
-            bending_probability=probability,
-        )
         return replace(
             lengths,
             drift=self._taken_off(drift, held.change, strain.value),
-            modes=modes,
+            modes=self._in_each_mode(stretched, bent, swing, probability),
             change_since_rest=change - self._taring.rest_change,
+        )
+
+    def _in_each_mode(
+        self, stretched: _Strain, bent: _Strain, swing: NDArray[np.float64], probability: NDArray[np.float64]
+    ) -> ModeReadings | None:
+        """Return the lengths in both modes; None where no mode is uncertain."""
+        if not is_mode_uncertain(probability).any():
+            return None
+        return ModeReadings(
+            length_m=(1 + np.stack([stretched.value, bent.value])) * self._L0,
+            sigma_m=np.hypot(np.stack([stretched.sigma, bent.sigma]), swing) * self._L0,
+            bending_probability=probability,
         )
 
     def _taken_off(

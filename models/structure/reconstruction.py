@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     import xarray
 
 
-NO_COVARIANCE = np.zeros((0, 0))
 BLOCK_FRAMES = 1000
 """Frames whose matrices are made at a time, so that those of half an hour do not take gigabytes."""
 
@@ -53,12 +52,14 @@ class Propagated:
 def _covariances(shapes: Iterable[Shape], structure: Structure, collected: list[Shape]) -> NDArray[np.float64]:
     """Return (frames, 3 nodes, 3 nodes) the covariances of all shapes, and collect the shapes without theirs.
 
-    So there is never a second copy of them: in half an hour of 50 frames a second they take a gigabyte.
+    So there is never a second copy of them: in half an hour of 50 frames a second they take a gigabyte. What else no
+    result holds, such as the lengths in each mode, is let go of, too.
     """
 
     def taken() -> Iterator[NDArray[np.float64]]:
         for shape in shapes:
-            collected.append(replace(shape, covariance_m2=NO_COVARIANCE))
+            lengths = replace(shape.lengths, modes=None, aids=(), change_since_rest=None, natural=None)
+            collected.append(replace(shape.without_covariance(), lengths=lengths))
             yield shape.covariance_m2
 
     size = 3 * structure.node_count

@@ -76,6 +76,9 @@ REASON_ADVICE = {
 }
 
 
+NO_COVARIANCE = np.zeros((0, 0))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Ellipsoids:
     """Confidence regions of several nodes: each contains its node with a given probability."""
@@ -154,6 +157,10 @@ class Shape:
         nodes = len(self.node_position_m)
         sigma_mm = 1e3 * self.node_sigma_m.mean()
         return f"Shape(t = {self.t_s:.2f} s, {nodes} nodes, {self.status}, mean sigma of a node {sigma_mm:.2f} mm)"
+
+    def without_covariance(self) -> "Shape":
+        """Return the shape with an empty covariance, for where many are held."""
+        return replace(self, covariance_m2=NO_COVARIANCE)
 
     def in_doubt(self, reason: Reason) -> "Shape":
         """Return the shape with the status `doubt` for a reason, unless another reason or a worse status stands."""

@@ -153,7 +153,6 @@ class Statics:
         self._incidence = np.zeros((count, len(tendons)))
         self._incidence[self._a, tendons] = 1.0
         self._incidence[self._b, tendons] = -1.0
-        self._pairs = -(self._incidence[:, None] * self._incidence[None]).reshape(count * count, -1)
         self._stand_on(hung_up(mechanics.node_mass_kg(structure)))
         self.nodes = structure.free_nodes
         self.joined = JoinedRods(structure)
@@ -164,12 +163,28 @@ class Statics:
         self._on_rod = (self._partner != self.nodes)[:, None]
         self.floating_rods = single[np.isin(single, self.nodes).all(axis=1)]
         self._rows = (3 * np.searchsorted(self.nodes, self.joined.nodes)[:, None] + np.arange(3)).ravel()
+        self._take_ends()
         self.group = np.concatenate(
             [np.repeat(np.arange(len(self.nodes)), 3), len(self.nodes) + np.arange(len(self.floating_rods))]
         )
         """(rows,) the group of each row: the rows of one node get one common weight, and each rod has its own."""
         self.group_start = np.flatnonzero(np.diff(self.group, prepend=-1))
         """(groups,) the first row of each group."""
+
+    def _take_ends(self) -> None:
+        """Number the ends of tendons at free nodes, in the order of these nodes."""
+        self._end_node, self._end_tendon = np.nonzero(self._incidence[self.nodes])
+        node = self.nodes[self._end_node]
+        self._end_far = (self._a + self._b)[self._end_tendon] - node
+        ends = np.arange(len(node))
+        self._ends_at = np.zeros((len(self.nodes), len(ends)))
+        self._ends_at[self._end_node, ends] = 1.0
+        by_rod = np.zeros((len(self.floating_rods), self.structure.node_count, len(ends)))
+        for rod, (i, j) in enumerate(self.floating_rods):
+            sign = (node == j).astype(np.float64) - (node == i)  # at a free node w points to it, on a rod from i to j
+            by_rod[rod, self._end_far, ends] += sign
+            by_rod[rod, node, ends] -= sign
+        self._ends_on_rods = by_rod.reshape(-1, len(ends))
 
     def supported(self, support: Support) -> "Statics":
         """Return the same balance with another force of gravity and floor."""
@@ -250,48 +265,64 @@ class Statics:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the residuals (..., rows) and their derivatives (..., rows, 3 nodes) by all coordinates.
 
-        With S_e = kappa u u^T + (T / l) (I - u u^T), K = df/dx = -B S B^T, P = I - w w^T, dw/dx_n = P / ell:
+        With P = I - w w^T, dw/dx_n = P / ell, and S_e = kappa u u^T + (T / l) (I - u u^T), so that at an end n of a
+        tendon e = n-m df_n/dx_m = S_e and df_n/dx_n = -S_e:
 
-            dr_n/dx = P K_n - ((w . f_n) I + w f_n^T) (P / ell) at n, + the same at the rod's other end
-            ds/dx   = w^T (K_i + K_j) -+ (f_i + f_j)^T P / ell at i and j
+            dr_n/dx = P df_n/dx - ((w . f_n) P + w r_n^T) / ell at n, + the same at the rod's other end
+            ds/dx   = w^T (df_i/dx + df_j/dx) -+ (f_i + f_j)^T P / ell at i and j
         """
         x = node_position_m
-        nodes = self.nodes
-        rods = self.floating_rods
-        lead = x.shape[:-2]
-        count = self.structure.node_count
-        eye = np.eye(3)
+        lead, nodes, rods = x.shape[:-2], self.nodes, self.floating_rods
         unit, length, stiffness, tension = self._tensions(x)
         force = self._outer_n - self._incidence @ (tension[..., None] * unit)
-        uu = unit[..., :, None] * unit[..., None, :]
-        tangent = stiffness[..., None, None] * uu + (tension / length)[..., None, None] * (eye - uu)
-        K = (self._pairs @ tangent.reshape(*lead, -1, 9)).reshape(*lead, count, count, 3, 3)
         w, ell, w_floating, ell_floating = self._rods(x)
-
         f = force[..., nodes, :]
         wf = np.sum(w * f, axis=-1, keepdims=True)
-        P = eye - w[..., :, None] * w[..., None, :]
-        turn = (wf[..., None] * eye + w[..., :, None] * f[..., None, :]) @ (P / ell[..., None])
-        across = P[..., None, :, :] @ K[..., nodes, :, :, :]
-        index = np.arange(len(nodes))
-        across[..., index, nodes, :, :] -= turn
-        across[..., index, self._partner, :, :] += turn
-        across = np.swapaxes(across, -3, -2).reshape(*lead, -1, 3 * count)
-
+        r = f - w * wf
+        turn = (wf[..., None] * (np.eye(3) - _outer(w, w)) + _outer(w, r)) / ell[..., None]
         f_rod = force[..., rods, :].sum(axis=-2)
-        K_rod = K[..., rods[:, 0], :, :, :] + K[..., rods[:, 1], :, :, :]
-        axial = np.einsum("...rk,...rmkj->...rmj", w_floating, K_rod)
-        turn = (f_rod - w_floating * np.sum(w_floating * f_rod, axis=-1, keepdims=True)) / ell_floating
-        index = np.arange(len(rods))
-        axial[..., index, rods[:, 1], :] += turn
-        axial[..., index, rods[:, 0], :] -= turn
-        axial = axial.reshape(*lead, len(rods), 3 * count)
+        s = np.sum(w_floating * f_rod, axis=-1, keepdims=True)
+        turn_rod = (f_rod - w_floating * s) / ell_floating
 
-        r = np.concatenate([(f - w * wf).reshape(*lead, -1), np.sum(w_floating * f_rod, axis=-1)], axis=-1)
-        jacobian = np.concatenate([across, axial], axis=-2)
+        jacobian = np.zeros((*lead, len(self.group), x.shape[-2] * 3))
+        across = jacobian[..., : 3 * len(nodes), :].reshape(*lead, len(nodes), 3, -1, 3).swapaxes(-3, -2)
+        axial = jacobian[..., 3 * len(nodes) :, :].reshape(*lead, len(rods), x.shape[-2], 3)
+        at_ends, along_ends = self._by_far_ends(w, unit, tension / length, stiffness)
+        index = np.arange(len(nodes))
+        across[..., self._end_node, self._end_far, :, :] = at_ends
+        across[..., index, nodes, :, :] = -(self._ends_at @ at_ends.reshape(*lead, -1, 9)).reshape(turn.shape) - turn
+        across[..., index, self._partner, :, :] += turn
+        axial += (self._ends_on_rods @ along_ends).reshape(axial.shape)
+        index = np.arange(len(rods))
+        axial[..., index, rods[:, 1], :] += turn_rod
+        axial[..., index, rods[:, 0], :] -= turn_rod
+
+        rows = np.concatenate([r.reshape(*lead, -1), s[..., 0]], axis=-1)
         if len(self._rows):
-            jacobian[..., self._rows, :] = self.joined.by_position(x, r[..., self._rows], jacobian[..., self._rows, :])
-        return self._allowed(r[..., None], x)[..., 0], jacobian
+            by_position = self.joined.by_position(x, rows[..., self._rows], jacobian[..., self._rows, :])
+            jacobian[..., self._rows, :] = by_position
+        return self._allowed(rows[..., None], x)[..., 0], jacobian
+
+    def _by_far_ends(
+        self,
+        w: NDArray[np.float64],
+        unit: NDArray[np.float64],
+        slope: NDArray[np.float64],
+        stiffness: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (..., ends, 3, 3) P S_e and (..., ends, 3) w^T S_e, at each end of a tendon that is at a free node.
+
+        Args:
+            w: (..., free nodes, 3), see `_rods`.
+            unit: (..., tendons, 3) u_e.
+            slope: (..., tendons) T / l.
+            stiffness: (..., tendons) kappa.
+        """
+        S = slope[..., None, None] * np.eye(3) + (stiffness - slope)[..., None, None] * _outer(unit, unit)
+        S = S[..., self._end_tendon, :, :]
+        w = w[..., self._end_node, :]
+        along = np.einsum("...k,...kj->...j", w, S)
+        return S - _outer(w, along), along
 
     def support_variance_n2(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows) the variance of the residuals by that of the support, with one value in each group."""
@@ -357,3 +388,8 @@ class Statics:
         floating = x[..., self.floating_rods[:, 1], :] - x[..., self.floating_rods[:, 0], :]
         ell_floating = np.sqrt(np.sum(floating**2, axis=-1, keepdims=True))
         return difference / ell, ell, floating / ell_floating, ell_floating
+
+
+def _outer(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., 3, 3) a b^T."""
+    return np.asarray(np.einsum("...i,...j->...ij", a, b))

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from .aids import AidReading
 
+LEAST_PROBABILITY = 1e-3
+"""Least probability of a mode that is considered."""
+
 
 class Mode(IntEnum):
     """How a tendon is strained, eq. (3)."""
@@ -182,6 +185,11 @@ class ModeReadings:
     """(tendons,) probability that the tendon is bent, by its reading alone."""
 
 
+def is_mode_uncertain(bending_probability: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return (tendons,) whether both modes are considered, from the probabilities that tendons are bent."""
+    return np.asarray((bending_probability > LEAST_PROBABILITY) & (bending_probability < 1 - LEAST_PROBABILITY))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FactorRows:
     """What a factor says of node positions, in rows; leading axes are frames."""
@@ -230,7 +238,8 @@ class TendonLengths:
     drift: SensorDrift | None = None
     """The drift that was taken off; None for lengths that were not computed from resistance."""
     modes: ModeReadings | None = None
-    """The lengths in each mode; None for lengths that were not computed from resistance."""
+    """The lengths in each mode; None where every reading alone tells the mode of its tendon, and for lengths that were
+    not computed from resistance."""
     aids: tuple[AidReading, ...] = ()
     """The readings of other sensors since the instant before, in order of time."""
     change_since_rest: NDArray[np.float64] | None = None
