@@ -58,8 +58,8 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.syspath_prepend(place)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(place), *filter(None, [os.environ.get("PYTHONPATH")])]))
     yield place
-    for name in ("own_parts", "own_mine"):
-        sys.modules.pop(name, None)
+    for module in place.glob("*.py"):
+        sys.modules.pop(module.stem, None)
 
 
 @pytest.fixture

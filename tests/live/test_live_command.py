@@ -26,6 +26,8 @@ from tensegraph.io.result import write_tables
 from tensegraph.models.values.aids import ImuReading
 from tensegraph.pipeline import ESTIMATORS, Pipeline
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 TABLES = ["shape.csv", "ellipsoids.csv", "lengths.csv", "status.csv"]
 
 
@@ -200,7 +202,7 @@ def test_one_board_and_no_disk_are_enough_to_go_on_with(tmp_path, rig, pty_board
         shutil.rmtree(tmp_path / "gone")
 
     threading.Thread(target=vanish, daemon=True).start()
-    arguments = ("--port", board.port, "--record", "gone", "--out", "out", "--seconds", 2.5)
+    arguments = ("--port", board.port, "--record", "gone", "--out", "out", "--seconds", 4)
     code, said, error = typed("live", "--rig", rig, *arguments, cwd=tmp_path)
     assert code == 2
     assert error == "tensegraph: gone: the recording ended: its files are gone\n"
