@@ -58,7 +58,12 @@ def test_snippets_run_in_the_reader_s_directory(reader: Path) -> None:
     assert len(list(parsed(reader / "page.md").examples())) == 4
 
 
-BAD = [f"```{block}\n```" for block in ("python\nassert x == 2", "sh\nfalse | true", "sh\ntensegraph evaluate nothing")]
+BAD = [
+    "```python\nassert x == 2\n```",
+    "```sh\nfalse | true\n```",
+    "```sh\nexit 3\n```",
+    "```sh\ntensegraph evaluate nothing\n```",
+]
 
 
 @pytest.mark.parametrize("bad", BAD)
