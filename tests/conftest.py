@@ -6,12 +6,15 @@ import subprocess
 import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import OptimizeResult, least_squares
 
 from balance import nominal
+from blank_figures import blank_figures
 from emulated_board import EmulatedBoard
 from plan_edits import PLANS, SHORT, replaced
 from pty_board import PtyBoard
@@ -24,6 +27,7 @@ from tensegraph.models.structure.rest_shape import GeometrySigma, RestSettings, 
 from tensegraph.models.structure.rigidity import find_rest_shape
 from tensegraph.models.values.readings import Mode, TendonLengths
 
+Terms = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 EXAMPLE = Path(__file__).parents[1] / "examples" / "press_01"
 
 for number in (signal.SIGINT, signal.SIGHUP):  # a shell that starts the tests in the background ignores them,
@@ -158,6 +162,34 @@ def trial_copy(tmp_path: Path) -> Callable[..., Path]:
         return target
 
     return copy
+
+
+@pytest.fixture(scope="session", autouse=True)
+def rest_shapes_are_found_once() -> Iterator[None]:
+    """The search from eight starts takes two seconds, and most trials of these tests are of one of three structures."""
+    with mock.patch("tensegraph.models.structure.rigidity.least_squares", remembered(least_squares)):
+        yield
+
+
+def remembered(search: Callable[..., OptimizeResult]) -> Callable[..., OptimizeResult]:
+    """Return scipy's search, which answers at once where it began from the same point with the same values before."""
+    found: dict[tuple[object, ...], OptimizeResult] = {}
+
+    def search_once(residual: Terms, start: NDArray[np.float64], jacobian: Terms, **options: object) -> OptimizeResult:
+        values = (start, residual(start), jacobian(start))
+        key = (*(one.tobytes() for one in values), *options.items())
+        if key not in found:
+            found[key] = search(residual, start, jacobian, **options)
+        return found[key]
+
+    return search_once
+
+
+@pytest.fixture
+def undrawn() -> Iterator[None]:
+    """For tests that do not look at figures: those of this process are files without content."""
+    with blank_figures():
+        yield
 
 
 @pytest.fixture(scope="session")

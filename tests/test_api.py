@@ -58,7 +58,7 @@ def test_public_names_are_these() -> None:
         assert getattr(tensegraph, name).__doc__
 
 
-def test_the_readme_s_python_runs(monkeypatch, tmp_path, trial_copy) -> None:
+def test_the_readme_s_python_runs(monkeypatch, tmp_path, trial_copy, undrawn) -> None:
     readme = (ROOT / "README.md").read_text()
     (code,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
     assert len([line for line in code.splitlines() if line.strip()]) <= 12
@@ -102,7 +102,7 @@ def test_live_shapes_come_while_readings_come(example) -> None:
     assert max(late_s) < 0.08
 
 
-def test_saved_results_are_those_of_the_command(tmp_path, trial_copy) -> None:
+def test_saved_results_are_those_of_the_command(tmp_path, trial_copy, undrawn) -> None:
     result = tensegraph.reconstruct(trial_copy(rows=40), "live")
     tensegraph.save(result, tmp_path / "out")
     shape = np.genfromtxt(tmp_path / "out" / "shape.csv", delimiter=",", skip_header=1)

@@ -101,7 +101,7 @@ def test_what_cannot_be_printed_is_escaped_in_an_error(monkeypatch, capsys) -> N
 
 @pytest.mark.parametrize("command", ["", *(command.callback.__name__ for command in cli.app.registered_commands)])
 def test_help_pages_are_legible(tmp_path, command) -> None:
-    long, short = (run_process(*command.split(), option, cwd=tmp_path) for option in ("--help", "-h"))
+    long, short = (run(*command.split(), option, cwd=tmp_path) for option in ("--help", "-h"))
     assert long.returncode == short.returncode == 0
     assert long.stdout == short.stdout
     assert "\\b" not in long.stdout
@@ -111,7 +111,7 @@ def test_help_pages_are_legible(tmp_path, command) -> None:
 
 
 def test_the_version_is_the_package_s(tmp_path) -> None:
-    assert run_process("--version", cwd=tmp_path).stdout == f"tensegraph {version('tensegraph')}\n"
+    assert run("--version", cwd=tmp_path).stdout == f"tensegraph {version('tensegraph')}\n"
 
 
 def test_defaults_are_those_of_the_settings() -> None:
@@ -127,7 +127,7 @@ def test_quiet_and_verbose(trial_copy) -> None:
     """Quiet: the result's path. Verbose: as ever, with times of the stages on stderr. Without figures: tables only."""
     path = trial_copy(rows=40)
     frame = ("reconstruct", path, "--method", "frame", "--figures", "none")
-    quiet = run_process(*frame, "-q", "--out", "quiet", cwd=path.parent)
+    quiet = run(*frame, "-q", "--out", "quiet", cwd=path.parent)
     assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "written to quiet\n", "")
     verbose = run_process(*frame, "-v", "--out", "verbose", cwd=path.parent)
     assert "node RMSE" in verbose.stdout

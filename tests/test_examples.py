@@ -19,10 +19,19 @@ SHOWN = {
 }
 
 
+@pytest.fixture
+def short_inputs(trial_copy, tmp_path: Path) -> dict[str, Path]:
+    """What two examples read, which take whole files: six seconds of the trial, one of four minutes of each strip."""
+    strips = tmp_path / "strips"
+    strips.mkdir()
+    for source in (EXAMPLES[0].parent / "calibration").glob("random_small_*.csv"):
+        (strips / source.name).write_text("".join(source.read_text().splitlines(keepends=True)[:1202]))
+    return {"01_reconstruct": trial_copy(rows=300), "04_calibrate": strips}
+
+
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
-def test_an_example_runs(example: Path, tmp_path: Path, trial_copy) -> None:
-    arguments = [trial_copy(rows=300)] if example.stem == "01_reconstruct" else []  # it takes the whole trial
-    command = [sys.executable, example, *arguments]
+def test_an_example_runs(example: Path, tmp_path: Path, short_inputs) -> None:
+    command = [sys.executable, example, *filter(None, [short_inputs.get(example.stem)])]
     environment = os.environ | {"PYTHONWARNINGS": "error::DeprecationWarning:__main__"}
     done = subprocess.run(
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=240, check=False

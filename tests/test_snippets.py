@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import undrawn_command
 from plan_edits import PLANS, SHORT, replaced
 from snippets import languages, parsed, run_page
 
@@ -18,15 +19,17 @@ NOT_RUN = {"", "csv", "ini", "json", "text", "toml"}
 
 
 @pytest.fixture
-def reader(tmp_path: Path, trial_copy: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The directory of a reader: the examples, of which trial and plan are a few seconds long, and `tensegraph`."""
+def reader(tmp_path: Path, trial_copy: Callable[..., Path], monkeypatch: pytest.MonkeyPatch, undrawn: None) -> Path:
+    """The directory of a reader: the examples, of which trial and plans are a few seconds long, and `tensegraph`."""
     examples = tmp_path / "examples"
     shutil.copytree(ROOT / "examples", examples, ignore=shutil.ignore_patterns("press_01", "__pycache__"))
     trial_copy(rows=210, name="examples/press_01")
     (examples / "plans" / "press.toml").write_text(replaced(PLANS["press"].read_text(), *SHORT))
+    prism = PLANS["prism"].read_text().partition("[[load.random]]")[0]
+    (examples / "plans" / "prism.toml").write_text(replaced(prism, ("duration_s = 30.0", "duration_s = 6.0")))
     command = tmp_path / "bin" / "tensegraph"
     command.parent.mkdir()
-    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m tensegraph "$@"\n')
+    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{undrawn_command.__file__}" "$@"\n')
     command.chmod(0o755)
     path = [str(command.parent), str(Path(sys.executable).parent), os.environ["PATH"]]
     monkeypatch.setenv("PATH", os.pathsep.join(path))
@@ -55,7 +58,12 @@ def test_snippets_run_in_the_reader_s_directory(reader: Path) -> None:
     assert len(list(parsed(reader / "page.md").examples())) == 4
 
 
-BAD = ["```python\nassert x == 2\n```", "```sh\nfalse | true\n```", "```sh\nexit 3\n```"]
+BAD = [
+    "```python\nassert x == 2\n```",
+    "```sh\nfalse | true\n```",
+    "```sh\nexit 3\n```",
+    "```sh\ntensegraph evaluate nothing\n```",
+]
 
 
 @pytest.mark.parametrize("bad", BAD)

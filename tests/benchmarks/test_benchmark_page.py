@@ -1,8 +1,10 @@
 """The command that writes the benchmark page: every part, whole tables, and never silently of two sources."""
 
 import re
+import runpy
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,11 +22,19 @@ LINKED = {
 
 
 def write(page: Path, *arguments: object) -> str:
-    """Run the command, and return the page."""
+    """Run the command in a process of its own, and return the page."""
     command = [sys.executable, SCRIPT, "--page", page, *arguments]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     return page.read_text()
+
+
+@pytest.fixture
+def main(monkeypatch: pytest.MonkeyPatch) -> Callable[[list[str]], None]:
+    """The command in this process."""
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    return runpy.run_path(str(SCRIPT))["main"]
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +60,7 @@ def assert_every_part_is_marked(text: str, absent: int) -> None:
         assert re.fullmatch(r"\nNot measured in this run: `python .+`\n", body), body
 
 
-def test_parts_are_made_one_by_one_and_stay(short_trial: Path, tmp_path: Path) -> None:
+def test_parts_are_made_one_by_one_and_stay(short_trial: Path, tmp_path: Path, main) -> None:
     """Every part that a short trial is enough for; then one of them alone, which leaves the others as they stand."""
     page = tmp_path / "benchmarks.md"
     names = ("methods", "loads", "front-end", "held-out")
@@ -67,15 +77,16 @@ def test_parts_are_made_one_by_one_and_stay(short_trial: Path, tmp_path: Path) -
     for table in tables:
         assert len({line.count("|") for line in table.splitlines()}) == 1, table
     page.write_text(re.sub(r"part: loads, source \S+", "part: loads, source 00000000", text))
-    again = write(page, "--only", "held-out")
+    main(["--page", str(page), "--only", "held-out"])
+    again = page.read_text()
     assert "Parts of this page are of different sources" in again
     assert_every_part_is_marked(again, absent=5)
     assert text[text.index("## All methods") : text.index("<!-- end of methods")] in again
 
 
-def test_what_is_no_part_is_refused(tmp_path: Path) -> None:
-    command = [sys.executable, SCRIPT, "--page", tmp_path / "page.md", "--only", "nothing"]
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 2
-    assert "invalid choice: 'nothing'" in done.stderr
+def test_what_is_no_part_is_refused(tmp_path: Path, main, capsys) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--page", str(tmp_path / "page.md"), "--only", "nothing"])
+    assert ended.value.code == 2
+    assert "invalid choice: 'nothing'" in capsys.readouterr().err
     assert not (tmp_path / "page.md").exists()

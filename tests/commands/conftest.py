@@ -9,20 +9,22 @@ from unittest import mock
 import numpy as np
 import pytest
 
+from blank_figures import blank_figures
 from command_line import CALIBRATE, run, run_process
 from installed import install_example
 
 
 @pytest.fixture(scope="session")
 def done(tmp_path_factory, example):
-    """The README's command on the first two seconds and more of the example, batch and live."""
+    """The README's command on the first six seconds of the example, batch and live; figures of the first are drawn."""
     folder = tmp_path_factory.mktemp("cli")
     (folder / "press").mkdir()
     for source in example.iterdir():
         lines = source.read_text().splitlines(keepends=True)
         (folder / "press" / source.name).write_text("".join(lines if source.suffix == ".toml" else lines[:301]))
     batch = run_process("reconstruct", "press", cwd=folder)
-    live = run("reconstruct", "press", "--live", "--out", "live", cwd=folder)
+    with blank_figures():
+        live = run("reconstruct", "press", "--live", "--out", "live", cwd=folder)
     return folder, batch, live
 
 
@@ -45,8 +47,8 @@ def rig_folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def calibrated(rig_folder):
-    """A quick calibration with its sweep, of three learning rates."""
-    with mock.patch("tensegraph.commands.calibrate.SWEEP", (1e-3, 1e-2, 1e-1)):
+    """A quick calibration with its sweep, of two learning rates."""
+    with mock.patch("tensegraph.commands.calibrate.SWEEP", (1e-3, 1e-1)):
         return run(*CALIBRATE, "m.safetensors", "--sweep", cwd=rig_folder)
 
 
@@ -58,8 +60,8 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.syspath_prepend(place)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(place), *filter(None, [os.environ.get("PYTHONPATH")])]))
     yield place
-    for name in ("own_parts", "own_mine"):
-        sys.modules.pop(name, None)
+    for module in place.glob("*.py"):
+        sys.modules.pop(module.stem, None)
 
 
 @pytest.fixture

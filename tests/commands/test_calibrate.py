@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 
-from command_line import CALIBRATE, run_process
+from command_line import CALIBRATE, run
 
 
 def test_calibrate_writes_model_card_and_figures(rig_folder, calibrated) -> None:
@@ -28,7 +28,7 @@ def test_calibrate_writes_model_card_and_figures(rig_folder, calibrated) -> None
     assert not list(rig_folder.glob("*.checkpoint"))
 
 
-def test_ctrl_c_and_the_same_command_again_give_the_same_bytes(rig_folder, calibrated) -> None:
+def test_ctrl_c_and_the_same_command_again_give_the_same_bytes(rig_folder, calibrated, undrawn) -> None:
     command = [sys.executable, "-m", "tensegraph", *CALIBRATE, "again.safetensors"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 
@@ -42,5 +42,5 @@ def test_ctrl_c_and_the_same_command_again_give_the_same_bytes(rig_folder, calib
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=60) == 130
     assert not (rig_folder / "again.safetensors").exists()
-    assert run_process(*CALIBRATE, "again.safetensors", cwd=rig_folder).returncode == 0
+    assert run(*CALIBRATE, "again.safetensors", cwd=rig_folder).returncode == 0
     assert filecmp.cmp(rig_folder / "again.safetensors", rig_folder / "m.safetensors", shallow=False)

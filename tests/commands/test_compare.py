@@ -14,6 +14,8 @@ from tensegraph.io.reports.comparison_tables import as_markdown, write_compariso
 from tensegraph.models.evaluation.comparison import FrameErrors, Measured
 from tensegraph.models.evaluation.metrics import evaluate
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 def test_compare_runs_every_method(trial_copy) -> None:
     """With truth, without, and with a truth that is gone; what it says of the UKF is what evaluate says."""

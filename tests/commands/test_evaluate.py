@@ -7,19 +7,23 @@ import tomllib
 import numpy as np
 import pytest
 
+from blank_figures import blank_figures
 from command_line import run, run_process
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
 from tensegraph.commands.compare import NO_METHOD
 from tensegraph.io.reports.evaluation_tables import ScoredResult
 from tensegraph.models.evaluation.metrics import evaluate
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 @pytest.fixture(scope="module")
 def evaluated(done):
     """Both runs evaluated: the batch one as a table, both as JSON."""
     folder, *_ = done
-    table = run("evaluate", "results/press", cwd=folder)
-    numbers = run("evaluate", "results/press", "live", "--json", "--out", "scores", cwd=folder)
+    with blank_figures():
+        table = run("evaluate", "results/press", cwd=folder)
+        numbers = run("evaluate", "results/press", "live", "--json", "--out", "scores", cwd=folder)
     return folder, table, numbers
 
 

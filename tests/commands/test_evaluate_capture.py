@@ -9,6 +9,8 @@ import pytest
 from capture_files import OFFSET_S, RATE_PPM, motive_text, take_of, write_c3d
 from command_line import run
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 NODES = [4, 11, 8, 0, 6, 2, 10, 9, 3, 1, 7, 5]
 
 

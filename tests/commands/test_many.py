@@ -20,6 +20,8 @@ from tensegraph.commands.many import Many, Workers
 from tensegraph.io.provenance import fingerprint
 from tensegraph.io.reports.terminal import Terminal
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 FRAME = ("--method", "frame", "--figures", "none")
 
 

@@ -10,6 +10,8 @@ from tensegraph.live.feeds import replay_feed, twin_feed
 from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.values.readings import NaturalLengthReading
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 MOTORS = """[[motor]]
 tendons = [3, 4, 5]
 strip_length_m = 0.1

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 import tensegraph as tg
-from command_line import run, run_process
+from command_line import run
 from installed import install
 from tensegraph.io.trial_directory import open_trial
 from tensegraph.models.structure.reconstruction import Reconstruction
 from trial_edits import replaced
+
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 NODES = (2, 8)
 """An anchor, and the node that is pressed at 6 s."""
@@ -76,9 +78,9 @@ def test_a_tape_that_is_wrong_is_doubted(method, own_parts, trial_copy) -> None:
 
 
 def test_the_command_names_it_and_what_it_says(own_parts, trial_copy, tmp_path) -> None:
-    """Typed as a user types it; half of the frames have no reading, and a reading that is wrong is in status.csv."""
+    """Half of the frames have no reading, and a reading that is wrong is in status.csv."""
     with_tape(trial_copy(rows=100, name="press"), 0.05, lambda text: text[: text.index("\n1.000,") + 1])
-    done = run_process("reconstruct", "press", "--figures", "none", cwd=tmp_path)
+    done = run("reconstruct", "press", "--figures", "none", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     result = tmp_path / "results" / "press"
     made = tomllib.loads((result / "run.toml").read_text())

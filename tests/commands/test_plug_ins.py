@@ -14,6 +14,8 @@ from command_line import run, run_process
 from installed import SOURCE, install
 from tensegraph.models.plug_ins import PlugInWarning, plug_ins
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 ROOT = Path(__file__).parents[2]
 KINDS = ("estimators", "factors", "sensor_models", "readers", "exporters")
 
@@ -169,7 +171,7 @@ def test_a_plug_in_that_cannot_be_imported_is_one_line(site, tmp_path) -> None:
     install("half-done", "0.3", {"tensegraph.estimators": {"mine": "half_done:Mine"}}, site)
     for text, reason in (("import nothing_such\n", "ModuleNotFoundError: "), ("Mine = 3\n", "expected a class or a ")):
         (site / "half_done.py").write_text(text)
-        refused = run_process("reconstruct", "press", "--method", "mine", cwd=tmp_path)
+        refused = run("reconstruct", "press", "--method", "mine", cwd=tmp_path)
         assert refused.returncode == 2
         assert refused.stderr.startswith("tensegraph: estimator 'mine' of package half-done 0.3: half_done:Mine")
         assert reason in refused.stderr
@@ -180,7 +182,7 @@ def test_an_exporter_that_fails_is_one_line(site, done, tmp_path) -> None:
     install("half-written", "0.3", {"tensegraph.exporters": {"abc": "half_written:write"}}, site)
     (site / "half_written.py").write_text("def write(result, about, path):\n    raise KeyError('a\\nb')\n")
     result = done[0] / "results" / "press"
-    refused = run_process("export", result, "--out", "press.abc", cwd=tmp_path)
+    refused = run("export", result, "--out", "press.abc", cwd=tmp_path)
     assert (refused.returncode, refused.stderr) == (
         2,
         "tensegraph: press.abc: exporter 'abc' of package half-written 0.3 cannot write it: KeyError: 'a\\nb'\n",

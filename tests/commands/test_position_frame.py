@@ -11,6 +11,8 @@ from command_line import run
 from tensegraph.io.positions import read_positions
 from tensegraph.models.values.rotations import rotation, rotation_vector
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
 END_S = 2.6
 TURN, ORIGIN_M = rotation(np.array([1.1, -0.7, 1.9])), np.array([1.3, -2.1, 0.8])

@@ -62,8 +62,11 @@ def test_the_result_is_whole(done, name: str) -> None:
     header, first, *_ = (folder / "status.csv").read_text().splitlines()
     assert header == "t_s,status,smallest_singular_value,mechanism_sigma_m,branch,other_log_ratio,doubt"
     assert first.startswith("0.0000,ok,")
-    for figure in ("lengths.png", "shape.png"):
-        assert (folder / figure).read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_figures_are_drawn(done) -> None:
+    for figure in ("lengths.png", "sensor_drift.png", "shape.png"):
+        assert (done[0] / "results" / "press" / figure).read_bytes().startswith(b"\x89PNG")
 
 
 def test_ellipsoids_hold_together(done) -> None:

@@ -10,6 +10,8 @@ import tensegraph as tg
 from command_line import run
 from tensegraph.models.calibration.recipe import TrainingSettings
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 def test_evaluate_is_the_command_s(done) -> None:
     folder, *_ = done

@@ -144,7 +144,7 @@ def test_nothing_changes_while_sensors_do_not_differ(example_structure, still, l
     assert smoother.drift.admit(lengths) is lengths
 
 
-def test_the_drift_is_written_and_drawn(trial_copy, tmp_path) -> None:
+def test_the_drift_is_written_and_drawn(trial_copy, tmp_path, undrawn) -> None:
     reconstruction = reconstruct(trial_copy(rows=160), "live")
     save(reconstruction, tmp_path / "result")
     rows = (tmp_path / "result" / "sensor_drift.csv").read_text().splitlines()

@@ -19,12 +19,12 @@ from io import StringIO
 from pathlib import Path
 from unittest import mock
 
-from matplotlib.figure import Figure
 from pydantic import TypeAdapter
 
 import mutations
 import slip_mutations
 import tensegraph.cli
+from blank_figures import blank_figures
 from command_line import run
 from hostile_targets import Target
 from sane_results import insane
@@ -103,7 +103,7 @@ def quick_start() -> Iterator[None]:
     with (
         mock.patch("tensegraph.models.plug_ins.entry_points", functools.cache(importlib.metadata.entry_points)),
         mock.patch("tensegraph.models.values.tables.TypeAdapter", functools.cache(TypeAdapter)),
-        mock.patch.object(Figure, "savefig", lambda figure, path, **_: Path(path).write_bytes(b"")),
+        blank_figures(),
     ):
         yield
 

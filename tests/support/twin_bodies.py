@@ -1,13 +1,20 @@
 """Structures as the twin's engine takes them."""
 
+import functools
+
 import numpy as np
+from numpy.typing import NDArray
 
 from tensegraph import Structure, six_strut, three_strut
 from tensegraph.models.structure.rigidity import find_rest_shape
 from tensegraph.models.twin.mjcf import Body
 
-SHAPES = {s.node_count: (s, find_rest_shape(s)) for s in (six_strut(0.3), three_strut(0.3, 0.15))}
-"""Two structures with their rest shapes, by their number of nodes."""
+
+@functools.cache
+def resting(nodes: int) -> tuple[Structure, NDArray[np.float64]]:
+    """The six-strut or the prism, by its number of nodes, and its (nodes, 3) rest shape."""
+    structure = {12: six_strut(0.3), 6: three_strut(0.3, 0.15)}[nodes]
+    return structure, find_rest_shape(structure)
 
 
 def body(structure: Structure, **constants) -> Body:

@@ -11,6 +11,8 @@ from command_line import run
 from plan_edits import PLANS
 from tensegraph import InputError, open_trial
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 HINGE = """extends = "press.toml"
 name = "hinge"
 duration_s = 6.0

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tensegraph import six_strut
 from tensegraph.models.evaluation.evaluation import ComparedFrames
@@ -9,7 +10,10 @@ from tensegraph.models.evaluation.pose_score import score_pose
 from tensegraph.models.structure.rigidity import find_rest_shape
 from tensegraph.models.values.rotations import rotation
 
-REST_M = find_rest_shape(six_strut(0.3))
+
+@pytest.fixture(scope="module")
+def rest_m() -> NDArray[np.float64]:
+    return find_rest_shape(six_strut(0.3))
 
 
 def compared(estimated_m, true_m, contacts=None) -> ComparedFrames:
@@ -32,14 +36,14 @@ def compared(estimated_m, true_m, contacts=None) -> ComparedFrames:
     )
 
 
-def test_a_turn_and_a_shift_are_told_apart() -> None:
+def test_a_turn_and_a_shift_are_told_apart(rest_m) -> None:
     """The truth walks 1 m along x; the estimate is tilted by 2 degrees, turned by 3, and ends 50 mm aside."""
     shift_m = np.linspace(0, 1, 51)[:, None, None] * [1.0, 0, 0]
-    true_m = REST_M + shift_m
+    true_m = rest_m + shift_m
     turn = rotation(np.deg2rad([0, 0, 3.0])) @ rotation(np.deg2rad([2.0, 0, 0]))
-    centre = REST_M.mean(axis=0)
-    estimated_m = (REST_M - centre) @ turn.T + centre + shift_m * [1, 0, 0] + [0, 0.05, 0]
-    score = score_pose(compared(estimated_m, true_m), REST_M)
+    centre = rest_m.mean(axis=0)
+    estimated_m = (rest_m - centre) @ turn.T + centre + shift_m * [1, 0, 0] + [0, 0.05, 0]
+    score = score_pose(compared(estimated_m, true_m), rest_m)
     assert score.path_m == pytest.approx(1.0)
     assert score.drift_share == pytest.approx(0.05)
     assert score.tilt_rms_deg == pytest.approx(2.0, abs=0.01)
@@ -49,20 +53,20 @@ def test_a_turn_and_a_shift_are_told_apart() -> None:
     assert np.isnan(score.still_tilt_rms_deg)
 
 
-def test_contacts_are_counted_by_pairs_of_frame_and_node() -> None:
+def test_contacts_are_counted_by_pairs_of_frame_and_node(rest_m) -> None:
     """Of three told contacts two are true; of four true ones two are told. All frames are still."""
     told = np.zeros((5, 12))
     told[0, :3] = 0.9
     true = np.zeros((5, 12), dtype=bool)
     true[0, [0, 1, 5, 6]] = True
-    standing = np.repeat(REST_M[None], 5, axis=0)
-    contacts = score_pose(compared(standing, standing, (told, true)), REST_M).contacts
+    standing = np.repeat(rest_m[None], 5, axis=0)
+    contacts = score_pose(compared(standing, standing, (told, true)), rest_m).contacts
     assert contacts.precision == contacts.still_precision == pytest.approx(2 / 3)
     assert contacts.recall == contacts.still_recall == pytest.approx(0.5)
     assert np.isnan(contacts.moving_precision)
 
 
-def test_without_a_frame_of_full_truth_there_is_no_score() -> None:
-    true_m = np.repeat(REST_M[None], 3, axis=0)
+def test_without_a_frame_of_full_truth_there_is_no_score(rest_m) -> None:
+    true_m = np.repeat(rest_m[None], 3, axis=0)
     true_m[:, 4] = np.nan
-    assert score_pose(compared(np.nan_to_num(true_m), true_m), REST_M) is None
+    assert score_pose(compared(np.nan_to_num(true_m), true_m), rest_m) is None

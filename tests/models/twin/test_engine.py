@@ -12,7 +12,7 @@ from tensegraph import TensegraphError
 from tensegraph.models.twin.engine import Twin
 from tensegraph.models.twin.loads import Hold, Loads, Press
 from tensegraph.models.twin.mjcf import Body
-from twin_bodies import SHAPES, body
+from twin_bodies import body, resting
 
 
 @pytest.mark.parametrize("pull_n", [0.0, 0.7])
@@ -53,7 +53,7 @@ def test_at_rest_the_static_equations_hold(nodes) -> None:
 
     Written from the statics alone; the engine integrates motion until it stops.
     """
-    structure, shape_m = SHAPES[nodes]
+    structure, shape_m = resting(nodes)
     rng = np.random.default_rng(nodes)
     made = body(structure, stiffness_n_per_m=400 * rng.uniform(0.5, 2, len(structure.tendons)))
     twin = Twin(made, 1e-3, shape_m)
@@ -77,7 +77,7 @@ def test_at_rest_the_static_equations_hold(nodes) -> None:
 
 
 def test_half_the_step_is_the_same_motion() -> None:
-    structure, shape_m = SHAPES[12]
+    structure, shape_m = resting(12)
     paths = []
     for step_s in (1e-3, 5e-4):
         twin = Twin(body(structure), step_s, shape_m)
@@ -117,7 +117,7 @@ constants = st.fixed_dictionaries(
 @given(constants)
 def test_rods_keep_their_length_and_energy_never_grows(c) -> None:
     """Let go from a shape that is not at rest: tendons pull, weight falls, and all that motion costs energy."""
-    structure, shape_m = SHAPES[c["nodes"]]
+    structure, shape_m = resting(c["nodes"])
     structure = replace(structure, natural_length_m=structure.natural_length_m * c["natural"])
     k = c["stiffness"] * np.exp(c["spread"] * np.random.default_rng(0).normal(size=len(structure.tendons)))
     made = body(
@@ -155,7 +155,7 @@ def test_at_rest_the_momentum_stays_zero(nodes, stiffness, mass, friction) -> No
     Constants by hand: hypothesis draws others whenever another module is imported, even derandomised, and of stiff
     structures one in five still swings when `settle` ends, which compares positions 0.1 s apart.
     """
-    structure, shape_m = SHAPES[nodes]
+    structure, shape_m = resting(nodes)
     k = stiffness * np.random.default_rng(1).uniform(0.8, 1.2, len(structure.tendons))
     made = body(structure, stiffness_n_per_m=k, rod_mass_kg=mass, ground_friction=friction)
     twin = Twin(made, 1e-3, shape_m)
@@ -172,7 +172,7 @@ def test_in_free_space_momentum_is_conserved() -> None:
 
     To 2 % in a second: the integrator damps a rod's own motion implicitly, and its neighbours' explicitly.
     """
-    structure, shape_m = SHAPES[12]
+    structure, shape_m = resting(12)
     k = 400 * np.random.default_rng(2).uniform(0.5, 2, 24)
     made = body(structure, stiffness_n_per_m=k, gravity_m_per_s2=0.0, rod_drag_n_s_per_m=0.0, ground_friction=0.5)
     lift = Press(0.0, 0.01, 0.015, list(range(12)), 2.0, (0, 0, 1))
@@ -185,7 +185,7 @@ def test_in_free_space_momentum_is_conserved() -> None:
 
 def test_on_the_ground_it_stays_until_pushed_over() -> None:
     """Six rods weigh 1.77 N and stand 53 mm from the feet's edges: at a height of 0.17 m, 0.55 N topples them."""
-    structure, shape_m = SHAPES[12]
+    structure, shape_m = resting(12)
     feet = {}
     for push_n in (0.3, 1.0):
         twin = Twin(body(structure, ground_friction=0.8), 1e-3, shape_m)
@@ -198,7 +198,7 @@ def test_on_the_ground_it_stays_until_pushed_over() -> None:
 
 
 def test_a_structure_that_never_rests_is_said() -> None:
-    structure, shape_m = SHAPES[6]
+    structure, shape_m = resting(6)
     made = body(structure, damping_n_s_per_m=0.0, rod_drag_n_s_per_m=0.0)
     with pytest.raises(TensegraphError, match="does not come to rest in 300 s: try more drag"):
         Twin(made, 5e-3, shape_m).settle()
@@ -206,7 +206,7 @@ def test_a_structure_that_never_rests_is_said() -> None:
 
 def test_a_step_that_is_too_long_is_said(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)  # MuJoCo leaves a log
-    structure, shape_m = SHAPES[6]
+    structure, shape_m = resting(6)
     made = body(structure, stiffness_n_per_m=np.full(9, 1e12), rod_mass_kg=0.005)
     with pytest.raises(TensegraphError, match="expected a smaller step_s"):
         Twin(made, 0.02, shape_m).settle()

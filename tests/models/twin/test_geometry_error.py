@@ -11,13 +11,13 @@ from scipy.optimize import brentq
 from tensegraph.models.twin.engine import Twin
 from tensegraph.models.twin.geometry_error import GeometryError, ToldErrors, end_to_end_m, hub_offset_m
 from tensegraph.models.twin.loads import Loads, Press
-from twin_bodies import SHAPES, body
+from twin_bodies import body, resting
 
 
 @settings(max_examples=20, deadline=None)
 @given(st.sampled_from([12, 6]), st.integers(0, 2**32))
 def test_hubs_have_the_radius_told_and_lie_across_the_rod(nodes, seed) -> None:
-    structure, shape_m = SHAPES[nodes]
+    structure, shape_m = resting(nodes)
     offset_m = hub_offset_m(structure, shape_m, (0.005, 0.010), np.random.default_rng(seed))
     radius_m = np.linalg.norm(offset_m, axis=2)
     assert radius_m.min() >= 0.005
@@ -49,7 +49,7 @@ def test_a_rod_hangs_by_its_hub_where_forces_balance(hanging, radius_m) -> None:
 
 def test_hubs_stay_on_their_rods() -> None:
     """However the structure moves, tendons end within the hubs' radii of the nodes: lengths differ by 20 mm at most."""
-    structure, shape_m = SHAPES[12]
+    structure, shape_m = resting(12)
     offset_m = hub_offset_m(structure, shape_m, (0.005, 0.010), np.random.default_rng(0))
     shortened = end_to_end_m(structure, shape_m, offset_m) / structure.tendon_length_m(shape_m)
     hubbed = replace(structure, natural_length_m=shortened * structure.natural_length_m)
@@ -64,7 +64,7 @@ def test_hubs_stay_on_their_rods() -> None:
 
 
 def test_what_is_told_is_off_by_what_is_said() -> None:
-    structure = SHAPES[12][0]
+    structure = resting(12)[0]
     plan = GeometryError(0.001, 0.004, 0.002, 0.003, 0.0005)
     errors = [ToldErrors.draw(plan, structure, np.random.default_rng(seed)) for seed in range(400)]
     rods, anchors, nodes, tendons = (

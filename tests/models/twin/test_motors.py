@@ -12,7 +12,7 @@ from tensegraph.models.structure.statics import Mechanics, Statics
 from tensegraph.models.twin.engine import Twin
 from tensegraph.models.twin.loads import Loads
 from tensegraph.models.twin.motors import MotorPlan, wound_m
-from twin_bodies import SHAPES, body
+from twin_bodies import body, resting
 
 PLAN = MotorPlan(
     tendons=[3, 5],
@@ -50,7 +50,7 @@ def test_what_is_told_is_as_wrong_as_its_sigma_says() -> None:
 
 
 def test_the_structure_comes_to_rest_where_forces_balance_with_the_new_natural_lengths() -> None:
-    structure, shape_m = SHAPES[6]
+    structure, shape_m = resting(6)
     made = body(structure)
     twin = Twin(made, 1e-3, shape_m)
     twin.settle()
@@ -66,7 +66,7 @@ def test_the_structure_comes_to_rest_where_forces_balance_with_the_new_natural_l
 
 def test_a_slack_tendon_pushes_back_from_its_new_natural_length() -> None:
     """Let out by 160 mm, it is bent, and still all balances with the push-back of a bent strip."""
-    structure, shape_m = SHAPES[12]
+    structure, shape_m = resting(12)
     made = body(structure, push_back=0.05)
     twin = Twin(made, 1e-3, shape_m)
     twin.settle()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tensegraph.models.twin.engine import Twin
 from tensegraph.models.twin.loads import Loads, Window
 from tensegraph.models.twin.spread_loads import Hug, RandomHugs, RandomShakes, Shake, WindPlan
-from twin_bodies import SHAPES, body
+from twin_bodies import body, resting
 
 SQUARE = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 1], [0, -1, 1], [9, 9, 9]])
 """Four nodes about (0, 0, 0.5), and one far away."""
@@ -39,7 +39,7 @@ def test_a_node_in_the_middle_of_a_hug_is_not_pushed() -> None:
 def test_random_hugs_stay_in_their_ranges_and_point_inwards(seed, axis) -> None:
     nodes = list(range(3, 12))
     random = RandomHugs(2.0, 29.0, (0.4, 1.5), (2.5, 4.5), 0.28, nodes, (6, 9), (0.6, 1.4), 0.3, axis, 0.0)
-    position_m = SHAPES[12][1]
+    position_m = resting(12)[1]
     hugs = random.draw(np.random.default_rng(seed))
     assert len(hugs) >= 4
     for hug in hugs:
@@ -96,7 +96,7 @@ def test_random_shakes_stay_in_their_ranges(seed) -> None:
 
 @pytest.mark.parametrize("frequency_hz", [5.0, 8.0])
 def test_a_shaken_structure_moves_at_that_frequency(frequency_hz) -> None:
-    structure, shape_m = SHAPES[12]
+    structure, shape_m = resting(12)
     twin = Twin(body(structure), 1e-3, shape_m)
     twin.settle()
     shake = Shake(Window(0.0, 0.2, 99.0), np.array([5]), np.array([2.0, 0.0, 0.0]), frequency_hz)
