@@ -76,9 +76,10 @@ def solids_of(structure: Structure, shape: Shape, probability: float) -> Iterato
 def axes_along(direction: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3, 3) right-handed axes as columns, of which z is along a (3,) direction; how far they turn about it is free.
 
-    Duff et al., Building an Orthonormal Basis, Revisited, JCGT 6, 2017.
+    Duff et al., Building an Orthonormal Basis, Revisited, JCGT 6, 2017. A direction of no length may have any axes.
     """
-    x, y, z = direction / np.linalg.norm(direction)
+    length = np.linalg.norm(direction)
+    x, y, z = direction / length if length > 0 else (0.0, 0.0, 1.0)
     sign = np.copysign(1.0, z)
     a = -1 / (sign + z)
     return np.array([[1 + sign * x * x * a, x * y * a, x], [sign * x * y * a, sign + y * y * a, y], [-sign * x, -y, z]])

@@ -11,7 +11,9 @@ Y_UP = [0, 2, 1]
 """Our axes in the order of glTF's: its y is our z, its z our -y."""
 
 
-@pytest.mark.parametrize("direction", [[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, -2, 0], [0.3, -0.4, 0.5], [1e-9, 0, -1]])
+@pytest.mark.parametrize(
+    "direction", [[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, -2, 0], [0.3, -0.4, 0.5], [1e-9, 0, -1], [0, 0, 0]]
+)
 def test_axes_along_a_direction(direction) -> None:
     axes = axes_along(np.array(direction, dtype=float))
     np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-12)
