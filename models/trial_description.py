@@ -326,11 +326,7 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...], path: Path) -> T
     tendons_of_board = _wiring(table.board, structure) if source == "counts" else ()
     return TrialDescription(
         structure=structure,
-        geometry=GeometrySigma(
-            rod_length_m=table.structure.rod_length_sigma_m,
-            anchor_m=table.structure.anchor_sigma_m,
-            hub_radius_m=table.structure.hub_radius_m,
-        ),
+        geometry=told.geometry,
         mechanics=told.mechanics,
         rest_seconds=table.rest.seconds,
         rest_position_m=told.rest_position_m,
