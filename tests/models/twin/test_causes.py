@@ -79,12 +79,6 @@ def test_what_is_told_wrongly_stands_in_trial_toml_alone(made, tmp_path) -> None
         assert 0.3 * sigma_m < error_m.std() < 2 * sigma_m
 
 
-def test_hubs_that_a_plan_tells_stand_in_trial_toml_alone(made, tmp_path) -> None:
-    told = with_cause(tmp_path, "[structure]\nhub_radius_m = 0.008\n")
-    assert names_of_bytes_that_differ(told, made) == {"trial.toml"}
-    assert told.description.geometry.hub_radius_m == 0.008
-
-
 def test_hubs_shorten_tendons_and_keep_strains_at_rest(made, tmp_path) -> None:
     """Across two hubs of 5 to 10 mm a tendon of the six-strut loses 0.58 and 0.91 of their radii: 11 mm on average."""
     hubs = with_cause(tmp_path, "[geometry_error]\nhub_radius_m = [0.005, 0.010]\n")
