@@ -68,6 +68,8 @@ def _facts(told: DescribedStructure) -> Iterator[tuple[str, str]]:
     if told.bodies:
         yield "rigid bodies", "; ".join(f"{len(nodes)} nodes: {', '.join(map(str, nodes))}" for nodes in told.bodies)
     yield "tendons", f"{len(s.tendons)}, unstretched{_range(s.natural_length_m)}"
+    if told.geometry.hub_radius_m:
+        yield "hubs", f"tendons end up to {told.geometry.hub_radius_m:.4g} m beside the ends of rods"
     if len(s.unsensed):
         yield "without a sensor", ", ".join(map(str, s.unsensed))
     if told.mechanics:

@@ -115,6 +115,10 @@ class StructureTable:
             unsensed=np.array(self.unsensed, dtype=np.int64),
         )
 
+    def geometry(self) -> GeometrySigma:
+        """Return how exactly the geometry is known."""
+        return GeometrySigma(self.rod_length_sigma_m, self.anchor_sigma_m, self.hub_radius_m)
+
 
 def _fixed_distances(bodies: Sequence[BodyTable], shape_m: NDArray[np.float64] | None) -> dict[tuple[int, int], float]:
     """Return the distances that are fixed in rigid bodies, by their node pairs; bodies may share nodes."""
@@ -198,6 +202,8 @@ class DescribedStructure:
     """(nodes, 3) about its shape at rest, from which the search for it starts; None where it was not told."""
     rest_position_m: NDArray[np.float64] | None
     """(nodes, 3) its measured rest shape; None where it was not measured."""
+    geometry: GeometrySigma
+    """How exactly rods, anchors and the ends of tendons are known."""
 
     @property
     def own_rods(self) -> int:
@@ -239,7 +245,14 @@ def described(tables: StructureFile) -> DescribedStructure:
     mechanics = tables.mechanics.mechanics(structure, tables.body) if tables.mechanics else None
     if mechanics is not None:
         _check_stiffness(mechanics, structure)
-    return DescribedStructure(structure, tuple(tuple(body.nodes) for body in tables.body), mechanics, about_m, rest_m)
+    return DescribedStructure(
+        structure=structure,
+        bodies=tuple(tuple(body.nodes) for body in tables.body),
+        mechanics=mechanics,
+        node_position_m=about_m,
+        rest_position_m=rest_m,
+        geometry=tables.structure.geometry(),
+    )
 
 
 def _check_shape(name: str, position_m: NDArray[np.float64], structure: Structure) -> None:

@@ -35,6 +35,8 @@ from .values.tables import AtLeastOne, FileName, NotNegative, Positive, parse_ta
 
 FAR_FROM_ANCHOR_M = 0.01
 """Distance of a node's measured rest position from its anchor, beyond which they are told in different frames."""
+FAR_FROM_FLOOR_M = 0.01
+"""Distance of the lowest node of the measured rest shape from standing on the floor, beyond which it does not stand."""
 LEAST_TOLD_RAD = 0.3
 """Largest standard deviation of the floor's normal, 17 degrees: beyond it, others may stand than the lowest nodes."""
 ASKEW_RAD = 0.2
@@ -326,11 +328,7 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...], path: Path) -> T
     tendons_of_board = _wiring(table.board, structure) if source == "counts" else ()
     return TrialDescription(
         structure=structure,
-        geometry=GeometrySigma(
-            rod_length_m=table.structure.rod_length_sigma_m,
-            anchor_m=table.structure.anchor_sigma_m,
-            hub_radius_m=table.structure.hub_radius_m,
-        ),
+        geometry=told.geometry,
         mechanics=told.mechanics,
         rest_seconds=table.rest.seconds,
         rest_position_m=told.rest_position_m,
@@ -380,10 +378,23 @@ def _robot(
     return FreeStandingRobot(floor, imus, tuple(pairs), table.rest.seconds, len(_own_frames(table)))
 
 
+def _check_stands(floor: Floor, rest_m: NDArray[np.float64]) -> None:
+    """Raise InputError for a rest shape that does not stand on the floor."""
+    lowest_m = float(floor.clearance_m(rest_m).min())
+    if abs(lowest_m) > FAR_FROM_FLOOR_M:
+        raise InputError(
+            f"rest.node_position_m: expected the lowest node to stand on the floor, at ground.height_m = "
+            f"{floor.height_m:g} m, got {abs(lowest_m):.3g} m {'above' if lowest_m > 0 else 'below'} that"
+        )
+
+
 def _floor(table: TrialTable, ground: GroundTable, rest_m: NDArray[np.float64] | None) -> Floor:
     """Return the floor; one whose normal is estimated is where the structure stands on it at rest."""
     floor = ground.floor()
-    if floor.normal_sigma_rad == 0 or rest_m is None:
+    if rest_m is None:
+        return floor
+    if floor.normal_sigma_rad == 0:
+        _check_stands(floor, rest_m)
         return floor
     if not table.imu and not table.position:
         raise InputError(

@@ -61,7 +61,7 @@ MAY_IMPORT = {
 
 ALONE = {
     "torch": {"models.calibration.training", "models.calibration.torch_network"},
-    "mujoco": {"io.structures.mjcf_structure", "models.twin.engine"},
+    "mujoco": {"io.structures.mujoco_model", "models.twin.engine"},
     "yaml": {"io.structures.yaml_structure"},
     "filterpy": {"estimator.baselines"},
     "gtsam": {"factors", "estimator"},

@@ -35,7 +35,12 @@ def told_geometry(
     error = ToldErrors.draw(plan.geometry_error, structure, of_told)
     own = len(plan.structure.rods)
     rods_m = (structure.rod_length_m + error.rod_length_m)[:own]
-    further = {"unsensed": plan.structure.unsensed, "node_position_m": plan.structure.node_position_m}
+    told = plan.structure
+    further = {
+        "unsensed": told.unsensed,
+        "node_position_m": told.node_position_m,
+        "hub_radius_m": told.hub_radius_m,
+    }
     return {
         "structure": {
             "rods": structure.rods[:own].tolist(),

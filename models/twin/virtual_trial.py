@@ -160,7 +160,8 @@ def _body(plan: Plan, streams: RandomStreams) -> tuple[Body, NDArray[np.float64]
     structure = replace(structure, natural_length_m=natural_m)
     start_m = find_rest_shape(structure, told.node_position_m)
     if structure.is_free_standing:  # its caps on the plane z = 0
-        start_m = start_m + np.array([0.0, 0.0, float(np.max(mechanics.rod_radius_m))])
+        lowest_m = float(start_m[:, 2].min())
+        start_m = start_m + np.array([0.0, 0.0, float(np.max(mechanics.rod_radius_m)) - lowest_m])
     offset_m = None
     if plan.geometry_error.hub_radius_m is not None:
         offset_m = hub_offset_m(structure, start_m, plan.geometry_error.hub_radius_m, streams.hubs)

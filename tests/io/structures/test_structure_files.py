@@ -134,7 +134,9 @@ MALFORMED = {
         '<site site="a"/><site site="n1"/>', '<site site="a"/><site site="n1"/><site site="n2"/>'
     ),
     "robot.xml: tendon 't2': expected a stiffness above 0": XML.replace('stiffness="200"', 'stiffness="0"'),
-    "robot.xml: tendon 't2': another tendon joins the same sites": XML.replace('site="b"', 'site="a"'),
+    "robot.xml: tendon 't2': another tendon joins the same nodes": XML.replace('site="b"', 'site="a"').replace(
+        'springlength="0.2"', 'springlength="0 0.2"'
+    ),
     "robot.xml: body 'rod': expected to be free, or on a ball joint": XML.replace(
         "<freejoint/>", '<joint type="hinge" axis="0 0 1"/>'
     ),

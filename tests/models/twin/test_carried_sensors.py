@@ -7,10 +7,12 @@ from plan_edits import PLANS, replaced
 from tensegraph import open_trial, reconstruct, simulate
 from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
+from tensegraph.models.structure.rigidity import find_rest_shape
 from tensegraph.models.twin.carried_sensors import ImuPlan, PositionPlan, RangePlan
 from tensegraph.models.twin.engine import TwinMotion
 from tensegraph.models.values.aids import ImuReading
 from tensegraph.models.values.rotations import rotation
+from twin_bodies import SHAPES
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +36,20 @@ def test_the_robot_stands_on_caps_and_tips(rolled) -> None:
     assert not np.array_equal(contacts.standing[0], contacts.standing[-1])
     path = np.linalg.norm(np.diff(truth.node_position_m.mean(axis=1), axis=0), axis=1).sum()
     assert path > 0.1
+
+
+def test_it_stands_on_the_floor_wherever_a_file_has_it_and_tells_its_hubs(tmp_path) -> None:
+    """Half a metre above, as in the models of others."""
+    (tmp_path / "press.toml").write_text(PLANS["press"].read_text())
+    above_m = (find_rest_shape(SHAPES[12][0]) + np.array([0, 0, 0.5])).tolist()
+    told = f"anchors = []\nnode_position_m = {above_m}\nhub_radius_m = 0.008"
+    short = (("duration_s = 24.0", "duration_s = 2.5"), ("anchors = []", told))
+    untouched = PLANS["roll"].read_text().partition("[[load.tip]]")[0]
+    (tmp_path / "roll.toml").write_text(replaced(untouched, *short))
+    trial = simulate(tmp_path / "roll.toml", tmp_path / "roll_01")
+    assert trial.truth().node_position_m[0, :, 2].min() == pytest.approx(0.01, abs=3e-4)
+    assert trial.description.rest_position_m[:, 2].min() == pytest.approx(0.01, abs=1.5e-3)
+    assert trial.description.geometry.hub_radius_m == 0.008
 
 
 def test_the_estimate_follows_it(rolled) -> None:

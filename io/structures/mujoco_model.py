@@ -1,0 +1,94 @@
+"""MuJoCo models read by MuJoCo itself, of today's version and of others."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from ...models.values.errors import InputError
+from ...models.values.extras import needs_extra
+
+NOT_READ = ("option", "visual", "statistic")
+"""Elements that say nothing of a structure. Their attributes change with MuJoCo's versions, and so may be unknown."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MujocoModel:
+    """A model in the pose in which it starts."""
+
+    path: Path
+    mujoco: Any
+    """The package."""
+    model: Any
+    """MjModel."""
+    data: Any
+    """MjData."""
+
+    def name(self, kind: str, number: int) -> str:
+        """Return the kind of a part of the model with its name, or its number where it has none."""
+        name = self.mujoco.mj_id2name(self.model, getattr(self.mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), number)
+        return f"{kind} '{name}'" if name else f"{kind} {number}"
+
+
+def read_model(path: Path) -> MujocoModel:
+    """Return the model that a file describes.
+
+    Raises:
+        InputError: for a model that MuJoCo cannot read or warns of.
+    """
+    with needs_extra("a MuJoCo model", "twin"):
+        import mujoco
+    warnings: list[str] = []
+    mujoco.set_mju_user_warning(warnings.append)  # MuJoCo itself writes them to the terminal and into a file
+    try:
+        model = _compiled(mujoco, path)
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+    except ValueError as error:
+        raise InputError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from error
+    finally:
+        mujoco.set_mju_user_warning(None)
+    if warnings:
+        raise InputError(f"{path}: MuJoCo warns of it: {' '.join(warnings[0].split())}")
+    return MujocoModel(path, mujoco, model, data)
+
+
+def _compiled(mujoco: Any, path: Path) -> Any:
+    """Return the MjModel of a file, without the elements that are not read if it cannot be read with them.
+
+    Raises:
+        ValueError: MuJoCo's, of the file as it is.
+    """
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        try:
+            files = {file: _without_settings(file) for file in _files(path, path.parent, set())}
+            names = {file.name for file in files}
+            if len(names) == len(files):  # MuJoCo takes files in memory by these names
+                return mujoco.MjModel.from_xml_path(str(path), {file.name: text for file, text in files.items()})
+        except (OSError, ElementTree.ParseError, ValueError):
+            pass
+        raise error
+
+
+def _files(path: Path, folder: Path, seen: set[Path]) -> Iterator[Path]:
+    """Yield a file and all that it includes, by paths from the folder of the model or from its own."""
+    if path.resolve() in seen:
+        return
+    seen.add(path.resolve())
+    yield path
+    for include in ElementTree.parse(path).iter("include"):
+        name = include.get("file", "")
+        inner = next((base / name for base in (folder, path.parent) if (base / name).is_file()), folder / name)
+        yield from _files(inner, folder, seen)
+
+
+def _without_settings(path: Path) -> bytes:
+    """Return a file whose elements that are not read are there, because none may have no elements, and empty."""
+    root = ElementTree.parse(path).getroot()
+    for element in root:
+        if element.tag in NOT_READ:
+            element.clear()
+    return ElementTree.tostring(root)
