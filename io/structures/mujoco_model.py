@@ -6,8 +6,11 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
+
 from ...models.values.errors import InputError
 from ...models.values.extras import needs_extra
+from ...models.values.units import LARGEST
 
 NOT_READ = ("option", "visual", "statistic")
 """Elements that say nothing of a structure. Their attributes change with MuJoCo's versions, and so may be unknown."""
@@ -35,7 +38,7 @@ def read_model(path: Path) -> MujocoModel:
     """Return the model that a file describes.
 
     Raises:
-        InputError: for a model that MuJoCo cannot read or warns of.
+        InputError: for a model that MuJoCo cannot read or warns of, or with parts far from its origin.
     """
     with needs_extra("a MuJoCo model", "twin"):
         import mujoco
@@ -51,7 +54,21 @@ def read_model(path: Path) -> MujocoModel:
         mujoco.set_mju_user_warning(None)
     if warnings:
         raise InputError(f"{path}: MuJoCo warns of it: {' '.join(warnings[0].split())}")
-    return MujocoModel(path, mujoco, model, data)
+    found = MujocoModel(path, mujoco, model, data)
+    _check_extent(found)
+    return found
+
+
+def _check_extent(found: MujocoModel) -> None:
+    """Raise InputError for a part that is further from the origin than any laboratory is wide."""
+    for kind, position_m in (("body", found.data.xpos), ("site", found.data.site_xpos)):
+        distance_m = np.abs(position_m).max(axis=1, initial=0.0)
+        if (distance_m > LARGEST["m"]).any():
+            name = found.name(kind, int(np.argmax(distance_m)))
+            raise InputError(
+                f"{found.path}: {name}: expected to be within {LARGEST['m']:g} m of the origin, "
+                f"got {distance_m.max():.3g} m away"
+            )
 
 
 def _compiled(mujoco: Any, path: Path) -> Any:

@@ -130,6 +130,7 @@ MALFORMED = {
     "robot.yaml: line 2: is no YAML": "nodes:\n  a: !!python/object/apply:os.system [ls]\n",
     "robot.xml: MuJoCo cannot read it": XML.replace("</tendon>", ""),
     "robot.xml: MuJoCo warns of it: XML contains a 'NaN'": XML.replace('pos="0.3 0 0"', 'pos="0.3 NaN 0"'),
+    "robot.xml: site 'n2': expected to be within 10000 m": XML.replace('pos="0 0 0.3"', 'pos="0 1.7e308 0"'),
     "robot.xml: tendon 't1': expected a spatial tendon from one site to another": XML.replace(
         '<site site="a"/><site site="n1"/>', '<site site="a"/><site site="n1"/><site site="n2"/>'
     ),

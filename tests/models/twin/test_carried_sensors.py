@@ -7,12 +7,11 @@ from plan_edits import PLANS, replaced
 from tensegraph import open_trial, reconstruct, simulate
 from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
-from tensegraph.models.structure.rigidity import find_rest_shape
 from tensegraph.models.twin.carried_sensors import ImuPlan, PositionPlan, RangePlan
 from tensegraph.models.twin.engine import TwinMotion
 from tensegraph.models.values.aids import ImuReading
 from tensegraph.models.values.rotations import rotation
-from twin_bodies import SHAPES
+from twin_bodies import resting
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +40,7 @@ def test_the_robot_stands_on_caps_and_tips(rolled) -> None:
 def test_it_stands_on_the_floor_wherever_a_file_has_it_and_tells_its_hubs(tmp_path) -> None:
     """Half a metre above, as in the models of others."""
     (tmp_path / "press.toml").write_text(PLANS["press"].read_text())
-    above_m = (find_rest_shape(SHAPES[12][0]) + np.array([0, 0, 0.5])).tolist()
+    above_m = (resting(12)[1] + np.array([0, 0, 0.5])).tolist()
     told = f"anchors = []\nnode_position_m = {above_m}\nhub_radius_m = 0.008"
     short = (("duration_s = 24.0", "duration_s = 2.5"), ("anchors = []", told))
     untouched = PLANS["roll"].read_text().partition("[[load.tip]]")[0]
