@@ -4,6 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 import tensegraph as tg
 
@@ -16,12 +18,15 @@ def result(loaded):
 
 
 def test_a_shape_on_given_axes(result) -> None:
-    axis = Figure().add_subplot(projection="3d")
+    figure = Figure()
+    axis = figure.add_subplot(projection="3d")
     assert tg.plot.shape(result, 1.0, axis) is axis
-    a, b = result.structure.rods[2]
-    drawn = [np.array(line.get_data_3d()).T for line in axis.get_lines()]
-    now_mm = 1e3 * result[1.0].node_position_m[[a, b]]
-    assert any(line.shape == now_mm.shape and np.allclose(line, now_mm) for line in drawn)
+    figure.draw_without_rendering()
+    drawn = [line for part in axis.collections if isinstance(part, Line3DCollection) for line in part.get_segments()]
+    for ends in (*result.structure.rods, *result.structure.tendons):
+        now_mm = 1e3 * result[1.0].node_position_m[ends]
+        seen = np.column_stack(proj_transform(*now_mm.T, axis.get_proj())[:2])
+        assert any(np.allclose(line, seen) for line in drawn)
     assert axis.get_title() == "t = 1.00 s, ellipsoids × 20"
     low_mm, high_mm = axis.get_zlim()
     assert low_mm < 1e3 * result.node_position_m[..., 2].min()
