@@ -96,7 +96,7 @@ class TestOptionsOfOtherVersions:
         written(tmp_path, f"<mujocoinclude>{OLD}</mujocoinclude>", "x/part.xml")
         written(tmp_path, "<mujocoinclude><statistic/></mujocoinclude>", "y/part.xml")
         assert "unrecognized attribute: 'collision'" in refusal(old)  # MuJoCo takes files in memory by their names
-        old = written(tmp_path, model(STRIPS, before=f'{OLD}<include file="robot.xml"/><include file="none.xml"/>'))
+        old = written(tmp_path, model(STRIPS, before=f'{OLD}<include file="none.xml"/>'))
         assert refusal(old).startswith("MuJoCo cannot read it")
 
 
