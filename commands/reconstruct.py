@@ -201,8 +201,9 @@ def run_trial(trial: Trial, options: RunOptions, terminal: Terminal, bar: StageB
         start_s = time.perf_counter()
         readings = bar.track("lengths", trial.readings(), trial.row_count())
         frames = options.span.until_end(pipeline.lengths(readings))
+        # The estimator gets an iterator, which lets go of the list at its end: covariances need that memory.
         count, lengths = len(frames), iter(frames)
-        del frames  # the estimator lets go of them before the covariances need the memory
+        del frames
         shapes = pipeline.shapes(lengths, options.method, lambda iteration, _: bar.iterated("optimisation", iteration))
         shapes = bar.track("ellipsoids" if options.method == "batch" else "shapes", shapes, count)
         wanted = (shape for shape in shapes if options.span.holds(shape.t_s))

@@ -40,7 +40,7 @@ EXACT = SCALES <= 1
 WIDEST_M = 1.0
 """Standard deviation of the shape prior in the comparison, where the graph has none."""
 SHAKEN_SHARE = 0.4
-"""Share of the tendons that swing too fast for their sensors, above which the whole robot is shaken."""
+"""Share of the tendons with the flag `SHAKEN`, above which the whole robot is shaken."""
 STILL_SHARE = 0.1
 """Share below which it is shaken no more."""
 SEEN_AFTER_S = 0.8

@@ -38,7 +38,7 @@ def factor_on_nodes(
         rows: number of residuals.
         residual: returns (rows,) the residuals at (nodes, 3) positions, whose half sum of squares is the error.
         linearised: returns (rows,) the residuals and (rows, 3 nodes) the Jacobian of the linearisation at them; with a
-            robust kernel both are weighted, so that these residuals are others.
+            robust kernel both are weighted, and these residuals differ from those of `residual`.
     """
     keys = list(keys)
 

@@ -9,8 +9,8 @@ from ..models.values.errors import InputError
 
 LONGEST_LINE = 1 << 20
 """Number of characters of a line above which a file is not read on; a row of a thousand numbers has 20 000."""
-LARGEST_TABLE_BYTES = 4 << 20
-"""Size above which a TOML file is not read, which takes a second a megabyte; a trial.toml has some kilobytes."""
+LARGEST_TOML_BYTES = 4 << 20
+"""Size above which a TOML file is not read, as reading takes a second a megabyte; a trial.toml has some kilobytes."""
 
 
 def check_regular(path: Path, largest_bytes: int | None = None) -> None:

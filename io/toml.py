@@ -8,7 +8,7 @@ from typing import Any
 from ..models.settings import Settings
 from ..models.values.errors import InputError
 from ..models.values.tables import parse_table, unknown_keys
-from .input_files import LARGEST_TABLE_BYTES, check_regular
+from .input_files import LARGEST_TOML_BYTES, check_regular
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -17,7 +17,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises:
         InputError: when it is missing or not TOML.
     """
-    check_regular(path, LARGEST_TABLE_BYTES)
+    check_regular(path, LARGEST_TOML_BYTES)
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:  # no text, no TOML, or an integer of thousands of digits

@@ -219,10 +219,11 @@ class _Model:
         stiffness = sum(spring.stiffness_n_per_m for spring in pulling)
         off_nm = sum(spring.stiffness_n_per_m * (natural_m[id(spring)] - first_m) for spring in pulling)
         tendon = _Tendon(stiffness, first_m + off_nm / stiffness, 0.0)
+        linear = all(spring.pushes for spring in pulling)  # then their sum is one spring at every length
         for spring in springs:
             here = f"{self.of.path}: {spring.name}"
             is_alike = abs(natural_m[id(spring)] - tendon.natural_m) <= SAME_M
-            if spring.pulls and not (is_alike or spring.pushes or spring.natural_m <= self._apart_m(spring)):
+            if spring.pulls and not (is_alike or linear or spring.natural_m <= self._apart_m(spring)):
                 raise InputError(f"{here}: another tendon joins the same nodes, and this one is slack: expected one")
             if not spring.pulls and not is_alike:
                 raise InputError(
@@ -246,15 +247,16 @@ class _Model:
         return float(np.linalg.norm(one.position_m - other.position_m)) - self._apart_m(spring)
 
     def _check_length(self, name: str, natural_m: float) -> None:
-        """Raise InputError for a tendon that is a joint, or has no natural length."""
+        """Raise InputError for a natural length so short that the tendon is a joint, or that nothing tells it."""
         apart_m = [
             np.linalg.norm(np.ptp([self.nodes[n].position_m for n in self._nodes_of(p)], axis=0)) for p in self._parts()
         ]
         least_m = max(apart_m) / OTHER_UNIT
         if natural_m < least_m:
             raise InputError(
-                f"{self.of.path}: {name}: expected a natural length of {least_m:.3g} m or more, as long as the bodies "
-                f"are, got {natural_m:.3g} m: name a joint by a connect constraint"
+                f"{self.of.path}: {name}: expected a natural length of {least_m:.3g} m or more, a hundredth of the "
+                f"largest body, got {natural_m:.3g} m: give its actuator a ctrlrange, or name a joint by a connect "
+                "constraint"
             )
 
 

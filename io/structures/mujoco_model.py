@@ -103,7 +103,7 @@ def _files(path: Path, folder: Path, seen: set[Path]) -> Iterator[Path]:
 
 
 def _without_settings(path: Path) -> bytes:
-    """Return a file whose elements that are not read are there, because none may have no elements, and empty."""
+    """Return a file's text with the elements that are not read emptied; MuJoCo refuses a file without elements."""
     root = ElementTree.parse(path).getroot()
     for element in root:
         if element.tag in NOT_READ:

@@ -6,7 +6,7 @@ the lower one. An actuator with affine bias and gear g acts on the tendon, of le
     f = gain u + b0 + b1 g l,    pull -g f = k (l - L0),    k = -b1 g^2,    L0 = -(gain u + b0) / (b1 g)
 
 where b1 < 0 and its control u is zero, or as near to zero as its range allows. One whose force is limited to pulling
-does not push.
+does not push, and the other way round. One that integrates its control has no length of its own.
 """
 
 from collections.abc import Iterator
@@ -79,9 +79,11 @@ def _actuators(of: MujocoModel, tendon: int) -> list[int]:
 
 
 def _is_spring(of: MujocoModel, actuator: int) -> bool:
-    model = of.model
+    model, kinds = of.model, of.mujoco.mjtDyn
+    settles = [int(kinds.mjDYN_NONE), int(kinds.mjDYN_FILTER), int(kinds.mjDYN_FILTEREXACT)]
     return bool(
-        model.actuator_gaintype[actuator] == of.mujoco.mjtGain.mjGAIN_FIXED
+        int(model.actuator_dyntype[actuator]) in settles
+        and model.actuator_gaintype[actuator] == of.mujoco.mjtGain.mjGAIN_FIXED
         and model.actuator_biastype[actuator] == of.mujoco.mjtBias.mjBIAS_AFFINE
         and model.actuator_biasprm[actuator, 1] < 0
         and model.actuator_gear[actuator, 0] != 0
@@ -93,14 +95,15 @@ def _driven(of: MujocoModel, actuator: int, name: str, sites: tuple[int, int]) -
     model = of.model
     control = float(np.clip(0.0, *model.actuator_ctrlrange[actuator])) if model.actuator_ctrllimited[actuator] else 0.0
     gear, by_length = float(model.actuator_gear[actuator, 0]), float(model.actuator_biasprm[actuator, 1])
+    limited, reach_n = model.actuator_forcelimited[actuator], gear * model.actuator_forcerange[actuator]
     force_n = float(model.actuator_gainprm[actuator, 0] * control + model.actuator_biasprm[actuator, 0])
     return Spring(
         name=name,
         sites=sites,
         stiffness_n_per_m=-by_length * gear**2,
         natural_m=-force_n / (by_length * gear),
-        pulls=True,
-        pushes=not model.actuator_forcelimited[actuator] or (gear * model.actuator_forcerange[actuator]).max() > 0,
+        pulls=not limited or bool(reach_n.min() < 0),
+        pushes=not limited or bool(reach_n.max() > 0),
     )
 
 
@@ -108,5 +111,5 @@ def _missing(of: MujocoModel, tendon: int) -> str:
     """Return what a tendon without a spring lacks."""
     needed = "expected a stiffness above 0, or an actuator whose force falls with the length (biasprm), got 0 and"
     for actuator in _actuators(of, tendon):
-        return f"{needed} {of.name('actuator', actuator)}, which sets a force and no length"
+        return f"{needed} {of.name('actuator', actuator)}, which is no spring while nothing controls it"
     return f"{needed} no actuator"

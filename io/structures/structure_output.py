@@ -26,7 +26,9 @@ MODEL_STEP_S = 0.001
 
 
 def write_structure(told: DescribedStructure, paths: Sequence[Path], *, title: str) -> None:
-    """Write a structure as TOML (.toml), as a MuJoCo model (.xml), or as a picture (.png, .pdf, .svg): all, or none.
+    """Write a structure as TOML (.toml), as a MuJoCo model (.xml), or as a picture (.png, .pdf, .svg).
+
+    If one file cannot be made, none is written.
 
     Raises:
         InputError: for another suffix, a file that exists or stands twice, or a model without mechanics.

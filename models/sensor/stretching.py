@@ -40,7 +40,7 @@ PRESS_RATE_S = 0.1
 """Time constant of the smoothing of strain before the rate of a press is taken."""
 PRESS_SHARE = 0.5
 """Part of SWING_S^2 v^2 that a press with the rate v leaves above 3.5 Hz, at most: the filters pass the beginning and
-the end of a ramp of 0.1 s with half of that. Of a swing at 5 Hz and more it takes a tenth."""
+the end of a ramp of 0.1 s with half of that. At 50 frames a second it takes half to a third of a swing at 5 to 8 Hz."""
 ONSET_S = 0.15
 """Time for which sensors swing at least in a robot that is shaken; the rate of a press is known after that time."""
 STRAIN_RATE_S = 0.2
@@ -199,6 +199,8 @@ class FastSwing:
         """
         self._low[:, fresh] = np.nan
         self._seconds[fresh] = 0.0
+        self._rate.restart(fresh)
+        self._mean_square_rate[fresh] = 0.0
         high = strain
         weight = low_pass_weight(step_s, SWING_S)
         for k in range(2):

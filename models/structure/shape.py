@@ -77,6 +77,7 @@ REASON_ADVICE = {
 
 
 NO_COVARIANCE = np.zeros((0, 0))
+"""The covariance of a shape that is held without it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -44,7 +44,8 @@ class Flag(IntFlag):
     MISFIT = 512
     """The reading at rest is impossible for this tendon (wrong natural resistance or wiring); it is left out."""
     SHAKEN = 1024
-    """The tendon's length swings faster than the sensor follows; sigma is widened."""
+    """The tendon's length swings faster than the sensor follows, and sigma is widened; or the robot is shaken, of which
+    this sensor may show nothing."""
 
     def names(self) -> str:
         """Return the names of the flags that are set, joined by `|`, as in lengths.csv."""

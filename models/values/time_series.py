@@ -26,6 +26,10 @@ class SmoothedRate:
         self._time_constant_s = time_constant_s
         self._smooth = np.full(count, np.nan)
 
+    def restart(self, chosen: NDArray[np.bool_]) -> None:
+        """Start the (count,) chosen ones anew from their next value."""
+        self._smooth[chosen] = np.nan
+
     def step(self, value: NDArray[np.float64], step_s: Floats) -> NDArray[np.float64]:
         """Return the (count,) rates per second after one more value."""
         smooth = np.where(np.isnan(self._smooth), value, self._smooth)

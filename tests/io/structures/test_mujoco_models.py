@@ -176,8 +176,8 @@ class TestSpringsBetweenTheSameSites:
 
     @pytest.mark.parametrize(
         ("springlength", "natural_m", "push_back"),
-        [("0 0.1", 0.1, 0.0), ("0 0.16", 0.12, 0.0), ("0.4", 0.2, 1 / 3)],
-        ids=["alike", "both taut", "slack, but it pushes"],
+        [("0 0.1", 0.1, 0.0), ("0 0.16", 0.12, 0.0), ("0.16", 0.12, 1 / 3)],
+        ids=["alike", "both taut", "one pushes"],
     )
     def test_are_one_tendon(self, springlength: str, natural_m: float, push_back: float, tmp_path: Path) -> None:
         """100 (l - 0.1) + 50 (l - L) = 150 (l - (10 + 50 L) / 150)."""
@@ -187,8 +187,17 @@ class TestSpringsBetweenTheSameSites:
         assert told.structure.natural_length_m == pytest.approx([natural_m, 0.2, 0.3])
         assert told.mechanics.push_back == pytest.approx([push_back, 1, 1])
 
-    def test_one_that_is_slack_is_refused(self, tmp_path: Path) -> None:
-        path = written(tmp_path, model(STRIPS + self.TWO.format("0 0.4")))
+    def test_all_that_push_are_one_tendon_at_any_length(self, tmp_path: Path) -> None:
+        """200 (l - 0.2) + 50 (l - 0.4) = 250 (l - 0.24), where one is slack at the start too."""
+        told = read_structure(written(tmp_path, model(STRIPS + self.TWO.format("0.4").replace('"a"', '"b"'))))
+        assert told.mechanics.stiffness_n_per_m[1] == pytest.approx(250)
+        assert told.structure.natural_length_m[1] == pytest.approx(0.24)
+        assert told.mechanics.push_back == pytest.approx([0, 1, 1])
+
+    @pytest.mark.parametrize("springlength", ["0 0.4", "0.4"])
+    def test_one_that_is_slack_is_refused(self, springlength: str, tmp_path: Path) -> None:
+        """With one that does not push, the sum is another spring where it is slack."""
+        path = written(tmp_path, model(STRIPS + self.TWO.format(springlength)))
         assert refusal(path) == (
             "tendon 't4': another tendon joins the same nodes, and this one is slack: expected one"
         )
@@ -197,13 +206,22 @@ class TestSpringsBetweenTheSameSites:
 WELDED = ROD.replace('"rod"', '"other"').replace("n1", "m1").replace("n2", "m2").replace("0.1 0.1 0.1", "0.2 0.2 0.1")
 REFUSED = {
     "tendon 't1': expected a stiffness above 0, or an actuator whose force falls with the length (biasprm), got 0 and "
-    "actuator 'pull', which sets a force and no length": model(
+    "actuator 'pull', which is no spring while nothing controls it": model(
         CABLES, after='<actuator><motor name="pull" tendon="t1"/></actuator>'
     ),
     "tendon 't1': expected a stiffness above 0, or an actuator whose force falls with the length (biasprm), got 0 and "
     "no actuator": model(CABLES),
-    "tendon 't1': expected a natural length of 0.003 m or more, as long as the bodies are, got 0 m: name a joint by a "
-    "connect constraint": model(
+    "tendon 't1': expected a stiffness above 0, or an actuator whose force falls with the length (biasprm), got 0 and "
+    "actuator 'winch', which is no spring while nothing controls it": model(
+        CABLES, after='<actuator><intvelocity name="winch" tendon="t1" kp="9" actrange="0.1 0.3"/></actuator>'
+    ),
+    "tendon 't1': expected a spring that pulls, got one that only pushes": model(
+        CABLES,
+        after='<actuator><position tendon="t1" kp="9" ctrllimited="true" ctrlrange="0.1 0.3" forcelimited="true" '
+        'forcerange="0 50"/><position tendon="t2" kp="9" ctrllimited="true" ctrlrange="0.1 0.3"/></actuator>',
+    ),
+    "tendon 't1': expected a natural length of 0.003 m or more, a hundredth of the largest body, got 0 m: give its "
+    "actuator a ctrlrange, or name a joint by a connect constraint": model(
         CABLES, after='<actuator><position tendon="t1" kp="9"/><position tendon="t2" kp="9"/></actuator>'
     ),
     "tendon 't4': expected to join two bodies, got two sites of one": model(

@@ -130,6 +130,18 @@ class TestFastSwing:
         noise = 0.0003 * np.random.default_rng(seed).standard_normal((len(t_s), 12))
         assert not shaken_in(FastSwing(12), pressed[:, None] + noise).any()
 
+    def test_a_jump_over_a_gap_hides_no_shaking(self) -> None:
+        """Strain is 0.2 higher after a gap; a second later shaking is seen within half a second."""
+        rng = np.random.default_rng(12)
+        swing, t_s = FastSwing(12), np.arange(0, 6, 0.02)
+        strain = 0.0003 * rng.standard_normal((len(t_s), 12)) + 0.2 * (t_s > 3)[:, None]
+        strain += 0.003 * ((t_s > 4) * np.sin(2 * np.pi * 6 * t_s))[:, None]
+        shaken = []
+        for row, gap_ends in zip(strain, np.diff(t_s > 3, prepend=False), strict=True):
+            swing.step(row, np.ones(12, dtype=bool), np.full(12, gap_ends), 0.02)
+            shaken.append(swing.robot_is_shaken)
+        assert 4 < t_s[np.argmax(shaken)] < 4.5
+
     def test_a_jump_over_a_gap_is_no_swing(self) -> None:
         swing = FastSwing(3)
         for _ in range(100):
