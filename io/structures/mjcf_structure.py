@@ -209,16 +209,17 @@ class _Model:
         for pair in joined.keys() - order.values():
             here = f"{self.of.path}: {joined[pair][0].name}"
             raise InputError(f"{here}: expected a spring that pulls, got one that only pushes")
-        return {nodes: self._tendon(joined[pair]) for nodes, pair in order.items()}
+        least_m = self._largest_part_m() / OTHER_UNIT
+        return {nodes: self._tendon(joined[pair], least_m) for nodes, pair in order.items()}
 
-    def _tendon(self, springs: list[Spring]) -> _Tendon:
-        """Return the one tendon that springs between the same nodes are."""
+    def _tendon(self, springs: list[Spring], least_m: float) -> _Tendon:
+        """Return the one tendon that springs between the same nodes are, for whose length see `_check_length`."""
         pulling = [spring for spring in springs if spring.pulls]
         natural_m = {id(spring): spring.natural_m + self._farther_m(spring) for spring in springs}
         first_m = natural_m[id(pulling[0])]
         stiffness = sum(spring.stiffness_n_per_m for spring in pulling)
-        off_nm = sum(spring.stiffness_n_per_m * (natural_m[id(spring)] - first_m) for spring in pulling)
-        tendon = _Tendon(stiffness, first_m + off_nm / stiffness, 0.0)
+        off_n = sum(spring.stiffness_n_per_m * (natural_m[id(spring)] - first_m) for spring in pulling)
+        tendon = _Tendon(stiffness, first_m + off_n / stiffness, 0.0)
         linear = all(spring.pushes for spring in pulling)  # then their sum is one spring at every length
         for spring in springs:
             here = f"{self.of.path}: {spring.name}"
@@ -231,8 +232,22 @@ class _Model:
                     f"all, got {natural_m[id(spring)]:g} m"
                 )
             tendon.pushes += spring.stiffness_n_per_m if spring.pushes else 0.0
-        self._check_length(pulling[0].name, tendon.natural_m - self._farther_m(pulling[0]))
+        self._check_length(pulling[0].name, tendon.natural_m - self._farther_m(pulling[0]), least_m)
         return tendon
+
+    def _check_length(self, name: str, natural_m: float, least_m: float) -> None:
+        """Raise InputError for a natural length so short that the tendon is a joint, or that nothing tells it."""
+        if natural_m < least_m:
+            raise InputError(
+                f"{self.of.path}: {name}: expected a natural length of {least_m:.3g} m or more, a hundredth of the "
+                f"largest body, got {natural_m:.3g} m: give its actuator a ctrlrange, or name a joint by a connect "
+                "constraint"
+            )
+
+    def _largest_part_m(self) -> float:
+        """Return the diagonal of the box around the nodes of the largest part."""
+        boxes_m = [np.ptp([self.nodes[n].position_m for n in self._nodes_of(p)], axis=0) for p in self._parts()]
+        return float(np.linalg.norm(boxes_m, axis=1).max())
 
     def _apart_m(self, spring: Spring) -> float:
         """Return the distance between the sites of a spring."""
@@ -245,19 +260,6 @@ class _Model:
         if one.hub_radius_m == other.hub_radius_m == 0:
             return 0.0
         return float(np.linalg.norm(one.position_m - other.position_m)) - self._apart_m(spring)
-
-    def _check_length(self, name: str, natural_m: float) -> None:
-        """Raise InputError for a natural length so short that the tendon is a joint, or that nothing tells it."""
-        apart_m = [
-            np.linalg.norm(np.ptp([self.nodes[n].position_m for n in self._nodes_of(p)], axis=0)) for p in self._parts()
-        ]
-        least_m = max(apart_m) / OTHER_UNIT
-        if natural_m < least_m:
-            raise InputError(
-                f"{self.of.path}: {name}: expected a natural length of {least_m:.3g} m or more, a hundredth of the "
-                f"largest body, got {natural_m:.3g} m: give its actuator a ctrlrange, or name a joint by a connect "
-                "constraint"
-            )
 
 
 def _is_at_far_end(position_m: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -1,6 +1,7 @@
-"""Structures of more kinds than disjoint rods: a tower of class 2, a guyed mast, and a plate on cables."""
+"""Structures of more kinds than disjoint rods (a tower of class 2, a guyed mast, a plate on cables), and their files."""
 
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 
@@ -72,3 +73,11 @@ def mixed() -> Structure:
         anchors=np.arange(3),
         anchor_position_m=np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.3, 0]]),
     )
+
+
+def written(folder: Path, text: str, name: str = "robot.xml") -> Path:
+    """Write a structure file, whose name may begin with folders, and return its path."""
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from command_line import run
+from structures import written
 from tensegraph import InputError, read_structure
 from tensegraph.models.structure.lengths import member_length_m
 
@@ -43,13 +44,6 @@ ACTUATORS = (
 def model(tendons: str, *, bodies: str = ROD, before: str = "", after: str = "") -> str:
     world = f"<worldbody>{ANCHORS}{bodies}</worldbody>"
     return f"<mujoco>{before}{world}<tendon>{tendons}</tendon>{after}</mujoco>"
-
-
-def written(folder: Path, text: str, name: str = "robot.xml") -> Path:
-    path = folder / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
-    return path
 
 
 def refusal(path: Path) -> str:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from structures import PLATE_M, TOWER, TOWER_M, YAML, plate
+from structures import PLATE_M, TOWER, TOWER_M, YAML, plate, written
 from tensegraph import InputError, read_structure
 from tensegraph.io.structures.structure_output import write_structure
 from tensegraph.models.twin.mjcf import mjcf
@@ -25,14 +25,9 @@ XML = """<mujoco>
 </mujoco>"""
 
 
-def written(folder: Path, name: str, text: str) -> Path:
-    (folder / name).write_text(text)
-    return folder / name
-
-
 def test_a_yaml_file_in_decimetres_by_hand(tmp_path: Path) -> None:
     """y is up; a rod weighs density pi r^2 l; 50 kg dm/s^2 at 100 N/m shorten a tendon by half a decimetre."""
-    told = read_structure(written(tmp_path, "robot.yaml", YAML), unit_m=0.1)
+    told = read_structure(written(tmp_path, YAML, "robot.yaml"), unit_m=0.1)
     assert told.node_position_m == pytest.approx(np.array([[0, 0, 0], [0, 0, 1], [0.6, 0, 0.2], [0.6, -0.8, 0.2]]))
     assert told.structure.rod_length_m == pytest.approx([1.0, 0.8])
     assert told.structure.tendons.tolist() == [[0, 2], [1, 2], [0, 3], [1, 3]]
@@ -45,14 +40,14 @@ def test_other_simulators_name_connections_and_types(tmp_path: Path) -> None:
     text = YAML.replace("pair_groups", "connections").replace("class: tgRodInfo, ", "type: bar, ")
     text = text.replace("class: tgBasicActuatorInfo, parameters: {stiffness: 100, pretension: 50}",
                         "type: string, stiffness: 100, initial_length_ratio: 0.9")  # fmt: skip
-    told = read_structure(written(tmp_path, "robot.yml", text))
+    told = read_structure(written(tmp_path, text, "robot.yml"))
     assert told.node_position_m[1] == pytest.approx([0, 10, 0])  # no axis is told to be up
     assert told.structure.natural_length_m[1] == pytest.approx(9.0)
 
 
 def test_a_mujoco_model_by_hand(tmp_path: Path) -> None:
     """A spring with one length pushes as it pulls; one without is slack where the model starts."""
-    told = read_structure(written(tmp_path, "robot.xml", XML))
+    told = read_structure(written(tmp_path, XML, "robot.xml"))
     assert told.structure.rods.tolist() == [[3, 4]]
     assert told.structure.rod_length_m == pytest.approx([0.3])
     assert told.structure.anchors.tolist() == [0, 1, 2]
@@ -66,7 +61,7 @@ def test_a_mujoco_model_by_hand(tmp_path: Path) -> None:
 @pytest.mark.parametrize("count", [12, 6])
 def test_the_twin_s_own_model_is_read_back(count: int, tmp_path: Path) -> None:
     structure, shape_m = resting(count)
-    told = read_structure(written(tmp_path, "twin.xml", mjcf(body(structure), shape_m, 0.001)))
+    told = read_structure(written(tmp_path, mjcf(body(structure), shape_m, 0.001), "twin.xml"))
     for name in ("rods", "tendons", "natural_length_m", "anchors"):
         np.testing.assert_array_equal(getattr(told.structure, name), getattr(structure, name))
     np.testing.assert_allclose(told.structure.rod_length_m, structure.rod_length_m, rtol=1e-9)
@@ -75,7 +70,7 @@ def test_the_twin_s_own_model_is_read_back(count: int, tmp_path: Path) -> None:
 
 
 def test_rods_that_share_nodes_are_tied_and_read_back(tmp_path: Path) -> None:
-    told = read_structure(written(tmp_path, "tower.xml", mjcf(body(TOWER), TOWER_M, 0.001)))
+    told = read_structure(written(tmp_path, mjcf(body(TOWER), TOWER_M, 0.001), "tower.xml"))
     np.testing.assert_array_equal(told.structure.rods, TOWER.rods)
     np.testing.assert_array_equal(told.structure.tendons, TOWER.tendons)
 
@@ -109,7 +104,7 @@ def test_a_flat_body_of_a_model_gets_a_node_off_its_plane(tmp_path: Path) -> Non
         f'<mujoco><worldbody>{up}<body><freejoint/><geom type="box" size="0.1 0.1 0.005" mass="0.2"/>{sites}</body>'
         f"</worldbody><tendon>{tendons}</tendon></mujoco>"
     )
-    told = read_structure(written(tmp_path, "plate.xml", text))
+    told = read_structure(written(tmp_path, text, "plate.xml"))
     assert told.bodies == ((0, 1, 2, 3, 8),)
     assert told.structure.node_count == 9
     assert abs(told.node_position_m[8, 2]) > 0.05
@@ -150,7 +145,7 @@ MALFORMED = {
 
 @pytest.mark.parametrize("message", MALFORMED)
 def test_a_malformed_file_is_refused_in_one_line(message: str, tmp_path: Path) -> None:
-    path = written(tmp_path, message.split(":")[0], MALFORMED[message])
+    path = written(tmp_path, MALFORMED[message], message.split(":")[0])
     with pytest.raises(InputError) as refused:
         read_structure(path)
     text = str(refused.value)
