@@ -1,4 +1,4 @@
-"""Structures of more kinds than disjoint rods (a tower of class 2, a guyed mast, a plate on cables), and their files."""
+"""Structures of more kinds than disjoint rods, a tower of class 2, a guyed mast, a plate on cables, and their files."""
 
 from itertools import combinations
 from pathlib import Path
