@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from ...models.evaluation.evaluation import Evaluation
+from ...models.structure.shape import chi_squared_quantile
 from .style import (
     BAND,
     BLACK,
@@ -178,7 +178,7 @@ def _draw_coverage(axis: Axes, e: Evaluation) -> None:
     nees = e.compared.nees[~np.isnan(e.compared.nees)]
     axis.plot([0, 100], [0, 100], color=GREY, lw=1, ls="--", label="as it should be")
     if len(nees):
-        observed = np.searchsorted(np.sort(nees), chi2.ppf(nominal, 3), side="right") / len(nees)
+        observed = np.searchsorted(np.sort(nees), chi_squared_quantile(nominal, 3), side="right") / len(nees)
         sigma_mm = 1e3 * e.consistency.median_sigma_m
         axis.plot(100 * nominal, 100 * observed, color=BLUE, label=f"observed, median sigma {sigma_mm:.2f} mm")
     axis.set(xlim=(0, 100), ylim=(0, 100), aspect="equal", xlabel="nominal probability [%]", ylabel="within [%]")

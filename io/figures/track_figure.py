@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Patch
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from ...models.structure.reconstruction import Reconstruction
+from ...models.structure.shape import chi_squared_quantile
 from .style import BLACK, BLUE, GREY, RED, add_grid, add_legend_below, save_figure
 
 ELLIPSES = 12
@@ -94,7 +94,7 @@ def _draw_ellipses(
 ) -> None:
     for k in np.unique(np.linspace(0, len(centroid_mm) - 1, ELLIPSES).astype(int)):
         variance, axes = np.linalg.eigh(covariance_mm2[k])
-        diameter_mm = 2 * np.sqrt(chi2.ppf(probability, 2) * np.maximum(variance, 0))
+        diameter_mm = 2 * np.sqrt(chi_squared_quantile(probability, 2) * np.maximum(variance, 0))
         angle = float(np.rad2deg(np.arctan2(axes[1, 1], axes[0, 1])))
         axis.add_patch(
             Ellipse(tuple(centroid_mm[k, :2]), diameter_mm[1], diameter_mm[0], angle=angle, color=RED, alpha=0.3, lw=0)

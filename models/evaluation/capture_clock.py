@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import find_peaks
 
 from ..values.errors import InputError
 
@@ -146,6 +145,8 @@ def search_offset(estimated: MotionSignals, captured: MotionSignals) -> OffsetSe
     2 S_em - S_mm, with S the sums of products about the means. A lag at which little is in common, or both are still,
     explains little.
     """
+    from scipy.signal import find_peaks  # a second, which an estimate does without
+
     e, m = estimated.signal_m, captured.signal_m
     s_em, s_mm, s_ee = _products_about_means(_about_mean(e), _about_mean(m))
     explained = 2 * s_em - s_mm

@@ -2,8 +2,8 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from ..structure.shape import chi_squared_quantile
 from ..structure.structure import Structure
 from ..values.time_series import correlation_samples
 from .estimate import Estimate
@@ -54,12 +54,12 @@ def normalised_error_squared(error_m: NDArray[np.float64], covariance_m2: NDArra
 
 def coverage(nees: NDArray[np.float64], probability: float) -> float:
     """Return the share of errors within the ellipsoid of a probability, e^T P^-1 e <= chi2_3; nan without errors."""
-    return of_known(lambda known: np.mean(known <= chi2.ppf(probability, 3)), nees)
+    return of_known(lambda known: np.mean(known <= chi_squared_quantile(probability, 3)), nees)
 
 
 def mean_band(degrees: int, count: float) -> tuple[float, float]:
     """Return the interval that contains 95 % of the means of `count` independent chi-square values; nan for none."""
-    low, high = chi2.ppf([0.025, 0.975], degrees * count) / count if count > 0 else (np.nan, np.nan)
+    low, high = chi_squared_quantile([0.025, 0.975], degrees * count) / count if count > 0 else (np.nan, np.nan)
     return float(low), float(high)
 
 
