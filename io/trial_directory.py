@@ -20,7 +20,8 @@ from ..models.evaluation.truth import (
     marked_nodes,
 )
 from ..models.plug_ins import PlugIn
-from ..models.trial_description import TrialDescription, TrialTable, describe_trial
+from ..models.trial_description import TrialDescription, describe_trial
+from ..models.trial_tables import TrialTable
 from ..models.values.aids import AidReading
 from ..models.values.errors import InputError
 from ..models.values.marker_tracks import MarkerTracks

@@ -15,7 +15,8 @@ from ..models.sensor.clock import ClockSettings
 from ..models.sensor.sensor_model import SensorModel
 from ..models.sensor.stillness import SHORTEST_S, RestMotion, StillnessWatch
 from ..models.settings import Settings
-from ..models.trial_description import TrialDescription, TrialTable, describe_trial
+from ..models.trial_description import TrialDescription, describe_trial
+from ..models.trial_tables import TrialTable
 from ..models.values.errors import InputError, TensegraphError
 from ..models.values.link import LinkReading, LinkState, PortState, rebased, stamp_s
 from ..models.values.readings import BoardReading

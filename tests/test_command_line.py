@@ -9,7 +9,7 @@ import pytest
 from command_line import run, run_process
 from tensegraph import InputError, cli
 from tensegraph.models.calibration.recipe import TrainingSettings
-from tensegraph.models.trial_description import LinkTable
+from tensegraph.models.trial_tables import LinkTable
 
 REFUSED = [
     (["reconstruct", "nothing"], "nothing/trial.toml: no such file"),

@@ -25,7 +25,7 @@ from import_graph import (
 ROOT = Path(__file__).parents[1]
 MOST_MODULES = 15
 BASIS = {"models.values", "models.structure", "models.sensor"}
-DESCRIBED = {"models.structure_description", "models.trial_description", "models.own_factor"}
+DESCRIBED = {"models.structure_description", "models.trial_tables", "models.trial_description", "models.own_factor"}
 RUNNING = BASIS | DESCRIBED | {"models.pose", "models.settings", "models.estimation", "models.shape_network"}
 """What of models/ runs with every trial; sensors are calibrated, simulated and evaluated beside it."""
 
@@ -35,7 +35,9 @@ MODELS_MAY_IMPORT = {
     "models.sensor": {"models.values"},
     "models.pose": {"models.values", "models.structure"},
     "models.structure_description": BASIS,
-    "models.trial_description": BASIS | {"models.pose", "models.structure_description", "models.own_factor"},
+    "models.trial_tables": BASIS | {"models.structure_description"},
+    "models.trial_description": BASIS
+    | {"models.pose", "models.structure_description", "models.trial_tables", "models.own_factor"},
     "models.own_factor": BASIS | {"models.plug_ins"},
     "models.estimation": BASIS,
     "models.shape_network": BASIS,

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..structure.structure import Structure
-from ..trial_description import TrialDescription, TruthTable
+from ..trial_description import TrialDescription
+from ..trial_tables import TruthTable
 from ..values.errors import InputError
 from .capture_clock import CaptureClock
 

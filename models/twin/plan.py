@@ -14,7 +14,7 @@ from ..structure_description import (
     StructureTable,
     described,
 )
-from ..trial_description import AdcTable
+from ..trial_tables import AdcTable
 from ..values.tables import NotNegative, Positive
 from .carried_sensors import ImuPlan, PositionPlan, RangePlan
 from .emulated_boards import BoardPhysics, Faults

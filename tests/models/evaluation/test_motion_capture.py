@@ -10,7 +10,7 @@ from tensegraph.io.reports.evaluation_tables import _capture_facts
 from tensegraph.models.evaluation.marker_assignment import largest_reach_m
 from tensegraph.models.evaluation.motion_capture import lay_onto, node_positions
 from tensegraph.models.evaluation.truth import MarkedNode, marked_nodes
-from tensegraph.models.trial_description import TruthTable
+from tensegraph.models.trial_tables import TruthTable
 from tensegraph.models.values.marker_tracks import MarkerTracks
 from tensegraph.models.values.tables import parse_table, unknown_keys
 
