@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..models.evaluation.estimate import Estimate
 from ..models.structure.reconstruction import Propagated, Reconstruction
-from ..models.structure.shape import OtherShape, Reason, Status
+from ..models.structure.shape import Covariances, OtherShape, Reason, Status
 from ..models.structure.structure import Structure
 from ..models.structure_description import StructureTable
 from ..models.values.errors import InputError
@@ -52,7 +52,7 @@ def load(path: str | Path) -> Reconstruction:
         structure=structure,
         t_s=estimate.t_s,
         node_position_m=estimate.node_position_m,
-        covariance_m2=_covariance_m2(estimate),
+        covariances=Covariances.of_nodes(estimate.node_covariance_m2),
         status=frames.status,
         length_m=estimate.length_m,
         sigma_m=estimate.sigma_m,
@@ -130,15 +130,6 @@ def _doubt(cell: str) -> float:
         return 0.0 if cell.strip() == "none" else float(_REASONS.index(Reason(cell.strip())))
     except ValueError as error:
         raise ValueError(f"expected one of none, {', '.join(Reason)}") from error
-
-
-def _covariance_m2(estimate: Estimate) -> NDArray[np.float64]:
-    """Return (frames, 3 nodes, 3 nodes) with the covariance of each node, and nan between nodes."""
-    frames, nodes = estimate.node_position_m.shape[:2]
-    covariance_m2 = np.full((frames, nodes, 3, nodes, 3), np.nan)
-    node = np.arange(nodes)
-    covariance_m2[:, node, :, node, :] = np.moveaxis(estimate.node_covariance_m2, 1, 0)
-    return covariance_m2.reshape(frames, 3 * nodes, 3 * nodes)
 
 
 def _centroid_covariance_m2(path: Path, estimate: Estimate) -> NDArray[np.float64]:

@@ -25,6 +25,7 @@ from tensegraph.models.sensor.sensor_model import SensorModel
 from tensegraph.models.structure.external_loads import ExternalLoads
 from tensegraph.models.structure.rest_shape import GeometrySigma, RestSettings, RestShape
 from tensegraph.models.structure.rigidity import find_rest_shape
+from tensegraph.models.structure.shape import Covariances
 from tensegraph.models.values.readings import Mode, TendonLengths
 
 Terms = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -80,7 +81,7 @@ def loaded(structure: Structure, rest: RestShape) -> Reconstruction:
         structure,
         np.arange(count) / 50,
         np.repeat(rest.node_position_m[None], count, axis=0),
-        np.repeat(rest.covariance_m2[None], count, axis=0),
+        Covariances.of([rest.covariance_m2] * count, rest.covariance_m2.shape[0]),
         (Status.OK,) * count,
         np.full((count, tendons), 0.18),
         np.full((count, tendons), 0.001),

@@ -19,7 +19,7 @@ from .floor import EstimatedNormal
 from .labelled import as_dataframe, as_dataset, columns_of
 from .lengths import length_jacobian, propagated_variance
 from .rigidity import branch, held_jacobian
-from .shape import Ellipsoids, OtherShape, Reason, Shape, Status, ellipsoids, node_blocks, node_sigma_m
+from .shape import Covariances, Ellipsoids, OtherShape, Reason, Shape, Status, ellipsoids, node_sigma_m
 from .structure import Structure
 
 if TYPE_CHECKING:
@@ -49,11 +49,11 @@ class Propagated:
         )
 
 
-def _covariances(shapes: Iterable[Shape], structure: Structure, collected: list[Shape]) -> NDArray[np.float64]:
-    """Return (frames, 3 nodes, 3 nodes) the covariances of all shapes, and collect the shapes without theirs.
+def _covariances(shapes: Iterable[Shape], structure: Structure, collected: list[Shape]) -> Covariances:
+    """Return the covariances of all shapes, and collect the shapes without theirs.
 
-    So there is never a second copy of them: in half an hour of 50 frames a second they take a gigabyte. What else no
-    result holds, such as the lengths in each mode, is let go of, too.
+    So there is never a second copy of them: in half an hour of 50 frames a second they take half a gigabyte. What else
+    no result holds, such as the lengths in each mode, is let go of, too.
     """
 
     def taken() -> Iterator[NDArray[np.float64]]:
@@ -62,8 +62,7 @@ def _covariances(shapes: Iterable[Shape], structure: Structure, collected: list[
             collected.append(replace(shape.without_covariance(), lengths=lengths))
             yield shape.covariance_m2
 
-    size = 3 * structure.node_count
-    return np.fromiter(taken(), dtype=np.dtype((np.float64, (size, size))))
+    return Covariances.of(taken(), 3 * structure.node_count)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,8 +78,8 @@ class Reconstruction:
     """(frames,)"""
     node_position_m: NDArray[np.float64]
     """(frames, nodes, 3)"""
-    covariance_m2: NDArray[np.float64]
-    """(frames, 3 nodes, 3 nodes); nan between different nodes in a run that was loaded from files."""
+    covariances: Covariances
+    """Of all nodes in each frame; nan between different nodes in a run that was loaded from files."""
     status: tuple[Status, ...]
     """(frames,)"""
     length_m: NDArray[np.float64]
@@ -110,7 +109,7 @@ class Reconstruction:
     contradicted_positions: tuple[tuple[int, ...], ...] = ()
     """(frames,) see `Shape.contradicted_positions`; empty in a run that was loaded from files."""
     propagated: Propagated | None = None
-    """What was written of a run that was loaded from files; None where it is computed from `covariance_m2`."""
+    """What was written of a run that was loaded from files; None where it is computed from `covariances`."""
 
     @classmethod
     def of(cls, structure: Structure, shapes: Iterable[Shape]) -> "Reconstruction":
@@ -120,7 +119,7 @@ class Reconstruction:
             InputError: when there is no shape.
         """
         collected: list[Shape] = []
-        covariance_m2 = _covariances(shapes, structure, collected)
+        covariances = _covariances(shapes, structure, collected)
         if not collected:
             raise InputError("no frame could be made of the readings")
         known_loads = [shape.loads for shape in collected if shape.loads is not None]
@@ -136,7 +135,7 @@ class Reconstruction:
             structure=structure,
             t_s=np.array([shape.t_s for shape in collected]),
             node_position_m=np.array([shape.node_position_m for shape in collected]),
-            covariance_m2=covariance_m2,
+            covariances=covariances,
             status=tuple(shape.status for shape in collected),
             length_m=np.array([shape.lengths.length_m for shape in collected]),
             sigma_m=np.array([shape.lengths.sigma_m for shape in collected]),
@@ -206,7 +205,7 @@ class Reconstruction:
             self,
             t_s=self.t_s[frames],
             node_position_m=self.node_position_m[frames],
-            covariance_m2=self.covariance_m2[frames],
+            covariances=self.covariances.part(frames),
             status=self.status[frames],
             length_m=self.length_m[frames],
             sigma_m=self.sigma_m[frames],
@@ -228,7 +227,7 @@ class Reconstruction:
         return Shape(
             t_s=self.t_s[k],
             node_position_m=self.node_position_m[k],
-            covariance_m2=self.covariance_m2[k],
+            covariance_m2=self.covariances.whole_m2(k),
             status=self.status[k],
             lengths=TendonLengths(
                 t_s=self.t_s[k],
@@ -353,9 +352,14 @@ class Reconstruction:
         return {"coordinate_frame": self.coordinate_frame, "probability": probability}
 
     @property
+    def covariance_m2(self) -> NDArray[np.float64]:
+        """(frames, 3 nodes, 3 nodes) `covariances`, whole: of half an hour it takes a gigabyte."""
+        return self.covariances.whole_m2(slice(None))
+
+    @property
     def node_covariance_m2(self) -> NDArray[np.float64]:
         """(frames, nodes, 3, 3) covariance of each node."""
-        return node_blocks(self.covariance_m2)
+        return self.covariances.node_blocks_m2
 
     @property
     def centroid_m(self) -> NDArray[np.float64]:
@@ -368,8 +372,11 @@ class Reconstruction:
         if self.propagated is not None:
             return self.propagated.centroid_covariance_m2
         nodes = self.structure.node_count
-        blocks = self.covariance_m2.reshape(len(self), nodes, 3, nodes, 3)
-        return np.asarray(blocks.sum(axis=(1, 3)) / nodes**2)
+        sums = [
+            self.covariances.whole_m2(block).reshape(-1, nodes, 3, nodes, 3).sum(axis=(1, 3))
+            for block in parts(len(self), BLOCK_FRAMES)
+        ]
+        return np.concatenate(sums) / nodes**2
 
     @property
     def node_sigma_m(self) -> NDArray[np.float64]:
@@ -397,7 +404,9 @@ class Reconstruction:
         tendons = self.structure.tendons
         predicted = np.concatenate(
             [
-                propagated_variance(length_jacobian(self.node_position_m[block], tendons), self.covariance_m2[block])
+                propagated_variance(
+                    length_jacobian(self.node_position_m[block], tendons), self.covariances.whole_m2(block)
+                )
                 for block in parts(len(self), BLOCK_FRAMES)
             ]
         )
@@ -439,7 +448,7 @@ class Reconstruction:
         free = self.structure.free_coordinates
         motion = self._smallest_singular[1]
         variance = [
-            propagated_variance(motion[block, None, :], self.covariance_m2[block, free[:, None], free])[:, 0]
+            propagated_variance(motion[block, None, :], self.covariances.whole_m2(block)[:, free[:, None], free])[:, 0]
             for block in parts(len(self), BLOCK_FRAMES)
         ]
         return np.sqrt(np.concatenate(variance))

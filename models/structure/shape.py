@@ -1,7 +1,10 @@
 """The result of an estimator: the shape of the structure at one instant, with its covariance."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from math import isqrt
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +15,8 @@ from ..values.readings import TendonLengths
 from ..values.slip import Slip
 from .external_loads import ExternalLoads
 from .floor import EstimatedNormal
+
+Number = TypeVar("Number", np.float64, np.int64)
 
 
 class Status(StrEnum):
@@ -191,11 +196,56 @@ class Shape:
         return ellipsoids(self.node_covariance_m2, probability)
 
 
-def node_blocks(covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:
+def node_blocks(covariance_m2: NDArray[Number]) -> NDArray[Number]:
     """Return the (..., nodes, 3, 3) diagonal blocks of (..., 3 nodes, 3 nodes) covariances."""
     nodes = covariance_m2.shape[-1] // 3
     blocks = covariance_m2.reshape(*covariance_m2.shape[:-2], nodes, 3, nodes, 3)
     return np.asarray(np.einsum("...ninj->...nij", blocks))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Covariances:
+    """The symmetric covariances of all nodes in many frames, of which the upper triangles are held: half the memory."""
+
+    upper_m2: NDArray[np.float64]
+    """(frames, size (size + 1) / 2) the rows of each upper triangle, one after another; size = 3 nodes."""
+
+    @classmethod
+    def of(cls, covariances_m2: Iterable[NDArray[np.float64]], size: int) -> "Covariances":
+        """Collect (size, size) covariances, one for each frame."""
+        row, column = np.triu_indices(size)
+        triangles = (covariance_m2[row, column] for covariance_m2 in covariances_m2)
+        return cls(np.fromiter(triangles, dtype=np.dtype((np.float64, (len(row),)))))
+
+    @classmethod
+    def of_nodes(cls, node_covariance_m2: NDArray[np.float64]) -> "Covariances":
+        """Hold (frames, nodes, 3, 3) covariances of single nodes, and nan between nodes."""
+        frames, nodes = node_covariance_m2.shape[:2]
+        size = 3 * nodes
+        unknown = cls(np.full((frames, size * (size + 1) // 2), np.nan))
+        unknown.upper_m2[:, node_blocks(unknown._place)] = node_covariance_m2
+        return unknown
+
+    def part(self, frames: slice) -> "Covariances":
+        """Return those of some frames."""
+        return Covariances(self.upper_m2[frames])
+
+    def whole_m2(self, frames: int | slice) -> NDArray[np.float64]:
+        """Return the (size, size) covariance of a frame, or (frames, size, size) those of some frames."""
+        return np.asarray(self.upper_m2[frames][..., self._place])
+
+    @property
+    def node_blocks_m2(self) -> NDArray[np.float64]:
+        """(frames, nodes, 3, 3) covariance of each node."""
+        return np.asarray(self.upper_m2[:, node_blocks(self._place)])
+
+    @property
+    def _place(self) -> NDArray[np.int64]:
+        """(size, size) where each element stands in the rows of the upper triangle."""
+        size = (isqrt(8 * self.upper_m2.shape[-1] + 1) - 1) // 2
+        place = np.zeros((size, size), dtype=np.int64)
+        place[np.triu_indices(size)] = np.arange(self.upper_m2.shape[-1])
+        return np.maximum(place, place.T)
 
 
 def node_sigma_m(node_covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:

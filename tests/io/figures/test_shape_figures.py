@@ -15,6 +15,7 @@ from tensegraph.io.figures.shape_figures import (
 )
 from tensegraph.io.figures.structure_view import LoadArrows, Scale, round_down
 from tensegraph.io.figures.track_figure import write_track_figure
+from tensegraph.models.structure.shape import Covariances
 from tensegraph.models.values.readings import Mode
 
 
@@ -51,9 +52,8 @@ def test_a_large_load_is_drawn_within_the_figure(loaded) -> None:
 @pytest.mark.parametrize(("sigma_mm", "magnification"), [(0.1, 50), (2.0, 5), (1000.0, 1)])
 def test_ellipsoids_are_magnified_while_they_leave_the_structure_visible(loaded, sigma_mm, magnification) -> None:
     """The structure is 0.3 m wide: at 95 %, 2 mm is 5.6 mm of semi-axis, of which five are below 36 mm."""
-    size = 3 * loaded.structure.node_count
-    covariance_m2 = np.broadcast_to(np.eye(size) * (1e-3 * sigma_mm) ** 2, (len(loaded), size, size))
-    shapes = replace(loaded, covariance_m2=covariance_m2)
+    alike = np.broadcast_to(np.eye(3) * (1e-3 * sigma_mm) ** 2, (*loaded.node_position_m.shape, 3))
+    shapes = replace(loaded, covariances=Covariances.of_nodes(alike))
     assert Scale.of(shapes, [0], 0.95).magnification == magnification
 
 

@@ -10,7 +10,7 @@ from tensegraph.io.figures.style import GREY, ORANGE, SKY_BLUE
 from tensegraph.io.viewer.curves import status_changes
 from tensegraph.io.viewer.scene import bytes_of, ghost_columns, space_columns, tendon_colors
 from tensegraph.models.structure.external_loads import ExternalLoads
-from tensegraph.models.structure.shape import Reason
+from tensegraph.models.structure.shape import Covariances, Reason
 
 
 def test_a_tendon_has_the_colour_of_its_strain(loaded) -> None:
@@ -80,5 +80,6 @@ def test_a_hidden_node_takes_its_rod_and_tendons_from_the_ghost(loaded) -> None:
 
 def test_a_run_without_covariance_has_no_ellipsoids(loaded) -> None:
     rerun = pytest.importorskip("rerun")
-    columns = space_columns(rerun, replace(loaded, covariance_m2=np.full_like(loaded.covariance_m2, np.nan)), 0.95, 0.2)
+    unknown = Covariances.of_nodes(np.full_like(loaded.node_covariance_m2, np.nan))
+    columns = space_columns(rerun, replace(loaded, covariances=unknown), 0.95, 0.2)
     assert set(columns) == {"rods", "tendons", "marked_tendons", "nodes", "loads"}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from tensegraph.models.structure.shape import Reason, Shape, Status, ellipsoids
+from tensegraph.models.structure.shape import Covariances, Reason, Shape, Status, ellipsoids, node_blocks
 
 
 class TestEllipsoids:
@@ -30,6 +30,29 @@ class TestEllipsoids:
         region = ellipsoids(covariance, 0.5)
         inside = (((points @ region.axes) / region.semi_axis_m) ** 2).sum(axis=1) <= 1
         assert inside.mean() == pytest.approx(0.5, abs=0.02)
+
+
+class TestCovariances:
+    @pytest.fixture
+    def covariance_m2(self):
+        a = np.random.default_rng(0).standard_normal((5, 6, 6))
+        return a @ a.swapaxes(-1, -2)
+
+    def test_by_hand(self) -> None:
+        held = Covariances.of([np.array([[1.0, 2, 3], [2, 4, 5], [3, 5, 6]])], 3)
+        np.testing.assert_array_equal(held.upper_m2, [[1, 2, 3, 4, 5, 6]])
+
+    def test_are_those_that_were_collected(self, covariance_m2) -> None:
+        held = Covariances.of(covariance_m2, 6)
+        np.testing.assert_array_equal(held.whole_m2(slice(None)), covariance_m2)
+        np.testing.assert_array_equal(held.whole_m2(3), covariance_m2[3])
+        np.testing.assert_array_equal(held.part(slice(1, 4)).whole_m2(slice(1, 3)), covariance_m2[2:4])
+        np.testing.assert_array_equal(held.node_blocks_m2, node_blocks(covariance_m2))
+
+    def test_of_nodes_are_unknown_between_nodes(self, covariance_m2) -> None:
+        held = Covariances.of_nodes(node_blocks(covariance_m2))
+        np.testing.assert_array_equal(held.node_blocks_m2, node_blocks(covariance_m2))
+        assert np.isnan(held.whole_m2(slice(None))[:, :3, 3:]).all()
 
 
 @pytest.mark.parametrize(
