@@ -72,19 +72,13 @@ def rest_step(
     Raises:
         IndeterminateError: when neither a measurement nor form finding gives a shape, or no forces balance there.
     """
-    source: Literal["measured", "found"] = "found" if measured_position_m is None else "measured"
-    if measured_position_m is None:
-        known_m = structure.with_anchors_placed(find_rest_shape(structure, near_position_m))
-        # with mechanics the equilibrium corrects the shape; without, it is that of equally stiff tendons
-        sigma_m = settings.found_sigma_m if mechanics is None else float(structure.rod_length_m.mean())
-    else:
-        known_m = measured_position_m
-        sigma_m = settings.measured_sigma_m
+    known_m, sigma_m = _known_shape(structure, mechanics, measured_position_m, near_position_m, settings)
     support = _support(structure, mechanics, known_m, floor)
     told = _RestProblem(structure, mechanics, known_m, sigma_m, geometry, settings, support)
+    source: Literal["measured", "found"] = "found" if measured_position_m is None else "measured"
     problem, minimum, wrong = _most_probable(told, source)
     position_m = problem.position_m(minimum.z)
-    size = 3 * structure.node_count
+    coordinates = problem.coordinates
     found = RestShape(
         structure=replace(
             structure,
@@ -92,24 +86,42 @@ def rest_step(
             anchor_position_m=position_m[structure.anchors],
         ),
         node_position_m=position_m,
-        covariance_m2=np.asarray(problem.sigma_m**2 * np.linalg.inv(minimum.information)[:size, :size]),
+        covariance_m2=np.asarray(problem.sigma_m**2 * np.linalg.inv(minimum.information)[:coordinates, :coordinates]),
         source=source,
         wrong=wrong,
     )
-    if mechanics is None:
-        return found
-    tared = problem.tared(mechanics, minimum.z)
+    return found if mechanics is None else _balanced(found, problem, minimum, mechanics)
+
+
+def _known_shape(
+    structure: Structure,
+    mechanics: Mechanics | None,
+    measured_position_m: NDArray[np.float64] | None,
+    near_position_m: NDArray[np.float64] | None,
+    settings: RestSettings,
+) -> tuple[NDArray[np.float64], float]:
+    """Return (nodes, 3) the rest shape as known beforehand, measured or found, and its standard deviation per axis."""
+    if measured_position_m is not None:
+        return measured_position_m, settings.measured_sigma_m
+    found_m = structure.with_anchors_placed(find_rest_shape(structure, near_position_m))
+    # with mechanics the equilibrium corrects the shape; without, it is that of equally stiff tendons
+    return found_m, settings.found_sigma_m if mechanics is None else float(structure.rod_length_m.mean())
+
+
+def _balanced(found: RestShape, problem: "_RestProblem", minimum: "_Minimum", nominal: Mechanics) -> RestShape:
+    """Return the rest shape with the mechanics whose forces balance there, and their covariance."""
+    structure, settings = problem.structure, problem.settings
+    tared = problem.tared(nominal, minimum.z)
     supported = problem.supported(minimum.z)
-    unbalanced_n = (
-        _rms_n(Statics(structure, mechanics).supported(supported), position_m),
-        _rms_n(Statics(structure, tared).supported(supported), position_m),
-    )
+    as_given = Statics(structure, nominal).supported(supported)
+    as_tared = Statics(structure, tared).supported(supported)
+    unbalanced_n = (_rms_n(as_given, found.node_position_m), _rms_n(as_tared, found.node_position_m))
     if problem.geometry.hub_radius_m > 0:
-        balance = Statics(structure, tared).supported(supported)
-        tared = replace(tared, offset_n=-balance.node_residual_n(position_m))
+        tared = replace(tared, offset_n=-as_tared.node_residual_n(found.node_position_m))
     tendons = len(structure.tendons)
     scale = np.repeat([settings.stiffness_spread, settings.natural_length_sigma_m], tendons)
-    by_mechanics = np.linalg.inv(minimum.information[size:, size:])[: 2 * tendons, : 2 * tendons]
+    of_mechanics = slice(problem.coordinates, None)
+    by_mechanics = np.linalg.inv(minimum.information[of_mechanics, of_mechanics])[: 2 * tendons, : 2 * tendons]
     return replace(
         found,
         mechanics=tared,
