@@ -173,7 +173,11 @@ def soak(folder: Path, firmware: Path, minutes: float) -> Iterator[str]:
     for command in commands:
         yield command.row(60 * minutes)
     yield ""
-    times = np.genfromtxt(folder / "live" / "latency.csv", delimiter=",", names=True)
+    file = folder / "live" / "latency.csv"
+    if not file.exists():
+        yield "All shapes waited for the taring or for the end."
+        return
+    times = np.atleast_1d(np.genfromtxt(file, delimiter=",", names=True))
     yield from latency_table(times)
     yield ""
     yield from excess_table(times)
