@@ -203,6 +203,8 @@ def run_session(
     with LiveResult(path, pipeline.trial.structure, pipeline.settings) as result:
         with stopped_by_signals(feed.source), shown(panel, terminal.news):
             for shape in session.shapes():
+                if session.latency is not None:
+                    result.add_latency(session.latency)
                 for sink in (result, *sinks):
                     sink.add(shape)
         with terminal.stage("figures"):

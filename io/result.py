@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -74,6 +75,12 @@ def write_tables(reconstruction: Reconstruction, probability: float, directory: 
         _append(directory / SLIPS_FILE, _slip_rows(reconstruction))
     if reconstruction.loads:
         _append(directory / LOADS_FILE, _load_rows(reconstruction, reconstruction.loads))
+
+
+def write_latencies(columns: Sequence[str], seconds: NDArray[np.float64], directory: Path) -> None:
+    """Append the latencies of live shapes, (frames, columns), to their table."""
+    rows = _rows(",".join(["%.6f"] * len(columns)), seconds)
+    _append(directory / "latency.csv", chain([",".join(columns)], rows))
 
 
 def write_run(run: Mapping[str, Any], structure: Structure, directory: Path) -> None:

@@ -24,7 +24,7 @@ except ImportError:  # Windows
 WRITTEN_NAMES = frozenset(
     [
         *("run.toml", "shape.csv", "ellipsoids.csv", "lengths.csv", "status.csv", "other_shape.csv"),
-        *("sensor_drift.csv", "estimated_loads.csv", "contacts.csv", "track.csv", "slips.csv"),
+        *("sensor_drift.csv", "estimated_loads.csv", "contacts.csv", "track.csv", "slips.csv", "latency.csv"),
         *("evaluation.json", "comparison.csv", "comparison.png"),
         *("lengths.png", "shape.png", "sensor_drift.png", "track.png", "heights.png", "errors.png", "loads.png"),
         *("lengths.pdf", "shape.pdf", "sensor_drift.pdf", "track.pdf"),

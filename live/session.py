@@ -7,13 +7,15 @@ import gc
 import signal
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, astuple, fields
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+import numpy as np
+
 from ..io.provenance import relative_path, versions
-from ..io.result import result_directory, write_run, write_tables
+from ..io.result import result_directory, write_latencies, write_run, write_tables
 from ..io.trial_directory import Reading, arrival_s
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
@@ -23,6 +25,7 @@ from ..models.values.link import LinkState
 from ..pipeline import Pipeline
 from .activity import Activity, NewestFrames
 from .feeds import Feed, Source
+from .latency import Latency, Stopwatch
 
 STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
 """Names of the signals that end a session; Windows has no SIGHUP."""
@@ -40,6 +43,7 @@ class LiveResult:
         self._settings = settings
         self._opening = result_directory(path)
         self._chunk: list[Shape] = []
+        self._latencies: list[Latency] = []
         self._drawn: list[Shape] = []
         self._draw_every = 1
         self._frames = 0
@@ -65,6 +69,10 @@ class LiveResult:
             del self._drawn[1::2]
             self._draw_every *= 2
 
+    def add_latency(self, latency: Latency) -> None:
+        """Add the latency of one shape to its table; it is written with the shapes."""
+        self._latencies.append(latency)
+
     def finish(self, title: str, run: Mapping[str, Any]) -> None:
         """Write the remaining shapes, the figures, and run.toml.
 
@@ -82,6 +90,10 @@ class LiveResult:
         if self._chunk:
             write_tables(Reconstruction.of(self._structure, self._chunk), self._settings.probability, self._directory)
             self._chunk.clear()
+        if self._latencies:
+            columns = [field.name for field in fields(Latency)]
+            write_latencies(columns, np.array([astuple(latency) for latency in self._latencies]), self._directory)
+            self._latencies.clear()
 
 
 class Session:
@@ -90,6 +102,8 @@ class Session:
     def __init__(self, feed: Feed, pipeline: Pipeline, seconds: float) -> None:
         self.pipeline = pipeline
         self.activity = Activity.of(len(pipeline.trial.tendons_of_board), len(pipeline.trial.imus))
+        self.latency: Latency | None = None
+        """Latency of the newest shape; None where it has no meaning: while it waited for the taring, or for the end."""
         self._feed = feed
         self._seconds = seconds
         self._ended = False
@@ -99,13 +113,17 @@ class Session:
         gc.freeze()  # exclude existing objects from garbage collection, which would delay a frame by 75 ms
         activity = self.activity
         newest = NewestFrames(self._feed.source, activity)
-        for shape in self.pipeline.shapes(newest.select(self.pipeline.lengths(self._counted_rows())), "live"):
-            # the latency of frames that waited for the taring or the end has no meaning
-            if newest.started and not self._ended:
-                activity.latency_s.append(self._feed.source.late_s())
+        stopwatch = Stopwatch(self._feed.source)
+        frames = newest.select(self.pipeline.lengths(stopwatch.readings(self._counted_rows())))
+        for shape in self.pipeline.shapes(stopwatch.frames(frames), "live"):
+            latency = stopwatch.shape(shape.t_s)
+            self.latency = latency if newest.started and not self._ended else None
+            if self.latency is not None:
+                activity.latency_s.append(latency.latency_s)
             activity.frames += 1
             activity.shape = shape
             yield shape
+            stopwatch.output()
 
     def _counted_rows(self) -> Iterator[Reading]:
         for reading in self._feed.rows:

@@ -158,3 +158,14 @@ def test_help_names_the_commands(tmp_path) -> None:
     assert result.returncode == 0
     for command in ("reconstruct", "evaluate", "compare", "calibrate", "simulate"):
         assert command in result.stdout
+
+
+def test_a_name_of_thousands_of_characters_is_cut_in_the_middle(trial_copy) -> None:
+    """File and expectation stay."""
+    path = trial_copy(rows=5)
+    (path / "config.toml").write_text(f"[frames]\n{'x' * 5000} = 1\n")
+    refused = run("reconstruct", path, "--config", path / "config.toml", cwd=path)
+    assert refused.returncode == 2
+    assert len(refused.stderr) < 1000
+    assert "config.toml: frames.xxx" in refused.stderr
+    assert refused.stderr.endswith("xxx: is no setting; a run's run.toml lists them all\n")

@@ -28,6 +28,9 @@ from ...models.structure.support import GRAVITY_M_PER_S2
 from ...models.values.rotations import cross_matrix, rotation
 
 EYE = np.eye(3)
+LONGEST_DIRECTION = 1.05
+"""Length of a direction above which it is made 1: the misalignment that it has, of 0.3 rad, is no small angle any more,
+and 1 - d d^T would have a negative eigenvalue."""
 LEAST_TOLD = 0.2
 """Least eigenvalue of sum (1 - d d^T), from which sensors on rods of different directions tell every turn."""
 
@@ -98,7 +101,7 @@ class PoseMotion:
         w = (samples.rate_rad_per_s - before.rate_bias_rad_per_s) * step_s
         imu_turn = before.imu_turn @ rotation(w)
         middle = 0.5 * (before.imu_turn + imu_turn)
-        d = self._imus.direction(replace(before, imu_turn=middle))
+        d = _not_long(self._imus.direction(replace(before, imu_turn=middle)))
         along = d[:, :, None] * d[:, None, :]
         counted = (samples.count > 0)[:, None, None]
         spread = np.linalg.eigvalsh(np.sum(counted * (EYE - along), axis=0))[0]
@@ -192,6 +195,12 @@ class PoseMotion:
         """Return the power density of the white noise that keeps a rate at sigma, and its decay over a step."""
         holds_s = self._settings.motion_holds_s
         return 2 * sigma**2 / holds_s, float(np.exp(-step_s / holds_s))
+
+
+def _not_long(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (imus, 3) directions, of which those longer than `LONGEST_DIRECTION` have the length 1."""
+    length = np.linalg.norm(direction, axis=1, keepdims=True)
+    return np.where(length > LONGEST_DIRECTION, direction / np.maximum(length, LONGEST_DIRECTION), direction)
 
 
 def _add_integrated(noise: NDArray[np.float64], value: slice, rate: slice, density: float, step_s: float) -> None:

@@ -10,22 +10,29 @@ import multiprocessing
 import signal
 import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from ...models.values.errors import TensegraphError
-from ...models.values.link import LinkReading, LinkState
+from ...models.values.link import LinkReading, LinkState, stamp_s
 from .hub import STATE_S, WAITING_ROWS, Begin, Hub, LinkPlan
 
 TERMINAL_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name))
 """What a terminal sends to both processes, at Ctrl-C and when it is closed; only the command's own handles it."""
 SWITCH_S = 0.0002
 """Switch interval of Python's threads. With the default, 5 ms, the start of a recording delayed a reader by 100 ms."""
+
+
+OLDEST_S = 10.0
+"""Age above which a reading is skipped if newer ones wait. On a machine without time for it, where ten rows take a
+second, the estimator was three minutes late without this limit; after a stall of seconds it catches up by itself."""
 
 
 class SerialLink:
@@ -35,8 +42,8 @@ class SerialLink:
     """
 
     def __init__(self, plan: LinkPlan) -> None:
-        self.state = LinkState()
-        """State of ports and recording, as last reported by the process."""
+        self._state = LinkState()
+        self._skipped_rows = 0
         self._rows: deque[LinkReading] = deque()
         self._reads = self._ended = self._stopping = False
         context = multiprocessing.get_context("spawn")  # gtsam's threads do not survive a fork
@@ -60,6 +67,11 @@ class SerialLink:
         self._process.join()
         self._pipe.close()
 
+    @property
+    def state(self) -> LinkState:
+        """State of ports and recording, as last reported by the process."""
+        return replace(self._state, skipped_rows=self._state.skipped_rows + self._skipped_rows)
+
     def wait_until_it_reads(self) -> None:
         """Wait until the other process has started, which takes seconds on a busy machine."""
         while not self._reads:
@@ -70,21 +82,28 @@ class SerialLink:
 
         If the recording cannot be written or ends early, `state` contains the error.
         """
+        self._skipped_rows = 0
         self._pipe.send(Begin(origin_s, path, metadata or {}))
 
     def rows(self) -> Iterator[LinkReading]:
         """Yield rows, with arrival times of `time.perf_counter`, until all rows that came before `stop` are yielded.
+
+        Rows older than `OLDEST_S` are skipped while newer ones wait.
 
         Raises:
             TensegraphError: when the other process ended by itself.
         """
         self.receive()
         while self._rows or not self._ended:
-            if self._rows:
-                yield self._rows.popleft()
-                self.receive()
-            else:
+            if not self._rows:
                 self.receive(STATE_S)
+                continue
+            row = self._rows.popleft()
+            if self._rows and time.perf_counter() - stamp_s(row) > OLDEST_S:
+                self._skipped_rows += 1
+            else:
+                yield row
+            self.receive()
 
     def waiting(self) -> int:
         """Return how many rows have been received and not yet yielded."""
@@ -112,7 +131,7 @@ class SerialLink:
                 timeout_s = 0.0
                 message = self._pipe.recv()
                 if isinstance(message, LinkState):
-                    self.state = message
+                    self._state = message
                     self._reads = True
                 elif message is None:
                     self._ended = True

@@ -9,7 +9,7 @@ from ...models.values.errors import InputError
 from ...models.values.extras import needs_extra
 from ...models.values.marker_tracks import MarkerTracks
 from ..input_files import check_regular
-from .marker_rows import different_names, metres_per, positive_number
+from .marker_rows import marker_tracks, metres_per, positive_number
 
 MAGIC = 0x50
 """Second byte of every C3D file."""
@@ -47,4 +47,4 @@ def _tracks(file: Any, path: Path) -> MarkerTracks:
     seen = (residual >= 0)[..., None]
     position_m = np.where(seen, metres * np.moveaxis(points[:3], 0, -1), np.nan).swapaxes(0, 1)
     first = int(file["header"]["points"]["first_frame"])
-    return MarkerTracks((first + np.arange(len(position_m))) / rate_hz, different_names(names), position_m)
+    return marker_tracks(path, (first + np.arange(len(position_m))) / rate_hz, names, position_m)

@@ -8,13 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...models.values.errors import InputError
 from ...models.values.marker_tracks import MarkerTracks
+from ...models.values.units import LARGEST, beyond
 from ..input_files import check_regular, lines_of
 
 METRES = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
 """Length of each unit that the programs write."""
+
+LONGEST_FRAME_S = 1.0
+"""Longest mean time between two frames: no motion capture is as slow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +112,7 @@ class MarkerRows:
             here = self._here(index + 1, time_column)
             got = self.rows[index + 1][time_column]
             raise InputError(f"{here}: expected more than {self.rows[index][time_column]}, got {got}")
-        return MarkerTracks(t_s, different_names([marker.name for marker in self.markers]), self.metres * position_m)
+        return marker_tracks(self.path, t_s, [marker.name for marker in self.markers], self.metres * position_m)
 
     def _check_width(self, row: Sequence[str], index: int) -> None:
         if len(row) < self.width or any(row[self.width :]):
@@ -125,6 +130,24 @@ class MarkerRows:
 
     def _here(self, index: int, column: int) -> str:
         return f"{self.path}: row {self.first_row + index}, column {column + 1}"
+
+
+def marker_tracks(
+    path: Path, t_s: NDArray[np.float64], names: Sequence[str], position_m: NDArray[np.float64]
+) -> MarkerTracks:
+    """Return (times, markers, 3) positions of markers at increasing times, of whatever names.
+
+    Raises:
+        InputError: for times or positions that are in another unit.
+    """
+    step_s = (t_s[-1] - t_s[0]) / (len(t_s) - 1)
+    if step_s > LONGEST_FRAME_S or abs(t_s[0]) > LARGEST["s"]:
+        got = f"{step_s:.3g} s from {t_s[0]:.3g} s on"
+        raise InputError(f"{path}: expected frames at most {LONGEST_FRAME_S:g} s apart, got {got}: is the unit right?")
+    most_m = np.nanmax(np.abs(position_m), initial=0.0)
+    if most_m > LARGEST["m"]:
+        raise InputError(f"{path}: positions in metres: {beyond(float(most_m), LARGEST['m'])}")
+    return MarkerTracks(t_s, different_names(names), position_m)
 
 
 def different_names(names: Sequence[str]) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..sensor.bending import BendingCurve, LagFree
+from ..sensor.bending import LEAST_BENT, BendingCurve, LagFree
 from ..values.time_series import correlation_samples
 from .recordings import Recording
 
@@ -36,11 +36,11 @@ class BendingFit:
 def fit_bending(recordings: Sequence[Recording], held_out: Sequence[Recording]) -> BendingFit | None:
     """Return the polynomial of degree five through the bent samples, corrected for lag.
 
-    It is None when no recording bends, or none bends further than a strain of -0.1. The covariance is
+    It is None when no recording bends, or none bends as far as `LEAST_BENT`. The covariance is
     sigma^2 (X'X)^-1 times the correlation time of the residuals in samples, see `correlation_samples`.
     """
     bent = [_lag_free_bending(r) for r in recordings if r.stretched_share < 0.5]
-    if not bent or min(strain.min() for strain, _ in bent) > -0.1:
+    if not bent or min(strain.min() for strain, _ in bent) > LEAST_BENT:
         return None
     x = np.concatenate([strain for strain, _ in bent])
     y = np.concatenate([change for _, change in bent])

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
+from ..values.errors import InputError
 from ..values.time_series import SmoothedRate
 
 COEFFICIENTS = (-4.7589, -16.521, -20.239, -9.9675, -0.5464, -0.0016)
@@ -26,6 +27,8 @@ COEFFICIENTS = (-4.7589, -16.521, -20.239, -9.9675, -0.5464, -0.0016)
 BENDING_LAG_S = (0.124, 0.236)
 """Time constants of a sensor that bends and of one that straightens: the paper's times to 90 %, 286 and 544 ms, divided
 by ln 10."""
+LEAST_BENT = -0.1
+"""Strain from which strips are bent at least, so that a curve can be told from their recordings."""
 SMOOTHING_S = 0.06
 """Time constant of the smoothing of dR/R before its rate is taken for the lag correction."""
 
@@ -36,6 +39,9 @@ class FoldedPolynomial:
     x_c <= 0 is its last maximum below 0, or 0 when there is none. x_min is the minimum before x_c, if there is one.
 
     The inverse is computed as x(s) with s = sqrt(y_c - y), which is smooth at the fold, where x(y) has infinite slope.
+
+    Raises:
+        InputError: for a polynomial that does not rise there, or not from `LEAST_BENT` on.
     """
 
     def __init__(self, coefficients: ArrayLike = COEFFICIENTS, x_min: float = -1.0) -> None:
@@ -45,11 +51,15 @@ class FoldedPolynomial:
         self.x_fold = max(maxima, default=0.0)
         self.x_min = max((x for x in critical if x < self.x_fold), default=x_min)
         self.y_fold = float(self._f(self.x_fold))
-        self.y_min = float(self._f(x_min))
+        self.y_min = float(self._f(self.x_min))
         self._curvature = abs(float(self._f.deriv(2)(self.x_fold)))
         # the knots are close together in s near the fold, s = 0; the spline is exact to 1e-12 between the knots
-        x = self.x_fold - (self.x_fold - x_min) * np.linspace(0, 1, 4097)
-        self._x_of_s = CubicSpline(np.sqrt(np.maximum(self.y_fold - self._f(x), 0)), x)
+        x = self.x_fold - (self.x_fold - self.x_min) * np.linspace(0, 1, 4097)
+        s = np.sqrt(np.maximum(self.y_fold - self._f(x), 0))
+        if not (self.x_min <= LEAST_BENT < self.x_fold and (np.diff(s) > 0).all()):
+            here = f"{self.x_min:.3g} to {self.x_fold:.3g}"
+            raise InputError(f"bending curve: expected a polynomial that rises about {LEAST_BENT:g}, got {here}")
+        self._x_of_s = CubicSpline(s, x)
 
     def value(self, x: ArrayLike) -> NDArray[np.float64]:
         """Return f(x) on [x_min, 0]."""

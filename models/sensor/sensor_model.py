@@ -142,7 +142,7 @@ class SensorModel:
     """A sensor model, as `calibrate` makes it and the model file stores it.
 
     Raises:
-        InputError: for a curve whose parts do not fit together.
+        InputError: for a curve whose parts do not fit together, or a bending curve that does not rise.
     """
 
     network: StretchingNetwork
@@ -167,6 +167,7 @@ class SensorModel:
             self.curve.sigma(change, means)
         except ValueError as error:
             raise InputError(f"its curve's parts do not fit together ({error})") from error
+        self.bending_curve("strain")
 
     @property
     def gauge(self) -> StaticGauge:

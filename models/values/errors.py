@@ -6,6 +6,9 @@ TensegraphError
 └── IndeterminateError   the measurements and priors do not determine the shape
 """
 
+LONGEST_ERROR = 900
+"""Number of characters of an error that a user still reads."""
+
 
 class TensegraphError(Exception):
     """Base of all errors raised on purpose; its text is one line that says what to do."""
@@ -24,6 +27,11 @@ class IndeterminateError(TensegraphError):
 
 
 def one_line(error: TensegraphError | OSError) -> str:
-    """Return an error as the line that a user reads; what of a file or a name cannot be printed is escaped."""
+    """Return an error as the line that a user reads.
+
+    What of a file or a name cannot be printed is escaped, and what is too long to be read is left out in the middle.
+    """
     text = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else str(error)
-    return "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
+    line = "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
+    half = LONGEST_ERROR // 2
+    return line if len(line) <= LONGEST_ERROR else f"{line[:half]} ... {line[-half:]}"

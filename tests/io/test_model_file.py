@@ -68,6 +68,11 @@ class TestModelFile:
             ("mode_change", np.zeros(599), "each greater than the one before"),
             ("strain_knots", 1e3 * np.arange(8.0), "expected 0 to about ranges.strain, 0.689, got 0 to 7e"),
             ("bending_covariance", -np.eye(6), "without a negative eigenvalue"),
+            (
+                "bending",
+                -np.eye(6)[4],
+                "sensor model: bending curve: expected",
+            ),
             ("golden_input", np.zeros((20, 6)), "its golden vector is off by"),
         ],
     )

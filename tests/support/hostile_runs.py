@@ -17,6 +17,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 from pydantic import TypeAdapter
@@ -28,6 +29,7 @@ from blank_figures import blank_figures
 from command_line import run
 from hostile_targets import Target
 from sane_results import insane
+from tensegraph.io.viewer.run_log import new_recording
 
 CPU_S = 60
 """Computing time after which a run counts as one that hangs. Most take a tenth of a second; stamps in milliseconds make
@@ -99,13 +101,46 @@ def attack(runs: Sequence[Run], folder: Path) -> Iterator[str]:
 
 @contextmanager
 def quick_start() -> Iterator[None]:
-    """Do once what every command does at its start, and draw no pixels: most of the time of a run that is refused."""
+    """Do once what every command does at its start, and draw no pixels: most of the time of a run that is refused.
+
+    `view` opens no page: what it would send to the viewer goes into a file.
+    """
     with (
         mock.patch("tensegraph.models.plug_ins.entry_points", functools.cache(importlib.metadata.entry_points)),
         mock.patch("tensegraph.models.values.tables.TypeAdapter", functools.cache(TypeAdapter)),
         blank_figures(),
+        mock.patch("tensegraph.commands.view.ViewerServer", NoServer),
+        mock.patch("tensegraph.commands.view.new_recording", NoConnection),
     ):
         yield
+
+
+class NoServer:
+    """A viewer that nobody looks at."""
+
+    data_url = page_url = "nowhere"
+
+    def __enter__(self) -> "NoServer":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def wait(self) -> None:
+        """Return at once."""
+
+
+class NoConnection:
+    """A recording of Rerun that goes into a file."""
+
+    def __init__(self) -> None:
+        self._recording = new_recording()
+
+    def connect_grpc(self, url: str) -> None:
+        self._recording.save("view.rrd")
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._recording, name)
 
 
 def _run_all(runs: Sequence[Run], folder: Path, journal: Path) -> None:

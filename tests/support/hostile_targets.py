@@ -257,6 +257,11 @@ MOTOR_FILE = "natural_length0.csv"
 TRIAL_FILES = ("trial.toml", "trial.toml", "board0.csv", "config.toml")
 TABLES = ("shape", "ellipsoids", "lengths", "status", "contacts", "track", "slips", "estimated_loads")
 RESULT_FILES = ("result/run.toml", *(f"result/{name}.csv" for name in TABLES))
+LIVE = ("--seconds", "0.4", "--out", "out", "--quiet")
+LIVE_REPLAY = (
+    *("live", "--replay", ".", "--speed", "4", "--config", "config.toml", "--model", "model.safetensors"),
+    *LIVE,
+)
 EVALUATE = ("evaluate", "result", "--json", "--out", "out")
 
 TARGETS = {
@@ -310,6 +315,24 @@ TARGETS = {
         "rig.toml",
         slow=True,
     ),
+    "live_replay": Target(press, LIVE_REPLAY, (*TRIAL_FILES, "board1.csv"), "board1.csv", slow=True),
+    "live_replay_roll": Target(roll, LIVE_REPLAY, (*TRIAL_FILES, "imu0.csv", "positions.csv"), "truth.csv", slow=True),
+    "live_twin": Target(plan, ("live", "--twin", "plan.toml", *LIVE), ("plan.toml",), slow=True),
+    "live_rig": Target(
+        rig, ("live", "--rig", "rig.toml", "--port", "./none", *LIVE), ("rig.toml",), refused=True, slow=True
+    ),
+    "view": Target(result, ("view", "result"), (*RESULT_FILES, "trial/trial.toml", "trial/truth.csv"), slow=True),
+    "compare": Target(
+        result,
+        ("compare", "trial", "--method", "live", "--out", "out"),
+        ("trial/trial.toml", "trial/board0.csv", "trial/truth.csv"),
+        slow=True,
+    ),
+    "export_parquet": Target(result, ("export", "result", "--out", "out.parquet"), RESULT_FILES, slow=True),
+    "export_netcdf": Target(result, ("export", "result", "--out", "out.nc"), RESULT_FILES, slow=True),
+    "export_ros2": Target(result, ("export", "result", "--out", "out.mcap"), RESULT_FILES, slow=True),
+    "export_rerun": Target(result, ("export", "result", "--out", "out.rrd"), RESULT_FILES, slow=True),
+    "export_ply": Target(result, ("export", "result", "--out", "out.ply", "--at", "0.3"), RESULT_FILES, slow=True),
     "record": Target(
         rig, ("record", "--rig", "rig.toml", "--out", "out", "--port", "./none"), ("rig.toml",), refused=True, slow=True
     ),

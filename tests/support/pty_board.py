@@ -59,9 +59,9 @@ class PtyBoard:
             next_s += self.period_s
             codes = tuple((self.seq + 31 * c) % 1024 for c in range(self.channels))
             data = b"".join(frame(self.sample(sensor, 2 * self.seq + k)) for sensor in self.sensors for k in (0, 1))
-            data += frame(Row(self.board_id, self.boot, self.seq, 20_000 * self.seq, codes))
+            data += frame(Row(self.board_id, self.boot, self.seq % 2**16, 20_000 * self.seq % 2**32, codes))
             if self.seq % 50 == 0:
-                data += frame(Hello(self.board_id, self.boot, 20_000 * self.seq, 50, self.channels, "pty 1"))
+                data += frame(Hello(self.board_id, self.boot, 20_000 * self.seq % 2**32, 50, self.channels, "pty 1"))
             try:
                 os.write(self._master, self.interfere + data)
                 self.sent.append((self.boot, self.seq))

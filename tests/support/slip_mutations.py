@@ -272,6 +272,58 @@ def header_odd(text: str, rng: random.Random) -> str:
     return "\n".join([",".join(odd), *rows, ""])
 
 
+def decimal_commas(text: str, rng: random.Random) -> str:
+    """All numbers with a comma, between semicolons or not, as a spreadsheet in a German office writes them."""
+    between = rng.choice((";", "\t", ","))
+    return "\n".join(between.join(cell.replace(".", ",") for cell in line.split(",")) for line in text.split("\n"))
+
+
+def thousands_separated(text: str, rng: random.Random) -> str:
+    separator = rng.choice((",", ".", " ", "\u00a0", "\u202f", "'", "_"))
+    return NUMBER.sub(lambda found: re.sub(r"(?<=\d)(?=(\d{3})+(?!\d))", separator, found.group()), text)
+
+
+def digits_local(text: str, rng: random.Random) -> str:
+    """All digits of all numbers in another script."""
+    zero = rng.choice("٠۰०০๐０")
+    return NUMBER.sub(lambda found: re.sub(r"\d", lambda one: chr(ord(zero) + int(one.group())), found.group()), text)
+
+
+def exponents_large(text: str, rng: random.Random) -> str:
+    """All numbers of one magnitude that no float has."""
+    exponent = rng.choice(("e400", "e-400", "e+00000000000000000001", "E308", "d3", "e99999999999999999999"))
+    return NUMBER.sub(lambda found: found.group() if "e" in found.group() else found.group() + exponent, text)
+
+
+def signs_odd(text: str, rng: random.Random) -> str:
+    sign = rng.choice(("-", "--", "+", "+-", "\u2212"))
+    return NUMBER.sub(lambda found: sign + found.group().lstrip("-"), text)
+
+
+def zeros_negative(text: str, rng: random.Random) -> str:
+    return re.sub(r"(?<![\w.])0(\.0+)?(?![\w.])", "-0.0", text)
+
+
+def ends_with_nulls(text: str, rng: random.Random) -> str:
+    """Ends of lines as of Windows, each with zero bytes, as after a crash of the file system."""
+    return text.replace("\n", rng.choice(("\0\r\n", "\r\n\0", "\r\0\n", "\r\r\n")))
+
+
+def header_again(text: str, rng: random.Random) -> str:
+    lines = text.splitlines() or [""]
+    at = rng.randrange(len(lines) + 1)
+    return "\n".join([*lines[:at], lines[0], *lines[at:], ""])
+
+
+def blocks_shuffled(text: str, rng: random.Random) -> str:
+    """Pieces of the rows in another order, as of a recording that was put together from several files."""
+    header, *rows = text.splitlines() or [""]
+    size = rng.choice((2, 5, 20))
+    blocks = [rows[first : first + size] for first in range(0, len(rows), size)]
+    rng.shuffle(blocks)
+    return "\n".join([header, *(row for block in blocks for row in block), ""])
+
+
 def bits_flipped(data: bytes, rng: random.Random) -> bytes:
     changed = bytearray(data)
     for _ in range(rng.choice((1, 1, 4, 100)) if changed else 0):
@@ -298,10 +350,11 @@ TEXT: tuple[Change, ...] = (
     *((number_odd, number_scaled) * 3),
     *(number_next, digits_transposed, digit_doubled, decimal_comma, numbers_exchanged, lines_exchanged, block_doubled),
     *(file_doubled, cut_in_a_row, middle_lost, odd_character, odd_character, character_replaced, ends_mixed),
-    letter_case,
+    *(letter_case, decimal_commas, thousands_separated, digits_local, exponents_large, signs_odd, zeros_negative),
+    ends_with_nulls,
 )
 TABLE: tuple[Change, ...] = (
     *TEXT,
     *((columns_exchanged, column_copied, column_late, some_columns_set, rows_reordered, times_scaled, noise_added) * 2),
-    header_odd,
+    *(header_odd, header_again, blocks_shuffled),
 )

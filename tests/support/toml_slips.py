@@ -190,7 +190,34 @@ def key_twice(text: str, rng: random.Random) -> str:
     return text + "\n" + rng.choice((line, f"{key}.x = 1", f"[{key}]", f"[[{key.strip('[]')}]]", f"{key} = 1")) + "\n"
 
 
+def rank_changed(text: str, rng: random.Random) -> str:
+    """A number as a list, a list in a list, the rows of a matrix one after another, all numbers of a key in lists."""
+
+    def change(_: Any, found: list[tuple[Any, Any, str]]) -> None:
+        holder, key, _ = rng.choice([one for one in found if isinstance(one[0][one[1]], list | int | float)] or found)
+        value = holder[key]
+        choices = [[value], [[value]], [value, value]]
+        if isinstance(value, list):
+            choices += [[[part] for part in value], value[0] if value else [], dict(enumerate_as_keys(value))]
+        holder[key] = rng.choice(choices)
+
+    return with_tables(text, rng, change)
+
+
+def enumerate_as_keys(array: list[Any]) -> Iterator[tuple[str, Any]]:
+    return ((str(index), part) for index, part in enumerate(array))
+
+
+def block_again(text: str, rng: random.Random) -> str:
+    """A table with all of its keys once more, at the end or where it stands."""
+    blocks = ["[" + block for block in text.split("\n[")]
+    blocks[0] = blocks[0][1:]
+    block = rng.choice(blocks[1:] or blocks)
+    blocks.insert(rng.choice((len(blocks), blocks.index(block))), block)
+    return "\n".join(blocks)
+
+
 TOML: tuple[Change, ...] = (
     *((value_odd, value_retyped, array_changed, values_exchanged, index_changed, numbers_absurd) * 4),
-    *((key_moved, unit_slipped, name_odd, key_twice) * 2),
+    *((key_moved, unit_slipped, name_odd, key_twice, rank_changed, block_again) * 2),
 )

@@ -98,6 +98,20 @@ def test_a_burst_at_ten_times_the_rate_is_read_whole(pty_boards) -> None:
         assert (np.diff([seq for _, seq in of(board, rows)]) == 1).all()
 
 
+def test_what_is_too_old_is_skipped_while_newer_rows_wait(monkeypatch, pty_boards) -> None:
+    """A reader that stood still for a second and a half, where half a second is too old, goes on with the newest."""
+    monkeypatch.setattr("tensegraph.io.boards.process.OLDEST_S", 0.5)
+    board = pty_boards("a", 0)
+    with SerialLink(LinkPlan((0,), (12,), (str(board.port),), 500_000)) as link:
+        before = taken(link, lambda rows: len(rows) > 5)
+        time.sleep(1.5)
+        after = taken(link, lambda rows: len(rows) > 25)
+        skipped = settled(link, lambda state: True).skipped_rows
+    assert after[0].seq - before[-1].seq == skipped + 1
+    assert skipped > 25
+    assert (np.diff([row.seq for row in after]) == 1).all()
+
+
 @pytest.mark.long
 def test_an_estimator_that_sleeps_skips_and_a_recorder_never(tmp_path, example, pty_boards) -> None:
     """A reader that stands still for 40 s gets the newest rows and a count of the others; the disk has them all."""

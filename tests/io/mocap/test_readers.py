@@ -107,6 +107,8 @@ def shortened(row: int, delimiter: str = ","):
         ("take.csv", edited(8, 1, "Fr"), "no row: expected one that begins with Frame, Time (Seconds)"),
         ("take.csv", edited(10, 14, "left"), "row 10, column 14: expected a finite number, got 'left'"),
         ("take.csv", edited(10, 2, "0.0"), "row 10, column 2: expected more than 0.000000, got 0.0"),
+        ("take.csv", edited(-1, 2, "1e9"), "expected frames at most 1 s apart, got "),  # of the last row
+        ("take.csv", edited(10, 14, "1e9"), "expected a magnitude of at most 10000, got 1e+06: is the unit right?"),
         ("take.csv", shortened(11), "row 11: expected 25 cells, got 24"),
         (
             "take.csv",

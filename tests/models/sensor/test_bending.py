@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tensegraph.models.sensor.bending import BendingCurve, FoldedPolynomial
+from tensegraph import InputError
+from tensegraph.models.sensor.bending import COEFFICIENTS, BendingCurve, FoldedPolynomial
 
 
 class TestBending:
@@ -39,6 +40,22 @@ class TestBending:
         """At dR/R = -0.5: strain -0.434 (x = strain) and -0.574 (x = dR/R), up to the constant term."""
         assert BendingCurve("strain").strain(-0.5, 0.01)[0] == pytest.approx(-0.434, abs=2e-3)
         assert BendingCurve("resistance").strain(-0.5, 0.01)[0] == pytest.approx(-0.574, abs=2e-3)
+
+    def test_a_minimum_before_the_fold_is_where_it_begins(self) -> None:
+        """By hand: f' = -(x + 0.7)(x + 0.05), a minimum at -0.7 and the fold at -0.05."""
+        polynomial = FoldedPolynomial([-1 / 3, -0.375, -0.035, 0.0])
+        assert (polynomial.x_min, polynomial.x_fold) == pytest.approx((-0.7, -0.05))
+        assert polynomial.inverse(polynomial.value(-0.5)) == pytest.approx(-0.5, abs=1e-9)
+        assert polynomial.inverse(-9.0) == pytest.approx(-0.7)
+
+    @pytest.mark.parametrize(
+        "coefficients",
+        [-np.array(COEFFICIENTS), np.zeros(6), [-1.0, 0.0], [-1.0, -1.8, 0.0]],
+        ids=["rises from -0.03 on", "flat", "falls", "folds at -0.9"],
+    )
+    def test_what_does_not_rise_is_refused(self, coefficients) -> None:
+        with pytest.raises(InputError, match=r"bending curve: expected a polynomial that rises about -0\.1, got -"):
+            FoldedPolynomial(coefficients)
 
     def test_range(self) -> None:
         assert BendingCurve().in_range([-0.94, -0.95]).tolist() == [True, False]
