@@ -65,8 +65,8 @@ class _Kept:
     """(states,) probabilities of `RestingFaces`, after an update of them."""
     may_tip: float
     """Whether lengths changed as if the structure tipped, see `LengthChange.may_have_tipped`."""
-    shape: Shape
-    """With the readings that were used, and the positions that were left out."""
+    contradicted_positions: tuple[int, ...]
+    """The nodes of positions that were left out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,7 +141,8 @@ class FreeStandingSmoother:
         self._stand_on(step.state, step.covariance, step.standing)
         if self.kept is not None:
             probability = self._faces.probability if self._faces and looked else None
-            self.kept.append(_Kept(step.standing, stands is not None, probability, self._may_tip, shape))
+            by_faces, left_out = stands is not None, shape.contradicted_positions
+            self.kept.append(_Kept(step.standing, by_faces, probability, self._may_tip, left_out))
         return shape, step
 
     def _without_contradictions(self, shape: Shape) -> Shape:
@@ -259,6 +260,7 @@ class FreeStandingOptimizer:
             support_of(self._structure, self._rest, shape.node_position_m, state, covariance, step.standing.probability)
             for shape, (state, covariance, step) in zip(shapes, poses, strict=True)
         ]
+        shapes = [shape.without_covariance() for shape in shapes]
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
         poses = self._poses(frames, shapes, self._contacts(live, frames, shapes))
@@ -266,7 +268,7 @@ class FreeStandingOptimizer:
             if kept.standing.contradicted:
                 standing = replace(step.standing, others=kept.standing.others, contradicted=True)
                 step = replace(step, standing=standing)
-            shape = replace(shape, contradicted_positions=kept.shape.contradicted_positions)
+            shape = replace(shape, contradicted_positions=kept.contradicted_positions)
             yield in_world(shape, self._rest, self._robot.floor, state, covariance, step)
 
     def _contacts(
