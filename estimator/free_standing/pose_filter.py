@@ -37,14 +37,13 @@ from .footholds import Feet, let_slide, put_down, slips, walk_variance_m2
 from .imu_trust import ImuTrust, taken_on_again
 from .pose_motion import PoseMotion
 from .pose_smoother import PoseStep
+from .pose_start import covariance_at_rest, rest_rows, state_at_rest
 from .prediction import Frame, Prediction
 from .slide_watch import LOST_M, WATCH_S, WITH_IT_SIGMA, UnheldPose, at_rest
 from .tipping import MISSED_RAD, has_landed, heading_missed, tipped, tipping
 
 FIRST_STEP_S = 0.02
 """Time before the first frame for which its readings count."""
-STILL = 1e-3
-"""Standard deviation of all motion while the structure stands at rest at the start, in rad and m and per second."""
 LOCATED_S = 0.2
 """Time for which a position or a range tells where the robot is."""
 BELOW_M = 0.001
@@ -62,15 +61,14 @@ class PoseFilter:
     ) -> None:
         self._settings = settings
         self._floor = robot.floor
-        self._rest = rest
         self._rest_seconds = robot.rest_seconds
         self._imus = ImuArray(robot.imus, rest.structure.rods)
         self._motion = PoseMotion(self._imus, settings)
         self._number_of_pair = {pair: number for number, pair in enumerate(robot.range_pairs)}
         self.centre_m = rest.node_position_m.mean(axis=0)
         """(3,) c, the origin of body coordinates."""
-        self.state = self._start(len(robot.imus), len(robot.range_pairs), robot.own_frames)
-        self.covariance = self._start_covariance()
+        self.state = state_at_rest(rest.node_position_m, robot)
+        self.covariance = covariance_at_rest(self.state, robot.floor, settings)
         self._standing = robot.floor.carries_at_rest(rest.node_position_m)
         self._contacts = ContactsByHeight(robot.floor, self._standing, settings)
         self._samples: ImuSamples | None = None
@@ -285,34 +283,6 @@ class PoseFilter:
         """(imus,) which inertial sensors agree with the attitude of their rods and are not silent."""
         return self._trust.is_used
 
-    def _start(self, imus: int, pairs: int, own_frames: int) -> PoseState:
-        return PoseState(
-            turn=np.eye(3),
-            position_m=self.centre_m,
-            rate_rad_per_s=np.zeros(3),
-            velocity_m_per_s=np.zeros(3),
-            foothold_m=self._rest.node_position_m @ self._floor.axes.T,
-            imu_turn=np.tile(np.eye(3), (imus, 1, 1)),
-            rate_bias_rad_per_s=np.zeros((imus, 3)),
-            force_bias_m_per_s2=np.zeros((imus, 3)),
-            misalignment=np.zeros((imus, 2)),
-            range_offset_m=np.zeros(pairs),
-            floor_tilt=np.zeros(self._floor.tilt_count),
-            own_frame_error=np.zeros((own_frames, 6)),
-        )
-
-    def _start_covariance(self) -> NDArray[np.float64]:
-        settings, at = self._settings, self.state.layout
-        sigma = np.full(at.size, STILL)
-        sigma[at.imu_turn] = settings.misalignment_rad
-        sigma[at.rate_bias] = settings.rate_bias_rad_per_s
-        sigma[at.force_bias] = settings.force_bias_m_per_s2
-        sigma[at.misalignment] = settings.misalignment_rad
-        sigma[at.range_offset] = settings.range_offset_m
-        sigma[at.floor_tilt] = self._floor.normal_sigma_rad
-        sigma[at.own_frame] = 1.0
-        return np.diag(sigma**2)
-
     def _imu_samples(
         self, t_s: float, aids: Sequence[AidReading]
     ) -> tuple[ImuSamples | None, NDArray[np.float64] | None]:
@@ -437,7 +407,7 @@ class PoseFilter:
         if ranges:
             rows.append(range_rows(placed, ranges, self._number_of_pair, predicted.covariance, settings.range_m))
         if frame.t_s < self._rest_seconds:
-            rows.append(self._still_rows(placed.state))
+            rows.append(rest_rows(placed.state, self.centre_m))
         return rows
 
     def _held_rows(self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float) -> list[Rows]:
@@ -446,16 +416,3 @@ class PoseFilter:
 
     def _feet(self, predicted: Prediction, nodes: NDArray[np.bool_]) -> Feet:
         return Feet.of(predicted, nodes, self._floor, self._settings)
-
-    def _still_rows(self, state: PoseState) -> Rows:
-        """Return rows that say that the structure stands still where it was measured at rest."""
-        jacobian = np.eye(12, state.layout.size)
-        error = -np.concatenate(
-            [
-                rotation_vector(state.turn),
-                state.position_m - self.centre_m,
-                state.rate_rad_per_s,
-                state.velocity_m_per_s,
-            ]
-        )
-        return Rows(error, jacobian, np.full(12, STILL**2))
