@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..models.pose.placed import PlacedShape, Rows
 from ..models.structure.floor import Floor
-from ..models.values.rotations import cross_matrix
+from ..models.values.rotations import cross, cross_matrix
 
 
 def height_rows(placed: PlacedShape, floor: Floor, nodes: NDArray[np.int64], sigma_m: float, repeats: float) -> Rows:
@@ -29,7 +29,7 @@ def height_rows(placed: PlacedShape, floor: Floor, nodes: NDArray[np.int64], sig
     """
     tilted = floor.tilted(placed.state.floor_tilt)
     n = tilted.normal
-    of_shape = np.einsum("i,kij,j->k", n, placed.node_covariance_m2[nodes], n)
+    of_shape = placed.node_covariance_m2[nodes] @ n @ n
     return Rows(
         error=-tilted.clearance_m(placed.node_position_m[nodes]),
         jacobian=clearance_jacobian(placed, floor)[nodes],
@@ -39,9 +39,12 @@ def height_rows(placed: PlacedShape, floor: Floor, nodes: NDArray[np.int64], sig
 
 def clearance_jacobian(placed: PlacedShape, floor: Floor) -> NDArray[np.float64]:
     """Return (nodes, size), the derivatives of the nodes' heights above the floor by the errors of the state."""
-    tilt = placed.state.floor_tilt
-    jacobian = np.asarray(floor.tilted(tilt).normal @ placed.jacobian)
-    jacobian[:, placed.state.layout.floor_tilt] += floor.clearance_by_tilt_m(placed.node_position_m, tilt)
+    at, tilt = placed.state.layout, placed.state.floor_tilt
+    n = floor.tilted(tilt).normal
+    jacobian = np.zeros((len(placed.arm_m), at.size))
+    jacobian[:, at.turn] = cross(placed.arm_m, n)  # n . (d x a) = d . (a x n)
+    jacobian[:, at.position] = n
+    jacobian[:, at.floor_tilt] = floor.clearance_by_tilt_m(placed.node_position_m, tilt)
     return jacobian
 
 
@@ -52,7 +55,6 @@ def foothold_rows(
     turned: NDArray[np.float64],
     cap_radius_m: float,
     sigma_m: float,
-    repeats: float,
 ) -> Rows:
     """Return two rows for each of the nodes that have stood since the frame before.
 
@@ -63,19 +65,21 @@ def foothold_rows(
         turned: (3,) phi, rotation vector of the body since the frame before.
         cap_radius_m: r.
         sigma_m: standard deviation of a foothold.
-        repeats: number of frames for which the error of the shape lasts.
     """
     at = placed.state.layout
     rolled_m = rolled_on_floor_m(turned, floor, cap_radius_m)
     error = placed.state.foothold_m[nodes] + rolled_m - placed.node_position_m[nodes] @ floor.axes.T
-    jacobian = floor.axes @ placed.jacobian[nodes]
-    jacobian[:, :, at.turn] += cap_radius_m * floor.axes @ cross_matrix(floor.normal)  # d(phi x n) = -n x d(phi)
-    for row, node in enumerate(nodes):
-        jacobian[row, :, at.of_foothold(int(node))] -= np.eye(2)
-    of_shape = np.einsum("ai,kij,aj->ka", floor.axes, placed.node_covariance_m2[nodes], floor.axes)
-    return Rows(error.ravel(), jacobian.reshape(-1, at.size), (repeats * (sigma_m**2 + of_shape)).ravel())
+    jacobian = np.zeros((len(nodes), 2, at.size))
+    by_turn = cap_radius_m * cross_matrix(floor.normal) - cross_matrix(placed.arm_m[nodes])  # d(phi x n) = -n x d(phi)
+    jacobian[:, :, at.turn] = floor.axes @ by_turn
+    jacobian[:, :, at.position] = floor.axes
+    jacobian = jacobian.reshape(-1, at.size)
+    rows = np.arange(len(jacobian))
+    jacobian[rows, (at.foothold.start + 2 * nodes[:, None] + np.arange(2)).ravel()] = -1.0
+    of_shape = np.sum(floor.axes @ placed.node_covariance_m2[nodes] * floor.axes, axis=2)
+    return Rows(error.ravel(), jacobian, (sigma_m**2 + of_shape).ravel())
 
 
 def rolled_on_floor_m(turned: NDArray[np.float64], floor: Floor, cap_radius_m: float) -> NDArray[np.float64]:
     """Return (2,), the way r E (phi x n) that the centre of a cap rolls when the body turns by phi."""
-    return np.asarray(cap_radius_m * floor.axes @ np.cross(turned, floor.normal))
+    return np.asarray(cap_radius_m * floor.axes @ cross(turned, floor.normal))

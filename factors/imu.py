@@ -16,13 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.pose.placed import PlacedShape, Rows
+from ..models.pose.placed import PlacedShape, Rows, put_blocks
 from ..models.pose.pose_settings import PoseSettings
 from ..models.pose.pose_state import PoseState
 from ..models.structure.floor import UP
 from ..models.structure.support import GRAVITY_M_PER_S2
 from ..models.values.aids import Imu, ImuReading
-from ..models.values.rotations import cross_matrix
+from ..models.values.rotations import across, cross_matrix
 
 FAST_FORCE = 10.0
 """Growth of the sigma of gravity with the difference between the specific force and g."""
@@ -113,19 +113,18 @@ class ImuArray:
         length_m = np.linalg.norm(self.rod_m(placed.arm_m)[imus], axis=1)
         u = self.rod_direction(placed.arm_m)[imus]
         d = self.direction(placed.state)[imus]
-        across = np.swapaxes(np.linalg.svd(u[:, :, None])[0][:, :, 1:], 1, 2)
-        jacobian = np.zeros((len(imus), 2, at.size))
-        jacobian[:, :, at.turn] = across @ cross_matrix(u)
-        by_turn = across @ cross_matrix(d)
-        by_misalignment = across @ placed.state.imu_turn[imus] @ self.across[imus]
-        for row, i in enumerate(imus.tolist()):
-            jacobian[row, :, at.of_imu(at.imu_turn, i)] = -by_turn[row]
-            jacobian[row, :, at.misalignment.start + 2 * i : at.misalignment.start + 2 * i + 2] = by_misalignment[row]
+        E = across(u)
+        rows = np.arange(2 * len(imus)).reshape(-1, 2)
+        jacobian = np.zeros((rows.size, at.size))
+        jacobian[:, at.turn] = (E @ cross_matrix(u)).reshape(-1, 3)
+        put_blocks(jacobian, rows, at.of_imus(at.imu_turn)[imus], -E @ cross_matrix(d))
+        by_misalignment = E @ placed.state.imu_turn[imus] @ self.across[imus]
+        put_blocks(jacobian, rows, at.of_imus(at.misalignment)[imus], by_misalignment)
         c = placed.covariance_m2
         of_ends = c[first, first] + c[second, second] - c[first, second] - c[second, first]
-        variance = np.einsum("iab,ibc,iac->ia", across, of_ends, across) / length_m[:, None] ** 2
-        error = np.einsum("iab,ib->ia", across, u - d)
-        return Rows(error.ravel(), jacobian.reshape(-1, at.size), repeats * variance.ravel() + 1e-6)
+        variance = np.sum(E @ of_ends * E, axis=2) / length_m[:, None] ** 2
+        error = np.einsum("iab,ib->ia", E, u - d)
+        return Rows(error.ravel(), jacobian, repeats * variance.ravel() + 1e-6)
 
     def gravity_rows(self, state: PoseState, samples: ImuSamples, settings: PoseSettings) -> Rows:
         """Return three rows for each sensor that moves slowly: its specific force is against gravity."""
@@ -137,13 +136,12 @@ class ImuArray:
         slow = np.flatnonzero(sigma < SLOW_M_PER_S2)
         turn = state.imu_turn[slow]
         force = np.einsum("iab,ib->ia", turn, samples.specific_force_m_per_s2[slow] - state.force_bias_m_per_s2[slow])
-        jacobian = np.zeros((len(slow), 3, at.size))
-        by_turn = -cross_matrix(force)
-        for row, i in enumerate(slow):
-            jacobian[row, :, at.of_imu(at.imu_turn, int(i))] = by_turn[row]
-            jacobian[row, :, at.of_imu(at.force_bias, int(i))] = -turn[row]
+        rows = np.arange(3 * len(slow)).reshape(-1, 3)
+        jacobian = np.zeros((rows.size, at.size))
+        put_blocks(jacobian, rows, at.of_imus(at.imu_turn)[slow], -cross_matrix(force))
+        put_blocks(jacobian, rows, at.of_imus(at.force_bias)[slow], -turn)
         error = GRAVITY_M_PER_S2 * UP - force
-        return Rows(error.ravel(), jacobian.reshape(-1, at.size), np.repeat(sigma[slow] ** 2, 3))
+        return Rows(error.ravel(), jacobian, np.repeat(sigma[slow] ** 2, 3))
 
 
 def _frame(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:

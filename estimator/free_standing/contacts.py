@@ -77,17 +77,16 @@ class ContactsByHeight:
             is_located: whether positions or ranges tell where the robot is, so that it can be seen to be lifted.
         """
         floor = self._floor.tilted(placed.state.floor_tilt)
-        n = floor.normal
         clearance_m = floor.clearance_m(placed.node_position_m)
         lowest = int(np.argmin(clearance_m))
         at = placed.state.layout
         by_state = clearance_jacobian(placed, self._floor)
         attitude = np.r_[at.turn, at.floor_tilt]
         by_attitude = (by_state - by_state[lowest])[:, attitude]
-        heights = np.einsum("i,klij,j->kl", n, placed.covariance_m2, n)
+        heights = placed.height_covariance_m2(floor.normal)
         of_shape = np.diag(heights) + heights[lowest, lowest] - 2 * heights[lowest]
         of_attitude = covariance[np.ix_(attitude, attitude)]
-        variance = np.einsum("ki,ij,kj->k", by_attitude, of_attitude, by_attitude) + of_shape
+        variance = np.sum(by_attitude @ of_attitude * by_attitude, axis=1) + of_shape
         sigma_m = np.sqrt(variance + self._settings.floor_m**2)
         pose = np.r_[at.pose, at.floor_tilt]
         by_pose = by_state[lowest, pose]

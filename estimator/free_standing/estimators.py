@@ -6,9 +6,10 @@ the shape. Live both take turns, each with the other's newest estimate. In batch
 give the support of each frame for the optimisation of all shapes, and these shapes give the poses.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,10 @@ from .tipping import tipping
 
 FACES_EVERY_S = 0.2
 """Shortest time between two looks at the faces, each of which takes as long as several frames."""
+LOOK_S = 0.1
+"""Time over whose frames a look is spread, live: what it finds is told this much later."""
+LOOK_PARTS = 5
+"""Number of parts of a look, one for each frame at 50 Hz."""
 
 LEAST_LIKELY = 0.02
 """Probability of the face on which the robot stands by heights, below which forces contradict it."""
@@ -60,8 +65,26 @@ class _Kept:
     """(states,) probabilities of `RestingFaces`, after an update of them."""
     may_tip: float
     """Whether lengths changed as if the structure tipped, see `LengthChange.may_have_tipped`."""
-    shape: Shape
-    """With the readings that were used, and the positions that were left out."""
+    contradicted_positions: tuple[int, ...]
+    """The nodes of positions that were left out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Look:
+    """A look at the faces in one frame, which goes on in the frames after it."""
+
+    t_s: float
+    """Time of the frame."""
+    step_s: float
+    """Time since the look before, of a second at most."""
+    may_tip: float
+    """See `LengthChange.may_have_tipped`."""
+    of_heights: NDArray[np.float64]
+    """(faces + edges,) the log evidence of known heights."""
+    parts: Iterator[NDArray[np.float64]]
+    """The log evidence of the balance of forces, see `RestingFaces.log_evidence_in_parts`."""
+    found: list[NDArray[np.float64]]
+    """The parts of it that have been computed."""
 
 
 class FreeStandingSmoother:
@@ -81,7 +104,9 @@ class FreeStandingSmoother:
         self._measured = MeasuredAttitude()
         self._agreed_s = -np.inf
         self._looked_s = -np.inf
+        self._look: _Look | None = None
         self._last_m = rest.node_position_m
+        self._last_s = -np.inf
         self._stand_on(self._poses.state, self._poses.covariance, self._poses.standing)
         self.kept: list[_Kept] | None = None
         """What was learned in each frame, for a smoother that puts a list here; live, memory is bounded."""
@@ -100,7 +125,7 @@ class FreeStandingSmoother:
         used = self._poses.used_imus
         measured = self._measured.observe(lengths, used)
         one_direction = are_parallel([self._robot.imus[i].rod for i in np.flatnonzero(used)], self._rest)
-        looked = (not measured or one_direction) and self._look(shape)
+        looked = (not measured or one_direction) and self._looks(shape)
         by_faces = not measured or (one_direction and self._contradicts(lengths.t_s))
         stands = self._faces.standing if self._faces and by_faces else None
         if self._stable and not measured and lengths.t_s >= self._robot.rest_seconds:
@@ -111,11 +136,13 @@ class FreeStandingSmoother:
                 step = self._with_doubt(step)
             else:
                 self._faces.stand_on(step.standing.nodes)
-        self._last_m = shape.node_position_m
+                self._look = None
+        self._last_m, self._last_s = shape.node_position_m, shape.t_s
         self._stand_on(step.state, step.covariance, step.standing)
         if self.kept is not None:
             probability = self._faces.probability if self._faces and looked else None
-            self.kept.append(_Kept(step.standing, stands is not None, probability, self._may_tip, shape))
+            by_faces, left_out = stands is not None, shape.contradicted_positions
+            self.kept.append(_Kept(step.standing, by_faces, probability, self._may_tip, left_out))
         return shape, step
 
     def _without_contradictions(self, shape: Shape) -> Shape:
@@ -151,24 +178,48 @@ class FreeStandingSmoother:
             self._agreed_s = t_s
         return t_s - self._agreed_s > CONTRADICTS_S
 
-    def _look(self, shape: Shape) -> bool:
-        """Look at the balance of forces, if faces are told by it and the last look is long ago."""
-        frame, statics = self.shapes.linear, self.shapes.builder.statics
-        step_s = min(shape.t_s - self._looked_s, 1.0)
-        if self._faces is None or frame is None or statics is None or step_s < 0.999 * FACES_EVERY_S:
+    def _looks(self, shape: Shape) -> bool:
+        """Look at the faces for one more frame, if the balance of forces tells them; return whether a look has ended.
+
+        Live each frame does the parts that are due before the next one; for a smoother, the first frame does all.
+        """
+        if self._faces is None:
             return False
+        if self._look is None and shape.t_s - self._looked_s >= 0.999 * FACES_EVERY_S:
+            self._look = self._begun(self._faces, shape)
+        if self._look is None:
+            return False
+        look = self._look
+        done_by_next = (2 * shape.t_s - self._last_s - look.t_s) / LOOK_S
+        due = LOOK_PARTS if self.kept is not None else math.ceil(min(done_by_next, 1.0) * LOOK_PARTS - 1e-6)
+        look.found.extend(islice(look.parts, max(due - len(look.found), 0)))
+        if len(look.found) < LOOK_PARTS:
+            return False
+        self._look, self._may_tip = None, look.may_tip
+        self._faces.predict(look.step_s, look.may_tip)
+        self._faces.update(np.concatenate(look.found), look.of_heights, look.step_s, look.may_tip)
+        return True
+
+    def _begun(self, faces: RestingFaces, shape: Shape) -> _Look | None:
+        """Return a new look at the faces; None where the balance of forces does not tell them."""
+        frame, statics = self.shapes.linear, self.shapes.builder.statics
+        if frame is None or statics is None:
+            return None
+        step_s = min(shape.t_s - self._looked_s, 1.0)
         self._looked_s = shape.t_s
         x = shape.node_position_m
         balances = balances_at(x, frame, statics, self.shapes.builder, self._settings.doubt.quiet_n)
-        evidence = self._faces.log_evidence(balances, x)
         pairs, height_m = heights_between(shape.lengths.aids, self._poses.floor)
         rods, rod_height_m = self._poses.rod_heights()
         pairs, height_m = np.concatenate([pairs, rods]), np.concatenate([height_m, rod_height_m])
-        of_heights = self._faces.log_evidence_of_heights(x, pairs, height_m)
-        self._may_tip = self._change.may_have_tipped()
-        self._faces.predict(step_s, self._may_tip)
-        self._faces.update(evidence, of_heights, step_s, self._may_tip)
-        return True
+        return _Look(
+            t_s=shape.t_s,
+            step_s=step_s,
+            may_tip=self._change.may_have_tipped(),
+            of_heights=faces.log_evidence_of_heights(x, pairs, height_m),
+            parts=faces.log_evidence_in_parts(balances, x, LOOK_PARTS),
+            found=[],
+        )
 
     def _stand_on(self, state: PoseState, covariance: NDArray[np.float64], stands: Standing) -> None:
         if self._rest.mechanics is not None:
@@ -209,6 +260,7 @@ class FreeStandingOptimizer:
             support_of(self._structure, self._rest, shape.node_position_m, state, covariance, step.standing.probability)
             for shape, (state, covariance, step) in zip(shapes, poses, strict=True)
         ]
+        shapes = [shape.without_covariance() for shape in shapes]
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
         poses = self._poses(frames, shapes, self._contacts(live, frames, shapes))
@@ -216,7 +268,7 @@ class FreeStandingOptimizer:
             if kept.standing.contradicted:
                 standing = replace(step.standing, others=kept.standing.others, contradicted=True)
                 step = replace(step, standing=standing)
-            shape = replace(shape, contradicted_positions=kept.shape.contradicted_positions)
+            shape = replace(shape, contradicted_positions=kept.contradicted_positions)
             yield in_world(shape, self._rest, self._robot.floor, state, covariance, step)
 
     def _contacts(

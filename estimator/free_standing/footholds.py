@@ -1,10 +1,11 @@
 """Where the nodes that stand have their feet: new footholds, their random walk, and slips."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...factors.ground import foothold_rows
 from ...factors.sliding import least_friction_slides_m
 from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_settings import PoseSettings
@@ -66,31 +67,52 @@ def let_slide(
     return predicted.then(placed, np.eye(at.size), variance)
 
 
-def slips(
-    rows: Rows, predicted: Prediction, t_s: float, nodes: NDArray[np.int64], floor: Floor, slip_sigma: float
-) -> list[Slip]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Feet:
+    """Some nodes that have stood since the frame before, and what their footholds say."""
+
+    nodes: NDArray[np.int64]
+    """(feet,)"""
+    rows: Rows
+    """Two for each of them, see `factors.ground.foothold_rows`."""
+
+    @classmethod
+    def of(cls, predicted: Prediction, nodes: NDArray[np.bool_], floor: Floor, settings: PoseSettings) -> "Feet":
+        """Return those of (nodes,) some nodes."""
+        here, placed = np.flatnonzero(nodes), predicted.placed
+        return cls(here, foothold_rows(placed, floor, here, predicted.turned, settings.cap_radius_m, settings.floor_m))
+
+    def among(self, nodes: NDArray[np.bool_]) -> "Feet":
+        """Return those which are among (nodes,) some nodes."""
+        are = nodes[self.nodes]
+        if are.all():
+            return self
+        twice, rows = np.repeat(are, 2), self.rows
+        return Feet(self.nodes[are], Rows(rows.error[twice], rows.jacobian[twice], rows.variance[twice]))
+
+
+def slips(feet: Feet, predicted: Prediction, t_s: float, floor: Floor, slip_sigma: float) -> list[Slip]:
     """Return which of some nodes are not where they stood, and how far they have slipped.
 
     With the error e of a node's foothold and its covariance S, the way is -e, and a node has slipped if e^T S^-1 e is
     above the square of `slip_sigma`.
 
     Args:
-        rows: two for each of these nodes, see `factors.ground.foothold_rows`.
+        feet: these nodes.
         predicted: what is expected of the frame.
         t_s: time of the frame.
-        nodes: their numbers.
         floor: the floor.
         slip_sigma: distance from the foothold, in standard deviations, from which a node has slipped.
     """
+    nodes, rows = feet.nodes, feet.rows
     if not len(nodes):
         return []
     e = rows.error.reshape(-1, 2)
     H = rows.jacobian.reshape(len(nodes), 2, -1)
     S = H @ predicted.covariance @ np.swapaxes(H, 1, 2) + rows.variance.reshape(-1, 2)[:, :, None] * np.eye(2)
-    squared = np.einsum("ka,ka->k", e, np.linalg.solve(S, e[:, :, None])[:, :, 0])
-    variance_m2 = np.einsum("ka,kab,kb->k", e, S, e) / np.maximum(np.sum(e**2, axis=1), 1e-300)
+    squared = np.sum(e * np.linalg.solve(S, e[:, :, None])[:, :, 0], axis=1)
     return [
-        Slip(t_s, int(nodes[k]), -e[k] @ floor.axes, float(np.sqrt(variance_m2[k])))
+        Slip(t_s, int(nodes[k]), -e[k] @ floor.axes, float(np.sqrt(e[k] @ S[k] @ e[k] / max(e[k] @ e[k], 1e-300))))
         for k in np.flatnonzero(squared > slip_sigma**2)
     ]
 

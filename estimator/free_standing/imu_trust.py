@@ -65,6 +65,8 @@ class ImuTrust:
             arm_m: (nodes, 3) the nodes in world axes.
             samples: of the sensors in the frame.
         """
+        if not self.is_lost.any():
+            return np.zeros(0, dtype=np.int64)
         slow, apart = _slow_and_apart(imus, arm_m, samples)
         back = self.is_lost & (samples.count > 0) & slow & (apart < MOST_APART)
         self.is_lost = self.is_lost & ~back

@@ -18,7 +18,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from ...factors.ground import foothold_rows, height_rows, rolled_on_floor_m
+from ...factors.ground import height_rows, rolled_on_floor_m
 from ...factors.imu import ImuArray, ImuSamples
 from ...factors.position import position_rows
 from ...factors.range import range_rows
@@ -33,18 +33,17 @@ from ...models.values.aids import AidReading, ImuReading, PositionReading, Range
 from ...models.values.rotations import rotation, rotation_vector
 from ...models.values.slip import Slip
 from .contacts import ContactsByHeight, Standing
-from .footholds import let_slide, put_down, slips, walk_variance_m2
+from .footholds import Feet, let_slide, put_down, slips, walk_variance_m2
 from .imu_trust import ImuTrust, taken_on_again
 from .pose_motion import PoseMotion
 from .pose_smoother import PoseStep
+from .pose_start import covariance_at_rest, rest_rows, state_at_rest
 from .prediction import Frame, Prediction
 from .slide_watch import LOST_M, WATCH_S, WITH_IT_SIGMA, UnheldPose, at_rest
 from .tipping import MISSED_RAD, has_landed, heading_missed, tipped, tipping
 
 FIRST_STEP_S = 0.02
 """Time before the first frame for which its readings count."""
-STILL = 1e-3
-"""Standard deviation of all motion while the structure stands at rest at the start, in rad and m and per second."""
 LOCATED_S = 0.2
 """Time for which a position or a range tells where the robot is."""
 BELOW_M = 0.001
@@ -62,15 +61,14 @@ class PoseFilter:
     ) -> None:
         self._settings = settings
         self._floor = robot.floor
-        self._rest = rest
         self._rest_seconds = robot.rest_seconds
         self._imus = ImuArray(robot.imus, rest.structure.rods)
         self._motion = PoseMotion(self._imus, settings)
         self._number_of_pair = {pair: number for number, pair in enumerate(robot.range_pairs)}
         self.centre_m = rest.node_position_m.mean(axis=0)
         """(3,) c, the origin of body coordinates."""
-        self.state = self._start(len(robot.imus), len(robot.range_pairs), robot.own_frames)
-        self.covariance = self._start_covariance()
+        self.state = state_at_rest(rest.node_position_m, robot)
+        self.covariance = covariance_at_rest(self.state, robot.floor, settings)
         self._standing = robot.floor.carries_at_rest(rest.node_position_m)
         self._contacts = ContactsByHeight(robot.floor, self._standing, settings)
         self._samples: ImuSamples | None = None
@@ -105,7 +103,8 @@ class PoseFilter:
         step_s = t_s - self._last_s if np.isfinite(self._last_s) else FIRST_STEP_S
         frame = Frame(t_s, step_s, body_m - self.centre_m, body_covariance_m2, aids, samples)
         predicted = self._predict(frame, self.state, self.covariance, self._turn_before)
-        predicted = replace(predicted, transition=predicted.transition @ taken_on)
+        if taken_on is not None:
+            predicted = replace(predicted, transition=predicted.transition @ taken_on)
         standing = self._contacts_of(predicted, frame, standing)
         stood, self._standing = self._standing, standing.nodes
         kept, landed = standing.nodes & stood, standing.nodes & ~stood
@@ -114,10 +113,12 @@ class PoseFilter:
             self._trust.observe(self._imus, predicted.placed, samples, step_s)
         slid = np.isfinite(self._slides_since_s)
         predicted, before = self._slid(predicted, frame, sliding, landed, kept)
-        found = self._slips(predicted, before, t_s, kept, slid)
+        feet = self._feet(predicted, kept)
+        found = self._slips(predicted, feet, t_s, slid)
         slipped = np.isin(np.arange(len(kept)), [slip.node for slip in found])
         predicted = put_down(predicted, landed | slipped, self._floor, self._settings.floor_m)
-        self._correct(predicted, before, frame, kept & ~slipped & ~np.isfinite(self._slides_since_s))
+        held = feet.among(~slipped & ~np.isfinite(self._slides_since_s))
+        self._correct(predicted, before, frame, held)
         return PoseStep(
             transition=predicted.transition,
             predicted=predicted.placed.state,
@@ -173,16 +174,16 @@ class PoseFilter:
             predicted = predicted.then(predicted.placed, np.eye(len(variance)), variance)
         return predicted, before
 
-    def _correct(self, predicted: Prediction, before: PoseState, frame: Frame, held: NDArray[np.bool_]) -> None:
+    def _correct(self, predicted: Prediction, before: PoseState, frame: Frame, held: Feet) -> None:
         """Correct the state by the rows of all aids, and keep of the frame what the next one needs.
 
         Args:
             predicted: what is expected of the frame.
             before: the state in the frame before.
             frame: the frame.
-            held: (nodes,) which nodes footholds hold.
+            held: the nodes that footholds hold.
         """
-        rows = self._rows(predicted, before, frame, held)
+        rows = self._rows(predicted, frame, held)
         rows += self._held_rows(predicted.placed, predicted.covariance, frame.step_s)
         if self._is_blind(frame):
             self.state, self.covariance = predicted.corrected_blindly(stacked(rows), self._floor)
@@ -227,16 +228,14 @@ class PoseFilter:
         unheld = self._unheld
         free = self._predict(frame, unheld.state, unheld.covariance, unheld.turn_before)
         free = put_down(free, landed, self._floor, self._settings.floor_m)
-        watched = np.flatnonzero(kept & ~np.isfinite(self._slides_since_s))
-        rows = self._foothold_rows(free.placed, unheld.state, watched, 1.0)
-        if slips(rows, free, frame.t_s, watched, self._floor, self._settings.slip_sigma):
-            slide = slips(rows, free, frame.t_s, watched, self._floor, WITH_IT_SIGMA)
+        feet = self._feet(free, kept & ~np.isfinite(self._slides_since_s))
+        if slips(feet, free, frame.t_s, self._floor, self._settings.slip_sigma):
+            slide = slips(feet, free, frame.t_s, self._floor, WITH_IT_SIGMA)
             self._slides_since_s = self._slides_since_s.copy()
             self._slides_since_s[[slip.node for slip in slide]] = unheld.since_s
             self._unheld = None
             return free, unheld.state
-        nothing = np.zeros_like(kept)
-        state, covariance = free.corrected(stacked(self._rows(free, unheld.state, frame, nothing)))
+        state, covariance = free.corrected(stacked(self._rows(free, frame, None)))
         self._unheld = UnheldPose(unheld.since_s, state, covariance, unheld.state.turn)
         return predicted, self.state
 
@@ -284,42 +283,16 @@ class PoseFilter:
         """(imus,) which inertial sensors agree with the attitude of their rods and are not silent."""
         return self._trust.is_used
 
-    def _start(self, imus: int, pairs: int, own_frames: int) -> PoseState:
-        return PoseState(
-            turn=np.eye(3),
-            position_m=self.centre_m,
-            rate_rad_per_s=np.zeros(3),
-            velocity_m_per_s=np.zeros(3),
-            foothold_m=self._rest.node_position_m @ self._floor.axes.T,
-            imu_turn=np.tile(np.eye(3), (imus, 1, 1)),
-            rate_bias_rad_per_s=np.zeros((imus, 3)),
-            force_bias_m_per_s2=np.zeros((imus, 3)),
-            misalignment=np.zeros((imus, 2)),
-            range_offset_m=np.zeros(pairs),
-            floor_tilt=np.zeros(self._floor.tilt_count),
-            own_frame_error=np.zeros((own_frames, 6)),
-        )
-
-    def _start_covariance(self) -> NDArray[np.float64]:
-        settings, at = self._settings, self.state.layout
-        sigma = np.full(at.size, STILL)
-        sigma[at.imu_turn] = settings.misalignment_rad
-        sigma[at.rate_bias] = settings.rate_bias_rad_per_s
-        sigma[at.force_bias] = settings.force_bias_m_per_s2
-        sigma[at.misalignment] = settings.misalignment_rad
-        sigma[at.range_offset] = settings.range_offset_m
-        sigma[at.floor_tilt] = self._floor.normal_sigma_rad
-        sigma[at.own_frame] = 1.0
-        return np.diag(sigma**2)
-
-    def _imu_samples(self, t_s: float, aids: Sequence[AidReading]) -> tuple[ImuSamples | None, NDArray[np.float64]]:
+    def _imu_samples(
+        self, t_s: float, aids: Sequence[AidReading]
+    ) -> tuple[ImuSamples | None, NDArray[np.float64] | None]:
         """Take on the inertial sensors that are heard for the first time, or again, turned as their rods are.
 
         Returns:
             The means of the samples that are used, None as long as there has been no sample at all, and (size, size)
-            the transition of the errors by which sensors are taken on again.
+            the transition of the errors by which sensors are taken on again; None if none is.
         """
-        F = np.eye(self.state.layout.size)
+        F = None
         samples = self._imus.mean([reading for reading in aids if isinstance(reading, ImuReading)], self._samples)
         if self._samples is None:
             heard = samples.count > 0
@@ -353,15 +326,16 @@ class PoseFilter:
         """
         settings, at = self._settings, before.layout
         motion = self._motion.after(before, frame.step_s, frame.samples, (self._body_before_m, frame.body_m))
-        turned = rotation_vector(before.turn @ turn_before.T)
-        rolled_m = rolled_on_floor_m(turned, self._floor, settings.cap_radius_m)
+        turns = np.stack([before.turn @ turn_before.T, motion.state.turn @ before.turn.T])
+        turned_before, turned = rotation_vector(turns)
+        rolled_m = rolled_on_floor_m(turned_before, self._floor, settings.cap_radius_m)
         state = replace(motion.state, foothold_m=before.foothold_m + np.where(self._standing[:, None], rolled_m, 0.0))
         F = motion.transition
         covariance = F @ covariance @ F.T + motion.noise
-        turning = float(np.linalg.norm(rotation_vector(state.turn @ before.turn.T)))
+        turning = float(np.linalg.norm(turned))
         here = np.arange(at.foothold.start, at.foothold.stop)
         covariance[here, here] += walk_variance_m2(self._standing, turning, frame.step_s, settings)
-        return Prediction(PlacedShape(state, frame.body_m, frame.body_covariance_m2), F, covariance)
+        return Prediction(PlacedShape(state, frame.body_m, frame.body_covariance_m2), F, covariance, turned)
 
     def _seen(self, predicted: Prediction, frame: Frame) -> Prediction:
         """Return the prediction corrected by positions alone, by which contacts are told before the floor holds it."""
@@ -371,7 +345,7 @@ class PoseFilter:
         placed = predicted.placed
         state, covariance = predicted.corrected(position_rows(placed, positions, frame.t_s, self._settings.position_m))
         placed = PlacedShape(state, placed.body_m, placed.body_covariance_m2)
-        return Prediction(placed, predicted.transition, covariance)
+        return Prediction(placed, predicted.transition, covariance, predicted.turned)
 
     def _tipped(self, predicted: Prediction, stands: NDArray[np.bool_], stayed: NDArray[np.bool_]) -> Prediction:
         """Return the shape tipped onto the nodes that stand, by the shortest turn about those that have stayed."""
@@ -389,27 +363,21 @@ class PoseFilter:
     def _slips(
         self,
         predicted: Prediction,
-        before: PoseState,
+        feet: Feet,
         t_s: float,
-        kept: NDArray[np.bool_],
         slid: NDArray[np.bool_],
     ) -> list[Slip]:
         """Return the slips of nodes that stand: those found at once, and the slides that have ended.
 
         Args:
             predicted: what is expected of the frame.
-            before: the state in the frame before.
+            feet: the nodes that have stood since the frame before.
             t_s: time of the frame.
-            kept: (nodes,) which nodes have stood since the frame before.
             slid: (nodes,) which of them slid in the frame before.
         """
         slides = np.isfinite(self._slides_since_s)
-        found = []
-        for nodes, slip_sigma in ((kept & ~slides & ~slid, self._settings.slip_sigma), (kept & ~slides & slid, 0.0)):
-            which = np.flatnonzero(nodes)
-            rows = self._foothold_rows(predicted.placed, before, which, 1.0)
-            found += slips(rows, predicted, t_s, which, self._floor, slip_sigma)
-        return found
+        at_once = slips(feet.among(~slides & ~slid), predicted, t_s, self._floor, self._settings.slip_sigma)
+        return at_once + slips(feet.among(~slides & slid), predicted, t_s, self._floor, 0.0)
 
     def rod_heights(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return (known, 2) ends of rods whose sensors are used, and (known,) the second's height above the first."""
@@ -419,23 +387,16 @@ class PoseFilter:
         length_m = np.linalg.norm(self._imus.rod_m(self._body_before_m)[used], axis=1)
         return self._imus.ends[used], length_m * (self._imus.direction(self.state)[used] @ self.floor.normal)
 
-    def _rows(
-        self,
-        predicted: Prediction,
-        before: PoseState,
-        frame: Frame,
-        held: NDArray[np.bool_],
-    ) -> list[Rows]:
-        """Return the rows of all aids in one frame."""
+    def _rows(self, predicted: Prediction, frame: Frame, held: Feet | None) -> list[Rows]:
+        """Return the rows of all aids in one frame; without footholds, if none holds a node."""
         settings, floor, placed = self._settings, self._floor, predicted.placed
         samples, aids = frame.samples, frame.aids
         repeats = max(settings.shape_holds_s / frame.step_s, 1.0)
         below = floor.tilted(placed.state.floor_tilt).clearance_m(placed.node_position_m) < -BELOW_M
         at_height = np.flatnonzero(self._standing | below)
-        rows = [
-            height_rows(placed, floor, at_height, settings.floor_m, repeats),
-            self._foothold_rows(placed, before, np.flatnonzero(held), repeats),
-        ]
+        rows = [height_rows(placed, floor, at_height, settings.floor_m, repeats)]
+        if held is not None:
+            rows.append(held.rows.lasting(repeats))
         if samples is not None:
             rows.append(self._imus.direction_rows(placed, repeats, np.flatnonzero(self._trust.is_used)))
             rows.append(self._imus.gravity_rows(placed.state, samples, settings))
@@ -446,27 +407,12 @@ class PoseFilter:
         if ranges:
             rows.append(range_rows(placed, ranges, self._number_of_pair, predicted.covariance, settings.range_m))
         if frame.t_s < self._rest_seconds:
-            rows.append(self._still_rows(placed.state))
+            rows.append(rest_rows(placed.state, self.centre_m))
         return rows
 
     def _held_rows(self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float) -> list[Rows]:
         """Return the rows of what else holds the structure: nothing, if it stands free."""
         return []
 
-    def _foothold_rows(self, placed: PlacedShape, before: PoseState, nodes: NDArray[np.int64], repeats: float) -> Rows:
-        turned = rotation_vector(placed.state.turn @ before.turn.T)
-        settings = self._settings
-        return foothold_rows(placed, self._floor, nodes, turned, settings.cap_radius_m, settings.floor_m, repeats)
-
-    def _still_rows(self, state: PoseState) -> Rows:
-        """Return rows that say that the structure stands still where it was measured at rest."""
-        jacobian = np.eye(12, state.layout.size)
-        error = -np.concatenate(
-            [
-                rotation_vector(state.turn),
-                state.position_m - self.centre_m,
-                state.rate_rad_per_s,
-                state.velocity_m_per_s,
-            ]
-        )
-        return Rows(error, jacobian, np.full(12, STILL**2))
+    def _feet(self, predicted: Prediction, nodes: NDArray[np.bool_]) -> Feet:
+        return Feet.of(predicted, nodes, self._floor, self._settings)

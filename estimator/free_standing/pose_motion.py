@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.imu import ImuArray, ImuSamples
+from ...models.pose.placed import put_blocks
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import UP
@@ -67,11 +68,11 @@ class PoseMotion:
         at = before.layout
         F = np.eye(at.size)
         noise = np.zeros((at.size, at.size))
-        state = self._turned(before, step_s, F, noise)
-        if samples is not None:
-            state = self._turned_by_imus(before, step_s, samples, F, noise)
-        forced = np.flatnonzero(samples.count) if samples is not None else np.zeros(0, dtype=np.int64)
-        if samples is None or not len(forced):
+        if samples is None:
+            return Motion(self._moved(self._turned(before, step_s, F, noise), step_s, F, noise), F, noise)
+        state = self._turned_by_imus(before, step_s, samples, F, noise)
+        forced = np.flatnonzero(samples.count)
+        if not len(forced):
             return Motion(self._moved(state, step_s, F, noise), F, noise)
         return Motion(self._moved_by_imus(before, state, step_s, samples, forced, arms_m, F, noise), F, noise)
 
@@ -111,15 +112,15 @@ class PoseMotion:
         known = 3 / (density * step_s**3) * EYE
         C = np.linalg.inv(known + M.sum(axis=0))
         turned = np.einsum("iab,ib->ia", middle, w)
-        phi = C @ (known @ before.rate_rad_per_s * slowed * step_s + np.einsum("iab,ib->a", M, turned))
+        by_imu = C @ M
+        by_rate = slowed * step_s * C @ known
+        phi = by_rate @ before.rate_rad_per_s + np.einsum("iab,ib->a", by_imu, turned)
         turn = rotation(phi)
         F[at.turn, at.turn] = turn
-        F[at.turn, at.rate] = C @ known * slowed * step_s
-        for i in range(self._imus.count):
-            bias = at.of_imu(at.rate_bias, i)
-            F[at.of_imu(at.imu_turn, i), bias] = -step_s * middle[i]
-            F[at.turn, bias] = -step_s * C @ M[i] @ middle[i]
-            F[at.turn, at.of_imu(at.imu_turn, i)] = -C @ M[i] @ cross_matrix(turned[i])
+        F[at.turn, at.rate] = by_rate
+        put_blocks(F, at.of_imus(at.imu_turn), at.of_imus(at.rate_bias), -step_s * middle)
+        F[at.turn, at.rate_bias] = _side_by_side(-step_s * by_imu @ middle)
+        F[at.turn, at.imu_turn] = _side_by_side(-by_imu @ cross_matrix(turned))
         F[at.rate] = F[at.turn] / step_s
         F[at.rate, at.turn] = 0.0
         noise[at.turn, at.turn] = C
@@ -166,23 +167,23 @@ class PoseMotion:
         arm_before = self._imus.arm_m(arms_m[0] @ before.turn.T, forced)
         arm_after = self._imus.arm_m(arms_m[1] @ after.turn.T, forced)
         accelerated = (force.mean(axis=0) - GRAVITY_M_PER_S2 * UP) * step_s
-        point = before.velocity_m_per_s + np.cross(before.rate_rad_per_s, arm_before) + accelerated
-        velocity = point - np.cross(after.rate_rad_per_s, arm_after)
+        vectors = np.stack([before.rate_rad_per_s, arm_before, after.rate_rad_per_s, arm_after])
+        w_before, a_before, w_after, a_after = cross_matrix(vectors)
+        point = before.velocity_m_per_s + w_before @ arm_before + accelerated
+        velocity = point - w_after @ arm_after
         rows = np.zeros((3, at.size))
         rows[:, at.velocity] = EYE
-        rows[:, at.rate] = -cross_matrix(arm_before)
+        rows[:, at.rate] = -a_before
         share = step_s / len(forced)
-        for k, i in enumerate(forced):
-            rows[:, at.of_imu(at.imu_turn, i)] = -share * cross_matrix(force[k])
-            rows[:, at.of_imu(at.force_bias, i)] = -share * middle[k]
-        rows[:, at.turn] = -cross_matrix(before.rate_rad_per_s) @ cross_matrix(arm_before)
-        by_turn_after = cross_matrix(after.rate_rad_per_s) @ cross_matrix(arm_after)
-        F[at.velocity] = rows + cross_matrix(arm_after) @ F[at.rate] + by_turn_after @ F[at.turn]
+        rows[:, at.of_imus(at.imu_turn)[forced].ravel()] = _side_by_side(-share * cross_matrix(force))
+        rows[:, at.of_imus(at.force_bias)[forced].ravel()] = _side_by_side(-share * middle)
+        rows[:, at.turn] = -w_before @ a_before
+        F[at.velocity] = rows + a_after @ F[at.rate] + w_after @ a_after @ F[at.turn]
         F[at.position] += 0.5 * step_s * F[at.velocity]
         F[at.position, at.velocity] += 0.5 * step_s * EYE
         excess = np.abs(np.linalg.norm(samples.specific_force_m_per_s2[forced], axis=1) - GRAVITY_M_PER_S2).mean()
         sigma = settings.force_m_per_s2 / np.sqrt(len(forced)) + settings.force_share * excess
-        _carry_noise(noise, at.rate, at.velocity, cross_matrix(arm_after))
+        _carry_noise(noise, at.rate, at.velocity, a_after)
         noise[at.velocity, at.velocity] += (sigma * step_s) ** 2 * EYE
         _carry_noise(noise, at.velocity, at.position, 0.5 * step_s * EYE)
         return replace(
@@ -201,6 +202,11 @@ def _not_long(direction: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (imus, 3) directions, of which those longer than `LONGEST_DIRECTION` have the length 1."""
     length = np.linalg.norm(direction, axis=1, keepdims=True)
     return np.where(length > LONGEST_DIRECTION, direction / np.maximum(length, LONGEST_DIRECTION), direction)
+
+
+def _side_by_side(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (m, blocks n), the (blocks, m, n) blocks beside each other."""
+    return blocks.swapaxes(0, 1).reshape(blocks.shape[1], -1)
 
 
 def _add_integrated(noise: NDArray[np.float64], value: slice, rate: slice, density: float, step_s: float) -> None:

@@ -11,6 +11,7 @@ from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import Floor
 from ...models.values.aids import AidReading
+from ...models.values.rotations import cross
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +39,8 @@ class Prediction:
     """(size, size) F, from the errors of the frame before."""
     covariance: NDArray[np.float64]
     """(size, size) P, of the errors of the state."""
+    turned: NDArray[np.float64]
+    """(3,) rotation vector of the body since the frame before, by which end caps roll away from their footholds."""
 
     def then(self, placed: PlacedShape, F: NDArray[np.float64], variance: NDArray[np.float64]) -> "Prediction":
         """Return the prediction after a further change, F P F^T + V.
@@ -49,7 +52,7 @@ class Prediction:
         """
         covariance = F @ self.covariance @ F.T
         covariance[np.diag_indices(len(variance))] += variance
-        return Prediction(placed, F @ self.transition, covariance)
+        return Prediction(placed, F @ self.transition, covariance, self.turned)
 
     def corrected(self, rows: Rows) -> tuple[PoseState, NDArray[np.float64]]:
         """Return the state and (size, size) its covariance after the correction by rows.
@@ -102,6 +105,6 @@ def heading_direction(state: PoseState, floor: Floor) -> NDArray[np.float64]:
         (at.rate, state.rate_rad_per_s),
         (at.velocity, state.velocity_m_per_s),
     ):
-        N[part] = np.cross(n, vector)
-    N[at.foothold] = (np.cross(n, state.foothold_m @ floor.axes) @ floor.axes.T).ravel()
+        N[part] = cross(n, vector)
+    N[at.foothold] = (cross(n, state.foothold_m @ floor.axes) @ floor.axes.T).ravel()
     return N

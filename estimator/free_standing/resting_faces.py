@@ -20,7 +20,7 @@ same stands on the face on which it has stood. Errors of the lengths stay the sa
 strain, not time. The evidence of frames in which nothing changes therefore counts as that of one frame in two seconds.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -225,8 +225,15 @@ class RestingFaces:
             balances: alternatives of equal probability, see `balances_of`.
             node_position_m: (nodes, 3) the shape.
         """
+        return np.concatenate(list(self.log_evidence_in_parts(balances, node_position_m, 1)))
+
+    def log_evidence_in_parts(
+        self, balances: Sequence[Balance], node_position_m: NDArray[np.float64], parts: int
+    ) -> Iterator[NDArray[np.float64]]:
+        """Yield the same in some parts, each of which takes as long as the others."""
         F, B = self._of_floor(node_position_m)
-        return np.asarray(logsumexp([self._log_evidence(balance, F, B) for balance in balances], axis=0))
+        for part in np.array_split(np.arange(len(F)), parts):
+            yield np.asarray(logsumexp([self._log_evidence(one, F[part], B[part]) for one in balances], axis=0))
 
     def _of_floor(self, node_position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (hypotheses, 3 nodes) F_h and (hypotheses, 3 nodes, 9) B of weight and floor."""
@@ -323,10 +330,7 @@ def _gain_of_one(load_n: float, M: NDArray[np.float64], e: NDArray[np.float64]) 
     """Return (k, nodes) log evidence gained by a load at each node alone."""
     nodes = e.shape[1] // 3
     blocks = np.einsum("kninj->knij", M.reshape(-1, nodes, 3, nodes, 3))
-    G = np.eye(3) + load_n**2 * blocks
-    g = load_n * e.reshape(-1, nodes, 3)
-    solved = np.linalg.solve(G, g[..., None])[..., 0]
-    return np.asarray(0.5 * np.sum(g * solved, axis=-1) - 0.5 * np.linalg.slogdet(G)[1])
+    return _gain(np.eye(3) + load_n**2 * blocks, load_n * e.reshape(-1, nodes, 3))
 
 
 def _gain_of_squeeze(load_n: float, M: NDArray[np.float64], e: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -334,8 +338,21 @@ def _gain_of_squeeze(load_n: float, M: NDArray[np.float64], e: NDArray[np.float6
     nodes = e.shape[1] // 3
     a, b = np.triu_indices(nodes, 1)
     blocks = np.swapaxes(M.reshape(-1, nodes, 3, nodes, 3), 2, 3)
-    G = np.eye(3) + load_n**2 * (blocks[:, a, a] + blocks[:, b, b] - blocks[:, a, b] - blocks[:, b, a])
+    of_one, of_both = blocks[:, np.arange(nodes), np.arange(nodes)], blocks[:, a, b]
+    G = np.eye(3) + load_n**2 * (of_one[:, a] + of_one[:, b] - of_both - np.swapaxes(of_both, -1, -2))
     e = e.reshape(-1, nodes, 3)
-    g = load_n * (e[:, a] - e[:, b])
-    solved = np.linalg.solve(G, g[..., None])[..., 0]
-    return np.asarray(0.5 * np.sum(g * solved, axis=-1) - 0.5 * np.linalg.slogdet(G)[1])
+    return _gain(G, load_n * (e[:, a] - e[:, b]))
+
+
+def _gain(G: NDArray[np.float64], g: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (...,) 1/2 g^T G^-1 g - 1/2 log |G| for many (..., 3, 3) G and (..., 3) g, by G = L D L^T written out."""
+    d0 = G[..., 0, 0]
+    l10, l20 = G[..., 1, 0] / d0, G[..., 2, 0] / d0
+    d1 = G[..., 1, 1] - l10 * G[..., 1, 0]
+    below = G[..., 2, 1] - l20 * G[..., 1, 0]
+    l21 = below / d1
+    d2 = G[..., 2, 2] - l20 * G[..., 2, 0] - l21 * below
+    z0 = g[..., 0]
+    z1 = g[..., 1] - l10 * z0
+    z2 = g[..., 2] - l20 * z0 - l21 * z1
+    return np.asarray(0.5 * (z0**2 / d0 + z1**2 / d1 + z2**2 / d2 - np.log(d0 * d1 * d2)))

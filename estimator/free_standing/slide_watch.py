@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import Floor
-from ...models.values.rotations import cross_matrix
+from ...models.values.rotations import cross, cross_matrix
 
 WATCH_S = 0.3
 """Time after which the copy starts again: over a longer one, inertial sensors do not tell a slide of millimetres."""
@@ -50,7 +50,7 @@ def at_rest(placed: PlacedShape, covariance: NDArray[np.float64], floor: Floor) 
         floor: the floor.
     """
     state, at = placed.state, placed.state.layout
-    v = (state.velocity_m_per_s + np.cross(state.rate_rad_per_s, placed.arm_m)) @ floor.axes.T
+    v = (state.velocity_m_per_s + cross(state.rate_rad_per_s, placed.arm_m)) @ floor.axes.T
     jacobian = np.zeros((len(v), 2, at.size))
     jacobian[:, :, at.velocity] = floor.axes
     jacobian[:, :, at.rate] = -floor.axes @ cross_matrix(placed.arm_m)

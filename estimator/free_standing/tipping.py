@@ -42,7 +42,7 @@ def tipped(
 ) -> Prediction:
     """Return the prediction with the body turned about a point, on caps that roll, and at rest after it.
 
-    Footholds tell nothing of the way of the tip: the nodes that have stayed need new ones.
+    Footholds tell nothing of the way of the tip: the nodes that have stayed need new ones, and caps do not roll on.
 
     Args:
         predicted: before the turn.
@@ -77,7 +77,7 @@ def tipped(
     G[at.position, at.turn] = about_pivot
     G *= np.repeat([turned_rad, moved_m, settings.turn_rad_per_s, settings.motion_m_per_s], 3)
     after = PlacedShape(state, placed.body_m, placed.body_covariance_m2)
-    return Prediction(after, F @ predicted.transition, F @ predicted.covariance @ F.T + G @ G.T)
+    return Prediction(after, F @ predicted.transition, F @ predicted.covariance @ F.T + G @ G.T, np.zeros(3))
 
 
 def heading_jacobian(turn: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -120,6 +120,7 @@ class HangingOptimizer:
             weight_of(self._structure, self._rest, shape.node_position_m, state, covariance)
             for shape, (state, covariance) in zip(shapes, self._poses(frames, shapes, live.kept), strict=True)
         ]
+        shapes = [shape.without_covariance() for shape in shapes]
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
         poses = self._poses(frames, shapes, live.kept)

@@ -33,11 +33,17 @@ class PlacedShape:
         return np.asarray(self.state.position_m + self.arm_m)
 
     @cached_property
+    def shape_covariance_m2(self) -> NDArray[np.float64]:
+        """(3 nodes, 3 nodes) covariance of the shape, in world axes."""
+        size, turn = len(self.body_covariance_m2), self.state.turn
+        by_columns = (self.body_covariance_m2.reshape(-1, 3) @ turn.T).reshape(-1, 3, size)
+        return np.asarray(turn @ by_columns).reshape(size, size)
+
+    @cached_property
     def covariance_m2(self) -> NDArray[np.float64]:
         """(nodes, nodes, 3, 3) covariance of the shape, in world axes, for each pair of nodes."""
         count = len(self.body_m)
-        blocks = self.body_covariance_m2.reshape(count, 3, count, 3).swapaxes(1, 2)
-        return np.asarray(self.state.turn @ blocks @ self.state.turn.T)
+        return self.shape_covariance_m2.reshape(count, 3, count, 3).swapaxes(1, 2)
 
     @cached_property
     def node_covariance_m2(self) -> NDArray[np.float64]:
@@ -62,8 +68,12 @@ class PlacedShape:
         count = len(self.body_m)
         at = self.state.layout.pose
         by_pose = self.jacobian[:, :, at].reshape(3 * count, -1)
-        of_shape = self.covariance_m2.swapaxes(1, 2).reshape(3 * count, 3 * count)
-        return np.asarray(by_pose @ covariance[at, at] @ by_pose.T + of_shape)
+        return np.asarray(by_pose @ covariance[at, at] @ by_pose.T + self.shape_covariance_m2)
+
+    def height_covariance_m2(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (nodes, nodes), the covariance of the shape along a (3,) unit vector of the world."""
+        count, n = len(self.body_m), self.state.turn.T @ normal
+        return np.asarray(n @ (self.body_covariance_m2.reshape(-1, 3) @ n).reshape(count, 3, count))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,6 +86,24 @@ class Rows:
     """(rows, size) derivative of the predicted by d."""
     variance: NDArray[np.float64]
     """(rows,) of the noise."""
+
+    def lasting(self, repeats: float) -> "Rows":
+        """Return the rows of an error that lasts for some frames, so that each of them counts for less."""
+        return Rows(self.error, self.jacobian, repeats * self.variance)
+
+
+def put_blocks(
+    matrix: NDArray[np.float64], rows: NDArray[np.int64], columns: NDArray[np.int64], blocks: NDArray[np.float64]
+) -> None:
+    """Set matrix[rows[k], columns[k]] = blocks[k] for each of some blocks.
+
+    Args:
+        matrix: of any shape that holds them.
+        rows: (blocks, m)
+        columns: (blocks, n)
+        blocks: (blocks, m, n)
+    """
+    matrix[rows[:, :, None], columns[:, None, :]] = blocks
 
 
 def stacked(rows: Sequence[Rows]) -> Rows:

@@ -8,7 +8,7 @@ Errors of the state are vectors: rotations have errors in world axes, R_true = e
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -32,6 +32,7 @@ class ErrorLayout:
         self.imu_turn, self.rate_bias, self.force_bias, self.misalignment = parts[:4]
         self.range_offset, self.floor_tilt, self.own_frame = parts[4:]
         self.size = int(ends[-1])
+        self._imus = imus
         self.pose = slice(0, 6)
 
     def of_foothold(self, node: int) -> slice:
@@ -42,9 +43,17 @@ class ErrorLayout:
         """Return the place of three numbers of one inertial sensor, in one of the parts that have three for each."""
         return slice(part.start + 3 * imu, part.start + 3 * imu + 3)
 
+    def of_imus(self, part: slice) -> NDArray[np.int64]:
+        """Return (imus, numbers) the places of the numbers of every inertial sensor, in one of their parts."""
+        return np.arange(part.start, part.stop).reshape(self._imus, (part.stop - part.start) // max(self._imus, 1))
+
     def of_own_frame(self, number: int) -> slice:
         """Return the place of the six errors of one own frame."""
         return slice(self.own_frame.start + 6 * number, self.own_frame.start + 6 * number + 6)
+
+
+layout_of = cache(ErrorLayout)
+"""The layout of some numbers of parts; one object for all states."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +88,7 @@ class PoseState:
     @cached_property
     def layout(self) -> ErrorLayout:
         """The place of each part in a vector of errors."""
-        return ErrorLayout(
+        return layout_of(
             nodes=len(self.foothold_m),
             imus=len(self.imu_turn),
             ranges=len(self.range_offset_m),

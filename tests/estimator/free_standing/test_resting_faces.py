@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 
 from balance import pressed
-from tensegraph.estimator.free_standing.resting_faces import Balance, RestingFaces, _gain_of_squeeze, balances_of
+from tensegraph.estimator.free_standing.estimators import FreeStandingSmoother
+from tensegraph.estimator.free_standing.resting_faces import Balance, RestingFaces, _gain, _gain_of_squeeze, balances_of
 from tensegraph.models.estimation import DoubtSettings
+from tensegraph.models.pose.robot import FreeStandingRobot
+from tensegraph.models.settings import Settings
+from tensegraph.models.structure.floor import UP, Floor
+from tensegraph.models.structure.lengths import member_length_m
 from tensegraph.models.structure.support import standing
+from tensegraph.models.values.readings import TendonLengths
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +59,39 @@ def test_two_hands_are_no_floor(faces, balanced, structure) -> None:
     hand_n[free[1]] = [-1.5, 0, 0]
     evidence = faces.log_evidence([exact_balance(faces, balanced, structure, 3, hand_n)], balanced.node_position_m)
     assert np.argmax(evidence) == 3
+
+
+def test_evidence_in_parts_is_that_of_all(faces, balanced, structure) -> None:
+    balances = [exact_balance(faces, balanced, structure, 3, np.ones((12, 3)))]
+    whole = faces.log_evidence(balances, balanced.node_position_m)
+    parts = list(faces.log_evidence_in_parts(balances, balanced.node_position_m, 7))
+    assert len(parts) == 7
+    assert np.concatenate(parts) == pytest.approx(whole, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("frames_per_s", "in_batch", "told_s"),
+    [
+        (50, False, [0.0, 0.28, 0.48]),
+        (25, False, [0.0, 0.28, 0.48]),
+        (10, False, [0.0, 0.2, 0.4]),
+        (50, True, [0, 0.2, 0.4]),
+    ],
+)
+def test_a_look_is_told_a_tenth_of_a_second_later_at_most(frames_per_s, in_batch, told_s, balanced, structure) -> None:
+    """Looks begin at 0, 0.2 and 0.4 s; nothing tells how long the first frame lasts, which does all of its look."""
+    x = balanced.node_position_m
+    robot = FreeStandingRobot(Floor(float(x[0, 2]), UP), (), (), 0.1)
+    live = FreeStandingSmoother(structure, balanced, robot, Settings())
+    live.kept = [] if in_batch else None
+    length_m, zero = member_length_m(x, structure.tendons), np.zeros(len(structure.tendons), dtype=np.int64)
+    found_s, before = [], live._faces.probability
+    for k in range(frames_per_s // 2 + 1):
+        live.update(TendonLengths(k / frames_per_s, length_m, np.full(len(zero), 5e-4), zero, zero))
+        if live._faces.probability is not before:
+            found_s.append(k / frames_per_s)
+        before = live._faces.probability
+    assert found_s == pytest.approx(told_s)
 
 
 def told(faces, evidence: np.ndarray, may_tip: float, looks: int) -> np.ndarray:
@@ -130,6 +169,14 @@ def test_a_squeeze_is_worth_as_much_as_its_force_explains() -> None:
     G = 1 + 2 * m * load**2
     expected = (load * 1.4) ** 2 / (2 * G) - 1.5 * np.log(G)
     assert _gain_of_squeeze(load, m * np.eye(6)[None], e)[0, 0] == pytest.approx(expected)
+
+
+def test_the_gain_written_out_is_that_of_linear_algebra() -> None:
+    rng = np.random.default_rng(2)
+    root, g = rng.standard_normal((4, 5, 3, 3)), rng.standard_normal((4, 5, 3))
+    G = np.eye(3) + root @ np.swapaxes(root, -1, -2)
+    solved = np.linalg.solve(G, g[..., None])[..., 0]
+    assert _gain(G, g) == pytest.approx(0.5 * np.sum(g * solved, axis=-1) - 0.5 * np.linalg.slogdet(G)[1])
 
 
 def test_known_heights_tell_the_face(faces, balanced) -> None:

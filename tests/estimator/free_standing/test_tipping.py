@@ -27,7 +27,8 @@ NO_CAPS = PoseSettings(cap_radius_m=0.0)
 
 
 def prediction(state) -> Prediction:
-    return Prediction(PlacedShape(state, BODY_M, 1e-6 * np.eye(36)), np.eye(SIZE), 1e-6 * np.eye(SIZE))
+    placed = PlacedShape(state, BODY_M, 1e-6 * np.eye(36))
+    return Prediction(placed, np.eye(SIZE), 1e-6 * np.eye(SIZE), turned=np.zeros(3))
 
 
 def after_tip(state, stayed=STAYED, settings=NO_CAPS) -> Prediction:
@@ -104,7 +105,7 @@ def test_what_the_floor_tells_says_nothing_of_the_heading() -> None:
     rows = stacked(
         [
             height_rows(placed, FLOOR, nodes, 5e-4, 1.0),
-            foothold_rows(placed, FLOOR, nodes, np.zeros(3), 0.01, 5e-4, 1.0),
+            foothold_rows(placed, FLOOR, nodes, np.zeros(3), 0.01, 5e-4),
         ]
     )
     heading = np.zeros(SIZE)

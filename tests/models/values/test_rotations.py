@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tensegraph.models.values.rotations import (
+    across,
     best_rotation,
+    cross,
     cross_matrix,
     rotation,
     rotation_vector,
@@ -31,8 +33,24 @@ def test_the_vector_of_a_rotation_is_the_vector_it_was_made_of(w) -> None:
 
 
 @given(VECTORS, VECTORS)
-def test_the_cross_matrix_gives_the_cross_product(v, u) -> None:
+def test_the_cross_product_is_that_of_numpy(v, u) -> None:
     assert cross_matrix(v) @ u == pytest.approx(np.cross(v, u), abs=1e-12)
+    assert cross(v, np.stack([u, v])) == pytest.approx(np.stack([np.cross(v, u), np.zeros(3)]), abs=1e-12)
+
+
+@given(VECTORS.filter(lambda v: np.linalg.norm(v) > 1e-3))
+def test_two_vectors_across_a_vector_are_across_each_other(v) -> None:
+    u = v / np.linalg.norm(v)
+    frame = np.vstack([u, across(u)])
+    assert frame @ frame.T == pytest.approx(np.eye(3), abs=1e-12)
+
+
+def test_across_an_axis_are_the_other_axes() -> None:
+    """By hand; the sign of zero tells on which side the reflection is, and both are across."""
+    x = np.array([[1.0, 0, 0], [0.0, 0, 1], [-0.0, 0, 1]])
+    assert across(x) == pytest.approx(
+        np.array([[[0, 1, 0], [0, 0, 1]], [[0, 1, 0], [-1, 0, 0]], [[0, 1, 0], [1, 0, 0]]])
+    )
 
 
 @given(VECTORS)
