@@ -17,6 +17,7 @@ from .models.structure.structure import six_strut as six_strut
 from .models.structure.structure import three_strut as three_strut
 from .models.structure_description import DescribedStructure as DescribedStructure
 from .models.towers import prism_tower as prism_tower
+from .models.towers import saddle_tower as saddle_tower
 from .models.values.errors import IndeterminateError as IndeterminateError
 from .models.values.errors import InputError as InputError
 from .models.values.errors import TensegraphError as TensegraphError

@@ -478,7 +478,7 @@ def structure(
     ] = None,
     unit: Annotated[float, typer.Option(help="Unit of the lengths in a .yaml file, m.")] = 1.0,
     new: Annotated[
-        Literal["prism", "six-strut", "tower"] | None,
+        Literal["prism", "six-strut", "tower", "saddle-tower"] | None,
         typer.Option(help="Write a start of trial.toml and rig.toml for this structure.", show_default=False),
     ] = None,
     rod: Annotated[float | None, typer.Option(help="With --new, length of each rod, m.", show_default=False)] = None,

@@ -22,6 +22,7 @@ from ..models.settings import Settings
 from ..models.structure.floor import EstimatedNormal
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.rest_shape import RestShape, WrongPart
+from ..models.structure.shape import Status
 from ..models.values.errors import InputError
 from ..models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag, TendonLengths
 from ..models.values.slip import Slip
@@ -257,6 +258,9 @@ class Run:
             table.add_row("no readings", f"from {r.t_s[k]:.2f} to {r.t_s[k + 1]:.2f} s")
         for status, frames in Counter(r.status).items():
             table.add_row(f"status {status}", f"{frames} frames: {status.advice}")
+        two = Status.TWO_SHAPES
+        if hidden := sum(other is not None for other in r.others) - r.status.count(two):
+            table.add_row(f"worse, and {two}", f"{hidden} frames: {two.advice}")
         for reason, frames in Counter(filter(None, r.doubts)).items():
             table.add_row(f"doubt {reason}", f"{frames} frames: {reason.advice}")
         if self.pipeline.rest.wrong:

@@ -17,7 +17,7 @@ from ..models.structure.rigidity import find_rest_shape, held_jacobian, rigidity
 from ..models.structure_description import DescribedStructure
 from ..models.values.errors import IndeterminateError, InputError
 
-NewStructure = Literal["prism", "six-strut", "tower"]
+NewStructure = Literal["prism", "six-strut", "tower", "saddle-tower"]
 
 
 def show_structure(path: Path, *, unit_m: float, out: list[Path], terminal: Terminal) -> None:

@@ -241,7 +241,7 @@ class BatchOptimizer:
             for k in range(window.start, window.stop):
                 other = others.get(k, other)
                 shape = self._shape(trial, assessment[k - window.start], k, optimum.converged)
-                yield replace(shape, status=Status.TWO_SHAPES, other=other) if other else shape
+                yield shape.with_other(other) if other else shape
 
     def _shape(self, trial: _Problem, assessment: Assessment, k: int, converged: bool) -> Shape:
         """Return the shape of one frame, with the status that its lengths and the doubt about it give."""

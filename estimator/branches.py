@@ -10,7 +10,6 @@ shows which of the two is the right one.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from ..factors.noise import WeightedLengths, weigh
 from ..models.estimation import BranchSettings
 from ..models.structure.rigidity import branch, free_length_jacobian
-from ..models.structure.shape import OtherShape, Shape, Status
+from ..models.structure.shape import OtherShape, Shape
 from ..models.structure.structure import Structure
 from .graph import FrameSearch, GraphBuilder
 
@@ -45,9 +44,7 @@ class OtherBranch:
             self._search = self._iterations(shape.node_position_m, weigh(shape.lengths, self._builder.noise))
         if self._search is not None and not next(self._search, False):
             self._search = None
-        if self._other_shape is None:
-            return shape
-        return replace(shape, status=Status.TWO_SHAPES, other=self._other_shape)
+        return shape if self._other_shape is None else shape.with_other(self._other_shape)
 
     def _iterations(self, position_m: NDArray[np.float64], measured: WeightedLengths) -> Iterator[bool]:
         """Search the other minimum of a frame's own factors, and keep it if it is not much less probable.

@@ -120,6 +120,16 @@ class StructureTable:
         return GeometrySigma(self.rod_length_sigma_m, self.anchor_sigma_m, self.hub_radius_m)
 
 
+def geometry_keys(told: GeometrySigma) -> dict[str, float]:
+    """Return the keys of `[structure]` that tell how exactly the geometry is known, but for those that are as usual."""
+    keys = {
+        "rod_length_sigma_m": (told.rod_length_m, _TOLD.rod_length_m),
+        "anchor_sigma_m": (told.anchor_m, _TOLD.anchor_m),
+        "hub_radius_m": (told.hub_radius_m, _TOLD.hub_radius_m),
+    }
+    return {name: value for name, (value, usual) in keys.items() if value != usual}
+
+
 def _fixed_distances(bodies: Sequence[BodyTable], shape_m: NDArray[np.float64] | None) -> dict[tuple[int, int], float]:
     """Return the distances that are fixed in rigid bodies, by their node pairs; bodies may share nodes."""
     fixed_m: dict[tuple[int, int], float] = {}

@@ -1,7 +1,8 @@
-"""Towers of three-strut prisms that stand on one another, whose rods share nodes (class 2)."""
+"""Towers of three-strut prisms: those whose rods share nodes (class 2), and one whose rods do not (class 1)."""
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from .structure.lengths import member_length_m
 from .structure.structure import Structure
@@ -58,3 +59,82 @@ def prism_tower(
         anchor_position_m=position_m[:3],
     )
     return structure, position_m
+
+
+SADDLE_RODS = [(k, 3 + k) for k in range(3)] + [(6 + k, 9 + k) for k in range(3)]
+SADDLE_TENDONS = np.array(
+    [
+        *((0, 1), (1, 2), (0, 2), (9, 10), (10, 11), (9, 11)),
+        *((3 + k, 6 + j % 3) for k in range(3) for j in (k, k + 2)),
+        *((k, 6 + (k + 1) % 3) for k in range(3)),
+        *((3 + (k + 2) % 3, 9 + k) for k in range(3)),
+        *((k, 3 + (k + 2) % 3) for k in range(3)),
+        *((6 + (k + 2) % 3, 9 + k) for k in range(3)),
+    ]
+)
+"""Six tendons of each kind: base and top, the saddle, those from base or top to the saddle's far side, and to its near
+side."""
+SADDLE_START = (np.deg2rad(165.0), 0.82, 0.6, 1.8, 0.8, 0.45)
+"""Where the search for its shape starts: turn of the rods, height of their upper ends, and q of each kind."""
+
+
+def saddle_tower(
+    rod_length_m: float, base_side_m: float, *, overlap: float = 0.25, prestrain: float = 0.08
+) -> tuple[Structure, NDArray[np.float64]]:
+    """Return a tower of two three-strut prisms whose rods share no node, anchored at 0, 1, 2, and its shape at rest.
+
+    Nodes 0 to 2 are the base, 3 to 5 the upper ends of the lower rods, 6 to 8 the lower ends of the upper rods, and 9
+    to 11 the top; all are equally far from the axis. The upper prism hangs in a saddle: its lower ends are below the
+    upper ends of the lower prism. Upside down and turned by 60 degrees the tower is itself, so that it is in balance
+    where the forces at nodes 0 and 3 are: with -1 per length of a rod, and q_e of a tendon,
+
+        sum_e q_e (x_n - x_m) = x_n - x_r,    e = n-m the tendons at node n, and r the other end of its rod
+
+    Its shape has one state of self-stress, which stiffens the one motion that changes no length to first order.
+
+    Args:
+        rod_length_m: length of each rod.
+        base_side_m: side of base and top.
+        overlap: height of the saddle, as a share of the rods' length.
+        prestrain: strain at rest of the tendons of base and top, for equal stiffness; those of the saddle have most.
+
+    Raises:
+        InputError: for sizes with which no such tower is in balance.
+    """
+
+    def unbalanced(z: NDArray[np.float64]) -> NDArray[np.float64]:
+        x = _saddle_shape(base_side_m / rod_length_m, overlap, *z[:2])
+        force = np.zeros_like(x)
+        for members, q in ((np.array(SADDLE_RODS), np.full(6, -1.0)), (SADDLE_TENDONS, np.repeat(z[2:], 6))):
+            pull = q[:, None] * (x[members[:, 1]] - x[members[:, 0]])
+            np.add.at(force, members[:, 0], pull)
+            np.add.at(force, members[:, 1], -pull)
+        return np.append(force[[0, 3]].ravel(), np.linalg.norm(x[3] - x[0]) - 1)
+
+    found = least_squares(unbalanced, SADDLE_START, method="lm", max_nfev=500)
+    density = found.x[2:] / found.x[2]
+    stretched = prestrain / (1 + prestrain) * np.repeat(density, 6)
+    if not (found.cost < 1e-16 and density.min() > 0 and 0 < stretched.min() and stretched.max() < 1):
+        raise InputError(
+            f"saddle_tower: no tower of rods of {rod_length_m} m on a triangle of side {base_side_m} m, with an overlap "
+            f"of {overlap} and a prestrain of {prestrain}, is in balance: expected a side of about half a rod"
+        )
+    position_m = rod_length_m * _saddle_shape(base_side_m / rod_length_m, overlap, *found.x[:2])
+    structure = Structure(
+        rods=np.array(SADDLE_RODS),
+        tendons=SADDLE_TENDONS,
+        rod_length_m=np.array(rod_length_m),
+        natural_length_m=member_length_m(position_m, SADDLE_TENDONS) * (1 - stretched),
+        anchors=np.arange(3),
+        anchor_position_m=position_m[:3],
+    )
+    return structure, position_m
+
+
+def _saddle_shape(side: float, overlap: float, turn_rad: float, height: float) -> NDArray[np.float64]:
+    """Return (12, 3) the nodes, with rods of length 1 where turn and height of their upper ends are right."""
+    turns_rad = np.array([0.0, turn_rad, turn_rad + np.pi / 3, np.pi / 3])
+    angle = turns_rad[:, None] + np.deg2rad(120.0) * np.arange(3)
+    level = np.array([0.0, height, height - overlap, 2 * height - overlap])
+    x, y = side / np.sqrt(3) * np.stack([np.cos(angle), np.sin(angle)])
+    return np.stack([x, y, np.broadcast_to(level[:, None], angle.shape)], axis=-1).reshape(-1, 3)

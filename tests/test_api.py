@@ -42,6 +42,7 @@ PUBLIC = [
     "prism_tower",
     "read_structure",
     "reconstruct",
+    "saddle_tower",
     "save",
     "simulate",
     "six_strut",

@@ -206,7 +206,8 @@ class _Model:
             if spring.pulls and not any(before.pulls for before in joined[pair]):
                 order[number[id(one)], number[id(other)]] = pair
             joined[pair].append(spring)
-        for pair in joined.keys() - order.values():
+        pulled = set(order.values())
+        for pair in [pair for pair in joined if pair not in pulled][:1]:
             here = f"{self.of.path}: {joined[pair][0].name}"
             raise InputError(f"{here}: expected a spring that pulls, got one that only pushes")
         least_m = self._largest_part_m() / OTHER_UNIT

@@ -66,11 +66,22 @@ def _sites(of: MujocoModel, tendon: int) -> tuple[int, int]:
 def _own(of: MujocoModel, tendon: int, name: str, sites: tuple[int, int]) -> Iterator[Spring]:
     """Yield the spring of a tendon itself; two where it pulls and pushes with a gap between."""
     stiffness = float(of.model.tendon_stiffness[tendon])
+    _check_linear(of, tendon, name)
     low_m, high_m = of.model.tendon_lengthspring[tendon].tolist()
     if stiffness > 0 and high_m < NEVER_M:
         yield Spring(name, sites, stiffness, high_m, pulls=True, pushes=low_m == high_m)
     if stiffness > 0 and 0 < low_m < high_m:
         yield Spring(name, sites, stiffness, low_m, pulls=False, pushes=True)
+
+
+def _check_linear(of: MujocoModel, tendon: int, name: str) -> None:
+    """Raise InputError for a stiffness that changes with the length; MuJoCo has had such since version 4."""
+    further = getattr(of.model, "tendon_stiffnesspoly", np.zeros((of.model.ntendon, 0)))[tendon]
+    if further.any():
+        told = " ".join(f"{value:g}" for value in [of.model.tendon_stiffness[tendon], *further])
+        raise InputError(
+            f"{of.path}: {name}: stiffness: expected one number, a spring whose force is linear, got {told}"
+        )
 
 
 def _actuators(of: MujocoModel, tendon: int) -> list[int]:

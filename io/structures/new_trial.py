@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...models.structure.rigidity import find_rest_shape
 from ...models.structure.structure import Structure, six_strut
-from ...models.towers import prism_tower
+from ...models.towers import prism_tower, saddle_tower
 from ...models.values.errors import InputError
 from ..whole import check_vacant, written_whole
 
@@ -40,7 +40,7 @@ COMMENTS_OF_START = {
 class BuiltIn:
     """One of the structures that are ready."""
 
-    name: Literal["prism", "six-strut", "tower"]
+    name: Literal["prism", "six-strut", "tower", "saddle-tower"]
     rod_length_m: float
     stages: int = 2
     """Of a tower."""
@@ -56,6 +56,8 @@ class BuiltIn:
         if self.name == "six-strut":
             structure = six_strut(self.rod_length_m)
             return structure, find_rest_shape(structure)
+        if self.name == "saddle-tower":
+            return saddle_tower(self.rod_length_m, SIDE_PER_ROD * self.rod_length_m)
         stages = 1 if self.name == "prism" else self.stages
         return prism_tower(stages, self.rod_length_m, SIDE_PER_ROD * self.rod_length_m)
 

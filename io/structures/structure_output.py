@@ -9,9 +9,8 @@ import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
-from ...models.structure.rest_shape import GeometrySigma
 from ...models.structure.rigidity import find_rest_shape
-from ...models.structure_description import DescribedStructure
+from ...models.structure_description import DescribedStructure, geometry_keys
 from ...models.twin.mjcf import Body, mjcf
 from ...models.values.errors import InputError
 from ..whole import check_vacant, written_whole
@@ -73,7 +72,7 @@ def structure_toml(told: DescribedStructure) -> dict[str, Any]:
         structure["unsensed"] = s.unsensed.tolist()
     if told.node_position_m is not None:
         structure["node_position_m"] = told.node_position_m.tolist()
-    structure |= _geometry(told.geometry)
+    structure |= geometry_keys(told.geometry)
     tables: dict[str, Any] = {"structure": structure}
     if mechanics is not None:
         tables["mechanics"] = {
@@ -88,17 +87,6 @@ def structure_toml(told: DescribedStructure) -> dict[str, Any]:
     if told.bodies:  # their mass is in knot_mass_kg
         tables["body"] = [{"nodes": list(nodes)} for nodes in told.bodies]
     return tables
-
-
-def _geometry(told: GeometrySigma) -> dict[str, float]:
-    """Return the keys that tell how exactly the geometry is known, but for those that would tell what is usual."""
-    usual = GeometrySigma()
-    keys = {
-        "rod_length_sigma_m": (told.rod_length_m, usual.rod_length_m),
-        "anchor_sigma_m": (told.anchor_m, usual.anchor_m),
-        "hub_radius_m": (told.hub_radius_m, usual.hub_radius_m),
-    }
-    return {name: value for name, (value, left_out) in keys.items() if value != left_out}
 
 
 def _shape(told: DescribedStructure) -> NDArray[np.float64]:

@@ -93,7 +93,7 @@ class Reconstruction:
     loads: ExternalLoads | None = None
     """Estimated loads in all frames; None where the stiffness of the tendons is not known."""
     others: tuple[OtherShape | None, ...] = ()
-    """(frames,) the second shape of frames with status `two_shapes`."""
+    """(frames,) the second shape of each frame that has one."""
     doubts: tuple[Reason | None, ...] = ()
     """(frames,) what explains the readings of a frame better than the model; None where nothing does."""
     drift: NDArray[np.float64] | None = None

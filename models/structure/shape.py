@@ -20,7 +20,10 @@ Number = TypeVar("Number", np.float64, np.int64)
 
 
 class Status(StrEnum):
-    """From which measurements a frame was estimated, and whether that succeeded; `advice` says what to do."""
+    """From which measurements a frame was estimated, and whether that succeeded; `advice` says what to do.
+
+    In order of how little the estimate can be trusted: of several that are true of a frame, the last one stands.
+    """
 
     OK = "ok"
     PARTIAL = "partial"
@@ -152,7 +155,7 @@ class Shape:
     loads: ExternalLoads | None = None
     """External forces at the nodes; None where the stiffness of the tendons is not known."""
     other: OtherShape | None = None
-    """The second shape, when the status is `two_shapes`."""
+    """The second shape, when there is one: the status is then `two_shapes`, or a worse one."""
     doubt: Reason | None = None
     """What explains the readings better than the model, when there is such an explanation."""
     contacts: NDArray[np.float64] | None = None
@@ -180,6 +183,11 @@ class Shape:
         """Return the shape with the status `doubt` for a reason, unless another reason or a worse status stands."""
         worse = self.status in (Status.PRIOR_ONLY, Status.NOT_CONVERGED, Status.FAILED)
         return self if worse or self.doubt is not None else replace(self, status=Status.DOUBT, doubt=reason)
+
+    def with_other(self, other: OtherShape) -> "Shape":
+        """Return the shape with a second one, and the status `two_shapes` unless a worse status stands."""
+        is_told = self.status in (Status.OK, Status.PARTIAL)
+        return replace(self, status=Status.TWO_SHAPES if is_told else self.status, other=other)
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:

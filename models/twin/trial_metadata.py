@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..structure.structure import Structure
+from ..structure_description import geometry_keys
 from .geometry_error import ToldErrors
 from .plan import Plan
 from .specimens import Specimens
@@ -36,11 +37,7 @@ def told_geometry(
     own = len(plan.structure.rods)
     rods_m = (structure.rod_length_m + error.rod_length_m)[:own]
     told = plan.structure
-    further = {
-        "unsensed": told.unsensed,
-        "node_position_m": told.node_position_m,
-        "hub_radius_m": told.hub_radius_m,
-    }
+    further = {"unsensed": told.unsensed, "node_position_m": told.node_position_m}
     return {
         "structure": {
             "rods": structure.rods[:own].tolist(),
@@ -50,6 +47,7 @@ def told_geometry(
             "anchors": structure.anchors.tolist(),
             "anchor_position_m": _rounded(rest_m[structure.anchors] + error.anchor_m),
             **{name: value for name, value in further.items() if value},
+            **geometry_keys(told.geometry()),
         },
         "rest": _told_rest(plan, rest_m + error.rest_position_m, of_rest),
     }

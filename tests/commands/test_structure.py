@@ -103,7 +103,7 @@ def test_a_structure_is_shown_converted_and_drawn(tmp_path: Path) -> None:
     assert sorted(file.name for file in tmp_path.iterdir()) == ["tower.png", "tower.toml", "tower.xml"]
 
 
-@pytest.mark.parametrize(("name", "tendons"), [("prism", 9), ("six-strut", 24), ("tower", 21)])
+@pytest.mark.parametrize(("name", "tendons"), [("prism", 9), ("six-strut", 24), ("tower", 21), ("saddle-tower", 24)])
 def test_a_new_structure_is_a_trial_and_a_rig(name: str, tendons: int, tmp_path: Path) -> None:
     made = run("structure", "--new", name, "--rod", "0.3", "--stages", "3", "--out", "first", cwd=tmp_path)
     assert made.returncode == 0, made.stderr

@@ -227,6 +227,23 @@ REFUSED = {
 }
 
 
+def test_of_several_springs_that_only_push_the_first_is_named(tmp_path: Path) -> None:
+    """In the order of the model, not in that of a set."""
+    pushing = "".join(
+        f'<position tendon="t{k}" kp="9" ctrllimited="true" ctrlrange="0.1 0.3" forcelimited="true" forcerange="0 50"/>'
+        for k in (2, 1)
+    )
+    path = written(tmp_path, model(CABLES, after=f"<actuator>{pushing}</actuator>"))
+    assert refusal(path) == "tendon 't1': expected a spring that pulls, got one that only pushes"
+
+
+@pytest.mark.skipif(not hasattr(mujoco.MjModel, "tendon_stiffnesspoly"), reason="MuJoCo before version 4")
+def test_a_stiffness_that_changes_with_the_length_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, model(STRIPS.replace('stiffness="200"', 'stiffness="200 0 30"')))
+    line = "tendon 't2': stiffness: expected one number, a spring whose force is linear, got 200 0 30"
+    assert refusal(path) == line
+
+
 @pytest.mark.parametrize("line", REFUSED)
 def test_what_cannot_be_read_is_refused_in_one_line(line: str, tmp_path: Path) -> None:
     assert refusal(written(tmp_path, REFUSED[line])) == line

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from tensegraph.models.structure.shape import Covariances, Reason, Shape, Status, ellipsoids, node_blocks
+from tensegraph.models.structure.shape import (
+    Covariances,
+    OtherShape,
+    Reason,
+    Shape,
+    Status,
+    ellipsoids,
+    node_blocks,
+)
 
 
 class TestEllipsoids:
@@ -67,3 +75,13 @@ class TestCovariances:
 def test_doubt_does_not_hide_a_worse_status(rest, structure, lengths_of, before: Status, after: Status) -> None:
     shape = Shape(0.0, rest.node_position_m, np.eye(36), before, lengths_of(structure, rest.node_position_m))
     assert shape.in_doubt(Reason.IMU).status == after
+
+
+@pytest.mark.parametrize("before", Status)
+def test_a_second_shape_hides_no_worse_status(rest, structure, lengths_of, before: Status) -> None:
+    """Statuses are in the order of how little an estimate can be trusted, and the column has the worst."""
+    shape = Shape(0.0, rest.node_position_m, np.eye(36), before, lengths_of(structure, rest.node_position_m))
+    told = shape.with_other(OtherShape(rest.node_position_m, 1.0))
+    order = list(Status)
+    assert told.status == max(before, Status.TWO_SHAPES, key=order.index)
+    assert told.other is not None

@@ -8,6 +8,7 @@ import pytest
 from plan_edits import CAUSES, DRIFT, PLANS, SHORT, replaced
 from tensegraph import Trial
 from tensegraph.commands.simulate import simulate
+from tensegraph.models.structure.rest_shape import GeometrySigma
 
 NEUTRAL = """
 [drift]
@@ -77,6 +78,17 @@ def test_what_is_told_wrongly_stands_in_trial_toml_alone(made, tmp_path) -> None
         (told.rest_position_m - true.rest_position_m, 0.002),
     ):
         assert 0.3 * sigma_m < error_m.std() < 2 * sigma_m
+
+
+def test_what_a_plan_tells_of_its_exactness_stands_in_trial_toml(made, tmp_path) -> None:
+    """Without a digit more in any other file, and what is usual is not told."""
+    told = "rod_length_m = 0.3\nrod_length_sigma_m = 0.001\nanchor_sigma_m = 0.002\nhub_radius_m = 0.004\n"
+    plan = replaced(PLANS["press"].read_text(), *SHORT, ("rod_length_m = 0.3\n", told))
+    (tmp_path / "press.toml").write_text(plan)
+    trial = simulate(tmp_path / "press.toml", tmp_path / "press_01")
+    assert names_of_bytes_that_differ(trial, made) == {"trial.toml"}
+    assert trial.description.geometry == GeometrySigma(rod_length_m=0.001, anchor_m=0.002, hub_radius_m=0.004)
+    assert "sigma_m" not in (made.path / "trial.toml").read_text()
 
 
 def test_hubs_shorten_tendons_and_keep_strains_at_rest(made, tmp_path) -> None:
