@@ -151,7 +151,7 @@ class ResistanceTable:
 class LengthsTable:
     """`[lengths]`: one file, or one topic of a bag, that replaces the boards."""
 
-    file: str
+    file: FileName
     topic: str | None = None
 
 

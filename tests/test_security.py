@@ -2,11 +2,18 @@
 
 import ast
 import re
+import runpy
+import subprocess
+import sys
 import tomllib
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+from installed import install
 
 ROOT = Path(__file__).parents[1]
 MODULES = [path for path in ROOT.rglob("*.py") if not {".venv", ".types", "tests", "site"} & set(path.parts)]
@@ -70,6 +77,67 @@ def test_no_module_does() -> None:
         (path.relative_to(ROOT), danger.split(": ", 1)) for path in MODULES for danger in dangers(path.read_text())
     ]
     assert {f"{path}: {what}" for path, (_, what) in found} <= ALLOWED, found
+
+
+@pytest.mark.parametrize(
+    ("fields", "told"),
+    [
+        ("License-Expression: MIT OR Apache-2.0\nLicense: old words\n", "MIT OR Apache-2.0"),
+        ("License: MIT License\n", "MIT"),
+        ("License: UNKNOWN\nClassifier: License :: OSI Approved :: ISC License (ISCL)\n", "ISC License (ISCL)"),
+        ("License: a whole\n        text\nClassifier: License :: OSI Approved :: MIT License\n", "MIT"),
+    ],
+)
+def test_a_licence_is_that_of_the_metadata(tmp_path, monkeypatch, fields, told) -> None:
+    install("some-part", "1.0", {}, tmp_path)
+    with (tmp_path / "some_part-1.0.dist-info" / "METADATA").open("a") as file:
+        file.write(fields)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert script("docs/licences.py")["licence"]("some-part") == told
+
+
+def test_the_page_of_licences_is_in_the_order_that_the_script_writes() -> None:
+    page = (ROOT / "docs" / "reference" / "licences.md").read_text()
+    told = re.findall(r"^\| ([\w-]+) \| .* \| ([\w `]+?)(?:, .*)? \|$", page, re.MULTILINE)
+    assert told[1:] == list(script("docs/licences.py")["needed"]())
+
+
+CLEAN = {"name": "a", "version": "1.0", "vulns": []}
+UNKNOWN = {"name": "b", "skip_reason": "Dependency not found"}
+HIT = {"name": "c", "version": "2.0", "vulns": [{"id": "PYSEC-1", "fix_versions": ["2.1"]}]}
+
+
+@pytest.mark.parametrize(
+    ("packages", "code", "line"),
+    [
+        ([CLEAN], 0, "1 packages, 0 known vulnerabilities"),
+        ([CLEAN, HIT, UNKNOWN], 1, "c 2.0: PYSEC-1, mended in: 2.1"),
+        ([CLEAN, UNKNOWN], 2, "not known to the registry: b"),
+        ([UNKNOWN, UNKNOWN], 2, "the registry of vulnerabilities answers for none of 2 packages"),
+    ],
+)
+def test_an_audit_without_an_answer_is_none(packages, code, line) -> None:
+    lines, ended = script(".ci/audit.py")["report"](packages)
+    assert ended == code
+    assert line in lines
+
+
+def test_an_audit_that_cannot_be_made_says_so_in_one_line(tmp_path, monkeypatch) -> None:
+    """A registry that is not reached, and pip-audit that is not there."""
+    command = [sys.executable, ROOT / ".ci" / "audit.py"]
+    if find_spec("pip_audit") is None:
+        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (ended.returncode, ended.stdout) == (2, "pip-audit is not installed: pip install pip-audit\n")
+    (tmp_path / "pip_audit.py").write_text("import sys\nsys.exit('ERROR: no connection')\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    line = "the registry of vulnerabilities cannot be reached: ERROR: no connection\n"
+    assert (ended.returncode, ended.stdout) == (2, line)
+
+
+def script(name: str) -> dict[str, Any]:
+    """Return the names that a script of the repository defines."""
+    return runpy.run_path(str(ROOT / name))
 
 
 def test_the_licence_of_every_dependency_is_told() -> None:

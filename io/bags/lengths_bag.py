@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...models.values.errors import InputError
 from ...models.values.extras import needs_extra
+from ..input_files import check_regular
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
@@ -23,11 +24,16 @@ def is_bag(path: Path) -> bool:
 
 
 def bag_bytes(path: Path) -> Iterator[bytes]:
-    """Yield the bytes of a file, or of all files of a directory with their names, for a hash."""
+    """Yield the bytes of a file, or of all files of a directory with their names, for a hash.
+
+    Raises:
+        InputError: for what is no file in the directory, such as a pipe.
+    """
     if path.is_file():
         yield path.read_bytes()
         return
     for part in sorted(path.iterdir()):
+        check_regular(part)
         yield part.name.encode()
         yield part.read_bytes()
 

@@ -8,6 +8,7 @@ import pytest
 
 from command_line import run
 from tensegraph import InputError
+from tensegraph.io.bags.lengths_bag import bag_bytes
 from tensegraph.io.csv import CsvFile
 from tensegraph.io.input_files import LONGEST_LINE, check_regular, lines_of
 from tensegraph.io.mocap.truth_file import read_truth
@@ -67,6 +68,22 @@ def test_names_in_trial_toml_do_not_lead_out_of_it(trial_copy, name, old) -> Non
     assert ended.returncode == 2
     assert "expected a file in the directory of this one, or below it" in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["../bag", "/tmp", ".."])
+def test_the_bag_of_lengths_does_not_lead_out_of_the_trial(trial_copy, name) -> None:
+    trial = trial_copy(trial=lambda text: f'{text[: text.index("[[board]]")]}\n[lengths]\nfile = "{name}"\n')
+    ended = run("reconstruct", trial, cwd=trial.parent)
+    assert ended.returncode == 2
+    assert "lengths.file: " in ended.stderr
+    assert "expected a file in the directory of this one, or below it" in ended.stderr
+
+
+def test_a_pipe_beside_the_files_of_a_bag_is_not_waited_for(tmp_path) -> None:
+    (tmp_path / "bag").mkdir()
+    os.mkfifo(tmp_path / "bag" / "pipe.db3")
+    with pytest.raises(InputError, match=r"pipe\.db3: expected a file, got a pipe"):
+        list(bag_bytes(tmp_path / "bag"))
 
 
 def test_a_link_in_a_trial_may_lead_out_of_it(trial_copy) -> None:
