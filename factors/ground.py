@@ -69,11 +69,11 @@ def foothold_rows(
     at = placed.state.layout
     rolled_m = rolled_on_floor_m(turned, floor, cap_radius_m)
     error = placed.state.foothold_m[nodes] + rolled_m - placed.node_position_m[nodes] @ floor.axes.T
-    jacobian = np.zeros((len(nodes), 2, at.size))
+    of_nodes = np.zeros((len(nodes), 2, at.size))
     by_turn = cap_radius_m * cross_matrix(floor.normal) - cross_matrix(placed.arm_m[nodes])  # d(phi x n) = -n x d(phi)
-    jacobian[:, :, at.turn] = floor.axes @ by_turn
-    jacobian[:, :, at.position] = floor.axes
-    jacobian = jacobian.reshape(-1, at.size)
+    of_nodes[:, :, at.turn] = floor.axes @ by_turn
+    of_nodes[:, :, at.position] = floor.axes
+    jacobian = of_nodes.reshape(-1, at.size)
     rows = np.arange(len(jacobian))
     jacobian[rows, (at.foothold.start + 2 * nodes[:, None] + np.arange(2)).ravel()] = -1.0
     of_shape = np.sum(floor.axes @ placed.node_covariance_m2[nodes] * floor.axes, axis=2)
