@@ -38,10 +38,10 @@ from .stable_face import StableFace
 from .tipping import tipping
 
 FACES_EVERY_S = 0.2
-"""Shortest time between two looks at the faces, each of which takes as long as several frames."""
-LOOK_S = 0.1
-"""Time over whose frames a look is spread, live: what it finds is told this much later."""
-LOOK_PARTS = 5
+"""Shortest time between two looks at the faces, each of which takes longer than all else in a frame."""
+LOOK_S = 0.06
+"""Time over whose frames a look is spread, live: what it finds is told this much later at most."""
+LOOK_PARTS = 3
 """Number of parts of a look, one for each frame at 50 Hz."""
 
 LEAST_LIKELY = 0.02

@@ -99,26 +99,14 @@ class PoseFilter:
             standing: which nodes stand; None to tell it from heights.
             sliding: (nodes,) which of them slide; None to tell it from inertial sensors.
         """
-        samples, taken_on = self._imu_samples(t_s, aids)
-        step_s = t_s - self._last_s if np.isfinite(self._last_s) else FIRST_STEP_S
-        frame = Frame(t_s, step_s, body_m - self.centre_m, body_covariance_m2, aids, samples)
-        predicted = self._predict(frame, self.state, self.covariance, self._turn_before)
-        if taken_on is not None:
-            predicted = replace(predicted, transition=predicted.transition @ taken_on)
+        frame, predicted = self._expected(t_s, body_m, body_covariance_m2, aids)
         standing = self._contacts_of(predicted, frame, standing)
         stood, self._standing = self._standing, standing.nodes
         kept, landed = standing.nodes & stood, standing.nodes & ~stood
         predicted, kept, landed = self._landed(predicted, standing, kept, landed)
-        if samples is not None:
-            self._trust.observe(self._imus, predicted.placed, samples, step_s)
-        slid = np.isfinite(self._slides_since_s)
-        predicted, before = self._slid(predicted, frame, sliding, landed, kept)
-        feet = self._feet(predicted, kept)
-        found = self._slips(predicted, feet, t_s, slid)
-        slipped = np.isin(np.arange(len(kept)), [slip.node for slip in found])
-        predicted = put_down(predicted, landed | slipped, self._floor, self._settings.floor_m)
-        held = feet.among(~slipped & ~np.isfinite(self._slides_since_s))
-        self._correct(predicted, before, frame, held)
+        if frame.samples is not None:
+            self._trust.observe(self._imus, predicted.placed, frame.samples, frame.step_s)
+        predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, kept)
         return PoseStep(
             transition=predicted.transition,
             predicted=predicted.placed.state,
@@ -130,6 +118,51 @@ class PoseFilter:
             slides_since_s=self._slides_since_s,
             trusts_imus=bool(self._trust.is_trusted.all()),
         )
+
+    def _expected(
+        self,
+        t_s: float,
+        body_m: NDArray[np.float64],
+        body_covariance_m2: NDArray[np.float64],
+        aids: Sequence[AidReading],
+    ) -> tuple[Frame, Prediction]:
+        """Return one more frame, and what is expected of it; arguments as those of `step`."""
+        samples, taken_on = self._imu_samples(t_s, aids)
+        step_s = t_s - self._last_s if np.isfinite(self._last_s) else FIRST_STEP_S
+        frame = Frame(t_s, step_s, body_m - self.centre_m, body_covariance_m2, aids, samples)
+        predicted = self._predict(frame, self.state, self.covariance, self._turn_before)
+        if taken_on is not None:
+            predicted = replace(predicted, transition=predicted.transition @ taken_on)
+        return frame, predicted
+
+    def _corrected_on_feet(
+        self,
+        predicted: Prediction,
+        frame: Frame,
+        sliding: NDArray[np.bool_] | None,
+        landed: NDArray[np.bool_],
+        kept: NDArray[np.bool_],
+    ) -> tuple[Prediction, list[Slip]]:
+        """Correct the state, held by the footholds of nodes that neither slide nor slip.
+
+        Args:
+            predicted: what is expected of the frame.
+            frame: the frame.
+            sliding: (nodes,) which nodes slide; None to tell it from inertial sensors.
+            landed: (nodes,) which nodes have begun to stand.
+            kept: (nodes,) which nodes have stood since the frame before.
+
+        Returns:
+            The prediction with new footholds, and the slips.
+        """
+        slid = np.isfinite(self._slides_since_s)
+        predicted, before = self._slid(predicted, frame, sliding, landed, kept)
+        feet = self._feet(predicted, kept)
+        found = self._slips(predicted, feet, frame.t_s, slid)
+        slipped = np.isin(np.arange(len(kept)), [slip.node for slip in found])
+        predicted = put_down(predicted, landed | slipped, self._floor, self._settings.floor_m)
+        self._correct(predicted, before, frame, feet.among(~slipped & ~np.isfinite(self._slides_since_s)))
+        return predicted, found
 
     def _landed(
         self, predicted: Prediction, standing: Standing, kept: NDArray[np.bool_], landed: NDArray[np.bool_]
