@@ -114,10 +114,10 @@ def saddle_tower(
     found = least_squares(unbalanced, SADDLE_START, method="lm", max_nfev=500)
     density = found.x[2:] / found.x[2]
     stretched = prestrain / (1 + prestrain) * np.repeat(density, 6)
-    if not (found.cost < 1e-16 and density.min() > 0 and 0 < stretched.min() and stretched.max() < 1):
+    if not (found.cost < 1e-16 and density.min() > 0 and stretched.min() > 0 and stretched.max() < 1):
         raise InputError(
-            f"saddle_tower: no tower of rods of {rod_length_m} m on a triangle of side {base_side_m} m, with an overlap "
-            f"of {overlap} and a prestrain of {prestrain}, is in balance: expected a side of about half a rod"
+            f"saddle_tower: no tower of rods of {rod_length_m} m on a triangle of side {base_side_m} m, with an "
+            f"overlap of {overlap} and a prestrain of {prestrain}, is in balance: expected a side of about half a rod"
         )
     position_m = rod_length_m * _saddle_shape(base_side_m / rod_length_m, overlap, *found.x[:2])
     structure = Structure(
