@@ -18,6 +18,7 @@ from .estimator.moving_base import MovingBase
 from .estimator.own_evidence import FactorWatch
 from .estimator.rest_step import rest_step
 from .estimator.smoother import LiveSmoother
+from .factors.tendon import TautCables
 from .io.model_file import read_sensor_model
 from .io.result import result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
@@ -36,6 +37,7 @@ from .models.structure.possible import PossibleShapes
 from .models.structure.reconstruction import Reconstruction
 from .models.structure.rest_shape import RestShape
 from .models.structure.shape import Shape
+from .models.structure.statics import Mechanics
 from .models.structure.structure import Structure
 from .models.trial_description import TrialDescription
 from .models.values.aids import AidReading, ImuReading, PositionReading
@@ -43,6 +45,7 @@ from .models.values.errors import InputError
 from .models.values.readings import (
     BoardReading,
     NaturalLengthReading,
+    NodeFactor,
     ResistanceFrame,
     ResistanceReading,
     TendonLengths,
@@ -163,7 +166,9 @@ class Pipeline:
         )
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
         self.imu_gate = ImuGate(len(trial.imus))
-        self.factors = tuple(factor.factor(trial.structure) for factor in trial.factors)
+        self.factors: tuple[NodeFactor, ...] = tuple(factor.factor(trial.structure) for factor in trial.factors)
+        if trial.mechanics is not None and len(trial.mechanics.stiff_cables):
+            self.factors += (self._taut_cables(trial.mechanics),)
         self.factor_watch = FactorWatch()
         self.own_frames = OwnFrames(self.rest, trial.own_frames, trial.rest_seconds, settings.pose.position_m)
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
@@ -179,6 +184,19 @@ class Pipeline:
         references = np.setdiff1d(np.flatnonzero(trial.structure.joins_anchors & trial.structure.is_sensed), wound)
         self._frames = FrameAssembler(natural_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate)
         self.front_end = self._front_end(model, ReferenceTendons(np.concatenate([references, strips]), settings.drift))
+
+    def _taut_cables(self, mechanics: Mechanics) -> TautCables:
+        """Return what stiff cables say of the nodes.
+
+        Raises:
+            InputError: when a motor winds one, whose length is then not known.
+        """
+        for number, motors in enumerate(self.trial.motors):
+            for tendon in set(motors.tendons) & set(mechanics.stiff_cables.tolist()):
+                raise InputError(f"motor[{number}].tendons: expected no stiff cable, got tendon {tendon}")
+        structure = self.rest.structure
+        tared = self.rest.mechanics or mechanics
+        return TautCables.of(structure, tared, is_held=structure.is_held)
 
     def _front_end(self, model: AnySensorModel, references: ReferenceTendons) -> FrontEnd | StrainFrontEnd:
         trial, settings = self.trial, self.settings
@@ -212,7 +230,7 @@ class Pipeline:
             InputError: see `estimator_of`.
         """
         factory = estimator_of(method)
-        if self.factors and method not in WITH_FACTORS:
+        if self.trial.factors and method not in WITH_FACTORS:
             raise InputError(
                 f"method '{method}': expected one of {', '.join(WITH_FACTORS)}, which use the trial's [[factor]]"
             )

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ..factors.keys import factor_on_nodes
 from ..factors.noise import robust_loss
+from ..factors.tendon import TautCables
 from ..models.structure.shape import Reason, Shape
 from ..models.values.errors import InputError
 from ..models.values.readings import NodeFactor
@@ -108,6 +109,8 @@ class FactorWatch:
         if not shape.lengths.factors:
             return shape
         innovation = shape.factor_innovation
+        if innovation is None and all(isinstance(factor, TautCables) for factor in shape.lengths.factors):
+            return shape  # methods of lengths alone know nothing of cables
         if innovation is None:
             raise InputError("the frames have factors: expected a method that uses them, as batch, live and frame do")
         if not self._factors:

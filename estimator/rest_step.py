@@ -7,8 +7,9 @@ stiffnesses k and natural lengths L0 minimise
     |(l_rod(x) - L_rod) / sigma_rod|^2 + |(x_anchor - a) / sigma_anchor|^2 + |(x - x_known) / sigma_x|^2
         + |r(x; k, L0) / sigma_F|^2 + |log(k / k_nominal) / spread|^2 + |(L0 - L0_given) / sigma_L0|^2
 
-with r of `Statics`. One common scale of all k does not change the balance; the prior determines it, and it has little
-effect on shapes. Ratios of k that do not balance at rest, in contrast, would shift the shape in every frame.
+with r of `Statics`, and the lengths of stiff cables that are taut as further terms (`TautCables`). One common scale of
+all k does not change the balance; the prior determines it, and it has little effect on shapes. Ratios of k that do not
+balance at rest, in contrast, would shift the shape in every frame.
 
 What was told of the geometry may be wrong. The minimum is therefore also computed with each part of it less certain
 (rods, anchors, the measured shape, the ends of the tendons), and the evidence, which is the Laplace approximation of
@@ -26,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from ..factors.tendon import TautCables
 from ..models.structure.floor import UP, Floor
 from ..models.structure.lengths import length_jacobian, member_length_m
 from ..models.structure.rest_shape import GeometrySigma, RestSettings, RestShape, WrongPart
@@ -34,6 +36,7 @@ from ..models.structure.statics import Mechanics, Statics
 from ..models.structure.structure import Structure
 from ..models.structure.support import Support, hung_up, standing, weightless
 from ..models.values.errors import IndeterminateError
+from .own_evidence import own_rows
 
 WRONG_ROD_M = 0.001
 """Standard deviation of a rod's length, if the rods are what was told wrongly."""
@@ -173,6 +176,7 @@ class _RestProblem:
             return 0.0
         length_m = self.structure.tendon_length_m(self.known_m)
         tension_n = self.nominal.stiffness_n_per_m * np.maximum(length_m - self.nominal.natural_length_m, 0)
+        tension_n[self.nominal.stiff_cables] = 0.0  # unknown
         squared = np.zeros(self.structure.node_count)
         np.add.at(squared, self.structure.tendons, ((tension_n / length_m) ** 2)[:, None])
         return self.geometry.hub_radius_m * float(np.sqrt(squared.mean() / 3))
@@ -214,18 +218,26 @@ class _RestProblem:
         position_m = self.position_m(z)
         structure = self.structure
         rod_error = member_length_m(position_m, structure.rods) - structure.rod_length_m
+        cable_rows, by_cables = self._cables(position_m)
         anchor_error = (position_m[structure.anchors] - structure.anchor_position_m).ravel()
         by_position = np.concatenate(
             [
                 length_jacobian(position_m, structure.rods) / self.geometry.rod_length_m,
                 np.eye(self.coordinates)[structure.anchored_coordinates] / self.geometry.anchor_m,
+                by_cables,
             ]
         )
         jacobian = np.zeros((len(by_position), len(z)))
         jacobian[:, : self.coordinates] = self.sigma_m * by_position
         force_rows, force_jacobian = self._balance(z)
-        rows = [rod_error / self.geometry.rod_length_m, anchor_error / self.geometry.anchor_m, force_rows]
+        rows = [rod_error / self.geometry.rod_length_m, anchor_error / self.geometry.anchor_m, cable_rows, force_rows]
         return np.concatenate(rows), np.concatenate([jacobian, force_jacobian])
+
+    def _cables(self, position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the residuals of taut cables over their sigma, and their Jacobian; no rows without stiff cables."""
+        if self.nominal is None or not len(self.nominal.stiff_cables):
+            return np.zeros(0), np.zeros((0, self.coordinates))
+        return own_rows([TautCables.of(self.structure, self.nominal, is_held=False)], 0.0, position_m)
 
     @property
     def _carried(self) -> NDArray[np.int64]:

@@ -1,12 +1,17 @@
-"""Tendons: their lengths as the sensors measure them, eqs. (5) and (7)."""
+"""Tendons: their lengths as the sensors measure them, eqs. (5) and (7), and those of stiff cables that are taut."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
+from ..models.structure.lengths import length_jacobian, member_length_m
+from ..models.structure.statics import Mechanics, Statics
 from ..models.structure.structure import Structure
+from ..models.values.readings import FactorRows
 from .noise import WeightedLengths, tendon_noises
 
 
@@ -22,3 +27,51 @@ def tendon_factors(
         gtsam.RangeFactor3(keys[a], keys[b], length, model)
         for (a, b), length, model in zip(ends, length_m, models, strict=True)
     ]
+
+
+SLACK = 3.0
+"""Number of standard deviations by which a cable that is slack is shorter than its natural length."""
+
+LEAST_PULL_N = 0.3
+"""Tension below which nothing says that a cable is taut: three standard deviations of the balance of forces."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TautCables:
+    """The lengths of stiff cables: each is L0 long where it is taut, and nothing is said of one that is slack.
+
+    Its rows are l - L0 with the sigma of `Mechanics.cable_sigma_m`. A cable is slack where it is shorter by `SLACK` of
+    them, or shorter at all and forces balance best with a tension below `LEAST_PULL_N`. The rows are those of a
+    `NodeFactor`, and so in the graph, the covariance and the doubt of every method that takes factors.
+    """
+
+    members: NDArray[np.int64]
+    """(stiff cables, 2) node pairs."""
+    natural_length_m: NDArray[np.float64]
+    """(stiff cables,) L0."""
+    sigma_m: NDArray[np.float64]
+    """(stiff cables,)"""
+    statics: Statics | None
+    """The balance of forces, which tells whether they pull; None where the force of the floor or of a hand decides."""
+
+    @classmethod
+    def of(cls, structure: Structure, mechanics: Mechanics, *, is_held: bool) -> "TautCables":
+        """Return those of a structure; `is_held` where weight and tendons are all that pulls without a load."""
+        cables = mechanics.stiff_cables
+        statics = Statics(structure, mechanics) if is_held else None
+        return cls(structure.tendons[cables], structure.natural_length_m[cables], mechanics.cable_sigma_m, statics)
+
+    def __str__(self) -> str:
+        return "taut cables"
+
+    def rows(self, t_s: NDArray[np.float64], node_position_m: NDArray[np.float64]) -> FactorRows:
+        """Return the rows of all stiff cables, nan where slack, see `NodeFactor`; they are the same at all times."""
+        longer_m = member_length_m(node_position_m, self.members) - self.natural_length_m
+        is_slack = longer_m < -SLACK * self.sigma_m
+        if self.statics is not None:
+            is_slack |= (longer_m < 0) & (self.statics.cable_tension_n(node_position_m) < LEAST_PULL_N)
+        return FactorRows(
+            residual=np.where(is_slack, np.nan, longer_m),
+            jacobian=length_jacobian(node_position_m, self.members),
+            sigma=np.where(is_slack, np.inf, self.sigma_m),
+        )

@@ -23,6 +23,8 @@ MOST_PULL = 1e4
 """Ratio of the pull of the stiffest tendon, stretched by a tenth, to the weight of the structure, above which one of
 them is in another unit; so it is below its inverse. Strips of rubber on the paper's structure give 4, steel ropes of a
 millimetre 1000."""
+STIFF_N_PER_M = 5000.0
+"""Stiffness from which the tension of a cable does not follow from its length: 0.3 mm are 1.5 N, as much as a press."""
 MOST_OFF = 0.5
 """Share of its length by which a rod of the measured rest shape may differ from it."""
 
@@ -149,7 +151,8 @@ class MechanicsTable:
     rod_mass_kg: NotNegative | list[NotNegative]
     push_back: NotNegative | list[NotNegative] = 0.02
     """Ratio of the stiffness of a bent tendon to that of a stretched one. A strip that bows out has a few per cent of
-    its stiffness; a cable goes slack and has 0."""
+    its stiffness; a cable goes slack and has 0. One with 0 and 5000 N/m or more is a stiff cable: it has its natural
+    length while it is taut, and an unknown tension."""
     tendon_mass_kg: NotNegative | list[NotNegative] = 0.0
     """Mass of each tendon, half of it at either end."""
     knot_mass_kg: NotNegative | list[NotNegative] = 0.0
@@ -166,13 +169,16 @@ class MechanicsTable:
         knot_kg = _numbers("mechanics.knot_mass_kg", self.knot_mass_kg, structure.node_count)
         for body in bodies:
             knot_kg[body.nodes] += body.mass_kg / len(body.nodes)
+        stiffness = _numbers("mechanics.tendon_stiffness_n_per_m", self.tendon_stiffness_n_per_m, tendons)
+        push_back = _numbers("mechanics.push_back", self.push_back, tendons)
         return Mechanics(
-            stiffness_n_per_m=_numbers("mechanics.tendon_stiffness_n_per_m", self.tendon_stiffness_n_per_m, tendons),
+            stiffness_n_per_m=stiffness,
             natural_length_m=structure.natural_length_m,
             rod_mass_kg=np.append(rod_kg, np.zeros(fixed)),
-            push_back=_numbers("mechanics.push_back", self.push_back, tendons),
+            push_back=push_back,
             tendon_mass_kg=_numbers("mechanics.tendon_mass_kg", self.tendon_mass_kg, tendons),
             knot_mass_kg=knot_kg,
+            stiff_cables=np.flatnonzero((push_back == 0) & (stiffness >= STIFF_N_PER_M)),
         )
 
 

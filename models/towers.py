@@ -101,25 +101,16 @@ def saddle_tower(
     Raises:
         InputError: for sizes with which no such tower is in balance.
     """
-
-    def unbalanced(z: NDArray[np.float64]) -> NDArray[np.float64]:
-        x = _saddle_shape(base_side_m / rod_length_m, overlap, *z[:2])
-        force = np.zeros_like(x)
-        for members, q in ((np.array(SADDLE_RODS), np.full(6, -1.0)), (SADDLE_TENDONS, np.repeat(z[2:], 6))):
-            pull = q[:, None] * (x[members[:, 1]] - x[members[:, 0]])
-            np.add.at(force, members[:, 0], pull)
-            np.add.at(force, members[:, 1], -pull)
-        return np.append(force[[0, 3]].ravel(), np.linalg.norm(x[3] - x[0]) - 1)
-
-    found = least_squares(unbalanced, SADDLE_START, method="lm", max_nfev=500)
+    side = base_side_m / rod_length_m
+    found = least_squares(_unbalanced, SADDLE_START, method="lm", max_nfev=500, args=(side, overlap))
     density = found.x[2:] / found.x[2]
     stretched = prestrain / (1 + prestrain) * np.repeat(density, 6)
-    if not (found.cost < 1e-16 and density.min() > 0 and 0 < stretched.min() and stretched.max() < 1):
+    if not (found.cost < 1e-16 and density.min() > 0 and stretched.min() > 0 and stretched.max() < 1):
         raise InputError(
-            f"saddle_tower: no tower of rods of {rod_length_m} m on a triangle of side {base_side_m} m, with an overlap "
-            f"of {overlap} and a prestrain of {prestrain}, is in balance: expected a side of about half a rod"
+            f"saddle_tower: no tower of rods of {rod_length_m} m on a triangle of side {base_side_m} m, with an "
+            f"overlap of {overlap} and a prestrain of {prestrain}, is in balance: expected a side of about half a rod"
         )
-    position_m = rod_length_m * _saddle_shape(base_side_m / rod_length_m, overlap, *found.x[:2])
+    position_m = rod_length_m * _saddle_shape(side, overlap, *found.x[:2])
     structure = Structure(
         rods=np.array(SADDLE_RODS),
         tendons=SADDLE_TENDONS,
@@ -129,6 +120,17 @@ def saddle_tower(
         anchor_position_m=position_m[:3],
     )
     return structure, position_m
+
+
+def _unbalanced(z: NDArray[np.float64], side: float, overlap: float) -> NDArray[np.float64]:
+    """Return (7,) the forces at nodes 0 and 3, and the error of a rod's length; z is as `SADDLE_START`."""
+    x = _saddle_shape(side, overlap, *z[:2])
+    force = np.zeros_like(x)
+    for members, q in ((np.array(SADDLE_RODS), np.full(6, -1.0)), (SADDLE_TENDONS, np.repeat(z[2:], 6))):
+        pull = q[:, None] * (x[members[:, 1]] - x[members[:, 0]])
+        np.add.at(force, members[:, 0], pull)
+        np.add.at(force, members[:, 1], -pull)
+    return np.append(force[[0, 3]].ravel(), np.linalg.norm(x[3] - x[0]) - 1)
 
 
 def _saddle_shape(side: float, overlap: float, turn_rad: float, height: float) -> NDArray[np.float64]:

@@ -79,7 +79,7 @@ REASON_ADVICE = {
     Reason.IMU: "an inertial sensor contradicts the inclination of its rod and is left out: is its axis told right?",
     Reason.HANGING: "it is turned otherwise than weight and hands can hold it: fix sensors on rods of other directions",
     Reason.CONTACTS: "heights and forces tell different nodes on the floor: fix a sensor on a rod of another direction",
-    Reason.FACTOR: "a factor of your own contradicts lengths and forces: is what it reads right, and its sigma?",
+    Reason.FACTOR: "a factor of your own, or a stiff cable, contradicts lengths and forces: is what it says right?",
     Reason.ATTITUDE: "nothing measures how the robot is turned, a push would be missed: add an [[imu]], or [mechanics]",
 }
 

@@ -17,10 +17,16 @@ rods, they take any force J^T q, and the residual at their nodes is what is left
     r = f - J^T q = (I - J^+ J) f,    q = (J^T)^+ f
 
 that is, f along the motions that the joined rods allow. A rigid body of n nodes leaves 6 of 3 n components.
+
+The tension of a stiff cable does not follow from its length: a tenth of a millimetre may be all of it. While the cable
+may be taut its tension T is unknown, but it pulls; a slack one has none. With B = d(rows)/dT, what is left of the rows
+r, whatever the tensions of the cables that pull are, is
+
+    r' = r + B T = (I - B B^+) r,    T = -B^+ r > 0
 """
 
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,6 +36,18 @@ from .lengths import length_jacobian, member_length_m
 from .structure import Structure
 from .support import Support, hung_up
 
+CABLE_CUT_M = 0.0003
+"""Standard deviation of the length to which a cable is cut."""
+CABLE_PULL_N = 10.0
+"""Standard deviation of its tension, by which it is longer."""
+SURELY_SLACK = 4.0
+"""Number of standard deviations by which a cable that is slack for certain is shorter than its natural length."""
+QUIET_N = 0.2
+"""Standard deviation of the balance of forces where a cable's tension is judged."""
+LOADED_STEPS = 5
+"""Number of steps of that judgement."""
+LEAST_RANK = 0.1
+"""Least number of independent rows of a node at which cables take all that a load could do."""
 JOINED_RCOND = 1e-2
 """Share of the largest singular value of J below which joined rods take no force: such as across a flat frame, whose
 rods resist a push only when it has bent."""
@@ -53,6 +71,13 @@ class Mechanics:
     """(tendons,) or one for all."""
     knot_mass_kg: NDArray[np.float64] | float = 0.0
     """(nodes,) or one for all: what a node has beside its members, such as a motor."""
+    stiff_cables: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    """(stiff cables,) tendons that go slack, and so stiff that their tension does not follow from their length."""
+
+    @property
+    def cable_sigma_m(self) -> NDArray[np.float64]:
+        """(stiff cables,) standard deviation of the length of a taut cable about its natural length."""
+        return np.hypot(CABLE_CUT_M, CABLE_PULL_N / self.stiffness_n_per_m[self.stiff_cables])
 
     def node_mass_kg(self, structure: Structure) -> NDArray[np.float64]:
         """Return (nodes,) the mass at each node: its own, and half that of each rod and tendon that ends there."""
@@ -153,6 +178,8 @@ class Statics:
         self._incidence = np.zeros((count, len(tendons)))
         self._incidence[self._a, tendons] = 1.0
         self._incidence[self._b, tendons] = -1.0
+        self._cables = mechanics.stiff_cables
+        self._elastic = np.where(np.isin(tendons, self._cables), 0.0, 1.0)
         self._stand_on(hung_up(mechanics.node_mass_kg(structure)))
         self.nodes = structure.free_nodes
         self.joined = JoinedRods(structure)
@@ -214,6 +241,11 @@ class Statics:
 
     def residual_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows), the residuals r and s: the part of the forces that rods and anchors cannot balance."""
+        rows = self._rows_n(node_position_m)
+        return self._without_cables(rows[..., None], node_position_m)[..., 0]
+
+    def _rows_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., rows) the residuals without the tensions of stiff cables."""
         force = self.node_force_n(node_position_m)
         along, _, along_floating, _ = self._rods(node_position_m)
         across = force[..., self.nodes, :]
@@ -229,16 +261,72 @@ class Statics:
             rows[..., self._rows, :] = self.joined.allowed(node_position_m) @ rows[..., self._rows, :]
         return rows
 
+    def _without_cables(self, rows: NDArray[np.float64], node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., rows, n) what is left of rows, whatever the unknown tensions of stiff cables are."""
+        if not len(self._cables):
+            return rows
+        pull = self._cable_pull(node_position_m)
+        return np.asarray(rows - pull @ (_inverse(pull) @ rows))
+
+    def _cable_pull(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., rows, stiff cables) B, the rows by a tension of 1 N; zero for cables that do not pull."""
+        return self._by_tension(node_position_m)[..., self._cables] * self._pulls(node_position_m)[..., None, :]
+
+    def cable_tension_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., stiff cables) the tensions T with which forces balance best; zero for cables that are slack."""
+        return self._balancing_n(self._cable_pull(node_position_m), self._rows_n(node_position_m)[..., None])
+
+    def _balancing_n(self, pull: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., stiff cables) the tensions with which most groups of rows balance: some may have a load.
+
+        They minimise sum log(1 + |r_g + B_g T|^2 / sigma^2) over the groups g, as Cauchy's kernel has it.
+
+        Args:
+            pull: (..., rows, stiff cables) B.
+            rows: (..., rows, 1) r.
+        """
+        tension = -_inverse(pull) @ rows
+        for _ in range(LOADED_STEPS):
+            left = (rows + pull @ tension)[..., 0]
+            squared = np.add.reduceat(left**2, self.group_start, axis=-1)[..., self.group]
+            root = 1 / np.sqrt(1 + squared / QUIET_N**2)[..., None]
+            tension = -_inverse(root * pull) @ (root * rows)
+        return np.asarray(tension[..., 0])
+
+    def _pulls(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., stiff cables) 1 where a cable may be taut and would pull, and 0 where it is slack."""
+        pulls = self._may_be_taut(node_position_m)
+        rows = self._rows_n(node_position_m)[..., None]
+        by_tension = self._by_tension(node_position_m)[..., self._cables]
+        for _ in self._cables:  # those that would push are slack, and others pull then
+            tension_n = self._balancing_n(by_tension * pulls[..., None, :], rows)
+            pushes = (pulls > 0) & (tension_n <= 0)
+            if not pushes.any():
+                break
+            pulls = np.where(pushes, 0.0, pulls)
+        return pulls
+
+    def _may_be_taut(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., stiff cables) 1 where a cable may be taut, and 0 where it is too short for that."""
+        length_m = member_length_m(node_position_m, self.structure.tendons[self._cables])
+        short_m = self.mechanics.natural_length_m[..., self._cables] - length_m
+        return np.where(short_m < SURELY_SLACK * self.mechanics.cable_sigma_m, 1.0, 0.0)
+
     @cached_property
     def rank_of_row(self) -> NDArray[np.float64]:
-        """(rows,) the number of independent rows in the group of each row."""
-        rank = np.concatenate([self.rows_per_node, np.ones(len(self.floating_rods))])
-        return np.asarray(rank[self.group])
+        """(rows,) the number of independent rows in the group of each row; less where cables pull, in general shape."""
+        rank = np.concatenate([self.rows_per_node, np.ones(len(self.floating_rods))])[self.group]
+        if len(self._cables):
+            x = np.random.default_rng(0).normal(size=(self.structure.node_count, 3))
+            pull = self._by_tension(x)[:, self._cables]
+            taken = np.sum(pull * _inverse(pull).T, axis=1)
+            rank -= np.add.reduceat(taken, self.group_start)[self.group]
+        return np.asarray(np.maximum(rank, LEAST_RANK))
 
     @property
     def rank(self) -> int:
-        """The number of independent rows."""
-        return round(float(self.rows_per_node.sum())) + len(self.floating_rods)
+        """The number of independent rows; stiff cables are taken as taut."""
+        return round(float(self.rows_per_node.sum())) + len(self.floating_rods) - len(self._cables)
 
     @property
     def rows_per_node(self) -> NDArray[np.float64]:
@@ -271,10 +359,46 @@ class Statics:
             dr_n/dx = P df_n/dx - ((w . f_n) P + w r_n^T) / ell at n, + the same at the rod's other end
             ds/dx   = w^T (df_i/dx + df_j/dx) -+ (f_i + f_j)^T P / ell at i and j
         """
-        x = node_position_m
+        r, jacobian = self._by_rods(node_position_m, self._outer_n, self._tensions(node_position_m))
+        if len(self._cables):
+            return self._by_cables(node_position_m, r, jacobian)
+        return r, jacobian
+
+    def _by_cables(
+        self, x: NDArray[np.float64], r: NDArray[np.float64], jacobian: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return r' and its derivative, from (..., rows) r and its derivative.
+
+        With A = I - B B^+,
+
+            dr' = A (dr - dB q) - B^+^T dB^T r'
+        """
+        pull = self._cable_pull(x)
+        inverse = _inverse(pull)
+        q = (inverse @ r[..., None])[..., 0]
+        left = r - (pull @ q[..., None])[..., 0]
+        lead, count = x.shape[:-2], len(self._cables)
+        each = np.broadcast_to(x[..., None, :, :], (*lead, count, *x.shape[-2:]))
+        unit, length, stiffness, _ = self._tensions(each)
+        tension = self._pulls(x)[..., None] * np.eye(len(self._elastic))[self._cables]
+        _, by_pull = self._by_rods(each, np.zeros(x.shape[-2:]), (unit, length, 0 * stiffness, tension))
+        jacobian = jacobian - np.einsum("...c,...crn->...rn", q, by_pull)
+        turned = np.swapaxes(inverse, -1, -2) @ np.einsum("...r,...crn->...cn", left, by_pull)
+        return left, jacobian - pull @ (inverse @ jacobian) - turned
+
+    def _by_rods(
+        self, x: NDArray[np.float64], outer_n: NDArray[np.float64], tensions: tuple[NDArray[np.float64], ...]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the residuals and their derivatives for given tensions, before unknown ones are taken out.
+
+        Args:
+            x: (..., nodes, 3) positions.
+            outer_n: (..., nodes, 3) all forces but those of tendons.
+            tensions: what `_tensions` returns.
+        """
         lead, nodes, rods = x.shape[:-2], self.nodes, self.floating_rods
-        unit, length, stiffness, tension = self._tensions(x)
-        force = self._outer_n - self._incidence @ (tension[..., None] * unit)
+        unit, length, stiffness, tension = tensions
+        force = outer_n - self._incidence @ (tension[..., None] * unit)
         w, ell, w_floating, ell_floating = self._rods(x)
         f = force[..., nodes, :]
         wf = np.sum(w * f, axis=-1, keepdims=True)
@@ -354,26 +478,32 @@ class Statics:
         rods = np.arange(len(self.floating_rods))
         for end in (0, 1):
             jacobian[3 * len(self.nodes) + rods, self.floating_rods[:, end]] = along
-        return self._allowed(jacobian.reshape(len(jacobian), -1), node_position_m)
+        rows = self._allowed(jacobian.reshape(len(jacobian), -1), node_position_m)
+        return self._without_cables(rows, node_position_m)
 
     def mechanics_jacobian(self, node_position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return the derivatives (..., rows, tendons) of the residuals by log k and by L0."""
-        unit, _, stiffness, tension = self._tensions(node_position_m)
+        _, _, stiffness, tension = self._tensions(node_position_m)
+        by_tension = self._without_cables(self._by_tension(node_position_m), node_position_m)
+        return by_tension * tension[..., None, :], -by_tension * stiffness[..., None, :]
+
+    def _by_tension(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., rows, tendons) the rows by a tension of 1 N, before unknown ones are taken out."""
+        unit = self._tensions(node_position_m)[0]
         pull = -self._incidence[:, :, None] * unit[..., None, :, :]  # (..., nodes, tendons, 3) per unit of tension
         w, _, w_floating, _ = self._rods(node_position_m)
         across = pull[..., self.nodes, :, :]
         across = across - np.einsum("...nk,...nek,...nj->...nej", w, across, w)
         across = np.swapaxes(across, -1, -2).reshape(*across.shape[:-3], -1, across.shape[-2])
         axial = np.einsum("...rk,...rek->...re", w_floating, pull[..., self.floating_rods, :, :].sum(axis=-3))
-        by_tension = self._allowed(np.concatenate([across, axial], axis=-2), node_position_m)
-        return by_tension * tension[..., None, :], -by_tension * stiffness[..., None, :]
+        return self._allowed(np.concatenate([across, axial], axis=-2), node_position_m)
 
     def _tensions(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return unit vectors u, lengths l, stiffnesses kappa and tensions T of all tendons."""
+        """Return unit vectors u, lengths l, stiffnesses kappa and tensions T of all tendons; 0 of stiff cables."""
         difference = x[..., self._a, :] - x[..., self._b, :]
         length = np.sqrt(np.einsum("...k,...k->...", difference, difference))
         extension = length - self.mechanics.natural_length_m
-        k = self.mechanics.stiffness_n_per_m
+        k = self._elastic * self.mechanics.stiffness_n_per_m
         stiffness = np.where(extension > 0, k, self.mechanics.push_back * k)
         return difference / length[..., None], length, stiffness, stiffness * extension
 
@@ -388,6 +518,11 @@ class Statics:
         floating = x[..., self.floating_rods[:, 1], :] - x[..., self.floating_rods[:, 0], :]
         ell_floating = np.sqrt(np.sum(floating**2, axis=-1, keepdims=True))
         return difference / ell, ell, floating / ell_floating, ell_floating
+
+
+def _inverse(pull: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., stiff cables, rows) B^+; without the tensions that rows hardly show."""
+    return np.asarray(np.linalg.pinv(pull, rcond=JOINED_RCOND), dtype=np.float64)
 
 
 def _outer(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,5 +1,7 @@
 """A trial with motors as a user makes and reads it, on a prism whose upper triangle is wound."""
 
+from shutil import copytree
+
 import pytest
 
 from command_line import run
@@ -84,3 +86,15 @@ def test_a_replay_with_motors_is_recorded_again(trial, tmp_path) -> None:
         assert len(again) == len(first)
     again = open_trial(tmp_path / "again").description.motors
     assert [motor.tendons for motor in again] == [motor.tendons for motor in trial.description.motors]
+
+
+def test_a_motor_on_a_stiff_cable_is_refused_in_one_line(trial, tmp_path) -> None:
+    cable = tmp_path / "cable"
+    copytree(trial.path, cable)
+    told = (cable / "trial.toml").read_text()
+    stiff = ("tendon_stiffness_n_per_m = 400", "push_back = 0.0\ntendon_stiffness_n_per_m = 20400")
+    (cable / "trial.toml").write_text(replaced(told, stiff))
+    refused = run("reconstruct", cable, "--live", "--figures", "none", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "motor[0].tendons: expected no stiff cable, got tendon 3" in refused.stderr
+    assert len(refused.stderr.splitlines()) == 1

@@ -93,7 +93,9 @@ def test_the_command_names_it_and_what_it_says(own_parts, trial_copy, tmp_path) 
     assert made["rows"]["factor[0] tape: frames in which it contradicts all else"] == doubts.count("factor") > 50
     assert doubts[-1] == "none"
     assert "factor[0] tape: frames without a reading" in done.stdout
-    assert "a factor of your own contradicts lengths" in " ".join(done.stdout.replace("│", " ").split())
+    assert "a factor of your own, or a stiff cable, contradicts lengths" in " ".join(
+        done.stdout.replace("│", " ").split()
+    )
     again = run("reconstruct", "press", "--figures", "none", cwd=tmp_path)
     assert "up to date" in again.stdout
 

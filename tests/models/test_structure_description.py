@@ -17,6 +17,18 @@ def test_a_body_is_all_distances_between_its_nodes() -> None:
     np.testing.assert_allclose(told.structure.rod_length_m, expected)
 
 
+@pytest.mark.parametrize(
+    ("stiffness_n_per_m", "push_back", "cables"),
+    [(400.0, 0.0, []), (2e4, 0.02, []), (2e4, 0.0, list(range(8))), ([400.0] * 7 + [5e3], 0.0, [7])],
+)
+def test_stiff_tendons_that_do_not_push_are_stiff_cables(stiffness_n_per_m, push_back, cables: list[int]) -> None:
+    """The sigma of their length: 0.3 mm as cut, and 10 N over the stiffness."""
+    told = plate(tendon_stiffness_n_per_m=stiffness_n_per_m, push_back=push_back).mechanics
+    assert told.stiff_cables.tolist() == cables
+    by_pull_m = 10.0 / np.broadcast_to(stiffness_n_per_m, 8)[cables]
+    np.testing.assert_allclose(told.cable_sigma_m, np.hypot(0.0003, by_pull_m))
+
+
 def changed(table: str, **changes) -> dict:
     tables = plate_tables()
     tables[table] = [tables["body"][0] | changes] if table == "body" else tables[table] | changes
