@@ -1,5 +1,6 @@
 """The files of a calibration: the model, its card and its figures, and the checkpoint of a training that is running."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -49,6 +50,10 @@ class CalibrationPaths:
         for path in (self.model, self.card, self.checkpoint):
             if path.is_dir():
                 raise InputError(f"{path}: is a directory: expected a new name, or an earlier file")
+        if self.card.exists() and not self.model.exists():
+            raise InputError(
+                f"{self.card}: exists without {self.model.name}, and would be replaced: expected a new name"
+            )
         if self.figures.exists() and not (self.figures.is_dir() and all(_is_figure(p) for p in self.figures.iterdir())):
             raise InputError(f"{self.figures}: exists and holds more than an earlier run's figures")
 
@@ -60,8 +65,10 @@ class CalibrationPaths:
             inside.figures.mkdir()
             yield inside
         self.checkpoint.unlink(missing_ok=True)
-        for short in self.model.parent.glob(f"{self.model.stem}.*.checkpoint"):
-            short.unlink()
+        of_rates = re.compile(rf"{re.escape(self.model.stem)}\.[-+.e\d]+\.checkpoint")
+        for path in self.model.parent.iterdir():
+            if of_rates.fullmatch(path.name):
+                path.unlink()
 
 
 def _is_figure(path: Path) -> bool:

@@ -164,6 +164,24 @@ def test_a_link_stays_a_link(tmp_path) -> None:
     assert (path / "notes.txt").read_text() == "mine"
 
 
+def test_a_mount_point_is_left_as_it_is(tmp_path, monkeypatch) -> None:
+    """A system does not move it; the result is refused, and what was there stays."""
+    path = result(tmp_path / "out")
+    rename = Path.rename
+
+    def move(self: Path, target: Path) -> Path:
+        if self == path:
+            raise OSError(16, "Device or resource busy")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", move)
+    with pytest.raises(InputError, match="out: cannot be written: Device or resource busy"):
+        write(path)
+    assert (path / "shape.csv").read_text() == "old"
+    assert (path / "mine" / "thesis.tex").read_text() == "mine"
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
 def test_nobody_else_may_look_into_what_is_being_written(tmp_path) -> None:
     with written_whole(tmp_path / "out") as (inside,):
         assert stat.S_IMODE(inside.parent.stat().st_mode) == 0o700

@@ -29,3 +29,24 @@ class TestOutput:
         ]:
             with pytest.raises(InputError, match=message):
                 CalibrationPaths(tmp_path / name).check()
+
+    def test_notes_beside_a_new_model_are_not_taken_for_its_card(self, tmp_path) -> None:
+        (tmp_path / "README.md").write_text("mine")
+        with pytest.raises(InputError, match=r"README\.md: exists without README\.safetensors"):
+            CalibrationPaths(tmp_path / "README.safetensors").check()
+
+    def test_only_checkpoints_of_its_own_are_removed(self, tmp_path) -> None:
+        """Of the trainings at 0.003 and 1e-05; another program has the others."""
+        paths = CalibrationPaths(tmp_path / "m[1].safetensors")
+        others = ["m[1].best.checkpoint", "m1.0.003.checkpoint", "n.0.003.checkpoint"]
+        for path in (
+            paths.checkpoint,
+            paths.of_rate(0.003),
+            paths.of_rate(1e-5),
+            *(tmp_path / name for name in others),
+        ):
+            path.write_text("state")
+        with paths.written_whole() as inside:
+            inside.card.write_text("card")
+            inside.model.write_text("model")
+        assert sorted(p.name for p in tmp_path.glob("*.checkpoint")) == sorted(others)
