@@ -11,7 +11,7 @@ from pathlib import Path
 
 from toml_slips import FACTORS, TOML
 
-NUMBER = re.compile(r"(?<![\w.])-?\d+\.?\d*(?:e[-+]?\d+)?(?![\w.])")
+NUMBER = re.compile(r"(?<![\w.])-?\d+\.?\d*(?:e[-+]?\d+)?(?![\w.])", re.ASCII)
 ODD_NUMBERS = (
     *("1e400", "5e-324", "1.7976931348623157e308", "1e-12", "1e12", "-0.0", "+1", ".5", "5.", "1e5", "infinity"),
     *("-nan", "NaN", "١٢", "０.３", "²", "1__0", "0x1F", "1e+", "9" * 5000, "true", "False", "2026-01-01", "12:30:00"),
