@@ -13,6 +13,7 @@ from ..io.plan_file import read_plan
 from ..io.provenance import FINGERPRINT, fingerprint, is_up_to_date, simulation_provenance, versions
 from ..io.trial_directory import Trial, open_trial
 from ..io.whole import check_vacant, written_whole
+from ..models.trial_description import describe_trial
 from ..models.twin.plan import Plan
 from ..models.twin.virtual_trial import simulate as simulate_plan
 from ..models.values.extras import needs_extra
@@ -58,6 +59,7 @@ def _simulated(
 ) -> Trial:
     """Simulate a plan, write its trial, with simulation.toml unless that is empty, and return it opened."""
     trial = simulate_plan(plan, simulation_provenance(path, plan.seed), progress)
+    describe_trial(trial.metadata, str(path))  # what nobody could read is not written
     with written_whole(out) as (inside,):
         with Recorder(inside, trial.metadata) as recorder:
             for reading in trial.readings:

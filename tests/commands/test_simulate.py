@@ -135,3 +135,14 @@ def test_a_plan_that_is_not_there_and_a_trial_that_is(tmp_path) -> None:
     with pytest.raises(InputError, match=r"out: exists: expected a new name"):
         simulate(PLANS["press"], tmp_path / "out")
     assert not any((tmp_path / "out").iterdir())
+
+
+def test_a_trial_that_nobody_could_read_is_not_written(tmp_path) -> None:
+    """A spread of a hundred thousand times the resistance: some strips would have less than none."""
+    text = PLANS["prism"].read_text()
+    text = text[: text.index("[[load.random]]")].replace("duration_s = 30.0", "duration_s = 5.0")
+    (tmp_path / "prism.toml").write_text(text.replace("resistance_spread = 0.10", "resistance_spread = 1e5"))
+    refused = run("simulate", "prism.toml", "--out", "out", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "prism.toml: sensors.natural_resistance_ohm[" in refused.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["prism.toml"]
