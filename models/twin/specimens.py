@@ -27,7 +27,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from ..sensor.bending import BendingCurve
 from ..values.tables import NotNegative, Positive
@@ -189,6 +188,8 @@ def drift(
     physics: SensorPhysics, steps: int, count: int, step_s: float, rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Return (steps, count) of an Ornstein-Uhlenbeck process in its steady state."""
+    from scipy.signal import lfilter  # a second, which what imports a plan does without
+
     keep = np.exp(-step_s / physics.drift_time_s)
     kicks = rng.normal(size=(steps, count)) * physics.drift_sigma
     kicks[1:] *= np.sqrt(1 - keep**2)
