@@ -105,9 +105,12 @@ class CsvFile:
     def _number(self, cell: str, row: int, column: str, may_be_blank: bool, limit: float) -> float:
         if column in self.words:
             try:
-                return self.words[column](cell)
+                value = self.words[column](cell)
             except ValueError as error:
                 raise InputError(f"{self.path}: row {row}, column {column}: {error}, got '{_shown(cell)}'") from error
+            if abs(value) <= limit or not math.isfinite(value):
+                return value
+            raise InputError(f"{self.path}: row {row}, column {column}: {beyond(value, limit)}")
         try:
             value = float(cell) if cell.strip() or not may_be_blank else math.nan
         except ValueError:

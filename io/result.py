@@ -26,6 +26,8 @@ from .whole import check_replaceable, written_whole
 
 RUN_FILE = "run.toml"
 LOADS_FILE = "estimated_loads.csv"
+RUN_TABLES = ("structure", "settings", "inputs", "versions")
+"""The tables of run.toml that are read again."""
 DRIFT_FILE = "sensor_drift.csv"
 CONTACTS_FILE = "contacts.csv"
 TRACK_FILE = "track.csv"
@@ -97,11 +99,16 @@ def read_run(directory: Path) -> dict[str, Any]:
     """Return run.toml of a result directory.
 
     Raises:
-        InputError: when there is none.
+        InputError: when there is none, or something else stands in the place of one of its tables.
     """
-    if not (directory / RUN_FILE).is_file():
+    path = directory / RUN_FILE
+    if not path.is_file():
         raise InputError(f"{directory}: is no result: expected a directory with {RUN_FILE}")
-    return read_toml(directory / RUN_FILE)
+    run = read_toml(path)
+    for name in RUN_TABLES:
+        if not isinstance(run.get(name, {}), dict):
+            raise InputError(f"{path}: {name}: expected a table, got {run[name]!r:.60}")
+    return run
 
 
 def read_estimate(directory: Path, structure: Structure) -> Estimate:

@@ -37,3 +37,12 @@ def test_an_error_shows_the_beginning_of_a_long_cell(tmp_path) -> None:
     (tmp_path / "a.csv").write_text(f"t_s\n{'9' * 5000}\n")
     with pytest.raises(InputError, match=r"row 2, column t_s: expected a finite number, got '9{60}\.\.\.'$"):
         list(CsvFile(tmp_path / "a.csv", ["t_s"]))
+
+
+def test_a_number_that_may_be_infinite_has_a_range_too(tmp_path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("fx_n\n-inf\n-4e305\n")
+    rows = iter(CsvFile(path, ["fx_n"], words={"fx_n": float}))
+    assert next(rows) == [-np.inf]
+    with pytest.raises(InputError, match=r"row 3, column fx_n: expected a magnitude of at most 1e\+07, got -4e\+305"):
+        next(rows)

@@ -106,6 +106,7 @@ class TestLoad:
         ("file", "old", "new", "message"),
         [
             ("run.toml", "[structure]", "[structur]", "run.toml: structure: is missing"),
+            ("run.toml", "[structure]", "[[structure]]", "run.toml: structure: expected a table, got [{"),
             ("run.toml", "rods = [[0, 3]", "rods = [[0, 0]", "run.toml: rod 0 (0-0): expected two different nodes"),
             ("run.toml", "rods = [[0, 3]", "rods = [[0]", "run.toml: structure: rods[0]"),
             ("status.csv", ",ok,", ",fine,", "column status: expected one of ok, partial, two_shapes"),
