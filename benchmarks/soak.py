@@ -79,13 +79,17 @@ def recorded(trial: Path) -> list[NDArray[np.int64]]:
     for row in open_trial(trial).readings():
         if isinstance(row, BoardReading):
             seqs[row.board].append(row.seq)
-    return [np.cumsum(np.diff(seq, prepend=seq[:1]) % 2**16) + seq[0] for seq in map(np.array, seqs.values())]
+    return [unwrapped(np.array(seq)) for seq in seqs.values()]
+
+
+def sent_meanwhile(sent: NDArray[np.int64], received: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return those of the sent rows that are between the first and the last that was recorded."""
+    return sent[(sent >= received[0]) & (sent <= received[-1])]
 
 
 def lost_rows(sent: NDArray[np.int64], received: NDArray[np.int64]) -> int:
     """Return how many rows were sent between the first and the last that was recorded, and are not there."""
-    meant = sent[(sent >= received[0]) & (sent <= received[-1])]
-    return len(np.setdiff1d(meant, received))
+    return len(np.setdiff1d(sent_meanwhile(sent, received), received))
 
 
 def unwrapped(seq: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -165,8 +169,7 @@ def soak(folder: Path, firmware: Path, minutes: float) -> Iterator[str]:
     received = [*recorded(folder / "recorded"), *recorded(folder / "plain")]
     names = [f"{command}, board {b}" for command in ("live --record", "record") for b in (0, 1)]
     for name, board_sent, rows in zip(names, sent, received, strict=True):
-        count = np.count_nonzero((board_sent >= rows[0]) & (board_sent <= rows[-1]))
-        yield f"| {name} | {count} | {len(rows)} | {lost_rows(board_sent, rows)} |"
+        yield f"| {name} | {len(sent_meanwhile(board_sent, rows))} | {len(rows)} | {lost_rows(board_sent, rows)} |"
     yield ""
     yield "| | MB after a minute | at the end | open files after a minute | at the end |"
     yield "|---|---|---|---|---|"

@@ -14,11 +14,9 @@ from ..io.figures.track_figure import write_followed_figure
 from ..io.provenance import FINGERPRINT, file_hashes, fingerprint, is_up_to_date, sha256_of, versions
 from ..io.reports.evaluation_tables import ScoredResult, as_text
 from ..io.reports.terminal import Terminal
-from ..io.result import RUN_FILE, read_estimate, read_run, result_directory
+from ..io.result import RUN_FILE, read_estimate, read_run, result_directory, settings_of
 from ..io.trial_directory import Trial, open_trial
-from ..models.settings import Settings
 from ..models.values.errors import InputError
-from ..models.values.tables import parse_table
 from ..scoring import evaluation_of
 from .many import Many, Workers
 from .paths import result_paths
@@ -161,7 +159,7 @@ def score_result(
     Raises:
         InputError: when the result or the truth cannot be read, or do not match the trial.
     """
-    settings = parse_table(Settings, run.get("settings", {}), str(path / RUN_FILE))
+    settings = settings_of(run, path)
     estimate = read_estimate(path, trial.description.structure)
     try:
         evaluation = evaluation_of(trial, estimate, settings, truth, align=align, offset_s=offset_s)

@@ -5,11 +5,9 @@ from typing import Any
 
 from ..io.exports.formats import all_suffixes, check_file, export, format_of, paths_of
 from ..io.reports.terminal import Terminal
-from ..io.result import RUN_FILE, read_run
+from ..io.result import read_run, settings_of
 from ..io.stored_result import load
-from ..models.settings import Settings
 from ..models.values.errors import InputError
-from ..models.values.tables import parse_table
 
 
 def export_result(path: Path, *, to: str | None, out: Path | None, at_s: float | None, terminal: Terminal) -> None:
@@ -31,7 +29,7 @@ def export_result(path: Path, *, to: str | None, out: Path | None, at_s: float |
         check_file(place)
     with terminal.stage(f"reading {path}"):
         result = load(path)
-    settings = parse_table(Settings, run.get("settings", {}), str(path / RUN_FILE))
+    settings = settings_of(run, path)
     with terminal.stage(f"writing {out}"):
         written = export(result, out, at_s=at_s, probability=settings.probability, about=_origin(run))
     for place in written:

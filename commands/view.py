@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..estimator.rest_step import rest_step
 from ..io.reports.terminal import Terminal
-from ..io.result import RUN_FILE, read_run
+from ..io.result import read_run, settings_of
 from ..io.stored_result import load
 from ..io.viewer.first_screen import first_screen, liveliest_tendon
 from ..io.viewer.run_log import RunLog, new_recording
@@ -20,7 +20,6 @@ from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.values.errors import InputError
 from ..models.values.stamped_positions import StampedPositions
-from ..models.values.tables import parse_table
 from ..scoring import truth_of_trial
 from .evaluate import trial_of
 from .paths import distinct_names
@@ -73,7 +72,7 @@ def read_viewed(path: Path, name: str, terminal: Terminal) -> ViewedResult:
         InputError: when it is no result, or a table cannot be read.
     """
     run = read_run(path)
-    settings = parse_table(Settings, run.get("settings", {}), str(path / RUN_FILE))
+    settings = settings_of(run, path)
     with terminal.stage(f"reading {path}"):
         result = load(path)
     rest_m = truth = None

@@ -31,7 +31,6 @@ def tendon_factors(
 
 SLACK = 3.0
 """Number of standard deviations by which a cable that is slack is shorter than its natural length."""
-
 LEAST_PULL_N = 0.3
 """Tension below which nothing says that a cable is taut: three standard deviations of the balance of forces."""
 

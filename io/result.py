@@ -13,11 +13,13 @@ import tomlkit
 from numpy.typing import NDArray
 
 from ..models.evaluation.estimate import Estimate
+from ..models.settings import Settings
 from ..models.structure.external_loads import ExternalLoads, observable_loads
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.structure import Structure
 from ..models.values.errors import InputError
 from ..models.values.readings import Flag, Mode
+from ..models.values.tables import parse_table
 from ..models.values.time_series import parts
 from .csv import CsvFile
 from .positions import contact_columns, position_columns, read_contacts, read_positions
@@ -109,6 +111,15 @@ def read_run(directory: Path) -> dict[str, Any]:
         if not isinstance(run.get(name, {}), dict):
             raise InputError(f"{path}: {name}: expected a table, got {run[name]!r:.60}")
     return run
+
+
+def settings_of(run: Mapping[str, Any], directory: Path) -> Settings:
+    """Return the settings in the run.toml of a result directory, see `read_run`.
+
+    Raises:
+        InputError: for a value that is not allowed.
+    """
+    return parse_table(Settings, run.get("settings", {}), str(directory / RUN_FILE))
 
 
 def read_estimate(directory: Path, structure: Structure) -> Estimate:

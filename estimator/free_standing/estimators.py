@@ -141,8 +141,8 @@ class FreeStandingSmoother:
         self._stand_on(step.state, step.covariance, step.standing)
         if self.kept is not None:
             probability = self._faces.probability if self._faces and looked else None
-            by_faces, left_out = stands is not None, shape.contradicted_positions
-            self.kept.append(_Kept(step.standing, by_faces, probability, self._may_tip, left_out))
+            left_out = shape.contradicted_positions
+            self.kept.append(_Kept(step.standing, stands is not None, probability, self._may_tip, left_out))
         return shape, step
 
     def _without_contradictions(self, shape: Shape) -> Shape:

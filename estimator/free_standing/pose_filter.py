@@ -292,12 +292,13 @@ class PoseFilter:
             return tuple(aids)
         placed = PlacedShape(self.state, body_m - self.centre_m, body_covariance_m2)
         expected_m, covariance = placed.node_position_m, placed.total_covariance_m2(self.covariance)
-        of_shape = placed.covariance_m2.swapaxes(1, 2).reshape(covariance.shape)
         step_s = t_s - self._last_s if np.isfinite(self._last_s) else FIRST_STEP_S
         used: set[int] = set()
         for _, instant in groupby(positions, key=lambda reading: (reading.t_s, reading.recording)):
             at_once = list(instant)
-            passes = believed(at_once, expected_m, covariance, of_shape, step_s, self._settings.position_m)
+            passes = believed(
+                at_once, expected_m, covariance, placed.shape_covariance_m2, step_s, self._settings.position_m
+            )
             used |= {id(reading) for reading, passed in zip(at_once, passes, strict=True) if passed}
         return tuple(reading for reading in aids if not isinstance(reading, PositionReading) or id(reading) in used)
 

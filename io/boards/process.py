@@ -28,8 +28,6 @@ TERMINAL_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGHUP") 
 """What a terminal sends to both processes, at Ctrl-C and when it is closed; only the command's own handles it."""
 SWITCH_S = 0.0002
 """Switch interval of Python's threads. With the default, 5 ms, the start of a recording delayed a reader by 100 ms."""
-
-
 OLDEST_S = 10.0
 """Age above which a reading is skipped if newer ones wait. On a machine without time for it, where ten rows take a
 second, the estimator was three minutes late without this limit; after a stall of seconds it catches up by itself."""

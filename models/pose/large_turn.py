@@ -40,5 +40,4 @@ def turned_covariance_m2(
     first = jacobian.reshape(-1, 6)
     inward = np.stack([arm_m @ (cross_matrix(axis) @ cross_matrix(axis)).T for axis in axes.T], axis=-1)
     second = inward.reshape(-1, 3) * np.sqrt(np.maximum(by_cosine, 0.0))
-    of_shape = placed.covariance_m2.swapaxes(1, 2).reshape(len(first), -1)
-    return np.asarray(first @ pose @ first.T + second @ second.T + of_shape)
+    return np.asarray(first @ pose @ first.T + second @ second.T + placed.shape_covariance_m2)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cache
 from math import isqrt
 from typing import TypeVar
 
@@ -231,7 +232,7 @@ class Covariances:
         frames, nodes = node_covariance_m2.shape[:2]
         size = 3 * nodes
         unknown = cls(np.full((frames, size * (size + 1) // 2), np.nan))
-        unknown.upper_m2[:, node_blocks(unknown._place)] = node_covariance_m2
+        unknown.upper_m2[:, node_blocks(_upper_places(size))] = node_covariance_m2
         return unknown
 
     def part(self, frames: slice) -> "Covariances":
@@ -240,20 +241,26 @@ class Covariances:
 
     def whole_m2(self, frames: int | slice) -> NDArray[np.float64]:
         """Return the (size, size) covariance of a frame, or (frames, size, size) those of some frames."""
-        return np.asarray(self.upper_m2[frames][..., self._place])
+        return np.asarray(self.upper_m2[frames][..., _upper_places(self._size)])
 
     @property
     def node_blocks_m2(self) -> NDArray[np.float64]:
         """(frames, nodes, 3, 3) covariance of each node."""
-        return np.asarray(self.upper_m2[:, node_blocks(self._place)])
+        return np.asarray(self.upper_m2[:, node_blocks(_upper_places(self._size))])
 
     @property
-    def _place(self) -> NDArray[np.int64]:
-        """(size, size) where each element stands in the rows of the upper triangle."""
-        size = (isqrt(8 * self.upper_m2.shape[-1] + 1) - 1) // 2
-        place = np.zeros((size, size), dtype=np.int64)
-        place[np.triu_indices(size)] = np.arange(self.upper_m2.shape[-1])
-        return np.maximum(place, place.T)
+    def _size(self) -> int:
+        return (isqrt(8 * self.upper_m2.shape[-1] + 1) - 1) // 2
+
+
+@cache
+def _upper_places(size: int) -> NDArray[np.int64]:
+    """Return (size, size) where each element of a symmetric matrix stands in the rows of its upper triangle."""
+    places = np.zeros((size, size), dtype=np.int64)
+    places[np.triu_indices(size)] = np.arange(size * (size + 1) // 2)
+    places = np.maximum(places, places.T)
+    places.flags.writeable = False
+    return places
 
 
 def node_sigma_m(node_covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:

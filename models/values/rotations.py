@@ -5,8 +5,6 @@ from numpy.typing import NDArray
 
 SMALL_RAD = 1e-8
 """Angle below which a rotation vector is the antisymmetric part of its matrix."""
-
-
 CROSS_MATRICES = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0.0]])
 """(3, 9) the cross matrices of the three axes, row by row."""
 
@@ -34,10 +32,10 @@ def across(u: NDArray[np.float64]) -> NDArray[np.float64]:
 def rotation(w: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (..., 3, 3) rotations about (..., 3) rotation vectors, by Rodrigues' formula."""
     angle = np.sqrt(np.sum(w * w, axis=-1))[..., None, None]
-    across = cross_matrix(w)
+    V = cross_matrix(w)
     by_sine = np.sinc(angle / np.pi)
     by_cosine = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
-    return np.asarray(np.eye(3) + by_sine * across + by_cosine * (across @ across))
+    return np.asarray(np.eye(3) + by_sine * V + by_cosine * (V @ V))
 
 
 def rotation_vector(matrix: NDArray[np.float64]) -> NDArray[np.float64]:

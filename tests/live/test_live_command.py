@@ -278,7 +278,7 @@ def with_sensors(rig, pty_boards):
 def test_record_writes_the_samples_of_inertial_sensors(tmp_path, with_sensors, typed) -> None:
     """Every sample once, laid onto the host's clock between the rows of its board; one frame is damaged on its way."""
     rig, boards = with_sensors
-    boards[0].interfere = frame(boards[0].sample(0, 77))[:-3] + b"\0"
+    boards[0].interference.append(frame(boards[0].sample(0, 77))[:-3] + b"\0")
     code, said, error = typed("record", "--rig", rig, "--out", "first", "--seconds", 1, cwd=tmp_path)
     assert code == 0, error
     assert re.search(r"│ samples +│ [1-9]\d+ +│ [1-9]\d+", said)

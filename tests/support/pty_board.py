@@ -4,6 +4,7 @@ import os
 import threading
 import time
 import tty
+from collections import deque
 from pathlib import Path
 
 from tensegraph.io.boards.protocol import Row, Sample, frame
@@ -20,8 +21,8 @@ class PtyBoard:
         """Time from row to row, which the board's own stamps do not follow."""
         self.sensors: tuple[int, ...] = ()
         """Numbers of the inertial sensors that are wired to it, which are read twice for each row."""
-        self.interfere: bytes = b""
-        """Put on the line once, between two frames."""
+        self.interference: deque[bytes] = deque()
+        """Each is put on the line once, between two frames."""
         self.sent: list[tuple[int, int]] = []
         """(boot, seq) of every row that a port took."""
         self._stop, self._thread = threading.Event(), threading.Thread()
@@ -62,10 +63,11 @@ class PtyBoard:
             data += frame(Row(self.board_id, self.boot, self.seq % 2**16, 20_000 * self.seq % 2**32, codes))
             if self.seq % 50 == 0:
                 data += frame(Hello(self.board_id, self.boot, 20_000 * self.seq % 2**32, 50, self.channels, "pty 1"))
+            if self.interference:
+                data = self.interference.popleft() + data
             try:
-                os.write(self._master, self.interfere + data)
+                os.write(self._master, data)
                 self.sent.append((self.boot, self.seq))
             except BlockingIOError:  # nobody reads
                 pass
-            self.interfere = b""
             self.seq += 1
