@@ -198,7 +198,8 @@ def write_errors_figure(runs: Mapping[str, Sequence[StripRun]], path: Path) -> N
         _draw_coverage(coverage, name, np.abs(error) / sigma)
         _draw_rates(rates, name, np.abs(rate), error)
         _draw_autocorrelation(correlation, name, some)
-    widest = 3 * max(float(np.std(np.concatenate([run.error for run in some]))) for some in runs.values())
+    errors = [np.concatenate([run.error for run in some]) for some in runs.values()]
+    widest = max(float(abs(error.mean()) + 3 * error.std()) for error in errors)
     histogram.set(xlim=(-widest, widest), xlabel="error of strain [1]", ylabel="probability density [1/strain]")
     histogram.set_title("errors, with the normal curve of the same mean and deviation", fontsize=10)
     coverage.plot([0, 1], [0, 1], color=GREY, lw=0.8, ls="--", label="honest sigma")
@@ -217,8 +218,7 @@ def write_errors_figure(runs: Mapping[str, Sequence[StripRun]], path: Path) -> N
 
 
 def _draw_histogram(axis: Axes, name: str, error: NDArray[np.float64]) -> None:
-    reach = 4 * float(np.std(error))
-    edges = np.linspace(-reach, reach, 81)
+    edges = error.mean() + np.linspace(-4, 4, 81) * error.std()
     axis.hist(error, edges.tolist(), density=True, histtype="step", color=COLORS[name], label=name)
     middle = 0.5 * (edges[1:] + edges[:-1])
     axis.plot(middle, norm.pdf(middle, error.mean(), error.std()), color=COLORS[name], lw=0.8, ls=":")
