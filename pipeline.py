@@ -32,12 +32,12 @@ from .models.sensor.reference_drift import ReferenceTendons
 from .models.sensor.sensor_model import SensorModel
 from .models.settings import Settings, checked_settings
 from .models.strain_front_end import StrainFrontEnd, StrainModelFactory
+from .models.structure.mechanics import Mechanics
 from .models.structure.natural_lengths import Winding, strip_length_m
 from .models.structure.possible import PossibleShapes
 from .models.structure.reconstruction import Reconstruction
 from .models.structure.rest_shape import RestShape
 from .models.structure.shape import Shape
-from .models.structure.statics import Mechanics
 from .models.structure.structure import Structure
 from .models.trial_description import TrialDescription
 from .models.values.aids import AidReading, ImuReading, PositionReading

@@ -13,11 +13,11 @@ from scipy.ndimage import gaussian_filter1d
 
 from ..factors.motion import motion_rows
 from ..factors.noise import WeightedLengths, weigh
+from ..models.balance.support import Support
 from ..models.settings import Settings
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.shape import OtherShape, Shape, Status
 from ..models.structure.structure import Structure
-from ..models.structure.support import Support
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import Flag, TendonLengths
 from ..models.values.time_series import interpolated, parts

@@ -15,14 +15,14 @@ from ..factors.noise import WeightedLengths
 from ..factors.rod import rod_factors
 from ..factors.shape_prior import shape_prior_factors
 from ..factors.tendon import tendon_factors
+from ..models.balance.statics import Statics
+from ..models.balance.support import Support
 from ..models.estimation import NoiseSettings
 from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.rigidity import SINGULAR, motions_left
 from ..models.structure.shape import Reason, Status
-from ..models.structure.statics import Statics
 from ..models.structure.structure import Structure
-from ..models.structure.support import Support
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import NaturalLengths, TendonLengths
 from .own_evidence import own_graph_factor, own_rows

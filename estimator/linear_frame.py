@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from ..factors.body_frame import BODY_FRAME_M
 from ..factors.equilibrium import squared_norms
 from ..factors.noise import WeightedLengths
+from ..models.balance.statics import Statics
 from ..models.structure.lengths import member_length_m
 from ..models.structure.rigidity import free_length_jacobian
-from ..models.structure.statics import Statics
 from ..models.values.readings import NodeFactor
 from .graph import GraphBuilder
 from .own_evidence import own_rows, own_weight

@@ -28,13 +28,14 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ..factors.tendon import TautCables
+from ..models.balance.statics import Statics
+from ..models.balance.support import Support, hung_up, standing, weightless
 from ..models.structure.floor import UP, Floor
 from ..models.structure.lengths import length_jacobian, member_length_m
+from ..models.structure.mechanics import Mechanics
 from ..models.structure.rest_shape import GeometrySigma, RestSettings, RestShape, WrongPart
 from ..models.structure.rigidity import find_rest_shape
-from ..models.structure.statics import Mechanics, Statics
 from ..models.structure.structure import Structure
-from ..models.structure.support import Support, hung_up, standing, weightless
 from ..models.values.errors import IndeterminateError
 from .own_evidence import own_rows
 

@@ -23,11 +23,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..models.balance.observable_loads import external_loads
+from ..models.balance.statics import Statics
 from ..models.estimation import DoubtSettings
-from ..models.structure.external_loads import ExternalLoads, external_loads
+from ..models.structure.external_loads import ExternalLoads
 from ..models.structure.lengths import propagated_variance
 from ..models.structure.shape import Reason
-from ..models.structure.statics import Statics
 from ..models.values.errors import IndeterminateError
 from .doubt import WIDEST_M, Doubt
 from .graph import GraphBuilder

@@ -11,7 +11,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.structure.statics import Statics
+from ..models.balance.statics import Statics
 from .keys import factor_on_nodes
 
 

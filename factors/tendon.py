@@ -8,8 +8,9 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from ..models.balance.statics import Statics
 from ..models.structure.lengths import length_jacobian, member_length_m
-from ..models.structure.statics import Mechanics, Statics
+from ..models.structure.mechanics import Mechanics
 from ..models.structure.structure import Structure
 from ..models.values.readings import FactorRows
 from .noise import WeightedLengths, tendon_noises

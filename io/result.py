@@ -12,9 +12,10 @@ import tomli_w
 import tomlkit
 from numpy.typing import NDArray
 
+from ..models.balance.observable_loads import observable_loads
 from ..models.evaluation.estimate import Estimate
 from ..models.settings import Settings
-from ..models.structure.external_loads import ExternalLoads, observable_loads
+from ..models.structure.external_loads import ExternalLoads
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.structure import Structure
 from ..models.values.errors import InputError

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .balance.support import GRAVITY_M_PER_S2
 from .structure.lengths import member_length_m
+from .structure.mechanics import Mechanics
 from .structure.rest_shape import GeometrySigma
-from .structure.statics import Mechanics
 from .structure.structure import Structure
-from .structure.support import GRAVITY_M_PER_S2
 from .values.errors import InputError
 from .values.tables import NotNegative, Positive, parse_table
 

@@ -15,9 +15,9 @@ from .sensor.clock import ClockSettings
 from .sensor.divider import Divider
 from .sensor.resistance import CountConverter
 from .structure.floor import Floor
+from .structure.mechanics import Mechanics
 from .structure.natural_lengths import Motors
 from .structure.rest_shape import GeometrySigma
-from .structure.statics import Mechanics
 from .structure.structure import Structure
 from .structure.suspension import Suspension
 from .structure_description import DescribedStructure, StructureFile, described

@@ -24,7 +24,7 @@ from import_graph import (
 
 ROOT = Path(__file__).parents[1]
 MOST_MODULES = 15
-BASIS = {"models.values", "models.structure", "models.sensor"}
+BASIS = {"models.values", "models.structure", "models.balance", "models.sensor"}
 DESCRIBED = {"models.structure_description", "models.trial_tables", "models.trial_description", "models.own_factor"}
 RUNNING = BASIS | DESCRIBED | {"models.pose", "models.settings", "models.estimation", "models.shape_network"}
 """What of models/ runs with every trial; sensors are calibrated, simulated and evaluated beside it."""
@@ -32,6 +32,7 @@ RUNNING = BASIS | DESCRIBED | {"models.pose", "models.settings", "models.estimat
 MODELS_MAY_IMPORT = {
     "models.values": set(),
     "models.structure": {"models.values"},
+    "models.balance": {"models.values", "models.structure"},
     "models.sensor": {"models.values"},
     "models.pose": {"models.values", "models.structure"},
     "models.structure_description": BASIS,

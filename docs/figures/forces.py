@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 
 from tensegraph import Settings, open_trial, reconstruct
 from tensegraph.estimator.rest_step import rest_step
-from tensegraph.models.structure.external_loads import observable_part
-from tensegraph.models.structure.statics import Statics
+from tensegraph.models.balance.observable_loads import observable_part
+from tensegraph.models.balance.statics import Statics
 
 NODE = 8
 

@@ -9,9 +9,9 @@ from scipy.optimize import least_squares
 
 from tensegraph import Settings, Structure, open_trial, reconstruct
 from tensegraph.estimator.rest_step import rest_step
+from tensegraph.models.balance.statics import Statics
 from tensegraph.models.structure.lengths import member_length_m
 from tensegraph.models.structure.rigidity import free_length_jacobian, rigidity
-from tensegraph.models.structure.statics import Statics
 
 LOADED_S = 3.4
 """Nodes 8 and 11 carry 3 N each then."""

@@ -14,6 +14,7 @@ from itertools import combinations, islice
 import numpy as np
 from numpy.typing import NDArray
 
+from ...models.balance.support import Support, standing, weightless
 from ...models.pose.imu_gate import ATTITUDE_HOLDS_S
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_state import PoseState
@@ -23,7 +24,6 @@ from ...models.structure.floor import UP, Floor
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
 from ...models.structure.structure import Structure
-from ...models.structure.support import Support, standing, weightless
 from ...models.values.aids import AidReading, ImuReading, PositionReading
 from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag

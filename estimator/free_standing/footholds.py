@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from ...factors.ground import foothold_rows
 from ...factors.sliding import least_friction_slides_m
+from ...models.balance.support import legs_n
 from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_settings import PoseSettings
 from ...models.structure.floor import UP, Floor
-from ...models.structure.support import legs_n
 from ...models.values.slip import Slip
 from .prediction import Prediction
 

@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from scipy.special import logsumexp
 
+from ...models.balance.statics import Statics
+from ...models.balance.support import standing
 from ...models.estimation import DoubtSettings
-from ...models.structure.statics import Statics
-from ...models.structure.support import standing
 from ..graph import GraphBuilder
 from ..linear_frame import LinearFrame
 from .contacts import Standing

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...models.balance.support import Support
 from ...models.pose.large_turn import turned_covariance_m2
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_state import PoseState
@@ -19,7 +20,6 @@ from ...models.settings import Settings
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
 from ...models.structure.structure import Structure
-from ...models.structure.support import Support
 from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
 from ..free_standing.estimators import support_of

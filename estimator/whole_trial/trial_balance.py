@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.structure.statics import Statics
-from ...models.structure.support import Support
+from ...models.balance.statics import Statics
+from ...models.balance.support import Support
 from ...models.values.readings import NaturalLengths, TendonLengths
 from ...models.values.time_series import parts
 from ..graph import NEAR_M, GraphBuilder, are_near

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..structure.external_loads import LOAD_THRESHOLD_N, observable_part
+from ..balance.observable_loads import observable_part
+from ..structure.external_loads import LOAD_THRESHOLD_N
 from ..structure.reconstruction import Reconstruction
 from ..structure.rigidity import branch
 from ..structure.shape import node_sigma_m

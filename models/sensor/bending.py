@@ -52,6 +52,7 @@ class FoldedPolynomial:
         self.x_min = max((x for x in critical if x < self.x_fold), default=x_min)
         self.y_fold = float(self._f(self.x_fold))
         self.y_min = float(self._f(self.x_min))
+        self._slope = self._f.deriv()
         self._curvature = abs(float(self._f.deriv(2)(self.x_fold)))
         # the knots are close together in s near the fold, s = 0; the spline is exact to 1e-12 between the knots
         x = self.x_fold - (self.x_fold - self.x_min) * np.linspace(0, 1, 4097)
@@ -67,7 +68,7 @@ class FoldedPolynomial:
 
     def slope(self, x: ArrayLike) -> NDArray[np.float64]:
         """Return f'(x) on [x_min, 0]."""
-        return np.asarray(self._f.deriv()(np.clip(x, self.x_min, 0.0)), dtype=np.float64)
+        return np.asarray(self._slope(np.clip(x, self.x_min, 0.0)), dtype=np.float64)
 
     def inverse(self, y: ArrayLike) -> NDArray[np.float64]:
         """Return x on [x_min, x_fold]; y beyond the fold gives the fold, y below f(x_min) gives x_min."""

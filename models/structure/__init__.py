@@ -1,1 +1,1 @@
-"""The structure: its lengths, rigidity, balance of forces, loads, rest shape and estimated shapes."""
+"""The structure: its lengths, rigidity and mechanical properties, its rest shape, and estimated shapes with loads."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ..values.readings import RestLengths
 from ..values.tables import NotNegative, Positive
 from .lengths import length_jacobian, propagated_variance
-from .statics import Mechanics
+from .mechanics import Mechanics
 from .structure import Structure
 
 

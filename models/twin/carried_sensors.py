@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..balance.support import GRAVITY_M_PER_S2
 from ..structure.structure import Structure
-from ..structure.support import GRAVITY_M_PER_S2
 from ..values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from ..values.rotations import rotation, rotation_vector
 from ..values.tables import NotNegative, Positive, Share

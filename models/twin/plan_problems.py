@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..structure.statics import JoinedRods
+from ..balance.joined_rods import JoinedRods
 from ..structure.structure import Structure
 from ..structure_description import DescribedStructure
 from ..values.errors import InputError

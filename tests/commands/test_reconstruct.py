@@ -9,7 +9,7 @@ import pytest
 
 from command_line import run
 from tensegraph.commands.reconstruct import load_rows, rest_balance, slip_line
-from tensegraph.models.structure.statics import Mechanics
+from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.values.slip import Slip
 
 

@@ -8,9 +8,10 @@ import pytest
 from balance import K, nominal
 from tensegraph import Structure
 from tensegraph.estimator.rest_step import rest_step
+from tensegraph.models.balance.statics import Statics
 from tensegraph.models.structure.lengths import length_jacobian, member_length_m
+from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.structure.rest_shape import GeometrySigma, RestSettings
-from tensegraph.models.structure.statics import Mechanics, Statics
 
 
 def test_measured_rest_shape_keeps_rods_and_anchors(structure: Structure, rest) -> None:

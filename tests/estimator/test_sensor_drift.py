@@ -16,8 +16,8 @@ from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.estimator.uncertainty import FrameEvidence
 from tensegraph.factors.noise import weigh
 from tensegraph.models.sensor.reference_drift import drift_transition
+from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.structure.rest_shape import GeometrySigma, RestShape
-from tensegraph.models.structure.statics import Mechanics
 from tensegraph.models.values.readings import SensorDrift, TendonLengths
 
 PER_CHANGE_M = 0.14

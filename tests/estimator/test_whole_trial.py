@@ -17,11 +17,11 @@ from tensegraph.estimator.whole_trial.trial_chain import TrialChain, minimised
 from tensegraph.estimator.whole_trial.trial_factors import TrialFactors
 from tensegraph.factors.motion import motion_rows
 from tensegraph.factors.noise import KERNELS, robust_loss, weigh
+from tensegraph.models.balance.support import Support
 from tensegraph.models.estimation import DoubtSettings, NoiseSettings
 from tensegraph.models.structure.lengths import length_jacobian, member_length_m
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.structure.shape import Reason
-from tensegraph.models.structure.support import Support
 from tensegraph.models.values.readings import FactorRows, NaturalLengths, SensorDrift
 
 T_S = np.array([0.0, 0.02, 0.04, 0.055, 0.1, 0.12, 0.5, 0.52])

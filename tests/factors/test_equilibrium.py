@@ -6,8 +6,8 @@ import pytest
 
 from balance import nominal, pressed
 from tensegraph.factors.equilibrium import equilibrium_factor
+from tensegraph.models.balance.statics import Statics
 from tensegraph.models.structure.rigidity import find_rest_shape
-from tensegraph.models.structure.statics import Statics
 
 
 class TestFactor:

@@ -4,7 +4,8 @@ import numpy as np
 from scipy.optimize import root
 
 from tensegraph import Structure
-from tensegraph.models.structure.statics import Mechanics, Statics
+from tensegraph.models.balance.statics import Statics
+from tensegraph.models.structure.mechanics import Mechanics
 
 K = 400.0
 

@@ -6,12 +6,12 @@ import pytest
 from balance import pressed
 from tensegraph.estimator.free_standing.estimators import FreeStandingSmoother
 from tensegraph.estimator.free_standing.resting_faces import Balance, RestingFaces, _gain, _gain_of_squeeze, balances_of
+from tensegraph.models.balance.support import standing
 from tensegraph.models.estimation import DoubtSettings
 from tensegraph.models.pose.robot import FreeStandingRobot
 from tensegraph.models.settings import Settings
 from tensegraph.models.structure.floor import UP, Floor
 from tensegraph.models.structure.lengths import member_length_m
-from tensegraph.models.structure.support import standing
 from tensegraph.models.values.readings import TendonLengths
 
 

@@ -8,7 +8,8 @@ import pytest
 from plan_edits import PLANS, replaced
 from tensegraph import InputError
 from tensegraph.io.plan_file import read_plan
-from tensegraph.models.structure.statics import Mechanics, Statics
+from tensegraph.models.balance.statics import Statics
+from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.twin.engine import Twin
 from tensegraph.models.twin.loads import Loads
 from tensegraph.models.twin.motors import MotorPlan, wound_m

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tensegraph import Structure
+from tensegraph.models.balance.support import GRAVITY_M_PER_S2, hung_up, standing, weightless
 from tensegraph.models.structure.floor import UP, Floor
 from tensegraph.models.structure.rigidity import find_rest_shape
-from tensegraph.models.structure.support import GRAVITY_M_PER_S2, hung_up, standing, weightless
 
 MASS_KG = 0.03
 MASSES_KG = np.full(12, 0.5 * MASS_KG)

@@ -11,155 +11,28 @@ and along each floating rod, whose two ends are both free, s = w^T (f_i + f_j). 
 makes them r_n = -(I - w w^T) F_n, s = -w^T (F_i + F_j). A load along a rod that has an anchor at one end does not
 appear in the residual, because the anchor takes it.
 
-Rods that share free nodes are joined: the force along one shows at the others. With J = d(rod lengths)/dx of all joined
-rods, they take any force J^T q, and the residual at their nodes is what is left of f:
-
-    r = f - J^T q = (I - J^+ J) f,    q = (J^T)^+ f
-
-that is, f along the motions that the joined rods allow. A rigid body of n nodes leaves 6 of 3 n components.
-
-The tension of a stiff cable does not follow from its length: a tenth of a millimetre may be all of it. While the cable
-may be taut its tension T is unknown, but it pulls; a slack one has none. With B = d(rows)/dT, what is left of the rows
-r, whatever the tensions of the cables that pull are, is
-
-    r' = r + B T = (I - B B^+) r,    T = -B^+ r > 0
+Rods that share free nodes take more of the forces (`joined_rods`), and stiff cables have tensions that do not follow
+from their lengths (`stiff_cables`).
 """
 
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .lengths import length_jacobian, member_length_m
-from .structure import Structure
+from ..structure.lengths import member_length_m
+from ..structure.mechanics import Mechanics
+from ..structure.structure import Structure
+from .joined_rods import JoinedRods
+from .stiff_cables import StiffCables, jacobian_without_cables, without_cables
 from .support import Support, hung_up
 
-CABLE_CUT_M = 0.0003
-"""Standard deviation of the length to which a cable is cut."""
-CABLE_PULL_N = 10.0
-"""Standard deviation of its tension, by which it is longer."""
 SURELY_SLACK = 4.0
 """Number of standard deviations by which a cable that is slack for certain is shorter than its natural length."""
-QUIET_N = 0.2
-"""Standard deviation of the balance of forces where a cable's tension is judged."""
-LOADED_STEPS = 5
-"""Number of steps of that judgement."""
 LEAST_RANK = 0.1
 """Least number of independent rows of a node at which cables take all that a load could do."""
-JOINED_RCOND = 1e-2
-"""Share of the largest singular value of J below which joined rods take no force: such as across a flat frame, whose
-rods resist a push only when it has bent."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Mechanics:
-    """The properties of a structure that its balance of forces depends on."""
-
-    stiffness_n_per_m: NDArray[np.float64]
-    """(tendons,) k of each tendon when stretched."""
-    natural_length_m: NDArray[np.float64]
-    """(tendons,) L0."""
-    rod_mass_kg: NDArray[np.float64] | float
-    """(rods,) or one for all; uniform along the rod. That of a rigid body is on its distances alike."""
-    push_back: NDArray[np.float64] | float
-    """p, the ratio of the stiffness of a bent tendon to that of a stretched one; (tendons,) or one for all."""
-    offset_n: NDArray[np.float64] | float = 0.0
-    """(nodes, 3) force added at each node: what the rest shape leaves unbalanced where tendons end on hubs."""
-    tendon_mass_kg: NDArray[np.float64] | float = 0.0
-    """(tendons,) or one for all."""
-    knot_mass_kg: NDArray[np.float64] | float = 0.0
-    """(nodes,) or one for all: what a node has beside its members, such as a motor."""
-    stiff_cables: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-    """(stiff cables,) tendons that go slack, and so stiff that their tension does not follow from their length."""
-
-    @property
-    def cable_sigma_m(self) -> NDArray[np.float64]:
-        """(stiff cables,) standard deviation of the length of a taut cable about its natural length."""
-        return np.hypot(CABLE_CUT_M, CABLE_PULL_N / self.stiffness_n_per_m[self.stiff_cables])
-
-    def node_mass_kg(self, structure: Structure) -> NDArray[np.float64]:
-        """Return (nodes,) the mass at each node: its own, and half that of each rod and tendon that ends there."""
-        mass_kg = np.zeros(structure.node_count)
-        for members, member_kg in ((structure.rods, self.rod_mass_kg), (structure.tendons, self.tendon_mass_kg)):
-            np.add.at(mass_kg, members, np.broadcast_to(0.5 * np.asarray(member_kg), len(members))[:, None])
-        return mass_kg + self.knot_mass_kg
-
-
-class JoinedRods:
-    """The rods that share free nodes, and the part of forces at these nodes that they cannot take.
-
-    All positions may have leading axes.
-    """
-
-    def __init__(self, structure: Structure) -> None:
-        rods = structure.rods
-        is_free = ~np.isin(np.arange(structure.node_count), structure.anchors)
-        shared = is_free & (np.bincount(rods.ravel(), minlength=structure.node_count) > 1)
-        self.is_joined = shared[rods].any(axis=1)
-        """(rods,)"""
-        self.rods = rods[self.is_joined]
-        """(joined rods, 2) node pairs."""
-        self.nodes = np.flatnonzero(is_free & np.isin(np.arange(structure.node_count), self.rods))
-        """(joined nodes,) the free nodes of joined rods."""
-        self.coordinates = (3 * self.nodes[:, None] + np.arange(3)).ravel()
-        """(3 joined nodes,) the indices of their coordinates among all (3 nodes,)."""
-        self._node_count = structure.node_count
-
-    @cached_property
-    def rows_per_node(self) -> NDArray[np.float64]:
-        """(joined nodes,) the components of a force that the rods cannot take, of 3 at each node; in general shape."""
-        x = np.random.default_rng(0).normal(size=(self._node_count, 3))
-        return np.asarray(np.diag(self.allowed(x)).reshape(len(self.nodes), 3).sum(axis=1))
-
-    def allowed(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (..., 3 joined nodes, 3 joined nodes), the projector I - J^+ J onto the motions that rods allow."""
-        jacobian, inverse = self._jacobian(node_position_m)
-        return np.asarray(np.eye(len(self.coordinates)) - inverse @ jacobian)
-
-    def by_position(
-        self, node_position_m: NDArray[np.float64], force_n: NDArray[np.float64], by_position: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return (..., 3 joined nodes, 3 nodes), the derivative of the residual by all coordinates.
-
-        With the residual r = A f, A = I - J^+ J, and the forces q along the rods:
-
-            dr = A df - J^+ dJ r - A dJ^T q
-
-        Args:
-            node_position_m: (..., nodes, 3)
-            force_n: (..., 3 joined nodes) f.
-            by_position: (..., 3 joined nodes, 3 nodes) df/dx.
-        """
-        x, count = node_position_m, self._node_count
-        jacobian, inverse = self._jacobian(x)
-        allowed = np.eye(len(self.coordinates)) - inverse @ jacobian
-        a, b = self.rods.T
-        along = x[..., b, :] - x[..., a, :]
-        length_m = member_length_m(x, self.rods)[..., None]
-        w = along / length_m
-        turn = (np.eye(3) - w[..., :, None] * w[..., None, :]) / length_m[..., None]  # dw/dx_b
-        along_n = np.swapaxes(inverse, -1, -2) @ force_n[..., None]
-        stiffness = np.zeros((*x.shape[:-2], count, count, 3, 3))
-        for one, other, pull in ((a, a, along_n), (b, b, along_n), (a, b, -along_n), (b, a, -along_n)):
-            for rod in range(len(self.rods)):
-                stiffness[..., one[rod], other[rod], :, :] += (pull[..., None] * turn)[..., rod, :, :]
-        stiffness = np.swapaxes(stiffness, -3, -2).reshape(*x.shape[:-2], 3 * count, 3 * count)
-        residual = np.zeros_like(x)
-        residual[..., self.nodes, :] = (allowed @ force_n[..., None]).reshape(*x.shape[:-2], -1, 3)
-        change = (turn @ (residual[..., b, :] - residual[..., a, :])[..., None])[..., 0]
-        by_turn = np.zeros((*x.shape[:-2], len(self.rods), count, 3))
-        row = np.arange(len(self.rods))
-        by_turn[..., row, b, :] = change
-        by_turn[..., row, a, :] = -change
-        by_turn = by_turn.reshape(*by_turn.shape[:-2], -1)
-        return np.asarray(allowed @ (by_position - stiffness[..., self.coordinates, :]) - inverse @ by_turn)
-
-    def _jacobian(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (..., joined rods, 3 joined nodes) J, and its pseudoinverse J^+."""
-        jacobian = length_jacobian(x, self.rods, self.coordinates)
-        return jacobian, np.asarray(np.linalg.pinv(jacobian, rcond=JOINED_RCOND), dtype=np.float64)
 
 
 class Statics:
@@ -178,8 +51,7 @@ class Statics:
         self._incidence = np.zeros((count, len(tendons)))
         self._incidence[self._a, tendons] = 1.0
         self._incidence[self._b, tendons] = -1.0
-        self._cables = mechanics.stiff_cables
-        self._elastic = np.where(np.isin(tendons, self._cables), 0.0, 1.0)
+        self._elastic = np.where(np.isin(tendons, mechanics.stiff_cables), 0.0, 1.0)
         self._stand_on(hung_up(mechanics.node_mass_kg(structure)))
         self.nodes = structure.free_nodes
         self.joined = JoinedRods(structure)
@@ -197,6 +69,7 @@ class Statics:
         """(rows,) the group of each row: the rows of one node get one common weight, and each rod has its own."""
         self.group_start = np.flatnonzero(np.diff(self.group, prepend=-1))
         """(groups,) the first row of each group."""
+        self._cables = StiffCables(mechanics.stiff_cables, self.group, self.group_start)
 
     def _take_ends(self) -> None:
         """Number the ends of tendons at free nodes, in the order of these nodes."""
@@ -242,7 +115,9 @@ class Statics:
     def residual_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows), the residuals r and s: the part of the forces that rods and anchors cannot balance."""
         rows = self._rows_n(node_position_m)
-        return self._without_cables(rows[..., None], node_position_m)[..., 0]
+        if not len(self._cables.tendons):
+            return rows
+        return without_cables(rows[..., None], self._cable_pull(node_position_m, rows))[..., 0]
 
     def _rows_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows) the residuals without the tensions of stiff cables."""
@@ -263,70 +138,46 @@ class Statics:
 
     def _without_cables(self, rows: NDArray[np.float64], node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows, n) what is left of rows, whatever the unknown tensions of stiff cables are."""
-        if not len(self._cables):
+        if not len(self._cables.tendons):
             return rows
-        pull = self._cable_pull(node_position_m)
-        return np.asarray(rows - pull @ (_inverse(pull) @ rows))
+        return without_cables(rows, self._cable_pull(node_position_m, self._rows_n(node_position_m)))
 
-    def _cable_pull(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (..., rows, stiff cables) B, the rows by a tension of 1 N; zero for cables that do not pull."""
-        return self._by_tension(node_position_m)[..., self._cables] * self._pulls(node_position_m)[..., None, :]
-
-    def cable_tension_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (..., stiff cables) the tensions T with which forces balance best; zero for cables that are slack."""
-        return self._balancing_n(self._cable_pull(node_position_m), self._rows_n(node_position_m)[..., None])
-
-    def _balancing_n(self, pull: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (..., stiff cables) the tensions with which most groups of rows balance: some may have a load.
-
-        They minimise sum log(1 + |r_g + B_g T|^2 / sigma^2) over the groups g, as Cauchy's kernel has it.
+    def _cable_pull(self, node_position_m: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., rows, stiff cables) B, the rows by a tension of 1 N; zero for cables that do not pull.
 
         Args:
-            pull: (..., rows, stiff cables) B.
-            rows: (..., rows, 1) r.
+            node_position_m: (..., nodes, 3)
+            rows: (..., rows) the residuals without the tensions of stiff cables.
         """
-        tension = -_inverse(pull) @ rows
-        for _ in range(LOADED_STEPS):
-            left = (rows + pull @ tension)[..., 0]
-            squared = np.add.reduceat(left**2, self.group_start, axis=-1)[..., self.group]
-            root = 1 / np.sqrt(1 + squared / QUIET_N**2)[..., None]
-            tension = -_inverse(root * pull) @ (root * rows)
-        return np.asarray(tension[..., 0])
+        by_tension = self._by_tension(node_position_m)[..., self._cables.tendons]
+        pulls = self._cables.pulls(rows, by_tension, self._may_be_taut(node_position_m))
+        return by_tension * pulls[..., None, :]
 
-    def _pulls(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (..., stiff cables) 1 where a cable may be taut and would pull, and 0 where it is slack."""
-        pulls = self._may_be_taut(node_position_m)
-        rows = self._rows_n(node_position_m)[..., None]
-        by_tension = self._by_tension(node_position_m)[..., self._cables]
-        for _ in self._cables:  # those that would push are slack, and others pull then
-            tension_n = self._balancing_n(by_tension * pulls[..., None, :], rows)
-            pushes = (pulls > 0) & (tension_n <= 0)
-            if not pushes.any():
-                break
-            pulls = np.where(pushes, 0.0, pulls)
-        return pulls
+    def cable_tension_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., stiff cables) the tensions with which forces balance best; zero for cables that are slack."""
+        rows = self._rows_n(node_position_m)
+        return self._cables.tension_n(rows, self._cable_pull(node_position_m, rows))
 
-    def _may_be_taut(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (..., stiff cables) 1 where a cable may be taut, and 0 where it is too short for that."""
-        length_m = member_length_m(node_position_m, self.structure.tendons[self._cables])
-        short_m = self.mechanics.natural_length_m[..., self._cables] - length_m
-        return np.where(short_m < SURELY_SLACK * self.mechanics.cable_sigma_m, 1.0, 0.0)
+    def _may_be_taut(self, node_position_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return (..., stiff cables) where a cable is not too short to be taut."""
+        cables = self._cables.tendons
+        length_m = member_length_m(node_position_m, self.structure.tendons[cables])
+        short_m = self.mechanics.natural_length_m[..., cables] - length_m
+        return np.asarray(short_m < SURELY_SLACK * self.mechanics.cable_sigma_m)
 
     @cached_property
     def rank_of_row(self) -> NDArray[np.float64]:
         """(rows,) the number of independent rows in the group of each row; less where cables pull, in general shape."""
         rank = np.concatenate([self.rows_per_node, np.ones(len(self.floating_rods))])[self.group]
-        if len(self._cables):
+        if len(self._cables.tendons):
             x = np.random.default_rng(0).normal(size=(self.structure.node_count, 3))
-            pull = self._by_tension(x)[:, self._cables]
-            taken = np.sum(pull * _inverse(pull).T, axis=1)
-            rank -= np.add.reduceat(taken, self.group_start)[self.group]
+            rank -= self._cables.rank_taken(self._by_tension(x)[:, self._cables.tendons])
         return np.asarray(np.maximum(rank, LEAST_RANK))
 
     @property
     def rank(self) -> int:
         """The number of independent rows; stiff cables are taken as taut."""
-        return round(float(self.rows_per_node.sum())) + len(self.floating_rods) - len(self._cables)
+        return round(float(self.rows_per_node.sum())) + len(self.floating_rods) - len(self._cables.tendons)
 
     @property
     def rows_per_node(self) -> NDArray[np.float64]:
@@ -360,31 +211,22 @@ class Statics:
             ds/dx   = w^T (df_i/dx + df_j/dx) -+ (f_i + f_j)^T P / ell at i and j
         """
         r, jacobian = self._by_rods(node_position_m, self._outer_n, self._tensions(node_position_m))
-        if len(self._cables):
+        if len(self._cables.tendons):
             return self._by_cables(node_position_m, r, jacobian)
         return r, jacobian
 
     def _by_cables(
         self, x: NDArray[np.float64], r: NDArray[np.float64], jacobian: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return r' and its derivative, from (..., rows) r and its derivative.
-
-        With A = I - B B^+,
-
-            dr' = A (dr - dB q) - B^+^T dB^T r'
-        """
-        pull = self._cable_pull(x)
-        inverse = _inverse(pull)
-        q = (inverse @ r[..., None])[..., 0]
-        left = r - (pull @ q[..., None])[..., 0]
-        lead, count = x.shape[:-2], len(self._cables)
-        each = np.broadcast_to(x[..., None, :, :], (*lead, count, *x.shape[-2:]))
+        """Return what stiff cables leave of (..., rows) residuals r, and its derivative, from those of r."""
+        pull = self._cable_pull(x, r)
+        cables, lead = self._cables.tendons, x.shape[:-2]
+        each = np.broadcast_to(x[..., None, :, :], (*lead, len(cables), *x.shape[-2:]))
         unit, length, stiffness, _ = self._tensions(each)
-        tension = self._pulls(x)[..., None] * np.eye(len(self._elastic))[self._cables]
+        pulls = np.any(pull, axis=-2, keepdims=True).swapaxes(-1, -2)
+        tension = pulls * np.eye(len(self._elastic))[cables]
         _, by_pull = self._by_rods(each, np.zeros(x.shape[-2:]), (unit, length, 0 * stiffness, tension))
-        jacobian = jacobian - np.einsum("...c,...crn->...rn", q, by_pull)
-        turned = np.swapaxes(inverse, -1, -2) @ np.einsum("...r,...crn->...cn", left, by_pull)
-        return left, jacobian - pull @ (inverse @ jacobian) - turned
+        return jacobian_without_cables(r, jacobian, pull, by_pull)
 
     def _by_rods(
         self, x: NDArray[np.float64], outer_n: NDArray[np.float64], tensions: tuple[NDArray[np.float64], ...]
@@ -518,11 +360,6 @@ class Statics:
         floating = x[..., self.floating_rods[:, 1], :] - x[..., self.floating_rods[:, 0], :]
         ell_floating = np.sqrt(np.sum(floating**2, axis=-1, keepdims=True))
         return difference / ell, ell, floating / ell_floating, ell_floating
-
-
-def _inverse(pull: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (..., stiff cables, rows) B^+; without the tensions that rows hardly show."""
-    return np.asarray(np.linalg.pinv(pull, rcond=JOINED_RCOND), dtype=np.float64)
 
 
 def _outer(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

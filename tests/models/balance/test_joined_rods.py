@@ -6,11 +6,13 @@ import pytest
 from balance import K, nominal, pressed
 from structures import PLATE_M, TOWER, TOWER_M, mixed, plate
 from tensegraph import Structure, six_strut
-from tensegraph.models.structure.external_loads import external_loads, observable_part
+from tensegraph.models.balance.joined_rods import JoinedRods
+from tensegraph.models.balance.observable_loads import external_loads, observable_part
+from tensegraph.models.balance.statics import Statics
+from tensegraph.models.balance.support import GRAVITY_M_PER_S2
+from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.structure.rigidity import rigid_motions
-from tensegraph.models.structure.statics import JoinedRods, Mechanics, Statics
-from tensegraph.models.structure.support import GRAVITY_M_PER_S2
 
 
 def test_two_rods_at_a_right_angle_by_hand() -> None:

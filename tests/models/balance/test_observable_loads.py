@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from four_nodes import TRUE_M, four_nodes
-from tensegraph.models.structure.external_loads import Observable, external_loads, observable_loads, observable_part
-from tensegraph.models.structure.statics import Statics
+from tensegraph.models.balance.observable_loads import Observable, external_loads, observable_loads, observable_part
+from tensegraph.models.balance.statics import Statics
 
 
 class TestLoads:
