@@ -22,9 +22,9 @@ from ...models.structure.shape import Reason, Shape
 from ...models.structure.structure import Structure
 from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
-from ..free_standing.estimators import support_of
 from ..free_standing.pose_smoother import PoseStep, smoothed
 from ..free_standing.resting_faces import balances_at
+from ..free_standing.world import support_of
 from ..smoother import LiveSmoother
 from .hands import Hands, HandTorque
 from .hanging_filter import HangingFilter

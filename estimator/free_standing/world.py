@@ -1,0 +1,78 @@
+"""From body coordinates to the world, and gravity and floor back: what a pose is for."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...models.balance.support import Support, standing, weightless
+from ...models.pose.placed import PlacedShape
+from ...models.pose.pose_state import PoseState
+from ...models.structure.floor import UP, Floor
+from ...models.structure.rest_shape import RestShape
+from ...models.structure.shape import Reason, Shape
+from ...models.structure.structure import Structure
+from .pose_smoother import PoseStep
+from .tipping import tipping
+
+
+def support_of(
+    structure: Structure,
+    rest: RestShape,
+    node_position_m: NDArray[np.float64],
+    state: PoseState,
+    covariance: NDArray[np.float64],
+    carried: NDArray[np.float64],
+) -> Support:
+    """Return the force of gravity and floor, in body axes, on a structure of this pose."""
+    mass_kg = rest.mechanics.node_mass_kg(structure) if rest.mechanics else np.zeros(structure.node_count)
+    tilt = float(np.sqrt(np.trace(covariance[:2, :2])))
+    if tilt > 1.0:
+        return weightless(mass_kg)
+    return standing(mass_kg, node_position_m, state.turn.T @ UP, tilt, carried)
+
+
+def in_world(
+    shape: Shape,
+    rest: RestShape,
+    floor: Floor,
+    state: PoseState,
+    covariance: NDArray[np.float64],
+    step: PoseStep,
+) -> Shape:
+    """Return a shape of body coordinates in the world.
+
+    Where other nodes may stand, the covariance includes where the nodes would be then.
+
+    Args:
+        shape: in body coordinates.
+        rest: the rest shape, whose centroid is the origin of the pose.
+        floor: the floor as told.
+        state: the pose.
+        covariance: (size, size) of its errors.
+        step: of the filter, which tells which nodes stand.
+    """
+    stands = step.standing
+    placed = PlacedShape(state, shape.node_position_m - rest.node_position_m.mean(axis=0), shape.covariance_m2)
+    x = placed.node_position_m
+    total = placed.total_covariance_m2(covariance)
+    tilted = floor.tilted(state.floor_tilt)
+    for probability, nodes in stands.others:
+        turn, pivot_m = tipping(x, nodes, nodes & stands.nodes, tilted.normal)
+        away_m = ((x - pivot_m) @ (turn.T - np.eye(3))).ravel()
+        total += probability * np.outer(away_m, away_m)
+    if stands.contradicted:
+        shape = shape.in_doubt(Reason.CONTACTS)
+    if not step.trusts_imus:
+        shape = shape.in_doubt(Reason.IMU)
+    if stands.assumed:
+        shape = shape.in_doubt(Reason.ATTITUDE)
+    return replace(
+        shape,
+        node_position_m=x,
+        covariance_m2=total,
+        loads=shape.loads.turned(state.turn) if shape.loads else None,
+        contacts=stands.probability,
+        slips=step.slips,
+        floor_normal=floor.estimated(state.floor_tilt, covariance[state.layout.floor_tilt, state.layout.floor_tilt]),
+    )
