@@ -155,13 +155,13 @@ class PoseFilter:
         Returns:
             The prediction with new footholds, and the slips.
         """
-        slid = np.isfinite(self._slides_since_s)
+        slid = self._slides
         predicted, before = self._slid(predicted, frame, sliding, landed, kept)
         feet = self._feet(predicted, kept)
         found = self._slips(predicted, feet, frame.t_s, slid)
         slipped = np.isin(np.arange(len(kept)), [slip.node for slip in found])
         predicted = put_down(predicted, landed | slipped, self._floor, self._settings.floor_m)
-        self._correct(predicted, before, frame, feet.among(~slipped & ~np.isfinite(self._slides_since_s)))
+        self._correct(predicted, before, frame, feet.among(~slipped & ~self._slides))
         return predicted, found
 
     def _landed(
@@ -195,13 +195,13 @@ class PoseFilter:
         kept: NDArray[np.bool_],
     ) -> tuple[Prediction, PoseState]:
         """Return the prediction and the state before it, given which nodes slide, as told or as the watch finds it."""
-        slid = np.isfinite(self._slides_since_s)
+        slid = self._slides
         before = self.state
         if sliding is None:
             predicted, before = self._watched(predicted, frame, landed, kept)
         else:
             self._slides_since_s = np.where(sliding, frame.t_s, np.inf)
-        if (np.isfinite(self._slides_since_s) & ~slid).any():
+        if (self._slides & ~slid).any():
             variance = np.zeros(before.layout.size)
             variance[before.layout.position] = LOST_M**2
             predicted = predicted.then(predicted.placed, np.eye(len(variance)), variance)
@@ -247,11 +247,11 @@ class PoseFilter:
         self, predicted: Prediction, frame: Frame, landed: NDArray[np.bool_], kept: NDArray[np.bool_]
     ) -> tuple[Prediction, PoseState]:
         """Return the prediction, that without footholds where nodes slide, and the state before it."""
-        slid = np.isfinite(self._slides_since_s)
+        slid = self._slides
         if slid.any():
             rests = at_rest(predicted.placed, predicted.covariance, self._floor)
             self._slides_since_s = np.where(kept & ~rests, self._slides_since_s, np.inf)
-        if (slid & ~np.isfinite(self._slides_since_s)).any():  # their new footholds are those of the next watch
+        if (slid & ~self._slides).any():  # their new footholds are those of the next watch
             self._unheld = None
             return predicted, self.state
         if frame.samples is None or frame.t_s < self._rest_seconds:
@@ -261,7 +261,7 @@ class PoseFilter:
         unheld = self._unheld
         free = self._predict(frame, unheld.state, unheld.covariance, unheld.turn_before)
         free = put_down(free, landed, self._floor, self._settings.floor_m)
-        feet = self._feet(free, kept & ~np.isfinite(self._slides_since_s))
+        feet = self._feet(free, kept & ~self._slides)
         if slips(feet, free, frame.t_s, self._floor, self._settings.slip_sigma):
             slide = slips(feet, free, frame.t_s, self._floor, WITH_IT_SIGMA)
             self._slides_since_s = self._slides_since_s.copy()
@@ -316,6 +316,11 @@ class PoseFilter:
     def used_imus(self) -> NDArray[np.bool_]:
         """(imus,) which inertial sensors agree with the attitude of their rods and are not silent."""
         return self._trust.is_used
+
+    @property
+    def _slides(self) -> NDArray[np.bool_]:
+        """(nodes,) which nodes slide."""
+        return np.asarray(np.isfinite(self._slides_since_s))
 
     def _imu_samples(
         self, t_s: float, aids: Sequence[AidReading]
@@ -409,7 +414,7 @@ class PoseFilter:
             t_s: time of the frame.
             slid: (nodes,) which of them slid in the frame before.
         """
-        slides = np.isfinite(self._slides_since_s)
+        slides = self._slides
         at_once = slips(feet.among(~slides & ~slid), predicted, t_s, self._floor, self._settings.slip_sigma)
         return at_once + slips(feet.among(~slides & slid), predicted, t_s, self._floor, 0.0)
 
