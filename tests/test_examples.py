@@ -21,12 +21,12 @@ SHOWN = {
 
 @pytest.fixture
 def short_inputs(trial_copy, tmp_path: Path) -> dict[str, Path]:
-    """What two examples read, which take whole files: six seconds of the trial, one of four minutes of each strip."""
+    """What two examples read, which take whole files: three seconds of the trial, half a minute of each strip."""
     strips = tmp_path / "strips"
     strips.mkdir()
     for source in (EXAMPLES[0].parent / "calibration").glob("random_small_*.csv"):
-        (strips / source.name).write_text("".join(source.read_text().splitlines(keepends=True)[:1202]))
-    return {"01_reconstruct": trial_copy(rows=300), "04_calibrate": strips}
+        (strips / source.name).write_text("".join(source.read_text().splitlines(keepends=True)[:602]))
+    return {"01_reconstruct": trial_copy(rows=160), "04_calibrate": strips}
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)

@@ -16,12 +16,12 @@ from installed import install_example
 
 @pytest.fixture(scope="session")
 def done(tmp_path_factory, example):
-    """The README's command on the first six seconds of the example, batch and live; figures of the first are drawn."""
+    """The README's command on the first four seconds of the example, batch and live; figures of the first are drawn."""
     folder = tmp_path_factory.mktemp("cli")
     (folder / "press").mkdir()
     for source in example.iterdir():
         lines = source.read_text().splitlines(keepends=True)
-        (folder / "press" / source.name).write_text("".join(lines if source.suffix == ".toml" else lines[:301]))
+        (folder / "press" / source.name).write_text("".join(lines if source.suffix == ".toml" else lines[:201]))
     batch = run_process("reconstruct", "press", cwd=folder)
     with blank_figures():
         live = run("reconstruct", "press", "--live", "--out", "live", cwd=folder)
@@ -35,7 +35,7 @@ def rig_folder(tmp_path_factory):
     (folder / "strips").mkdir()
     rng = np.random.default_rng(5)
     for k, speed in enumerate((0.01, 0.01, 0.03, 0.03, 0.09, 0.09, 0.09)):
-        t_s = np.arange(0, 60, 0.1)
+        t_s = np.arange(0, 60, 0.2)
         strain = np.abs((speed * t_s + 0.2) % 0.4 - 0.2)
         ohm = 1e6 * (1 + (1 + 0.02 * k) * 1.3 * strain + 1e-3 * rng.standard_normal(len(t_s)))
         rows = [f"{t:.2f},{e:.6f},{r:.0f}" for t, e, r in zip(t_s, strain, ohm, strict=True)]
@@ -47,8 +47,8 @@ def rig_folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def calibrated(rig_folder):
-    """A quick calibration with its sweep, of two learning rates."""
-    with mock.patch("tensegraph.commands.calibrate.SWEEP", (1e-3, 1e-1)):
+    """A quick calibration with its sweep, of two learning rates and two epochs each."""
+    with mock.patch.multiple("tensegraph.commands.calibrate", SWEEP=(1e-3, 1e-1), SWEEP_EPOCHS=2):
         return run(*CALIBRATE, "m.safetensors", "--sweep", cwd=rig_folder)
 
 

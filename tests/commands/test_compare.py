@@ -19,9 +19,9 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 def test_compare_runs_every_method(trial_copy) -> None:
     """With truth, without, and with a truth that is gone; what it says of the UKF is what evaluate says."""
-    seen = trial_copy(rows=60, name="seen")
-    blind = trial_copy(rows=60, name="blind", trial=lambda text: text[: text.index("[truth]")])
-    lost = trial_copy(rows=60, name="lost")
+    seen = trial_copy(rows=40, name="seen")
+    blind = trial_copy(rows=40, name="blind", trial=lambda text: text[: text.index("[truth]")])
+    lost = trial_copy(rows=40, name="lost")
     (lost / "truth.csv").unlink()
     result = run_process("compare", seen, blind, lost, cwd=seen.parent)
     assert result.returncode == 0, result.stderr

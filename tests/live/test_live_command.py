@@ -127,7 +127,7 @@ def test_a_twin_s_trial_comes_live(tmp_path, example, typed, monkeypatch) -> Non
     monkeypatch.setattr("tensegraph.live.activity.LATE_S", np.inf)
     plan = tmp_path / "short.toml"
     text = (example.parent / "plans" / "press.toml").read_text()
-    plan.write_text(text.replace("duration_s = 30.0", "duration_s = 6.0").replace("until_s = 29.0", "until_s = 5.9"))
+    plan.write_text(text.replace("duration_s = 30.0", "duration_s = 3.0").replace("until_s = 29.0", "until_s = 2.9"))
     arguments = ("--speed", 1000, "--seconds", 2, "--record", "twin", "--out", "out")
     code, _, error = typed("live", "--twin", plan, *arguments, cwd=tmp_path)
     assert code == 0, error

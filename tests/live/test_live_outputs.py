@@ -73,7 +73,7 @@ def watched(trial_copy):
     """A replay with the viewer, in real time, with the processes below it."""
     psutil = pytest.importorskip("psutil")
     pytest.importorskip("rerun_cli")
-    path = trial_copy(rows=300)
+    path = trial_copy(rows=200)
     session = start("live", "--replay", path, "--viewer", "--out", "live", cwd=path.parent)
     try:
         said = session.stdout.readline()

@@ -1,6 +1,7 @@
 """The package's modules and who imports whom, read from the source: for `test_layers.py`."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 ROOMS = ("commands", "estimator", "factors", "io", "live", "models")
@@ -29,14 +30,20 @@ def inside(name: str, place: str) -> bool:
     return f"{name}.".startswith(f"{place}.")
 
 
+@cache
+def import_statements(source: str) -> tuple[ast.Import | ast.ImportFrom, ...]:
+    """Return the import statements of a source, wherever in it; each of many checks asks for those of every file."""
+    return tuple(node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Import | ast.ImportFrom))
+
+
 def names_imported(path: Path, root: Path) -> set[str]:
     """Return every dotted name that a file imports, wherever in it, relative names made absolute."""
     package = ["tensegraph", *path.relative_to(root).parent.parts]
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in import_statements(path.read_text()):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
+        else:
             base = package[: len(package) - node.level + 1] if node.level else []
             module = ".".join([*base, *([node.module] if node.module else [])])
             found |= {module} | {f"{module}.{alias.name}" for alias in node.names}

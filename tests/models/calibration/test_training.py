@@ -8,14 +8,14 @@ import pytest
 from lagging_sensor import lagging_sensor
 from tensegraph.models.calibration.calibrated_model import CURVE, LSTM, STATIC, calibrate_model
 from tensegraph.models.calibration.recipe import CHECK_EVERY, TrainingSettings
-from tensegraph.models.calibration.recordings import Split
+from tensegraph.models.calibration.recordings import Recording, Split
 from tensegraph.models.calibration.strip_scores import StripScore
 from tensegraph.models.calibration.training import train
 from tensegraph.models.sensor.bending import BendingCurve
 from tensegraph.models.sensor.lstm import CURVE_MEMORIES, MEMORY_S, Scaling, features
 from tensegraph.models.sensor.stretching import StretchingSensors
 
-QUICK = TrainingSettings(epochs=120, sequences=12, steps=600, hidden=8)
+QUICK = TrainingSettings(epochs=120, sequences=12, steps=400, hidden=8)
 
 
 GAINS = (1.1, 0.9, 1.05, 0.95, 1.0, 0.97)
@@ -24,14 +24,18 @@ GAINS = (1.1, 0.9, 1.05, 0.95, 1.0, 0.97)
 TINY = TrainingSettings(epochs=20, sequences=4, steps=200, chunk=50, hidden=4)
 
 
+def recording(k: int, **law: float) -> Recording:
+    """Seventy-five seconds at 10 Hz: time and samples enough to tell the gain of each strip within 2 %."""
+    return lagging_sensor(f"random_s{k}", k, seconds=75.0, rate_hz=10.0, **law)
+
+
 def fit(split: Split, settings: TrainingSettings, **kwargs):
     return train(split, BendingCurve(), settings, **kwargs)
 
 
 @pytest.fixture(scope="module")
 def split():
-    recordings = [lagging_sensor(f"random_s{k}", k, gain=gain) for k, gain in enumerate(GAINS)]
-    return Split.by_recordings(recordings)
+    return Split.by_recordings([recording(k, gain=gain) for k, gain in enumerate(GAINS)])
 
 
 @pytest.fixture(scope="module")
@@ -193,10 +197,7 @@ def test_training_stops_when_validation_gets_no_better(split) -> None:
 
 def test_one_network_for_both_modes() -> None:
     """Strain of either sign from a sensor that is linear through zero: what the split network never scores on."""
-    recordings = [lagging_sensor(f"random_s{k}", k, low=-0.2) for k in range(5)]
-    recordings.append(lagging_sensor("random_s5", 5, low=-0.2))
-    recordings[0] = lagging_sensor("random_s0", 0)
-    split = Split.by_recordings(recordings)
+    split = Split.by_recordings([recording(0), *(recording(k, low=-0.2) for k in range(1, 6))])
     settings = TrainingSettings(**{**_dict(QUICK), "unified": True})
     calibration = calibrate_model(split, fit(split, settings), None, settings)
     (run,) = calibration.runs[LSTM]
