@@ -490,7 +490,7 @@ def structure(
     from .commands.structures import check_choice, show_structure, start_structure
     from .io.structures.new_trial import BuiltIn
 
-    check_choice(file, new, rod)
+    check_choice(file, unit, new, rod)
     terminal = _terminal(quiet, verbose)
     if file is not None:
         show_structure(file, unit_m=unit, out=out or [], terminal=terminal)

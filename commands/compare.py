@@ -149,6 +149,8 @@ def compare_trials(
         parts = [job.part for name, job in jobs.items() if name in done]
         with terminal.stage("table and figure"):
             rows = rows_of_parts(parts)
+            if not any(row.trials for row in rows):
+                raise InputError(f"{', '.join(done)}: no true positions to compare with")
             write_comparison(rows, comparison_command(trials), out)
         with_trials = len(parts) <= MOST_TRIALS
         terminal.news.print(Markdown(as_markdown(rows, comparison_command(trials), with_trials=with_trials)))

@@ -85,7 +85,7 @@ class Many:
                 progress.update(bar, completed=number, description=f"{title}, {number} of {len(jobs)}")
                 if outcome.error:
                     self._failed[outcome.name] = outcome.error
-                    progress.console.print(f"{outcome.name}: failed", highlight=False, markup=False)
+                    progress.console.print(f"{outcome.name}: failed", highlight=False)
                 else:
                     yield outcome.name, outcome.made  # type: ignore[misc]
 

@@ -16,6 +16,8 @@ from ..io.structures.structure_output import write_structure
 from ..models.structure.rigidity import find_rest_shape, held_jacobian, rigidity
 from ..models.structure_description import DescribedStructure
 from ..models.values.errors import IndeterminateError, InputError
+from ..models.values.tables import SMALLEST
+from ..models.values.units import LARGEST
 
 NewStructure = Literal["prism", "six-strut", "tower", "saddle-tower"]
 
@@ -123,8 +125,8 @@ def _nodes(told: DescribedStructure) -> Table:
     return table
 
 
-def check_choice(file: Path | None, new: NewStructure | None, rod_m: float | None) -> None:
-    """Refuse a command line that neither names a file nor starts a structure, or does both.
+def check_choice(file: Path | None, unit_m: float, new: NewStructure | None, rod_m: float | None) -> None:
+    """Refuse a command line that neither names a file nor starts a structure, does both, or has an impossible size.
 
     Raises:
         InputError: when it does.
@@ -134,3 +136,6 @@ def check_choice(file: Path | None, new: NewStructure | None, rod_m: float | Non
         raise InputError(f"expected a structure file, or --new with --rod, got {given}")
     if (new is None) != (rod_m is None):
         raise InputError("--rod: expected with --new, the length of each rod in metres")
+    for option, value_m in (("--unit", unit_m), ("--rod", rod_m)):
+        if value_m is not None and not SMALLEST <= value_m <= LARGEST["m"]:
+            raise InputError(f"{option}: expected {SMALLEST:g} to {LARGEST['m']:g} m, got {value_m:g}")

@@ -36,7 +36,7 @@ def write_comparison_figure(rows: Sequence[ComparisonRow], published_mm: Mapping
     duration.set(ylabel="[ms per frame]", yscale="log", title="time from lengths to shapes with covariances")
     for axis in (sigma, duration):
         axis.yaxis.set_major_formatter(ScalarFormatter())
-    duration.set_xticks(np.arange(len(trials)), trials)
+    duration.set_xticks(np.arange(len(trials)), trials, parse_math=False)
     for axis in (error, covered, sigma, duration):
         add_grid(axis, along="y", which="both")
         axis.set_axisbelow(True)

@@ -41,7 +41,9 @@ def add_legend_below(figure: Figure, handles: Sequence[Artist], columns: int) ->
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> None:
-    """Write a PNG, or a PDF, by the name of the file."""
+    """Write a PNG, or a PDF, by the name of the file; a `$` in a title is one, as names of trials may have it."""
+    for text in (*figure.texts, *(axis.title for axis in figure.axes)):
+        text.set_parse_math(False)
     figure.savefig(path, dpi=dpi)
 
 

@@ -22,20 +22,20 @@ class Terminal:
     def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
         if quiet and verbose:
             raise TensegraphError("--quiet and --verbose: expected one of them, got both")
-        self.results = Console()
+        self.results = Console(markup=False)
         """Console for requested output and for paths of written files; always shown."""
-        self.news = Console(quiet=quiet)
+        self.news = Console(quiet=quiet, markup=False)
         """Console for tables, progress and messages; not shown with --quiet."""
-        self._timing = Console(stderr=True, quiet=not verbose)
+        self._timing = Console(stderr=True, quiet=not verbose, markup=False)
         self._shown: Progress | None = None
 
     def written(self, text: str) -> None:
         """Print where results were written."""
-        self.results.print(text, highlight=False, markup=False, soft_wrap=True)
+        self.results.print(text, highlight=False, soft_wrap=True)
 
     def line(self, text: str) -> None:
         """Print a message."""
-        self.news.print(text, highlight=False, markup=False, soft_wrap=True)
+        self.news.print(text, highlight=False, soft_wrap=True)
 
     def error(self, text: str) -> None:
         """Print on stderr what failed while other work goes on."""
@@ -47,7 +47,7 @@ class Terminal:
         start_s = time.perf_counter()
         yield
         seconds = time.perf_counter() - start_s
-        self._timing.print(f"{name}: {seconds:.2f} s", highlight=False, markup=False, soft_wrap=True)
+        self._timing.print(f"{name}: {seconds:.2f} s", highlight=False, soft_wrap=True)
 
     @contextmanager
     def progress(self, *more: ProgressColumn) -> Iterator[Progress]:
@@ -55,7 +55,8 @@ class Terminal:
         if self._shown is not None:
             yield self._shown
             return
-        columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TimeLeft())
+        name = TextColumn("{task.description}", markup=False)
+        columns = (name, BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TimeLeft())
         try:
             hidden = not self.news.is_terminal
             with Progress(*columns, *more, console=self.news, transient=True, disable=hidden) as self._shown:

@@ -85,7 +85,7 @@ def _compiled(mujoco: Any, path: Path) -> Any:
             names = {file.name for file in files}
             if len(names) == len(files):  # MuJoCo takes files in memory by these names
                 return mujoco.MjModel.from_xml_path(str(path), {file.name: text for file, text in files.items()})
-        except (OSError, ElementTree.ParseError, ValueError):
+        except (OSError, ElementTree.ParseError, RecursionError, ValueError):
             pass
         raise error
 

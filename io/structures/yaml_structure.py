@@ -18,6 +18,8 @@ from ...models.values.extras import needs_extra
 ROD_WORDS = ("rod", "bar", "strut")
 TENDON_WORDS = ("string", "cable", "actuator", "muscle", "tendon", "spring")
 """Words in the class, the type or the name of a builder by which its members are rods or tendons."""
+MOST_VALUES = 10**6
+"""Number of values, aliases written out, below which a document is no bomb: a few aliases of aliases make billions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,12 +88,25 @@ def _document(path: Path) -> dict[str, Any]:
         place = f"line {mark.line + 1}: " if mark else ""
         reason = " ".join(str(getattr(error, "problem", None) or error).split())
         raise InputError(f"{path}: {place}is no YAML: {reason}") from error
+    if not _size(document, {}) < MOST_VALUES:
+        raise InputError(f"{path}: expected fewer than {MOST_VALUES} values, got aliases that repeat each other")
     if not isinstance(document, dict):
         raise InputError(f"{path}: expected nodes, connections or pair_groups, and builders, got no table")
     for name in ("substructures", "bond_groups"):
         if name in document:
             raise InputError(f"{path}: {name}: is not read: expected all nodes and members in this file")
     return document
+
+
+def _size(value: object, known: dict[int, float]) -> float:
+    """Return the number of values in a document with all aliases written out; infinite for one that holds itself."""
+    if not isinstance(value, dict | list):
+        return 1.0
+    if id(value) not in known:
+        known[id(value)] = np.inf
+        parts = value.values() if isinstance(value, dict) else value
+        known[id(value)] = 1.0 + sum(_size(part, known) for part in parts)
+    return known[id(value)]
 
 
 def _table(path: Path, document: Mapping[str, Any], *names: str) -> dict[str, Any]:
