@@ -34,6 +34,7 @@ LATE_S = 0.015
 """Latency that 99 % of the shapes should not exceed."""
 SETTLED_S = 60.0
 """Time after which memory and open files should not grow."""
+COMMAND = (sys.executable, "-m", "tensegraph")
 STAGES = ("busy_s", "link_s", "lengths_s", "estimate_s")
 
 
@@ -48,7 +49,7 @@ class Command:
     @classmethod
     def start(cls, folder: Path, minutes: float, rig: Path, ports: Sequence[Path], *arguments: str) -> "Command":
         """Start `tensegraph` in a folder."""
-        words = [sys.executable, "-m", "tensegraph", *arguments, "--rig", str(rig), "--seconds", f"{60 * minutes:g}"]
+        words = [*COMMAND, *arguments, "--rig", str(rig), "--seconds", f"{60 * minutes:g}"]
         words += ["--quiet", *(word for port in ports for word in ("--port", str(port)))]
         return cls(arguments[0], subprocess.Popen(words, cwd=folder, stdin=subprocess.DEVNULL))
 

@@ -1,11 +1,13 @@
 """The soak: no row lost, memory flat, and the cause of each late shape by hand."""
 
 import os
+import sys
 
 import numpy as np
 import pytest
 
 import soak
+import undrawn_command
 
 COLUMNS = [(name, float) for name in ("t_s", "latency_s", *soak.STAGES, "processor_s", "other_threads_s")]
 
@@ -19,7 +21,9 @@ def test_ten_minutes(tmp_path, firmware) -> None:
     check(report, minutes)
 
 
-def test_some_seconds(tmp_path, firmware) -> None:
+def test_some_seconds(tmp_path, firmware, monkeypatch) -> None:
+    """Without drawing, at which the emulated boards would go on for as long again."""
+    monkeypatch.setattr(soak, "COMMAND", (sys.executable, undrawn_command.__file__))
     report = "\n".join(soak.soak(tmp_path, firmware, 0.05))
     check(report, 0.05)
 

@@ -79,7 +79,7 @@ def test_a_replay_and_the_twin_have_the_motors_too(trial) -> None:
 
 
 def test_a_replay_with_motors_is_recorded_again(trial, tmp_path) -> None:
-    result = run("live", "--replay", trial.path, "--record", "again", "--out", "live", cwd=tmp_path)
+    result = run("live", "--replay", trial.path, "--speed", 4, "--record", "again", "--out", "live", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     for name in ("natural_length0.csv", "board0.csv"):
         first, again = ((folder / name).read_text().splitlines() for folder in (trial.path, tmp_path / "again"))

@@ -41,7 +41,7 @@ def test_the_example_s_names_are_those_that_are_found(own_parts) -> None:
 
 def test_an_estimator_is_a_method_whose_result_is_evaluated(own_parts, trial_copy, tmp_path) -> None:
     """Typed as a user types it, in a process of its own; run.toml tells what made it, byte for byte."""
-    trial_copy(rows=120, name="press")
+    trial_copy(rows=60, name="press")
     done = run_process("reconstruct", "press", "--method", "rest-held", "--figures", "none", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     made = tomllib.loads((tmp_path / "results" / "press" / "run.toml").read_text())
@@ -60,7 +60,7 @@ def test_an_estimator_is_a_method_whose_result_is_evaluated(own_parts, trial_cop
 
 
 def test_compare_takes_it_too_and_names_what_it_takes(own_parts, trial_copy, tmp_path) -> None:
-    trial_copy(rows=120, name="press")
+    trial_copy(rows=60, name="press")
     done = run("compare", "press", "--method", "rest-held", "--method", "frame", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     with (tmp_path / "results/comparison/comparison.csv").open() as file:
@@ -132,7 +132,7 @@ def test_a_file_that_a_reader_cannot_read_is_one_line(own_parts, trial_copy, tmp
 
 def test_a_sensor_model_is_a_model(own_parts, trial_copy, tmp_path) -> None:
     """By its name on the command line and in Python; run.toml names it in place of a file."""
-    trial_copy(rows=120, name="press")
+    trial_copy(rows=60, name="press")
     done = run("reconstruct", "press", "--model", "straight", "--method", "frame", "--figures", "none", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     made = tomllib.loads((tmp_path / "results" / "press" / "run.toml").read_text())

@@ -50,7 +50,7 @@ def test_truth_in_millimetres_is_not_used_and_said(trial_copy: Callable[..., Pat
         cells = [row.split(",") for row in rows]
         return "\n".join([header, *(",".join([t, *(str(1000 * float(c)) for c in rest)]) for t, *rest in cells)]) + "\n"
 
-    trial = trial_copy(truth=in_millimetres)
+    trial = trial_copy(rows=60, truth=in_millimetres)
     ended = run("reconstruct", trial, "--live", "--figures", "none", cwd=trial.parent)
     assert ended.returncode == 0
     assert "not used: truth: expected nodes as far apart" in " ".join(ended.stdout.split())
@@ -63,14 +63,14 @@ def test_truth_of_another_time_is_told(trial_copy: Callable[..., Path]) -> None:
         cells = [row.split(",", 1) for row in rows]
         return "\n".join([header, *(f"{float(t) + 1e4},{rest}" for t, rest in cells)]) + "\n"
 
-    trial = trial_copy(truth=later)
+    trial = trial_copy(rows=60, truth=later)
     ended = run("reconstruct", trial, "--live", "--figures", "none", cwd=trial.parent)
     assert "covers no frame" in " ".join(ended.stdout.split())
     assert "nan mm" not in ended.stdout
 
 
 def test_toml_with_a_byte_order_mark_is_read(trial_copy: Callable[..., Path]) -> None:
-    trial = trial_copy()
+    trial = trial_copy(rows=60)
     file = trial / "trial.toml"
     file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
     assert run("reconstruct", trial, "--live", "--figures", "none", cwd=trial.parent).returncode == 0

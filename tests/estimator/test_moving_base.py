@@ -8,15 +8,17 @@ import pytest
 
 from tensegraph import Status, open_trial, reconstruct
 from tensegraph.models.structure.shape import Reason
+from trial_edits import cut
 
 ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
 
 
 @pytest.fixture(scope="module")
 def told_anchored(tmp_path_factory):
-    """The robot that is tipped, described as if the three nodes on which it starts were anchored."""
+    """The robot until its first tip, described as if the three nodes on which it starts were anchored."""
     folder = tmp_path_factory.mktemp("anchored") / "trial"
     shutil.copytree(ROLL, folder)
+    cut(folder, until_s=6.0)
     rest_m = open_trial(ROLL).description.rest_position_m
     base = np.argsort(rest_m[:, 2])[:3]
     text = (folder / "trial.toml").read_text()

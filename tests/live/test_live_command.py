@@ -50,8 +50,9 @@ def typed(monkeypatch, capfd):
 
 
 def start(*arguments, cwd: Path) -> subprocess.Popen:
-    """Start the command in a directory."""
-    command = [sys.executable, undrawn_command.__file__, *map(str, arguments)]
+    """Start the command in a directory; one that records draws nothing, and is started without matplotlib."""
+    program = ("-m", "tensegraph") if arguments[0] == "record" else (undrawn_command.__file__,)
+    command = [sys.executable, *program, *map(str, arguments)]
     environment = os.environ | {"COLUMNS": "120", "TERM": "dumb", "MPLBACKEND": "agg"}
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     return subprocess.Popen(command, cwd=cwd, env=environment, text=True, start_new_session=True, **pipes)
@@ -127,7 +128,7 @@ def test_a_twin_s_trial_comes_live(tmp_path, example, typed, monkeypatch) -> Non
     monkeypatch.setattr("tensegraph.live.activity.LATE_S", np.inf)
     plan = tmp_path / "short.toml"
     text = (example.parent / "plans" / "press.toml").read_text()
-    plan.write_text(text.replace("duration_s = 30.0", "duration_s = 3.0").replace("until_s = 29.0", "until_s = 2.9"))
+    plan.write_text(text.replace("duration_s = 30.0", "duration_s = 6.0").replace("until_s = 29.0", "until_s = 5.9"))
     arguments = ("--speed", 1000, "--seconds", 2, "--record", "twin", "--out", "out")
     code, _, error = typed("live", "--twin", plan, *arguments, cwd=tmp_path)
     assert code == 0, error
@@ -169,15 +170,20 @@ def rows_on_disk(trial: Path) -> int:
     return min(file.read_bytes().count(b"\n") if file.exists() else 0 for file in files)
 
 
+def began(process: subprocess.Popen, trial: Path, rows: int = 0) -> None:
+    """Wait until a trial is being recorded, with so many rows of each board."""
+    until_s = time.monotonic() + 120
+    while not trial.exists() or rows_on_disk(trial) < rows:
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < until_s
+        time.sleep(0.05)
+
+
 def test_ctrl_c_leaves_a_whole_result_and_trial(tmp_path, rig, emulated) -> None:
     """Emulated boards at 50 Hz: recorded without a gap, and offline gives the same shapes as live did."""
     ports = [word for board in emulated for word in ("--port", board.port)]
     process = start("live", "--rig", rig, *ports, "--record", "first", "--out", "live", cwd=tmp_path)
-    until_s = time.monotonic() + 120
-    while rows_on_disk(tmp_path / "first") < 160:
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < until_s
-        time.sleep(0.05)
+    began(process, tmp_path / "first", rows=160)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of the group
     out, error = process.communicate(timeout=60)
     for board in emulated:  # an emulation takes half of a core
@@ -353,15 +359,6 @@ def test_what_can_not_be_is_one_line_and_exit_code_2(trial_copy, rig, typed, arg
     assert not (rig.parent / "x").exists()
 
 
-def began(process: subprocess.Popen, trial: Path) -> None:
-    """Wait until a trial is being recorded."""
-    until_s = time.monotonic() + 60
-    while not trial.exists():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < until_s
-        time.sleep(0.05)
-
-
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
 def test_a_closed_terminal_or_a_termination_leaves_a_whole_trial(tmp_path, rig, pty_boards, number) -> None:
     """Sent to all of the group, as a terminal that is closed does; settings are read from a file, too."""
@@ -369,8 +366,7 @@ def test_a_closed_terminal_or_a_termination_leaves_a_whole_trial(tmp_path, rig, 
     (tmp_path / "settings.toml").write_text("[clock]\nwindow_s = 30.0\n")
     ports = [word for board in (pty_boards("a", 0), pty_boards("b", 1)) for word in ("--port", board.port)]
     process = start("record", "--rig", rig, *ports, "--out", "t", "--config", "settings.toml", cwd=tmp_path)
-    began(process, tmp_path / "t")
-    time.sleep(1.0)
+    began(process, tmp_path / "t", rows=30)
     (os.killpg if number == signal.SIGHUP else os.kill)(process.pid, number)
     out, error = process.communicate(timeout=30)
     assert process.returncode == 0, error

@@ -1,4 +1,13 @@
-"""Edits of the files of a trial, for `trial_copy`."""
+"""Edits of the files of a trial, for `trial_copy`, and of those of any other."""
+
+from pathlib import Path
+
+
+def cut(trial: Path, until_s: float) -> None:
+    """Leave of a trial's readings, truth and loads only what comes before a time."""
+    for file in trial.glob("*.csv"):
+        header, *rows = file.read_text().splitlines(keepends=True)
+        file.write_text("".join([header, *(row for row in rows if float(row.split(",")[0]) < until_s)]))
 
 
 def lines(edit):

@@ -10,6 +10,7 @@ from tensegraph import InputError, open_trial, reconstruct
 from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.structure.shape import Reason
+from trial_edits import cut
 
 ROLL = Path(__file__).parents[3] / "examples" / "roll_02"
 
@@ -56,12 +57,8 @@ def test_the_track_starts_sure_and_grows_unsure(rolled) -> None:
 
 def copied(folder: Path, until_s: float) -> None:
     """Copy the trial without what comes later; the first tip is from 3.5 to 4 s, the second one from 6.5 to 8 s."""
-    folder.mkdir()
-    shutil.copy(ROLL / "trial.toml", folder)
-    for file in ROLL.glob("*.csv"):
-        header, *rows = file.read_text().splitlines(keepends=True)
-        kept = [row for row in rows if float(row.split(",")[0]) < until_s]
-        (folder / file.name).write_text("".join([header, *kept]))
+    shutil.copytree(ROLL, folder)
+    cut(folder, until_s)
 
 
 def without(folder: Path, *tables: str, until_s: float = np.inf) -> Path:
@@ -122,10 +119,10 @@ def stuck(lines: list[str]) -> list[str]:
     return lines[:300] + [f"{line.split(',')[0]},{values}" for line in lines[300:]]
 
 
-@pytest.mark.parametrize("fault", [stuck, lambda lines: lines[:300]], ids=["stuck", "ended"])
-def test_without_its_sensor_the_robot_is_followed_by_the_balance_of_forces(fault, tmp_path) -> None:
-    """The sensor fails after three seconds, before the first tip."""
-    path = edited(tmp_path / "failed", 9.0, imu0=fault)
+@pytest.mark.parametrize(("fault", "until_s"), [(stuck, 9.0), (lambda lines: lines[:300], 6.0)], ids=["stuck", "ended"])
+def test_without_its_sensor_the_robot_is_followed_by_the_balance_of_forces(fault, until_s, tmp_path) -> None:
+    """The sensor fails after three seconds, before the first tip; the one that is stuck misses the second, too."""
+    path = edited(tmp_path / "failed", until_s, imu0=fault)
     trial = open_trial(path)
     truth = trial.truth_of(trial.truth())
     result = reconstruct(trial, "live")
