@@ -17,6 +17,7 @@ from .estimator.hanging.hanging_estimators import HangingOptimizer, HangingSmoot
 from .estimator.moving_base import MovingBase
 from .estimator.own_evidence import FactorWatch
 from .estimator.rest_step import rest_step
+from .estimator.rest_watch import RestWatch
 from .estimator.smoother import LiveSmoother
 from .factors.tendon import TautCables
 from .io.model_file import read_sensor_model
@@ -37,7 +38,7 @@ from .models.structure.natural_lengths import Winding, strip_length_m
 from .models.structure.possible import PossibleShapes
 from .models.structure.reconstruction import Reconstruction
 from .models.structure.rest_shape import RestShape
-from .models.structure.shape import Shape
+from .models.structure.shape import Reason, Shape
 from .models.structure.structure import Structure
 from .models.trial_description import TrialDescription
 from .models.values.aids import AidReading, ImuReading, PositionReading
@@ -170,6 +171,8 @@ class Pipeline:
         if trial.mechanics is not None and len(trial.mechanics.stiff_cables):
             self.factors += (self._taut_cables(trial.mechanics),)
         self.factor_watch = FactorWatch()
+        is_told = trial.source == "lengths" and trial.rest_seconds > 0 and trial.rest_position_m is not None
+        self._rest_watch = RestWatch(self.rest.lengths(trial.rest_seconds)) if is_told else None
         self.own_frames = OwnFrames(self.rest, trial.own_frames, trial.rest_seconds, settings.pose.position_m)
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
         tendons = len(trial.structure.tendons)
@@ -235,6 +238,7 @@ class Pipeline:
                 f"method '{method}': expected one of {', '.join(WITH_FACTORS)}, which use the trial's [[factor]]"
             )
         shapes = map(self.factor_watch.observe, self._shapes(frames, method, factory, progress))
+        shapes = map(self._at_rest, shapes)
         return in_one_thread(map(PossibleShapes(self.rest).check, shapes))
 
     def _shapes(
@@ -246,6 +250,17 @@ class Pipeline:
         if self.trial.imus and self.trial.rest_seconds > 0:
             return map(MovingBase(self.rest, self.trial.imus, self.trial.rest_seconds).observe, shapes)
         return shapes
+
+    @property
+    def rest_in_doubt(self) -> bool:
+        """Whether at least half of the sensors, or of the lengths, do not fit the rest shape."""
+        return self.front_end.rest_in_doubt or (self._rest_watch is not None and self._rest_watch.in_doubt)
+
+    def _at_rest(self, shape: Shape) -> Shape:
+        """Return a shape of one more frame, in doubt if the readings at rest do not fit the rest shape."""
+        if self._rest_watch:
+            self._rest_watch.observe(shape)
+        return shape.in_doubt(Reason.REST) if self.rest_in_doubt else shape
 
     def _not_held(self, method: str) -> Estimator:
         """Return the estimator of a structure that hangs, stands on a floor, or is described in body coordinates."""

@@ -267,7 +267,7 @@ class Run:
             table.add_row("geometry", wrong_geometry(self.pipeline.rest.wrong))
         for line in flagged_sensors(r):
             table.add_row("flagged", line)
-        if self.pipeline.front_end.rest_in_doubt:
+        if self.pipeline.rest_in_doubt:
             table.add_row("rest in doubt", "most sensors do not fit the rest shape: was it still, and this structure?")
         if self.pipeline.front_end.moved_at_rest:
             table.add_row(

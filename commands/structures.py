@@ -126,7 +126,7 @@ def _nodes(told: DescribedStructure) -> Table:
 
 
 def check_choice(file: Path | None, unit_m: float, new: NewStructure | None, rod_m: float | None) -> None:
-    """Refuse a command line that neither names a file nor starts a structure, does both, or has an impossible size.
+    """Refuse a command line that neither names a file nor starts a structure, does both, or has an impossible unit.
 
     Raises:
         InputError: when it does.
@@ -136,6 +136,5 @@ def check_choice(file: Path | None, unit_m: float, new: NewStructure | None, rod
         raise InputError(f"expected a structure file, or --new with --rod, got {given}")
     if (new is None) != (rod_m is None):
         raise InputError("--rod: expected with --new, the length of each rod in metres")
-    for option, value_m in (("--unit", unit_m), ("--rod", rod_m)):
-        if value_m is not None and not SMALLEST <= value_m <= LARGEST["m"]:
-            raise InputError(f"{option}: expected {SMALLEST:g} to {LARGEST['m']:g} m, got {value_m:g}")
+    if not SMALLEST <= unit_m <= LARGEST["m"]:
+        raise InputError(f"--unit: expected metres above 0, at most {LARGEST['m']:g}, got {unit_m:g}")

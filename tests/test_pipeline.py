@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tensegraph import Flag, InputError, Settings, open_trial
+from tensegraph import Flag, InputError, Settings, Status, open_trial
+from tensegraph.models.structure.shape import Reason
 from tensegraph.pipeline import Pipeline, reconstruct
 from trial_edits import cell, lines
 
@@ -130,6 +131,19 @@ def test_lengths_stand_in_for_counts(trial_copy) -> None:
     lengths = reconstruct(path, "live")
     # what part of sigma is the rest shape's is not in the file, so weights differ a little
     np.testing.assert_allclose(lengths.node_position_m, counts.node_position_m, atol=0.0015)
+    assert not any(lengths.doubts)
+    (path / "lengths.csv").write_text(
+        "\n".join([header.replace("l0_m,", "").replace("l23_m", "l23_m,l0_m"), *rows, ""])
+    )
+    assert all(doubt is not None for doubt in reconstruct(path, "live").doubts[20:])  # each tendon has its neighbour's
+
+
+def test_readings_that_are_not_of_the_rest_shape_are_in_doubt(trial_copy) -> None:
+    """A converter of 12 bits that has 10: all resistances are as wrong."""
+    path = trial_copy(rows=100, trial=lambda text: text.replace("bits = 10", "bits = 12"))
+    result = reconstruct(path, "live")
+    assert all(status == Status.DOUBT for status in result.status)
+    assert Reason.REST in result.doubts
 
 
 def test_lengths_without_sigma_with_gaps_and_with_stamps_that_go_back(trial_copy) -> None:

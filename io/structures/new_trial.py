@@ -12,6 +12,8 @@ from ...models.structure.rigidity import find_rest_shape
 from ...models.structure.structure import Structure, six_strut
 from ...models.towers import prism_tower, saddle_tower
 from ...models.values.errors import InputError
+from ...models.values.tables import SMALLEST
+from ...models.values.units import LARGEST
 from ..whole import check_vacant, written_whole
 
 CHANNELS = 12
@@ -51,8 +53,8 @@ class BuiltIn:
         Raises:
             InputError: for sizes that are impossible.
         """
-        if not (np.isfinite(self.rod_length_m) and self.rod_length_m > 0):
-            raise InputError(f"--rod: expected a length above 0 m, got {self.rod_length_m}")
+        if not SMALLEST <= self.rod_length_m <= LARGEST["m"]:
+            raise InputError(f"--rod: expected a length above 0, at most {LARGEST['m']:g} m, got {self.rod_length_m:g}")
         if self.name == "six-strut":
             structure = six_strut(self.rod_length_m)
             return structure, find_rest_shape(structure)

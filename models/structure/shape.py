@@ -58,6 +58,7 @@ class Reason(StrEnum):
     MOTION = "motion"
     LOADS = "many_loads"
     GEOMETRY = "geometry"
+    REST = "rest"
     BASE = "base"
     IMU = "imu"
     CONTACTS = "contacts"
@@ -76,6 +77,7 @@ REASON_ADVICE = {
     Reason.MOTION: "the robot is shaken faster than its sensors follow: move it slower",
     Reason.LOADS: "many nodes are loaded at once, of which lengths say little: trust the ellipsoids, not the centres",
     Reason.GEOMETRY: "the geometry in trial.toml contradicts the balance of forces at rest: measure it again",
+    Reason.REST: "most sensors do not fit the rest shape: was it still, is it this structure, are boards told right?",
     Reason.BASE: "the rods turn otherwise than the anchors allow: fix the base, or describe it as free-standing",
     Reason.IMU: "an inertial sensor contradicts the inclination of its rod and is left out: is its axis told right?",
     Reason.HANGING: "it is turned otherwise than weight and hands can hold it: fix sensors on rods of other directions",

@@ -46,6 +46,12 @@ def test_compare_runs_every_method(trial_copy) -> None:
     assert float(rows["seen", "UKF"]["coverage_95"]) == pytest.approx(alone["consistency"]["coverage_95"], abs=0.02)
 
 
+def test_a_comparison_without_any_truth_is_refused(trial_copy) -> None:
+    blind = trial_copy(rows=20, name="blind", trial=lambda text: text[: text.index("[truth]")])
+    refused = run("compare", blind, "--method", "frame", cwd=blind.parent)
+    assert (refused.returncode, refused.stderr) == (2, "tensegraph: blind: no true positions to compare with\n")
+
+
 class TestComparison:
     def measured(self) -> list[Measured]:
         structure = four_nodes()

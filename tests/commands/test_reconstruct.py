@@ -115,9 +115,11 @@ def test_a_truth_file_that_is_gone_is_said_and_stops_nothing(trial_copy) -> None
 
 
 def test_figures_for_a_paper_are_vectors(trial_copy) -> None:
-    path = trial_copy(rows=40)
+    """The name of the trial looks like markup and TeX, and is neither."""
+    path = trial_copy(rows=40, trial=lambda text: text.replace('"press_01"', "'run [/b] of $\\alpah$'"))
     result = run("reconstruct", path, "--live", "--figures", "pdf", "--out", "out", cwd=path.parent)
     assert result.returncode == 0, result.stderr
+    assert "run [/b] of $\\alpah$ (live)" in result.stdout
     figures = {file.name for file in (path.parent / "out").iterdir()} - {"run.toml"}
     assert {name for name in figures if not name.endswith(".csv")} == {"lengths.pdf", "shape.pdf", "sensor_drift.pdf"}
     assert (path.parent / "out" / "shape.pdf").read_bytes().startswith(b"%PDF")

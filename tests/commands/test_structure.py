@@ -1,6 +1,7 @@
 """`structure`, and trials that take their structure from a file."""
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -165,11 +166,21 @@ def test_a_new_structure_is_a_trial_and_a_rig(name: str, tendons: int, tmp_path:
         (["none.xml"], "tensegraph: none.xml: no such file"),
         ([], "tensegraph: expected a structure file, or --new with --rod, got neither"),
         (["--new", "prism"], "tensegraph: --rod: expected with --new"),
-        (["--new", "prism", "--rod", "-1"], "tensegraph: --rod: expected a length above 0 m, got -1.0"),
+        (["--new", "prism", "--rod", "-1"], "tensegraph: --rod: expected a length above 0, at most 10000 m, got -1"),
+        (
+            ["--new", "six-strut", "--rod", "1e300"],
+            "tensegraph: --rod: expected a length above 0, at most 10000 m, got",
+        ),
+        (["bomb.yaml", "--unit", "0"], "tensegraph: --unit: expected metres above 0, at most 10000, got 0"),
+        (["bomb.yaml"], "tensegraph: bomb.yaml: expected fewer than 1000000 values, got aliases"),
+        (["self.yaml"], "tensegraph: self.yaml: expected fewer than 1000000 values, got aliases"),
     ],
 )
 def test_what_is_refused_is_one_line(words: list[str], message: str, tmp_path: Path) -> None:
     (tmp_path / "broken.yaml").write_text("nodes: [")
+    aliases = "\n".join(f"{b}: &{b} [{', '.join(9 * [f'*{a}'])}]" for a, b in pairwise("abcdefghi"))
+    (tmp_path / "bomb.yaml").write_text(f"a: &a [x]\n{aliases}\nnodes: *i\n")
+    (tmp_path / "self.yaml").write_text("nodes: &a {a: *a}\n")
     refused = run("structure", *words, cwd=tmp_path)
     assert refused.returncode == 2
     assert refused.stderr.startswith(message)
