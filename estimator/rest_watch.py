@@ -11,7 +11,7 @@ import numpy as np
 from ..models.structure.shape import Shape
 from ..models.values.readings import RestLengths
 
-MISFIT_SIGMA = 5.0
+REST_APART_SIGMA = 5.0
 """Number of standard deviations beyond which a tendon's length at rest is not that of the rest shape."""
 
 
@@ -37,5 +37,5 @@ class RestWatch:
         self._count += read
         error_m = length_m[read] - self._rest.length_m[read]
         self._misfit_m[read] += (error_m - self._misfit_m[read]) / self._count[read]
-        beyond = np.abs(self._misfit_m[read]) > MISFIT_SIGMA * np.hypot(sigma_m[read], self._rest.sigma_m[read])
+        beyond = np.abs(self._misfit_m[read]) > REST_APART_SIGMA * np.hypot(sigma_m[read], self._rest.sigma_m[read])
         self.in_doubt = bool(2 * beyond.sum() >= read.sum() > 0)
