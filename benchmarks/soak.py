@@ -34,8 +34,9 @@ LATE_S = 0.015
 """Latency that 99 % of the shapes should not exceed."""
 SETTLED_S = 60.0
 """Time after which memory and open files should not grow."""
-COMMAND = (sys.executable, "-m", "tensegraph")
 STAGES = ("busy_s", "link_s", "lengths_s", "estimate_s")
+COMMAND = (sys.executable, "-m", "tensegraph")
+"""What is started, before its arguments."""
 
 
 @dataclass(slots=True)

@@ -21,11 +21,11 @@ SHOWN = {
 
 @pytest.fixture
 def short_inputs(trial_copy, tmp_path: Path) -> dict[str, Path]:
-    """What two examples read, which take whole files: three seconds of the trial, half a minute of each strip."""
+    """What two examples read, which take whole files: three seconds of the trial, 45 s of each strip."""
     strips = tmp_path / "strips"
     strips.mkdir()
     for source in (EXAMPLES[0].parent / "calibration").glob("random_small_*.csv"):
-        (strips / source.name).write_text("".join(source.read_text().splitlines(keepends=True)[:602]))
+        (strips / source.name).write_text("".join(source.read_text().splitlines(keepends=True)[:902]))
     return {"01_reconstruct": trial_copy(rows=160), "04_calibrate": strips}
 
 

@@ -22,7 +22,7 @@ def test_ten_minutes(tmp_path, firmware) -> None:
 
 
 def test_some_seconds(tmp_path, firmware, monkeypatch) -> None:
-    """Without drawing, at which the emulated boards would go on for as long again."""
+    """Without drawing, during which the emulated boards would go on to take a core."""
     monkeypatch.setattr(soak, "COMMAND", (sys.executable, undrawn_command.__file__))
     report = "\n".join(soak.soak(tmp_path, firmware, 0.05))
     check(report, 0.05)

@@ -41,7 +41,7 @@ def test_a_result_beside_itself_or_anywhere(done, tmp_path) -> None:
         (["--out", "press"], "press: expected a name that ends in .mat, .npz"),
         (["--to", "mat", "--out", "press.nc"], "--out press.nc: expected a name that ends in .mat for --to mat"),
         (["--to", "gltf"], "press.glb: holds one frame: expected its time, --at or at_s, from 0.00 to"),
-        (["--to", "ply", "--at", "99"], "expected its time, --at or at_s, from 0.00 to 6.06 s, got 99"),
+        (["--to", "ply", "--at", "99"], "expected its time, --at or at_s, from 0.00 to 4.04 s, got 99"),
         (["--to", "mat", "--at", "1"], ".mat holds all frames: expected no time"),
         (["--out", "folder.mat"], "folder.mat: is a directory: expected the name of a file"),
     ],
