@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Group
 from rich.table import Table
 
@@ -15,6 +16,9 @@ from ...models.evaluation.marker_assignment import largest_reach_m
 from ...models.evaluation.truth import CaptureFit
 from ...models.structure.structure import Structure
 from .cells import or_dash
+
+FAR_OFF = 0.05
+"""Distance of an anchor in the truth from where it is told, in rod lengths, above which it is another place."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +77,7 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
     ]
     if e.rotation_deg is not None:
         rows.append(("truth aligned", f"turned by {e.rotation_deg:.2f} degrees"))
+    rows += _anchor_facts(e.anchors_apart_m, e.structure)
     rows += _capture_facts(e.capture, e.structure) if e.capture else []
     if e.wrong_branch_frames is not None:
         rows.append(("on the wrong branch", f"{e.wrong_branch_frames} frames"))
@@ -82,6 +87,15 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
     rows += [(f"fault: {fault.kind}, {fault.where}", _seen(fault)) for fault in e.faults]
     rows.append(("false alarms", f"{e.false_alarm_share:.2%} of the healthy readings"))
     return rows
+
+
+def _anchor_facts(apart_m: NDArray[np.float64], structure: Structure) -> list[tuple[str, str]]:
+    """Return what tells a truth in other axes, of other nodes or of another robot: anchors far from their places."""
+    return [
+        (f"anchor {node} of the truth", f"{1e3 * m:.0f} mm from where it is told: other axes, or nodes? See --align")
+        for node, m in zip(structure.anchors, apart_m, strict=True)
+        if m > FAR_OFF * structure.rod_length_m.mean()
+    ]
 
 
 def _capture_facts(c: CaptureFit, structure: Structure) -> list[tuple[str, str]]:

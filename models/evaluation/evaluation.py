@@ -205,6 +205,8 @@ class Evaluation:
     """Number of frames of the estimate that were not compared."""
     rotation_deg: float | None
     """Angle by which the truth was rotated for alignment; None when it was not aligned."""
+    anchors_apart_m: NDArray[np.float64]
+    """(anchors,) mean distance of each anchor in the truth from where it is told; nan where it is not in the truth."""
     absolute: ShapeErrors
     """Errors of the positions."""
     displacement: ShapeErrors | None

@@ -69,6 +69,9 @@ def evaluate(
         frames=int(known.sum()),
         frames_without_truth=int((~known).sum()),
         rotation_deg=rotation_deg,
+        anchors_apart_m=mean_over_frames(
+            np.linalg.norm(true_m[:, structure.anchors] - structure.anchor_position_m, axis=-1)
+        ),
         absolute=shape_errors(compared.node_error_m, compared.face_error_m),
         displacement=_displacement_errors(structure, compared, rest_error_m),
         node_rmse_m=node_rmse_m,

@@ -83,6 +83,10 @@ def test_evaluate_with_truth_from_elsewhere(done, tmp_path) -> None:
     plain, aligned = (json.loads(result.stdout)[0] for result in runs)
     assert aligned["node_rmse_m"][-1] is None
     assert plain["absolute"]["nodes"]["rmse_m"] > 0.5
+    assert plain["anchors_apart_m"][0] == pytest.approx(np.sqrt(3 * 0.5**2), abs=1e-3)  # it is at the origin
+    table = run(*arguments[:4], "--out", tmp_path / "table", cwd=folder).stdout
+    assert "anchor 0 of the truth" in table
+    assert max(aligned["anchors_apart_m"]) < 0.001
     assert aligned["absolute"]["nodes"]["rmse_m"] < 1e-5
     assert aligned["rotation_deg"] == pytest.approx(120, abs=1e-3)
 
