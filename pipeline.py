@@ -23,6 +23,7 @@ from .io.model_file import read_sensor_model
 from .io.result import result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
 from .models.plug_ins import PlugIn, plug_ins
+from .models.pose.aid_use import AidUse
 from .models.pose.imu_gate import ImuGate
 from .models.pose.position_frames import OwnFrames
 from .models.pose.robot import FreeStandingRobot, HangingRobot
@@ -171,6 +172,9 @@ class Pipeline:
             self.factors += (self._taut_cables(trial.mechanics),)
         self.factor_watch = FactorWatch()
         self.own_frames = OwnFrames(self.rest, trial.own_frames, trial.rest_seconds, settings.pose.position_m)
+        held = self.rest.structure.is_held
+        ranges, positions = len(trial.beacon_position_m), trial.world_positions
+        self.aid_use = AidUse(self.rest.node_position_m, ranges, positions, is_held=held)
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
         tendons = len(trial.structure.tendons)
         strips = np.arange(tendons, tendons + trial.reference_strips)
@@ -235,6 +239,7 @@ class Pipeline:
                 f"method '{method}': expected one of {', '.join(WITH_FACTORS)}, which use the trial's [[factor]]"
             )
         shapes = map(self.factor_watch.observe, self._shapes(frames, method, factory, progress))
+        shapes = map(self.aid_use.observe, shapes)
         return in_one_thread(map(PossibleShapes(self.rest).check, shapes))
 
     def _shapes(
@@ -264,6 +269,7 @@ class Pipeline:
         aids: list[AidReading] = []
         for reading in readings:  # each is one row of one board, in order of arrival
             if isinstance(reading, AidReading):
+                self.aid_use.read(reading)
                 aid = self._passed(reading)
                 if aid is not None:
                     insort(aids, aid, key=lambda aid: aid.t_s)  # boards are not synchronous
