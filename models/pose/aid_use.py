@@ -12,14 +12,14 @@ from ..values.aids import AidReading, ImuReading, PositionReading, RangeReading
 
 Kind = Literal["range", "position"]
 
-LATE_S = 1.0
+OLD_S = 1.0
 """Age of a reading from which it tells nothing of its frame; and time after which a recording without any is told."""
 MOST_RATIO = 2.0
-"""Ratio of what is read to what is expected, or its inverse, beyond which the unit is wrong: 10 at least."""
+"""Ratio of what is read to what is expected, or its inverse, from which the unit looks wrong."""
 
 
 @dataclass(slots=True)
-class _Recording:
+class _ReadAndUsed:
     """What was read of one recording, and how much of it was used."""
 
     read: int = 0
@@ -45,7 +45,7 @@ class AidUse:
         self._is_held = is_held
         numbers: list[tuple[Kind, int]] = [("range", number) for number in range(ranges)]
         numbers += [("position", number) for number in positions]
-        self._recordings = {number: _Recording() for number in numbers}
+        self._recordings = {number: _ReadAndUsed() for number in numbers}
         self._reference: dict[int, PositionReading] = {}
         self._span_s = (np.nan, np.nan)
 
@@ -64,7 +64,7 @@ class AidUse:
         self._span_s = (float(np.fmin(self._span_s[0], shape.t_s)), shape.t_s)
         for reading in shape.lengths.aids if not self._is_held else ():
             recording = self._of(reading)
-            if recording is not None and shape.t_s - reading.t_s < LATE_S:
+            if recording is not None and shape.t_s - reading.t_s < OLD_S:
                 recording.used += 1
         for number in shape.outlying_ranges:
             self._recordings["range", number].used -= 1
@@ -73,24 +73,25 @@ class AidUse:
     def lines(self) -> dict[str, str]:
         """Return of each recording of which nothing was used why that is so, by its name."""
         first_s, last_s = self._span_s
-        if not last_s - first_s > LATE_S:
+        if not last_s - first_s > OLD_S:
             return {}
         unused = {number: one for number, one in self._recordings.items() if one.used <= 0}
         return {f"{kind} {number}": f"no reading used: {self._cause(one)}" for (kind, number), one in unused.items()}
 
-    def _cause(self, recording: _Recording) -> str:
+    def _cause(self, recording: _ReadAndUsed) -> str:
         first_s, last_s = self._span_s
         if self._is_held:
             return "anchors hold the structure where they are"
-        if not recording.read or not first_s - LATE_S < recording.first_s <= last_s:
+        if not recording.read or not first_s - OLD_S < recording.first_s <= last_s:
             its = f", its first is at {recording.first_s:.2f} s" if recording.read else ""
             return f"none is of the time of the frames, {first_s:.2f} to {last_s:.2f} s{its}: is t_s of the same clock?"
         ratio = float(np.median(recording.ratios)) if recording.ratios else 1.0
         if not 1 / MOST_RATIO < ratio < MOST_RATIO:
-            return f"distances are {ratio:.2g} times those expected: are all units m?"
+            times = np.format_float_positional(ratio, precision=2, fractional=False, trim="-")
+            return f"distances are {times} times those expected: are all units m?"
         return f"all {recording.read} contradict the robot: are frame, axes, beacons and nodes told right?"
 
-    def _of(self, reading: AidReading) -> _Recording | None:
+    def _of(self, reading: AidReading) -> _ReadAndUsed | None:
         """Return the recording of a reading; None of what is not counted."""
         if isinstance(reading, ImuReading):
             return None

@@ -28,7 +28,7 @@ LAGS_M = 0.002
 """Standard deviation by which a shape lags behind a structure that tips: distances were 8 mm off at most in roll_05."""
 MOVES_M_PER_S = 1.0
 """Standard deviation of the velocity of a node since the frame before."""
-STILL_M = 0.001
+STANDS_M = 0.001
 """Standard deviation of where the robot stands at rest: as the pose filter takes it."""
 
 
@@ -58,7 +58,7 @@ def believed_at_rest(
     """
     nodes = np.array([reading.node for reading in readings])
     read_m = np.array([reading.position_m for reading in readings])
-    S = node_blocks(rest_covariance_m2)[nodes] + (sigma_m**2 + STILL_M**2) * np.eye(3)
+    S = node_blocks(rest_covariance_m2)[nodes] + (sigma_m**2 + STANDS_M**2) * np.eye(3)
     near = np.flatnonzero(_squared(read_m - rest_m[nodes], S) < MOST_SIGMA**2)
     if len(near) > 1:
         blocks_m2 = _blocks(rest_covariance_m2, nodes[near])

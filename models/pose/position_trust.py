@@ -2,7 +2,7 @@
 
 At rest the nodes are at x, as `[rest] node_position_m` says. There a position y of the world contradicts it where
 
-    (y - x)^T S^-1 (y - x) > MOST_SIGMA^2,     S = C + (STILL_M^2 + sigma^2) 1
+    (y - x)^T S^-1 (y - x) > MOST_SIGMA^2,     S = C + (STANDS_M^2 + sigma^2) 1
 
 with the covariance C of x; and so do positions of several nodes of which no two have their distance. A node of which
 most positions at rest contradict is not where it is told to be, and a recording of which most nodes do so is told in
@@ -29,7 +29,7 @@ from ..values.time_series import low_pass_weight
 from .placed import PlacedShape
 from .position_gate import believed, believed_at_rest
 
-FEW = 5
+LEAST_AT_REST = 5
 """Number of positions of a node at rest from which they tell that it is not where it is told to be."""
 MOST_SCALE = 0.03
 """Difference of a recording's scale from 1 above which it is wrong: rods keep their lengths."""
@@ -40,7 +40,7 @@ RECENT_S = 1.0
 
 
 @dataclass(slots=True)
-class _Recording:
+class _Capture:
     """What is known of one recording."""
 
     seen_s: float
@@ -83,7 +83,7 @@ class PositionTrust:
         self._rest_seconds = rest_seconds
         self._sigma_m = sigma_m
         self._at_rest: dict[int, dict[int, list[bool]]] = defaultdict(lambda: defaultdict(list))
-        self._recordings: dict[int, _Recording] = {}
+        self._recordings: dict[int, _Capture] = {}
         self._recent: deque[tuple[float, bool]] = deque()
 
     @property
@@ -134,7 +134,7 @@ class PositionTrust:
             return [False] * len(readings)
         if number not in self._recordings:
             is_astray = readings[0].frame is None and number not in self._at_rest
-            self._recordings[number] = _Recording(self._rest_seconds, is_astray)
+            self._recordings[number] = _Capture(self._rest_seconds, is_astray)
         recording = self._recordings[number]
         x, shape_m2 = expected.node_position_m, expected.shape_covariance_m2
         unseen_s = step_s if recording.is_astray else max(t_s - recording.seen_s, step_s)
@@ -150,5 +150,5 @@ class PositionTrust:
     def _is_misplaced(self, reading: PositionReading) -> bool:
         """Return whether positions at rest told that this node, or most of its recording, is not where it is told."""
         at_rest = self._at_rest.get(reading.recording, {})
-        misplaced = [node for node, used in at_rest.items() if len(used) >= FEW and 2 * sum(used) < len(used)]
+        misplaced = [node for node, used in at_rest.items() if len(used) >= LEAST_AT_REST and 2 * sum(used) < len(used)]
         return reading.node in misplaced or 2 * len(misplaced) > len(at_rest)
