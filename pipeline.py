@@ -24,6 +24,7 @@ from .io.model_file import read_sensor_model
 from .io.result import result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
 from .models.plug_ins import PlugIn, plug_ins
+from .models.pose.aid_use import AidUse
 from .models.pose.imu_gate import ImuGate
 from .models.pose.position_frames import OwnFrames
 from .models.pose.robot import FreeStandingRobot, HangingRobot
@@ -174,6 +175,9 @@ class Pipeline:
         is_told = trial.source == "lengths" and trial.rest_seconds > 0 and trial.rest_position_m is not None
         self._rest_watch = RestWatch(self.rest.lengths(trial.rest_seconds)) if is_told else None
         self.own_frames = OwnFrames(self.rest, trial.own_frames, trial.rest_seconds, settings.pose.position_m)
+        held = self.rest.structure.is_held
+        ranges, positions = len(trial.beacon_position_m), trial.world_positions
+        self.aid_use = AidUse(self.rest.node_position_m, ranges, positions, is_held=held)
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
         tendons = len(trial.structure.tendons)
         strips = np.arange(tendons, tendons + trial.reference_strips)
@@ -239,6 +243,7 @@ class Pipeline:
             )
         shapes = map(self.factor_watch.observe, self._shapes(frames, method, factory, progress))
         shapes = map(self._at_rest, shapes)
+        shapes = map(self.aid_use.observe, shapes)
         return in_one_thread(map(PossibleShapes(self.rest).check, shapes))
 
     def _shapes(
@@ -279,6 +284,7 @@ class Pipeline:
         aids: list[AidReading] = []
         for reading in readings:  # each is one row of one board, in order of arrival
             if isinstance(reading, AidReading):
+                self.aid_use.read(reading)
                 aid = self._passed(reading)
                 if aid is not None:
                     insort(aids, aid, key=lambda aid: aid.t_s)  # boards are not synchronous

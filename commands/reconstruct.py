@@ -250,6 +250,8 @@ class Run:
             table.add_row("normal of the floor", normal_line(r.floor_normal))
         for fit in self.pipeline.own_frames.fits:
             table.add_row(f"frame of position {fit.recording}", fit.text())
+        for name, text in self.pipeline.aid_use.lines().items():
+            table.add_row(name, text)
         for name, rows in self._rows_not_plain().items():
             table.add_row(name, str(rows))
         for key in self.trial.description.ignored_keys:

@@ -38,13 +38,8 @@ def range_rows(
     size = placed.state.layout.size
     rows = []
     for reading in readings:
-        pair = number_of_pair[reading.pair]
-        difference = placed.node_position_m[reading.node] - reading.beacon_position_m
-        distance = float(np.linalg.norm(difference))
-        jacobian = difference / distance @ placed.jacobian[reading.node]
-        jacobian[placed.state.layout.range_offset.start + pair] = 1.0
-        error = reading.range_m - distance - placed.state.range_offset_m[pair]
-        studentised = abs(error) / np.sqrt(jacobian @ covariance @ jacobian + sigma_m**2)
+        error, jacobian = _error(placed, reading, number_of_pair[reading.pair])
+        studentised = abs(error) / float(np.sqrt(jacobian @ covariance @ jacobian + sigma_m**2))
         if studentised < OUTLIER:
             rows.append((error, jacobian, sigma_m**2 * max(studentised / HUBER, 1.0)))
     return Rows(
@@ -52,3 +47,28 @@ def range_rows(
         np.array([row[1] for row in rows]).reshape(-1, size),
         np.array([row[2] for row in rows]),
     )
+
+
+def outlying(
+    placed: PlacedShape,
+    readings: Sequence[RangeReading],
+    number_of_pair: Mapping[tuple[int, int, int], int],
+    covariance: NDArray[np.float64],
+    sigma_m: float,
+) -> list[RangeReading]:
+    """Return the ranges that are outliers, of which there is no row; arguments as those of `range_rows`."""
+    found = []
+    for reading in readings:
+        error, jacobian = _error(placed, reading, number_of_pair[reading.pair])
+        if abs(error) / np.sqrt(jacobian @ covariance @ jacobian + sigma_m**2) >= OUTLIER:
+            found.append(reading)
+    return found
+
+
+def _error(placed: PlacedShape, reading: RangeReading, pair: int) -> tuple[float, NDArray[np.float64]]:
+    """Return the range minus that predicted, and the (size,) derivative of the predicted by the errors of the state."""
+    difference = placed.node_position_m[reading.node] - reading.beacon_position_m
+    distance = float(np.linalg.norm(difference))
+    jacobian = difference / distance @ placed.jacobian[reading.node]
+    jacobian[placed.state.layout.range_offset.start + pair] = 1.0
+    return reading.range_m - distance - float(placed.state.range_offset_m[pair]), jacobian

@@ -68,6 +68,8 @@ class TrialDescription:
     """(beacons, 3) for each recording of distances."""
     own_frames: tuple[int, ...]
     """Numbers of the recordings of positions that are in a frame of their own."""
+    world_positions: tuple[int, ...]
+    """Numbers of the recordings of positions that are in the world."""
     motors: tuple[Motors, ...]
     """What each recording of natural lengths tells."""
     factors: tuple[FactorTable, ...]
@@ -136,6 +138,7 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...], path: Path) -> T
         robot=_robot(table, told, imus),
         beacon_position_m=tuple(_beacons(number, ranges) for number, ranges in enumerate(table.range)),
         own_frames=_own_frames(table),
+        world_positions=tuple(number for number in range(len(table.position)) if number not in _own_frames(table)),
         motors=_motors(table.motor, structure),
         factors=tuple(_factor(number, keys, path) for number, keys in enumerate(table.factor)),
         ignored_keys=ignored_keys,

@@ -20,7 +20,7 @@ from ...models.pose.robot import FreeStandingRobot
 from ...models.settings import Settings
 from ...models.structure.floor import Floor
 from ...models.structure.rest_shape import RestShape
-from ...models.structure.shape import Shape
+from ...models.structure.shape import Reason, Shape
 from ...models.structure.structure import Structure
 from ...models.values.aids import AidReading, ImuReading, PositionReading
 from ...models.values.readings import TendonLengths
@@ -65,6 +65,8 @@ class _Kept:
     """Whether lengths changed as if the structure tipped, see `LengthChange.may_have_tipped`."""
     contradicted_positions: tuple[int, ...]
     """The nodes of positions that were left out."""
+    doubts_positions: bool
+    """See `PoseFilter.doubts_positions`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,14 +141,16 @@ class FreeStandingSmoother:
         self._stand_on(step.state, step.covariance, step.standing)
         if self.kept is not None:
             probability = self._faces.probability if self._faces and looked else None
-            left_out = shape.contradicted_positions
-            self.kept.append(_Kept(step.standing, stands is not None, probability, self._may_tip, left_out))
+            left_out, doubts = shape.contradicted_positions, self._poses.doubts_positions
+            self.kept.append(_Kept(step.standing, stands is not None, probability, self._may_tip, left_out, doubts))
         return shape, step
 
     def _without_contradictions(self, shape: Shape) -> Shape:
         """Return the shape with the readings that are used, and the nodes of positions that are left out."""
         told = shape.lengths.aids
         used = self._poses.without_contradictions(shape.t_s, shape.node_position_m, shape.covariance_m2, told)
+        if self._poses.doubts_positions:
+            shape = shape.in_doubt(Reason.POSITIONS)
         if len(used) == len(told):
             return shape
         left_out = tuple(
@@ -267,6 +271,8 @@ class FreeStandingOptimizer:
                 standing = replace(step.standing, others=kept.standing.others, contradicted=True)
                 step = replace(step, standing=standing)
             shape = replace(shape, contradicted_positions=kept.contradicted_positions)
+            if kept.doubts_positions:
+                shape = shape.in_doubt(Reason.POSITIONS)
             yield in_world(shape, self._rest, self._robot.floor, state, covariance, step)
 
     def _contacts(

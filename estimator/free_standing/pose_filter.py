@@ -13,7 +13,6 @@ Batch runs the same filter, and then `pose_smoother` over its steps.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +20,11 @@ from numpy.typing import NDArray
 from ...factors.ground import height_rows, rolled_on_floor_m
 from ...factors.imu import ImuArray, ImuSamples
 from ...factors.position import position_rows
-from ...factors.range import range_rows
+from ...factors.range import outlying, range_rows
 from ...models.pose.placed import PlacedShape, Rows, stacked
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
-from ...models.pose.position_gate import believed
+from ...models.pose.position_trust import PositionTrust
 from ...models.pose.robot import FreeStandingRobot
 from ...models.structure.floor import Floor
 from ...models.structure.rest_shape import RestShape
@@ -77,6 +76,7 @@ class PoseFilter:
         self._last_s = np.nan
         self._located_s = -np.inf
         self._trust = ImuTrust(self._imus.count)
+        self._position_trust = PositionTrust(rest, robot.rest_seconds, settings.position_m)
         self._unheld: UnheldPose | None = None
         self._slides_since_s = np.full(len(self._standing), np.inf)
 
@@ -117,7 +117,15 @@ class PoseFilter:
             slips=tuple(found),
             slides_since_s=self._slides_since_s,
             trusts_imus=bool(self._trust.is_trusted.all()),
+            outlying_ranges=self._outlying_ranges(predicted, frame),
         )
+
+    def _outlying_ranges(self, predicted: Prediction, frame: Frame) -> tuple[int, ...]:
+        """Return the recordings of the ranges that are left out of a frame."""
+        ranges = [reading for reading in frame.aids if isinstance(reading, RangeReading)]
+        pairs, sigma_m = self._number_of_pair, self._settings.range_m
+        left_out = outlying(predicted.placed, ranges, pairs, predicted.covariance, sigma_m)
+        return tuple(reading.pair[0] for reading in left_out)
 
     def _expected(
         self,
@@ -288,19 +296,15 @@ class PoseFilter:
             aids: the readings since the frame before.
         """
         positions = [reading for reading in aids if isinstance(reading, PositionReading)]
-        if not positions:
-            return tuple(aids)
         placed = PlacedShape(self.state, body_m - self.centre_m, body_covariance_m2)
-        expected_m, covariance = placed.node_position_m, placed.total_covariance_m2(self.covariance)
         step_s = t_s - self._last_s if np.isfinite(self._last_s) else FIRST_STEP_S
-        used: set[int] = set()
-        for _, instant in groupby(positions, key=lambda reading: (reading.t_s, reading.recording)):
-            at_once = list(instant)
-            passes = believed(
-                at_once, expected_m, covariance, placed.shape_covariance_m2, step_s, self._settings.position_m
-            )
-            used |= {id(reading) for reading, passed in zip(at_once, passes, strict=True) if passed}
+        used = set(map(id, self._position_trust.trusted(t_s, positions, placed, self.covariance, step_s)))
         return tuple(reading for reading in aids if not isinstance(reading, PositionReading) or id(reading) in used)
+
+    @property
+    def doubts_positions(self) -> bool:
+        """Whether many positions of the last second contradict shape or pose, see `PositionTrust.is_doubted`."""
+        return self._position_trust.is_doubted
 
     @property
     def standing(self) -> Standing:

@@ -35,6 +35,8 @@ class PoseStep:
     """(nodes,) since when each node that slides has done so at the earliest; inf where it does not."""
     trusts_imus: bool
     """Whether all inertial sensors agree with the inclination of their rods."""
+    outlying_ranges: tuple[int, ...]
+    """See `Shape.outlying_ranges`."""
 
 
 def smoothed(steps: Sequence[PoseStep]) -> list[tuple[PoseState, NDArray[np.float64]]]:

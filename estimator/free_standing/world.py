@@ -74,5 +74,6 @@ def in_world(
         loads=shape.loads.turned(state.turn) if shape.loads else None,
         contacts=stands.probability,
         slips=step.slips,
+        outlying_ranges=step.outlying_ranges,
         floor_normal=floor.estimated(state.floor_tilt, covariance[state.layout.floor_tilt, state.layout.floor_tilt]),
     )

@@ -4,12 +4,17 @@ Readings of one instant are of one body. Two of them, of nodes a and b, agree if
 
     | |y_a - y_b| - |x_a - x_b| | < MOST_SIGMA s,     s^2 = u^T (P_aa + P_bb - P_ab - P_ba) u + 2 sigma^2 + LAGS_M^2
 
-with the direction u from b to a. The largest set of nodes that all agree is used, wherever it is, so that a robot that
-was moved unseen is found at once. A node that agrees with no other is used only where the pose expects it, with its
-error e and the covariance S of it, e^T S^-1 e < MOST_SIGMA^2.
+with the direction u from b to a. The largest set of nodes that all agree is used where the pose expects one of
+them, with its error e and the covariance S of it,
+
+    e^T S^-1 e < MOST_SIGMA^2
+
+and a node that agrees with no other only where the pose expects it. S includes how far a node moves in a frame. Three
+nodes or more are used where they may have moved to since two were seen, so that a robot that was moved unseen is found.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +28,44 @@ LAGS_M = 0.002
 """Standard deviation by which a shape lags behind a structure that tips: distances were 8 mm off at most in roll_05."""
 MOVES_M_PER_S = 1.0
 """Standard deviation of the velocity of a node since the frame before."""
+STANDS_M = 0.001
+"""Standard deviation of where the robot stands at rest: as the pose filter takes it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Believed:
+    """Which positions of one instant are to be used."""
+
+    passes: list[bool]
+    """For each of them."""
+    agreeing: int
+    """Number of those in the largest set that agree with each other, used or not."""
+
+
+def believed_at_rest(
+    readings: Sequence[PositionReading],
+    rest_m: NDArray[np.float64],
+    rest_covariance_m2: NDArray[np.float64],
+    sigma_m: float,
+) -> list[bool]:
+    """Return which positions of one instant, each of another node, agree with a robot that stands at its rest shape.
+
+    Args:
+        readings: in the world.
+        rest_m: (nodes, 3) the rest shape.
+        rest_covariance_m2: (3 nodes, 3 nodes) of that.
+        sigma_m: standard deviation of a position, per axis.
+    """
+    nodes = np.array([reading.node for reading in readings])
+    read_m = np.array([reading.position_m for reading in readings])
+    S = node_blocks(rest_covariance_m2)[nodes] + (sigma_m**2 + STANDS_M**2) * np.eye(3)
+    near = np.flatnonzero(_squared(read_m - rest_m[nodes], S) < MOST_SIGMA**2)
+    if len(near) > 1:
+        blocks_m2 = _blocks(rest_covariance_m2, nodes[near])
+        agree = _agree(read_m[near], rest_m[nodes[near]], blocks_m2, sigma_m, lag_m=0.0)
+        largest = max((_agreeing(agree, k) for k in range(len(near))), key=len)
+        near = near[sorted(largest)] if len(largest) > 1 else near[:0]
+    return [k in near for k in range(len(nodes))]
 
 
 def believed(
@@ -31,8 +74,9 @@ def believed(
     covariance_m2: NDArray[np.float64],
     shape_covariance_m2: NDArray[np.float64],
     step_s: float,
+    unseen_s: float,
     sigma_m: float,
-) -> list[bool]:
+) -> Believed:
     """Return which positions of one instant, each of another node, are to be used.
 
     Args:
@@ -41,23 +85,36 @@ def believed(
         covariance_m2: (3 nodes, 3 nodes) of that, by pose and shape.
         shape_covariance_m2: (3 nodes, 3 nodes) of the shape alone, in the same axes.
         step_s: time since the frame before.
+        unseen_s: time since two nodes were seen, `step_s` at least.
         sigma_m: standard deviation of a position, per axis.
     """
     nodes = np.array([reading.node for reading in readings])
     read_m = np.array([reading.position_m for reading in readings])
     expected_m = node_position_m[nodes]
-    S = node_blocks(covariance_m2)[nodes] + (sigma_m**2 + (MOVES_M_PER_S * step_s) ** 2) * np.eye(3)
+    S = node_blocks(covariance_m2)[nodes] + sigma_m**2 * np.eye(3)
     e = read_m - expected_m
-    squared = np.einsum("ka,ka->k", e, np.linalg.solve(S, e[:, :, None])[:, :, 0])
-    agree = _agree(read_m, expected_m, _blocks(shape_covariance_m2, nodes), sigma_m)
+    squared = _squared(e, S + (MOVES_M_PER_S * step_s) ** 2 * np.eye(3))
+    agree = _agree(read_m, expected_m, _blocks(shape_covariance_m2, nodes), sigma_m, LAGS_M)
     largest = max((_agreeing(agree, k) for k in np.argsort(squared)), key=len)
-    if len(largest) > 1:
-        return [k in largest for k in range(len(nodes))]
-    return [bool(alone < MOST_SIGMA**2) for alone in squared]
+    if len(largest) == 1:
+        return Believed([bool(alone < MOST_SIGMA**2) for alone in squared], 1)
+    moved = _squared(e, S + (MOVES_M_PER_S * unseen_s) ** 2 * np.eye(3))
+    squared = moved if len(largest) > 2 else squared  # two that are exchanged have their distance
+    can_be = bool((squared[list(largest)] < MOST_SIGMA**2).any())
+    return Believed([can_be and k in largest for k in range(len(nodes))], len(largest))
+
+
+def _squared(e: NDArray[np.float64], S: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (k,) e^T S^-1 e of (k, 3) errors with (k, 3, 3) covariances."""
+    return np.asarray(np.einsum("ka,ka->k", e, np.linalg.solve(S, e[:, :, None])[:, :, 0]))
 
 
 def _agree(
-    read_m: NDArray[np.float64], shape_m: NDArray[np.float64], blocks_m2: NDArray[np.float64], sigma_m: float
+    read_m: NDArray[np.float64],
+    shape_m: NDArray[np.float64],
+    blocks_m2: NDArray[np.float64],
+    sigma_m: float,
+    lag_m: float,
 ) -> NDArray[np.bool_]:
     """Return (k, k) whether the distance of two nodes as read is that in the shape."""
     between_m = shape_m[:, None] - shape_m
@@ -65,7 +122,7 @@ def _agree(
     u = between_m / np.maximum(distance_m, 1e-12)[:, :, None]
     own = np.einsum("kkij->kij", blocks_m2)
     of_both = own[:, None] + own - blocks_m2 - np.swapaxes(blocks_m2, 0, 1)
-    variance = np.einsum("kli,klij,klj->kl", u, of_both, u) + 2 * sigma_m**2 + LAGS_M**2
+    variance = np.einsum("kli,klij,klj->kl", u, of_both, u) + 2 * sigma_m**2 + lag_m**2
     misfit_m = np.linalg.norm(read_m[:, None] - read_m, axis=2) - distance_m
     return np.asarray(np.abs(misfit_m) < MOST_SIGMA * np.sqrt(variance))
 

@@ -64,6 +64,7 @@ class Reason(StrEnum):
     CONTACTS = "contacts"
     ATTITUDE = "attitude"
     HANGING = "hanging"
+    POSITIONS = "positions"
     FACTOR = "factor"
 
     @property
@@ -82,6 +83,7 @@ REASON_ADVICE = {
     Reason.IMU: "an inertial sensor contradicts the inclination of its rod and is left out: is its axis told right?",
     Reason.HANGING: "it is turned otherwise than weight and hands can hold it: fix sensors on rods of other directions",
     Reason.CONTACTS: "heights and forces tell different nodes on the floor: fix a sensor on a rod of another direction",
+    Reason.POSITIONS: "half of the positions or more contradict the robot: are frame, unit, axes and nodes told right?",
     Reason.FACTOR: "a factor of your own, or a stiff cable, contradicts lengths and forces: is what it says right?",
     Reason.ATTITUDE: "nothing measures how the robot is turned, a push would be missed: add an [[imu]], or [mechanics]",
 }
@@ -172,6 +174,8 @@ class Shape:
     both; nan where nothing was read, None without such factors."""
     contradicted_positions: tuple[int, ...] = ()
     """Nodes of measured positions that contradict shape or pose, and were left out; one entry for each reading."""
+    outlying_ranges: tuple[int, ...] = ()
+    """Recordings of ranges that contradict the pose, and were left out; one entry for each reading."""
 
     def __repr__(self) -> str:
         nodes = len(self.node_position_m)

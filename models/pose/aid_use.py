@@ -1,0 +1,112 @@
+"""Whether ranges and positions are used: a recording without a single reading in use is told, with the likely cause."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..structure.shape import Shape
+from ..values.aids import AidReading, ImuReading, PositionReading, RangeReading
+
+Kind = Literal["range", "position"]
+
+OLD_S = 1.0
+"""Age of a reading from which it tells nothing of its frame; and time after which a recording without any is told."""
+MOST_RATIO = 2.0
+"""Ratio of what is read to what is expected, or its inverse, from which the unit looks wrong."""
+
+
+@dataclass(slots=True)
+class _ReadAndUsed:
+    """What was read of one recording, and how much of it was used."""
+
+    read: int = 0
+    first_s: float = np.nan
+    used: int = 0
+    ratios: list[float] = field(default_factory=list)
+    """Of each reading of one instant: the range, or the distance from the first node, to that at rest."""
+
+
+class AidUse:
+    """Counts what is read and used of each recording of ranges and of positions in the world."""
+
+    def __init__(self, rest_m: NDArray[np.float64], ranges: int, positions: Sequence[int], *, is_held: bool) -> None:
+        """Begin with nothing read.
+
+        Args:
+            rest_m: (nodes, 3) the rest shape.
+            ranges: number of recordings of ranges.
+            positions: the numbers of the recordings of positions in the world.
+            is_held: whether anchors hold the structure, so that none is used.
+        """
+        self._rest_m = rest_m
+        self._is_held = is_held
+        numbers: list[tuple[Kind, int]] = [("range", number) for number in range(ranges)]
+        numbers += [("position", number) for number in positions]
+        self._recordings = {number: _ReadAndUsed() for number in numbers}
+        self._reference: dict[int, PositionReading] = {}
+        self._span_s = (np.nan, np.nan)
+
+    def read(self, reading: AidReading) -> None:
+        """Count a reading that has arrived, as it was recorded."""
+        recording = self._of(reading)
+        if recording is None:
+            return
+        recording.first_s = reading.t_s if recording.read == 0 else recording.first_s
+        recording.read += 1
+        if len(recording.ratios) < len(self._rest_m):
+            recording.ratios += self._ratio(reading)
+
+    def observe(self, shape: Shape) -> Shape:
+        """Count what a shape was estimated from, and return it."""
+        self._span_s = (float(np.fmin(self._span_s[0], shape.t_s)), shape.t_s)
+        for reading in shape.lengths.aids if not self._is_held else ():
+            recording = self._of(reading)
+            if recording is not None and shape.t_s - reading.t_s < OLD_S:
+                recording.used += 1
+        for number in shape.outlying_ranges:
+            self._recordings["range", number].used -= 1
+        return shape
+
+    def lines(self) -> dict[str, str]:
+        """Return of each recording of which nothing was used why that is so, by its name."""
+        first_s, last_s = self._span_s
+        if not last_s - first_s > OLD_S:
+            return {}
+        unused = {number: one for number, one in self._recordings.items() if one.used <= 0}
+        return {f"{kind} {number}": f"no reading used: {self._cause(one)}" for (kind, number), one in unused.items()}
+
+    def _cause(self, recording: _ReadAndUsed) -> str:
+        first_s, last_s = self._span_s
+        if self._is_held:
+            return "anchors hold the structure where they are"
+        if not recording.read or not first_s - OLD_S < recording.first_s <= last_s:
+            its = f", its first is at {recording.first_s:.2f} s" if recording.read else ""
+            return f"none is of the time of the frames, {first_s:.2f} to {last_s:.2f} s{its}: is t_s of the same clock?"
+        ratio = float(np.median(recording.ratios)) if recording.ratios else 1.0
+        if not 1 / MOST_RATIO < ratio < MOST_RATIO:
+            times = np.format_float_positional(ratio, precision=2, fractional=False, trim="-")
+            return f"distances are {times} times those expected: are all units m?"
+        return f"all {recording.read} contradict the robot: are frame, axes, beacons and nodes told right?"
+
+    def _of(self, reading: AidReading) -> _ReadAndUsed | None:
+        """Return the recording of a reading; None of what is not counted."""
+        if isinstance(reading, ImuReading):
+            return None
+        if isinstance(reading, RangeReading):
+            return self._recordings["range", reading.pair[0]]
+        return self._recordings.get(("position", reading.recording))
+
+    def _ratio(self, reading: AidReading) -> list[float]:
+        """Return the distance that a reading tells over that at rest; nothing where it tells none."""
+        if isinstance(reading, RangeReading):
+            return [reading.range_m / float(np.linalg.norm(self._rest_m[reading.node] - reading.beacon_position_m))]
+        if not isinstance(reading, PositionReading):
+            return []
+        first = self._reference.setdefault(reading.recording, reading)
+        if first.node == reading.node:
+            return []
+        at_rest_m = np.linalg.norm(self._rest_m[reading.node] - self._rest_m[first.node])
+        return [float(np.linalg.norm(reading.position_m - first.position_m) / at_rest_m)]
