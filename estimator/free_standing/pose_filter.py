@@ -76,7 +76,7 @@ class PoseFilter:
         self._body_before_m = rest.node_position_m - self.centre_m
         self._last_s = np.nan
         self._located_s = -np.inf
-        self._trust = ImuTrust(self._imus.count)
+        self._trust = ImuTrust(self._imus.count, robot.rest_seconds, settings)
         self._unheld: UnheldPose | None = None
         self._slides_since_s = np.full(len(self._standing), np.inf)
 
@@ -105,7 +105,7 @@ class PoseFilter:
         kept, landed = standing.nodes & stood, standing.nodes & ~stood
         predicted, kept, landed = self._landed(predicted, standing, kept, landed)
         if frame.samples is not None:
-            self._trust.observe(self._imus, predicted.placed, frame.samples, frame.step_s)
+            self._trust.observe(self._imus, predicted.placed, frame.samples, frame.t_s, frame.step_s)
         predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, kept)
         return PoseStep(
             transition=predicted.transition,
@@ -116,7 +116,7 @@ class PoseFilter:
             standing=standing,
             slips=tuple(found),
             slides_since_s=self._slides_since_s,
-            trusts_imus=bool(self._trust.is_trusted.all()),
+            contradicted_imus=self._trust.contradicted,
         )
 
     def _expected(

@@ -69,7 +69,7 @@ class HangingSmoother:
 
     def doubt_of(self, step: PoseStep) -> Reason | None:
         """Return what the newest step of the pose tells against the model."""
-        if not step.trusts_imus:
+        if step.contradicted_imus.any():
             return Reason.IMU
         return Reason.HANGING if self._poses.is_contradicted else None
 
