@@ -165,7 +165,7 @@ class Pipeline:
             trial.near_position_m,
         )
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
-        self.imu_gate = ImuGate(len(trial.imus))
+        self.imu_gate = ImuGate(len(trial.imus), trial.rest_seconds)
         self.factors: tuple[NodeFactor, ...] = tuple(factor.factor(trial.structure) for factor in trial.factors)
         if trial.mechanics is not None and len(trial.mechanics.stiff_cables):
             self.factors += (self._taut_cables(trial.mechanics),)

@@ -199,6 +199,7 @@ def run_session(
         lambda: clocks,
         feed.state,
         lambda: pipeline.front_end.exchanged,
+        pipeline.imu_gate.warnings,
     )
     with LiveResult(path, pipeline.trial.structure, pipeline.settings) as result:
         with stopped_by_signals(feed.source), shown(panel, terminal.news):

@@ -252,6 +252,8 @@ class Run:
             table.add_row(f"frame of position {fit.recording}", fit.text())
         for name, rows in self._rows_not_plain().items():
             table.add_row(name, str(rows))
+        for name, warning in self.pipeline.imu_gate.warnings().items():
+            table.add_row(name, warning)
         for key in self.trial.description.ignored_keys:
             table.add_row("ignored in trial.toml", key)
         for k in np.flatnonzero(np.diff(r.t_s) > LONG_S):

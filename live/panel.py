@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -29,12 +29,14 @@ class Panel:
         clocks: Callable[[], Sequence[ClockCounts]],
         state: Callable[[], LinkState],
         exchanged: Callable[[], Sequence[tuple[int, int]]] = tuple,
+        imu_warnings: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
         self._title = title
         self._activity = activity
         self._clocks = clocks
         self._state = state
         self._exchanged = exchanged
+        self._imu_warnings = imu_warnings
 
     def __rich__(self) -> RenderableType:
         activity = self._activity
@@ -49,6 +51,7 @@ class Panel:
         complaints += [
             f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel" for a, b in self._exchanged()
         ]
+        complaints += [f"{imu}: {warning}" for imu, warning in self._imu_warnings().items()]
         return Group(*parts, *(Text(complaint, style="red") for complaint in complaints))
 
 

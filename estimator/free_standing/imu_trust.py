@@ -5,13 +5,14 @@ inclination: f . a / |f| = (R u) . z. A sensor that is told the wrong way round,
 contradicts it. One that does for longer than a moment is left out.
 
 At the start the attitude of the rods is measured, so that the inclination has to agree within what offsets and the
-misalignment explain. A sensor whose rates contradict its own gravity is left out, too, and one whose gravity has another
-size as long as it has, see `models.pose.imu_agreement`.
+misalignment explain. A sensor whose rates contradict its own gravity is left out, too, and so is one whose gravity has
+another size, as long as it has, see `models.pose.imu_agreement`.
 
 A sensor that was silent does not know how it has turned meanwhile: it is lost, and left out until it moves slowly and
 agrees with its rod again.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,8 @@ from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import UP
+from ...models.values.aids import ImuReading
+from ...models.values.readings import TendonLengths
 from ...models.values.time_series import low_pass_weight
 
 MOST_APART = 0.25
@@ -61,6 +64,10 @@ class ImuTrust:
     def contradicted(self) -> NDArray[np.bool_]:
         """(imus,) sensors that contradict their rods, gravity or themselves."""
         return ~(self.is_trusted & self._agreement.has_size)
+
+    def give_up(self) -> None:
+        """Trust no sensor any more that is used now."""
+        self.is_trusted = self.is_trusted & ~self.is_used
 
     def used(self, samples: ImuSamples) -> ImuSamples:
         """Return the samples without those of sensors that are not used."""
@@ -106,6 +113,14 @@ class ImuTrust:
         self._apart += np.where(slow & ~self.is_lost, weight * (np.nan_to_num(apart) - self._apart), 0.0)
         most_apart = self._most_apart_at_rest if t_s < self._rest_seconds else MOST_APART
         self.is_trusted = self.is_trusted & (self._apart < most_apart)
+
+
+def without_sensors(frames: Sequence[TendonLengths], imus: NDArray[np.bool_]) -> list[TendonLengths]:
+    """Return frames without the readings of (imus,) some inertial sensors."""
+    return [
+        replace(lengths, aids=tuple(aid for aid in lengths.aids if not (isinstance(aid, ImuReading) and imus[aid.imu])))
+        for lengths in frames
+    ]
 
 
 def taken_on_again(

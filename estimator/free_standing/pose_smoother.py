@@ -35,6 +35,8 @@ class PoseStep:
     """(nodes,) since when each node that slides has done so at the earliest; inf where it does not."""
     contradicted_imus: NDArray[np.bool_]
     """(imus,) which inertial sensors contradict their rods, gravity or themselves, see `ImuTrust`."""
+    strays: bool
+    """Whether the robot is further from where it was held last than it is long."""
 
 
 def smoothed(steps: Sequence[PoseStep]) -> list[tuple[PoseState, NDArray[np.float64]]]:

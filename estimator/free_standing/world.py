@@ -65,6 +65,8 @@ def in_world(
         shape = shape.in_doubt(Reason.CONTACTS)
     if step.contradicted_imus.any():
         shape = shape.in_doubt(Reason.IMU)
+    if step.strays:
+        shape = shape.in_doubt(Reason.CONTACTS)
     if stands.assumed:
         shape = shape.in_doubt(Reason.ATTITUDE)
     return replace(

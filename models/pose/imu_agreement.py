@@ -77,7 +77,8 @@ class ImuAgreement:
         is_steady = self._is_steady(force, is_heard, step_s)
         is_quiet = is_heard & is_steady & (at_rest | (self._steady_s > QUIET_S))
         size = np.linalg.norm(self._force, axis=1)
-        self.has_size = np.where(is_quiet, has_size_of_gravity(size), self.has_size)
+        self.has_size = self.has_size.copy()
+        self.has_size[is_quiet] = has_size_of_gravity(size[is_quiet])
         self._move((rate - self._bias) * step_s, np.where(is_heard[:, None], force, self._force), step_s)
         up = self._force / size[:, None]
         is_quiet &= self.has_size
@@ -89,16 +90,14 @@ class ImuAgreement:
         self._up[imus] = np.nan
         self._steady_s[imus] = 0.0
 
-    def _is_steady(
-        self, force: NDArray[np.float64], is_heard: NDArray[np.bool_], step_s: float
-    ) -> NDArray[np.bool_]:
+    def _is_steady(self, force: NDArray[np.float64], is_heard: NDArray[np.bool_], step_s: float) -> NDArray[np.bool_]:
         """Return (imus,) which sensors measure a force near its mean, and follow the mean and for how long."""
         self._force = np.where(is_heard[:, None] & np.isnan(self._force), force, self._force)
         change = np.where(is_heard[:, None], force - self._force, 0.0)
         is_steady = np.linalg.norm(change, axis=1) < STEADY_M_PER_S2
         self._force = self._force + low_pass_weight(step_s, QUIET_S) * change
         self._steady_s = np.where(is_steady, self._steady_s + step_s, 0.0)
-        return is_steady
+        return np.asarray(is_steady)
 
     def _move(self, angle_rad: NDArray[np.float64], force: NDArray[np.float64], step_s: float) -> None:
         """Turn the sensors by (imus, 3) angles in their axes, and accelerate them by (imus, 3) forces."""
@@ -119,7 +118,8 @@ class ImuAgreement:
         by_rate = s.rate_bias_rad_per_s * t_s / 2
         by_scale = s.rate_scale * self._turned_rad
         tilted = GRAVITY_M_PER_S2 * t_s * np.hypot(by_rate, by_scale)
-        variance = s.motion_m_per_s**2 + self._shock**2 + 2 * (s.force_bias_m_per_s2 * t_s) ** 2 + tilted**2
+        moved = np.hypot(s.motion_m_per_s, self._shock)
+        variance = moved**2 + 2 * (s.force_bias_m_per_s2 * t_s) ** 2 + tilted**2
         return np.asarray(np.linalg.norm(self._velocity, axis=1) > CONTRADICTS_SIGMA * np.sqrt(variance))
 
     def _is_apart(self, up: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -129,8 +129,8 @@ class ImuAgreement:
         """
         s = self._settings
         cosine = np.einsum("ia,iab,ib->i", self._up, self._turn, up)
-        variance = 2 * (s.force_bias_m_per_s2 / GRAVITY_M_PER_S2) ** 2
-        variance += (s.rate_bias_rad_per_s * self._moved_s) ** 2 + (s.rate_scale * self._turned_rad) ** 2
+        by_rates = (s.rate_bias_rad_per_s * self._moved_s) ** 2 + (s.rate_scale * self._turned_rad) ** 2
+        variance = 2 * (s.force_bias_m_per_s2 / GRAVITY_M_PER_S2) ** 2 + by_rates
         limit_rad = np.maximum(CONTRADICTS_SIGMA * np.sqrt(variance), LEAST_APART_RAD)
         return np.asarray(np.arccos(np.clip(cosine, -1, 1)) > limit_rad)
 
@@ -139,5 +139,4 @@ class ImuAgreement:
         self._up[imus] = up[imus]
         self._turn[imus] = np.eye(3)
         self._velocity[imus] = 0.0
-        for sums in (self._shock, self._turned_rad, self._moved_s):
-            sums[imus] = 0.0
+        self._shock[imus] = self._turned_rad[imus] = self._moved_s[imus] = 0.0

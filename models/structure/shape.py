@@ -77,7 +77,7 @@ REASON_ADVICE = {
     Reason.LOADS: "many nodes are loaded at once, of which lengths say little: trust the ellipsoids, not the centres",
     Reason.GEOMETRY: "the geometry in trial.toml contradicts the balance of forces at rest: measure it again",
     Reason.BASE: "the rods turn otherwise than the anchors allow: fix the base, or describe it as free-standing",
-    Reason.IMU: "an inertial sensor contradicts the inclination of its rod and is left out: is its axis told right?",
+    Reason.IMU: "an inertial sensor contradicts gravity, its rod or itself, and is left out: check axis, units, signs",
     Reason.HANGING: "it is turned otherwise than weight and hands can hold it: fix sensors on rods of other directions",
     Reason.CONTACTS: "heights and forces tell different nodes on the floor: fix a sensor on a rod of another direction",
     Reason.FACTOR: "a factor of your own, or a stiff cable, contradicts lengths and forces: is what it says right?",
