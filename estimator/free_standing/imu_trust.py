@@ -19,13 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.imu import ImuArray, ImuSamples
-from ...models.balance.support import GRAVITY_M_PER_S2
 from ...models.pose.imu_agreement import CONTRADICTS_SIGMA, ImuAgreement
 from ...models.pose.imu_gate import ATTITUDE_HOLDS_S
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
-from ...models.structure.floor import UP
+from ...models.structure.floor import GRAVITY_M_PER_S2, UP
 from ...models.values.aids import ImuReading
 from ...models.values.readings import TendonLengths
 from ...models.values.time_series import low_pass_weight

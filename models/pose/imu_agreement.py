@@ -13,7 +13,7 @@ contradicts the others, unless it turns about the vertical alone.
 import numpy as np
 from numpy.typing import NDArray
 
-from ..balance.support import GRAVITY_M_PER_S2
+from ..structure.floor import GRAVITY_M_PER_S2
 from ..values.rotations import rotation
 from ..values.time_series import low_pass_weight
 from .pose_settings import PoseSettings

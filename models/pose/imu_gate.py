@@ -5,7 +5,7 @@ Of a sensor whose samples are mostly absurd, as those in another unit, the other
 
 import numpy as np
 
-from ..balance.support import GRAVITY_M_PER_S2
+from ..structure.floor import GRAVITY_M_PER_S2
 from ..values.aids import ImuReading
 from .imu_agreement import has_size_of_gravity
 

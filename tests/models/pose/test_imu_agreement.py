@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from tensegraph.models.balance.support import GRAVITY_M_PER_S2
 from tensegraph.models.pose.imu_agreement import ImuAgreement, has_size_of_gravity
 from tensegraph.models.pose.pose_settings import PoseSettings
-from tensegraph.models.structure.floor import UP
+from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP
 from tensegraph.models.values.rotations import rotation
 
 STEP_S = 0.02
