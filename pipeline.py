@@ -167,7 +167,7 @@ class Pipeline:
             trial.near_position_m,
         )
         self.rest = replace(rest, at_start=trial.rest_seconds > 0)
-        self.imu_gate = ImuGate(len(trial.imus))
+        self.imu_gate = ImuGate(len(trial.imus), trial.rest_seconds)
         self.factors: tuple[NodeFactor, ...] = tuple(factor.factor(trial.structure) for factor in trial.factors)
         if trial.mechanics is not None and len(trial.mechanics.stiff_cables):
             self.factors += (self._taut_cables(trial.mechanics),)
@@ -255,6 +255,10 @@ class Pipeline:
         if self.trial.imus and self.trial.rest_seconds > 0:
             return map(MovingBase(self.rest, self.trial.imus, self.trial.rest_seconds).observe, shapes)
         return shapes
+
+    def aid_warnings(self) -> dict[str, str]:
+        """Return what looks wrongly told of other sensors than tendons, by the sensor."""
+        return self.imu_gate.warnings() | self.aid_use.lines()
 
     @property
     def rest_in_doubt(self) -> bool:

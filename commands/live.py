@@ -177,7 +177,7 @@ def show_live(
                 terminal.line(f"{sink.address}: {sink.left_out} shapes could not be sent")
     for fit in session.pipeline.own_frames.fits:
         terminal.line(f"frame of position {fit.recording}: {fit.text()}")
-    for name, text in session.pipeline.aid_use.lines().items():
+    for name, text in session.pipeline.aid_warnings().items():
         terminal.line(f"{name}: {text}")
     terminal.written(f"written to {path}")
     if source.record is not None:
@@ -201,7 +201,7 @@ def run_session(
         lambda: clocks,
         feed.state,
         lambda: pipeline.front_end.exchanged,
-        pipeline.aid_use.lines,
+        pipeline.aid_warnings,
     )
     with LiveResult(path, pipeline.trial.structure, pipeline.settings) as result:
         with stopped_by_signals(feed.source), shown(panel, terminal.news):

@@ -250,10 +250,10 @@ class Run:
             table.add_row("normal of the floor", normal_line(r.floor_normal))
         for fit in self.pipeline.own_frames.fits:
             table.add_row(f"frame of position {fit.recording}", fit.text())
-        for name, text in self.pipeline.aid_use.lines().items():
-            table.add_row(name, text)
         for name, rows in self._rows_not_plain().items():
             table.add_row(name, str(rows))
+        for name, warning in self.pipeline.aid_warnings().items():
+            table.add_row(name, warning)
         for key in self.trial.description.ignored_keys:
             table.add_row("ignored in trial.toml", key)
         for k in np.flatnonzero(np.diff(r.t_s) > LONG_S):

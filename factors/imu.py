@@ -16,11 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.balance.support import GRAVITY_M_PER_S2
 from ..models.pose.placed import PlacedShape, Rows, put_blocks
 from ..models.pose.pose_settings import PoseSettings
 from ..models.pose.pose_state import PoseState
-from ..models.structure.floor import UP
+from ..models.structure.floor import GRAVITY_M_PER_S2, UP
 from ..models.values.aids import Imu, ImuReading
 from ..models.values.rotations import across, cross_matrix
 

@@ -29,14 +29,14 @@ class Panel:
         clocks: Callable[[], Sequence[ClockCounts]],
         state: Callable[[], LinkState],
         exchanged: Callable[[], Sequence[tuple[int, int]]] = tuple,
-        unused: Callable[[], Mapping[str, str]] = dict,
+        aid_warnings: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
         self._title = title
         self._activity = activity
         self._clocks = clocks
         self._state = state
         self._exchanged = exchanged
-        self._unused = unused
+        self._aid_warnings = aid_warnings
 
     def __rich__(self) -> RenderableType:
         activity = self._activity
@@ -51,7 +51,7 @@ class Panel:
         complaints += [
             f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel" for a, b in self._exchanged()
         ]
-        complaints += [f"{name}: {text}" for name, text in self._unused().items()]
+        complaints += [f"{aid}: {warning}" for aid, warning in self._aid_warnings().items()]
         return Group(*parts, *(Text(complaint, style="red") for complaint in complaints))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .balance.support import GRAVITY_M_PER_S2
+from .structure.floor import GRAVITY_M_PER_S2
 from .structure.lengths import member_length_m
 from .structure.mechanics import Mechanics
 from .structure.rest_shape import GeometrySigma

@@ -27,6 +27,7 @@ from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
 from ..smoother import LiveSmoother
 from .contacts import Standing
+from .imu_trust import without_sensors
 from .length_change import LengthChange
 from .pose_filter import PoseFilter
 from .pose_smoother import PoseStep, smoothed
@@ -145,6 +146,11 @@ class FreeStandingSmoother:
             self.kept.append(_Kept(step.standing, stands is not None, probability, self._may_tip, left_out, doubts))
         return shape, step
 
+    @property
+    def contradicted_imus(self) -> NDArray[np.bool_]:
+        """(imus,) which inertial sensors contradict their rods, gravity or themselves."""
+        return self._poses.contradicted_imus
+
     def _without_contradictions(self, shape: Shape) -> Shape:
         """Return the shape with the readings that are used, and the nodes of positions that are left out."""
         told = shape.lengths.aids
@@ -251,11 +257,12 @@ class FreeStandingOptimizer:
         Raises:
             IndeterminateError: when measurements and priors leave some node undetermined.
         """
-        live = FreeStandingSmoother(self._structure, self._rest, self._robot, self._settings)
-        live.shapes.keep()
-        live.kept = []
         frames = without_lag(list(frames))
-        shapes = [live.update(lengths)[0] for lengths in frames]
+        live, shapes = self._live(frames)
+        contradicted = live.contradicted_imus
+        if contradicted.any():  # what they told before they were found out is wrong, too
+            frames = without_sensors(frames, contradicted)
+            live, shapes = self._live(frames)
         frames = [replace(lengths, aids=shape.lengths.aids) for lengths, shape in zip(frames, shapes, strict=True)]
         poses = self._poses(frames, shapes, self._contacts(live, frames, shapes))
         supports = [
@@ -266,6 +273,7 @@ class FreeStandingOptimizer:
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
         poses = self._poses(frames, shapes, self._contacts(live, frames, shapes))
+        assert live.kept is not None, "the live pass keeps what it learns"
         for shape, (state, covariance, step), kept in zip(shapes, poses, live.kept, strict=True):
             if kept.standing.contradicted:
                 standing = replace(step.standing, others=kept.standing.others, contradicted=True)
@@ -273,7 +281,15 @@ class FreeStandingOptimizer:
             shape = replace(shape, contradicted_positions=kept.contradicted_positions)
             if kept.doubts_positions:
                 shape = shape.in_doubt(Reason.POSITIONS)
+            step = replace(step, contradicted_imus=step.contradicted_imus | contradicted)
             yield in_world(shape, self._rest, self._robot.floor, state, covariance, step)
+
+    def _live(self, frames: Sequence[TendonLengths]) -> tuple[FreeStandingSmoother, list[Shape]]:
+        """Return the live estimator after all frames, with what it has kept of them, and its shapes."""
+        live = FreeStandingSmoother(self._structure, self._rest, self._robot, self._settings)
+        live.shapes.keep()
+        live.kept = []
+        return live, [live.update(lengths)[0] for lengths in frames]
 
     def _contacts(
         self, live: FreeStandingSmoother, frames: Sequence[TendonLengths], shapes: Sequence[Shape]

@@ -4,22 +4,29 @@ In slow motion the specific force f is against gravity, so that its part along t
 inclination: f . a / |f| = (R u) . z. A sensor that is told the wrong way round, sits on another rod, or has failed,
 contradicts it. One that does for longer than a moment is left out.
 
+At the start the attitude of the rods is measured, so that the inclination has to agree within what offsets and the
+misalignment explain. A sensor whose rates contradict its own gravity is left out, too, and so is one whose gravity has
+another size, as long as it has, see `models.pose.imu_agreement`.
+
 A sensor that was silent does not know how it has turned meanwhile: it is lost, and left out until it moves slowly and
 agrees with its rod again.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.imu import ImuArray, ImuSamples
-from ...models.balance.support import GRAVITY_M_PER_S2
+from ...models.pose.imu_agreement import CONTRADICTS_SIGMA, ImuAgreement
 from ...models.pose.imu_gate import ATTITUDE_HOLDS_S
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
-from ...models.structure.floor import UP
+from ...models.structure.floor import GRAVITY_M_PER_S2, UP
+from ...models.values.aids import ImuReading
+from ...models.values.readings import TendonLengths
 from ...models.values.time_series import low_pass_weight
 
 MOST_APART = 0.25
@@ -35,27 +42,45 @@ TRUST_MEMORY_S = 0.5
 class ImuTrust:
     """Follows which sensors to trust, frame by frame."""
 
-    def __init__(self, imus: int) -> None:
+    def __init__(self, imus: int, rest_seconds: float, settings: PoseSettings) -> None:
         self.is_trusted = np.ones(imus, dtype=np.bool_)
         """(imus,)"""
         self.is_lost = np.zeros(imus, dtype=np.bool_)
         """(imus,) sensors that were silent, and are not taken on again yet."""
         self._heard_s = np.full(imus, -np.inf)
         self._apart = np.zeros(imus)
+        self._agreement = ImuAgreement(imus, rest_seconds, settings)
+        self._rest_seconds = rest_seconds
+        tilt = settings.force_bias_m_per_s2 / GRAVITY_M_PER_S2
+        self._most_apart_at_rest = CONTRADICTS_SIGMA * np.hypot(tilt, settings.misalignment_rad)
 
     @property
     def is_used(self) -> NDArray[np.bool_]:
         """(imus,) sensors that are trusted and not lost."""
         return self.is_trusted & ~self.is_lost
 
+    @property
+    def contradicted(self) -> NDArray[np.bool_]:
+        """(imus,) sensors that contradict their rods, gravity or themselves."""
+        return ~(self.is_trusted & self._agreement.has_size)
+
+    def give_up(self) -> None:
+        """Trust no sensor any more that is used now."""
+        self.is_trusted = self.is_trusted & ~self.is_used
+
     def used(self, samples: ImuSamples) -> ImuSamples:
         """Return the samples without those of sensors that are not used."""
         return samples if self.is_used.all() else replace(samples, count=np.where(self.is_used, samples.count, 0))
 
     def hear(self, t_s: float, samples: ImuSamples) -> None:
-        """Learn from a frame which sensors are silent."""
-        self._heard_s[samples.count > 0] = t_s
-        self.is_lost = self.is_lost | (t_s - self._heard_s > ATTITUDE_HOLDS_S)
+        """Learn from a frame which sensors are silent, and which contradict gravity or themselves."""
+        is_heard = samples.count > 0
+        self._heard_s[is_heard] = t_s
+        is_silent = t_s - self._heard_s > ATTITUDE_HOLDS_S
+        self._agreement.forget(is_silent)
+        self._agreement.observe(t_s, samples.rate_rad_per_s, samples.specific_force_m_per_s2, is_heard)
+        self.is_trusted = self.is_trusted & self._agreement.moves_as_told
+        self.is_lost = self.is_lost | is_silent | ~self._agreement.has_size
 
     def back(self, imus: ImuArray, arm_m: NDArray[np.float64], samples: ImuSamples) -> NDArray[np.int64]:
         """Return the lost sensors that are back, which are lost no longer: they move slowly and agree with their rods.
@@ -68,23 +93,33 @@ class ImuTrust:
         if not self.is_lost.any():
             return np.zeros(0, dtype=np.int64)
         slow, apart = _slow_and_apart(imus, arm_m, samples)
-        back = self.is_lost & (samples.count > 0) & slow & (apart < MOST_APART)
+        back = self.is_lost & self._agreement.has_size & (samples.count > 0) & slow & (apart < MOST_APART)
         self.is_lost = self.is_lost & ~back
         return np.flatnonzero(back)
 
-    def observe(self, imus: ImuArray, placed: PlacedShape, samples: ImuSamples, step_s: float) -> None:
+    def observe(self, imus: ImuArray, placed: PlacedShape, samples: ImuSamples, t_s: float, step_s: float) -> None:
         """Learn from a frame.
 
         Args:
             imus: the sensors.
             placed: the shape in the world.
             samples: of the sensors in the frame.
+            t_s: time of the frame.
             step_s: time since the frame before.
         """
         slow, apart = _slow_and_apart(imus, placed.arm_m, samples)
         weight = low_pass_weight(step_s, TRUST_MEMORY_S)
         self._apart += np.where(slow & ~self.is_lost, weight * (np.nan_to_num(apart) - self._apart), 0.0)
-        self.is_trusted = self.is_trusted & (self._apart < MOST_APART)
+        most_apart = self._most_apart_at_rest if t_s < self._rest_seconds else MOST_APART
+        self.is_trusted = self.is_trusted & (self._apart < most_apart)
+
+
+def without_sensors(frames: Sequence[TendonLengths], imus: NDArray[np.bool_]) -> list[TendonLengths]:
+    """Return frames without the readings of (imus,) some inertial sensors."""
+    return [
+        replace(lengths, aids=tuple(aid for aid in lengths.aids if not (isinstance(aid, ImuReading) and imus[aid.imu])))
+        for lengths in frames
+    ]
 
 
 def taken_on_again(

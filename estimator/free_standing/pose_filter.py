@@ -75,10 +75,12 @@ class PoseFilter:
         self._body_before_m = rest.node_position_m - self.centre_m
         self._last_s = np.nan
         self._located_s = -np.inf
-        self._trust = ImuTrust(self._imus.count)
+        self._trust = ImuTrust(self._imus.count, robot.rest_seconds, settings)
         self._position_trust = PositionTrust(rest, robot.rest_seconds, settings.position_m)
         self._unheld: UnheldPose | None = None
         self._slides_since_s = np.full(len(self._standing), np.inf)
+        self._held_m = self.state.position_m
+        self._size_m = 2 * float(np.linalg.norm(rest.node_position_m - self.centre_m, axis=1).max())
 
     def step(
         self,
@@ -105,8 +107,11 @@ class PoseFilter:
         kept, landed = standing.nodes & stood, standing.nodes & ~stood
         predicted, kept, landed = self._landed(predicted, standing, kept, landed)
         if frame.samples is not None:
-            self._trust.observe(self._imus, predicted.placed, frame.samples, frame.step_s)
+            self._trust.observe(self._imus, predicted.placed, frame.samples, frame.t_s, frame.step_s)
         predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, kept)
+        strays = self._strays(t_s, found)
+        if strays and self._standing.any():  # friction stops a slide: the sensors that tell it are wrong
+            self._trust.give_up()
         return PoseStep(
             transition=predicted.transition,
             predicted=predicted.placed.state,
@@ -116,7 +121,8 @@ class PoseFilter:
             standing=standing,
             slips=tuple(found),
             slides_since_s=self._slides_since_s,
-            trusts_imus=bool(self._trust.is_trusted.all()),
+            contradicted_imus=self._trust.contradicted,
+            strays=strays,
             outlying_ranges=self._outlying_ranges(predicted, frame),
         )
 
@@ -235,6 +241,14 @@ class PoseFilter:
         self._samples = frame.samples
         self._last_s = frame.t_s
 
+    def _strays(self, t_s: float, found: Sequence[Slip]) -> bool:
+        """Return whether the robot is further from where a foot or a reading held it last than it is long."""
+        is_located = t_s - self._located_s < LOCATED_S or t_s < self._rest_seconds
+        if is_located or (self._standing & ~self._slides).any():
+            self._held_m = self.state.position_m
+        way_m = [float(np.linalg.norm(self.state.position_m - self._held_m)), *(slip.distance_m for slip in found)]
+        return max(way_m) > self._size_m and not is_located
+
     def _is_blind(self, frame: Frame) -> bool:
         """Return whether the floor alone tells where the robot is, and so nothing where it heads."""
         is_told = frame.samples is not None or bool(frame.aids) or frame.t_s < self._rest_seconds
@@ -315,6 +329,11 @@ class PoseFilter:
     def floor(self) -> Floor:
         """The floor as it is estimated, or told exactly."""
         return self._floor.tilted(self.state.floor_tilt)
+
+    @property
+    def contradicted_imus(self) -> NDArray[np.bool_]:
+        """(imus,) which inertial sensors contradict their rods, gravity or themselves."""
+        return self._trust.contradicted
 
     @property
     def used_imus(self) -> NDArray[np.bool_]:

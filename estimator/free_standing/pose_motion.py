@@ -21,11 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.imu import ImuArray, ImuSamples
-from ...models.balance.support import GRAVITY_M_PER_S2
 from ...models.pose.placed import put_blocks
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
-from ...models.structure.floor import UP
+from ...models.structure.floor import GRAVITY_M_PER_S2, UP
 from ...models.values.rotations import cross_matrix, rotation
 
 EYE = np.eye(3)

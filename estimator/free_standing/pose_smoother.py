@@ -33,8 +33,10 @@ class PoseStep:
     """Of nodes that stand."""
     slides_since_s: NDArray[np.float64]
     """(nodes,) since when each node that slides has done so at the earliest; inf where it does not."""
-    trusts_imus: bool
-    """Whether all inertial sensors agree with the inclination of their rods."""
+    contradicted_imus: NDArray[np.bool_]
+    """(imus,) which inertial sensors contradict their rods, gravity or themselves, see `ImuTrust`."""
+    strays: bool
+    """Whether the robot is further from where it was held last than it is long."""
     outlying_ranges: tuple[int, ...]
     """See `Shape.outlying_ranges`."""
 

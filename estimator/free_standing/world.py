@@ -63,8 +63,10 @@ def in_world(
         total += probability * np.outer(away_m, away_m)
     if stands.contradicted:
         shape = shape.in_doubt(Reason.CONTACTS)
-    if not step.trusts_imus:
+    if step.contradicted_imus.any():
         shape = shape.in_doubt(Reason.IMU)
+    if step.strays:
+        shape = shape.in_doubt(Reason.CONTACTS)
     if stands.assumed:
         shape = shape.in_doubt(Reason.ATTITUDE)
     return replace(

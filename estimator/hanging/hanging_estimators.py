@@ -22,6 +22,7 @@ from ...models.structure.shape import Reason, Shape
 from ...models.structure.structure import Structure
 from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
+from ..free_standing.imu_trust import without_sensors
 from ..free_standing.pose_smoother import PoseStep, smoothed
 from ..free_standing.resting_faces import balances_at
 from ..free_standing.world import support_of
@@ -67,9 +68,14 @@ class HangingSmoother:
         self._hang(shape.node_position_m, step.state, step.covariance)
         return shape, step
 
+    @property
+    def contradicted_imus(self) -> NDArray[np.bool_]:
+        """(imus,) which inertial sensors contradict their rods, gravity or themselves."""
+        return self._poses.contradicted_imus
+
     def doubt_of(self, step: PoseStep) -> Reason | None:
         """Return what the newest step of the pose tells against the model."""
-        if not step.trusts_imus:
+        if step.contradicted_imus.any():
             return Reason.IMU
         return Reason.HANGING if self._poses.is_contradicted else None
 
@@ -107,15 +113,14 @@ class HangingOptimizer:
         Raises:
             IndeterminateError: when measurements and priors leave some node undetermined.
         """
-        live = HangingSmoother(self._structure, self._rest, self._robot, self._settings)
-        live.shapes.keep()
-        live.kept = []
         frames = without_lag(list(frames))
-        shapes, doubts = [], []
-        for lengths in frames:
-            shape, step = live.update(lengths)
-            shapes.append(shape)
-            doubts.append(live.doubt_of(step))
+        live, shapes, doubts = self._live(frames)
+        contradicted = live.contradicted_imus
+        if contradicted.any():  # what they told before they were found out is wrong, too
+            frames = without_sensors(frames, contradicted)
+            live, shapes, doubts = self._live(frames)
+            doubts = [Reason.IMU] * len(frames)
+        assert live.kept is not None, "the live pass keeps the torques"
         supports = [
             weight_of(self._structure, self._rest, shape.node_position_m, state, covariance)
             for shape, (state, covariance) in zip(shapes, self._poses(frames, shapes, live.kept), strict=True)
@@ -126,6 +131,18 @@ class HangingOptimizer:
         poses = self._poses(frames, shapes, live.kept)
         for shape, (state, covariance), doubt in zip(shapes, poses, doubts, strict=True):
             yield hung_in_world(shape, self._rest, state, covariance, doubt)
+
+    def _live(self, frames: Sequence[TendonLengths]) -> tuple[HangingSmoother, list[Shape], list[Reason | None]]:
+        """Return the live estimator after all frames, with what it has kept of them, its shapes and its doubts."""
+        live = HangingSmoother(self._structure, self._rest, self._robot, self._settings)
+        live.shapes.keep()
+        live.kept = []
+        shapes, doubts = [], []
+        for lengths in frames:
+            shape, step = live.update(lengths)
+            shapes.append(shape)
+            doubts.append(live.doubt_of(step))
+        return live, shapes, doubts
 
     def _poses(
         self, frames: Sequence[TendonLengths], shapes: Sequence[Shape], hands: Sequence[HandTorque | None]

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.torque import anchor_rows, torque_rows
-from ...models.balance.support import GRAVITY_M_PER_S2
 from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.robot import FreeStandingRobot, HangingRobot
 from ...models.settings import Settings
-from ...models.structure.floor import UP, Floor
+from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Shape
 from ...models.structure.suspension import Suspension

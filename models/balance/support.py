@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-GRAVITY_M_PER_S2 = 9.81
+from ..structure.floor import GRAVITY_M_PER_S2
+
 LEAST_N = 1e-6
 """Least weight of a structure, so that one without mass can stand, too."""
 FRICTION = 0.5

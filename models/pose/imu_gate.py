@@ -1,8 +1,13 @@
-"""The plausibility of samples of inertial sensors: absurd ones and those of a sensor that is stuck are left out."""
+"""The plausibility of samples of inertial sensors: absurd ones and those of a sensor that is stuck are left out.
+
+Of a sensor whose samples are mostly absurd, as those in another unit, the others are left out, too.
+"""
 
 import numpy as np
 
+from ..structure.floor import GRAVITY_M_PER_S2
 from ..values.aids import ImuReading
+from .imu_agreement import has_size_of_gravity
 
 MOST_RATE_RAD_PER_S = 70.0
 """Rate beyond the range of every small sensor: 4000 degrees per second."""
@@ -17,7 +22,11 @@ ATTITUDE_HOLDS_S = 0.2
 class ImuGate:
     """Decides which samples to use, and counts the others and the frames without any."""
 
-    def __init__(self, imus: int) -> None:
+    def __init__(self, imus: int, rest_seconds: float) -> None:
+        self._rest_seconds = rest_seconds
+        self._samples = np.zeros(imus, dtype=np.int64)
+        self._rested = np.zeros(imus, dtype=np.int64)
+        self._force_at_rest = np.zeros((imus, 3))
         self._last: list[list[float]] = [[]] * imus
         self._same = np.zeros(imus, dtype=np.int64)
         self.absurd = np.zeros(imus, dtype=np.int64)
@@ -39,6 +48,10 @@ class ImuGate:
         same = rate + force == self._last[reading.imu]
         self._last[reading.imu] = rate + force
         self._newest_s[reading.imu] = reading.t_s
+        self._samples[reading.imu] += 1
+        if reading.t_s < self._rest_seconds:
+            self._rested[reading.imu] += 1
+            self._force_at_rest[reading.imu] += reading.specific_force_m_per_s2
         self._same[reading.imu] = self._same[reading.imu] + 1 if same else 0
         if not (
             all(abs(one) < MOST_RATE_RAD_PER_S for one in rate) and all(abs(one) < MOST_FORCE_M_PER_S2 for one in force)
@@ -48,7 +61,18 @@ class ImuGate:
         if self._same[reading.imu] >= STUCK_SAMPLES - 1:
             self.stuck[reading.imu] += 1
             return False
-        return True
+        return bool(2 * self.absurd[reading.imu] <= self._samples[reading.imu])
+
+    def warnings(self) -> dict[str, str]:
+        """Return what looks wrongly told of a sensor, by its name."""
+        size = np.linalg.norm(self._force_at_rest, axis=1) / np.maximum(self._rested, 1)
+        wrong = (self._rested > 0) & ~has_size_of_gravity(size)
+        warnings = {
+            f"imu {i}": f"specific force at rest: expected {GRAVITY_M_PER_S2:.2f} m/s^2, got {size[i]:.4g}: unit?"
+            for i in np.flatnonzero(wrong)
+        }
+        mostly_absurd = np.flatnonzero(2 * self.absurd > self._samples)
+        return {f"imu {i}": "most samples are absurd, and none is used: unit?" for i in mostly_absurd} | warnings
 
     def counts(self) -> dict[str, int]:
         """Return the number of samples that were left out, by sensor and cause."""

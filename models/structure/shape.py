@@ -80,7 +80,7 @@ REASON_ADVICE = {
     Reason.GEOMETRY: "the geometry in trial.toml contradicts the balance of forces at rest: measure it again",
     Reason.REST: "most sensors do not fit the rest shape: was it still, is it this structure, are boards told right?",
     Reason.BASE: "the rods turn otherwise than the anchors allow: fix the base, or describe it as free-standing",
-    Reason.IMU: "an inertial sensor contradicts the inclination of its rod and is left out: is its axis told right?",
+    Reason.IMU: "an inertial sensor contradicts gravity, its rod or itself, and is left out: check axis, units, signs",
     Reason.HANGING: "it is turned otherwise than weight and hands can hold it: fix sensors on rods of other directions",
     Reason.CONTACTS: "heights and forces tell different nodes on the floor: fix a sensor on a rod of another direction",
     Reason.POSITIONS: "half of the positions or more contradict the robot: are frame, unit, axes and nodes told right?",

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..balance.support import GRAVITY_M_PER_S2
+from ..structure.floor import GRAVITY_M_PER_S2
 from ..structure.structure import Structure
 from ..values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from ..values.rotations import rotation, rotation_vector

@@ -10,10 +10,9 @@ import pytest
 
 from command_line import run
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
-from tensegraph.models.balance.support import GRAVITY_M_PER_S2
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.pose.robot import FreeStandingRobot
-from tensegraph.models.structure.floor import UP, Floor
+from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from tensegraph.models.values.aids import Imu, ImuReading
 from tensegraph.models.values.rotations import rotation, shortest_rotation
 

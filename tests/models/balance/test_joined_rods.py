@@ -9,7 +9,7 @@ from tensegraph import Structure, six_strut
 from tensegraph.models.balance.joined_rods import JoinedRods
 from tensegraph.models.balance.observable_loads import external_loads, observable_part
 from tensegraph.models.balance.statics import Statics
-from tensegraph.models.balance.support import GRAVITY_M_PER_S2
+from tensegraph.models.structure.floor import GRAVITY_M_PER_S2
 from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.structure.rigidity import rigid_motions

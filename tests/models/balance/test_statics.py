@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from balance import K, nominal
 from tensegraph import Structure, six_strut, three_strut
 from tensegraph.models.balance.statics import Statics
-from tensegraph.models.balance.support import GRAVITY_M_PER_S2
+from tensegraph.models.structure.floor import GRAVITY_M_PER_S2
 from tensegraph.models.structure.rigidity import find_rest_shape
 
 

@@ -7,7 +7,7 @@ from structures import TOWER, TOWER_M
 from tensegraph import Structure, saddle_tower
 from tensegraph.factors.tendon import SLACK, TautCables
 from tensegraph.models.balance.statics import Statics
-from tensegraph.models.balance.support import GRAVITY_M_PER_S2
+from tensegraph.models.structure.floor import GRAVITY_M_PER_S2
 from tensegraph.models.structure.mechanics import Mechanics
 
 STIFF_N_PER_M = 2e4

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tensegraph import Structure
-from tensegraph.models.balance.support import GRAVITY_M_PER_S2, hung_up, standing, weightless
-from tensegraph.models.structure.floor import UP, Floor
+from tensegraph.models.balance.support import hung_up, standing, weightless
+from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from tensegraph.models.structure.rigidity import find_rest_shape
 
 MASS_KG = 0.03

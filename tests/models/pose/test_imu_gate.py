@@ -11,7 +11,7 @@ def sample(k: int, rate: float = 0.1, force: float = 9.8) -> ImuReading:
 
 
 def test_what_no_sensor_can_measure_is_left_out() -> None:
-    gate = ImuGate(1)
+    gate = ImuGate(1, 0.0)
     passed = [gate.passes(reading) for reading in (sample(0), sample(1, rate=900), sample(2, force=-5000), sample(3))]
     assert passed == [True, False, False, True]
     assert gate.counts()["imu 0: absurd samples"] == 2
@@ -19,7 +19,7 @@ def test_what_no_sensor_can_measure_is_left_out() -> None:
 
 def test_a_sensor_that_repeats_itself_is_stuck_until_it_moves() -> None:
     """Four equal samples may be chance; the fifth and all that follow are left out."""
-    gate = ImuGate(1)
+    gate = ImuGate(1, 0.0)
     passed = [gate.passes(sample(k)) for k in range(8)]
     assert passed == [True] * 4 + [False] * 4
     assert gate.passes(sample(9, rate=0.2))
@@ -28,10 +28,29 @@ def test_a_sensor_that_repeats_itself_is_stuck_until_it_moves() -> None:
 
 def test_frames_without_samples_are_counted() -> None:
     """By hand: silent for more than 0.2 s in the frames of 0.3, 0.4 and 0.5 s; another sensor never says anything."""
-    gate = ImuGate(2)
+    gate = ImuGate(2, 0.0)
     for k in range(8):
         if k not in (1, 2, 3, 4, 5):
             gate.passes(ImuReading(0, 0.1 * k, np.zeros(3), np.full(3, float(k))))
         gate.count_frame(0.1 * k)
     assert gate.counts()["imu 0: silent frames"] == 3
     assert gate.counts()["imu 1: silent frames"] == 5
+
+
+def test_of_a_sensor_that_is_mostly_absurd_nothing_is_used() -> None:
+    """By hand: two of the first three samples are absurd, and three of six are not most."""
+    gate = ImuGate(1, 0.0)
+    absurd = [True, False, True, False, False, True]
+    passed = [gate.passes(sample(k, rate=0.1 + k, force=9810.0 if wrong else 9.8)) for k, wrong in enumerate(absurd)]
+    assert passed == [False, True, False, True, True, False]
+    assert gate.warnings() == {}
+    gate.passes(sample(6, force=9810.0))
+    assert gate.warnings() == {"imu 0": "most samples are absurd, and none is used: unit?"}
+
+
+def test_a_unit_that_is_told_wrongly_is_named() -> None:
+    gate = ImuGate(2, 0.05)
+    for k in range(10):
+        gate.passes(ImuReading(0, 0.01 * k, np.full(3, float(k)), np.array([0, 0.6, 0.8])))
+        gate.passes(ImuReading(1, 0.01 * k, np.full(3, float(k)), np.array([0, 6.0, 8.0])))
+    assert gate.warnings() == {"imu 0": "specific force at rest: expected 9.81 m/s^2, got 1: unit?"}
