@@ -31,7 +31,7 @@ from .position_gate import believed, believed_at_rest
 
 LEAST_AT_REST = 5
 """Number of positions of a node at rest from which they tell that it is not where it is told to be."""
-MOST_SCALE = 0.03
+MOST_STRETCHED = 0.03
 """Difference of a recording's scale from 1 above which it is wrong: rods keep their lengths."""
 SCALE_MEMORY_S = 1.0
 """Time constant of the mean scale: a shape lags behind a tip for shorter than this."""
@@ -144,7 +144,7 @@ class PositionTrust:
             recording.is_astray = not used_now
         if len(used_now) > 1:
             recording.observe(t_s, used_now, x)
-        nodes = {reading.node for reading in used_now} if abs(recording.scale - 1) < MOST_SCALE else set()
+        nodes = {reading.node for reading in used_now} if abs(recording.scale - 1) < MOST_STRETCHED else set()
         return [reading.node in nodes for reading in readings]
 
     def _is_misplaced(self, reading: PositionReading) -> bool:
