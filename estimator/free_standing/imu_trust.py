@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.imu import ImuArray, ImuSamples
-from ...models.pose.imu_agreement import CONTRADICTS_SIGMA, ImuAgreement
+from ...models.pose.imu_agreement import CONTRADICTS_SIGMA, LEAST_M_PER_S2, ImuAgreement
 from ...models.pose.imu_gate import ATTITUDE_HOLDS_S
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_settings import PoseSettings
@@ -161,7 +161,7 @@ def _slow_and_apart(
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Return (imus,) which sensors move slowly, and (imus,) how far they contradict the inclination of their rods."""
     force = samples.specific_force_m_per_s2
-    size = np.linalg.norm(force, axis=1)
+    size = np.maximum(np.linalg.norm(force, axis=1), LEAST_M_PER_S2)
     slow = np.abs(size - GRAVITY_M_PER_S2) < SLOW_EXCESS_M_PER_S2
     slow &= np.linalg.norm(samples.rate_rad_per_s, axis=1) < SLOW_RAD_PER_S
     inclination = imus.rod_direction(arm_m) @ UP

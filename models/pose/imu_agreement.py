@@ -21,6 +21,8 @@ from .pose_settings import PoseSettings
 MOST_SCALE = 0.1
 """Error of the size of gravity beyond which the force is not told in m/s^2: small sensors are wrong by 3 %, and by
 80 mg of offset."""
+LEAST_M_PER_S2 = 1e-6
+"""Size of a force that has a direction; a sensor that has failed may read exactly zero."""
 STEADY_M_PER_S2 = 0.5
 """Change of the specific force from its mean below which a sensor is steady."""
 QUIET_S = 0.5
@@ -80,7 +82,7 @@ class ImuAgreement:
         self.has_size = self.has_size.copy()
         self.has_size[is_quiet] = has_size_of_gravity(size[is_quiet])
         self._move((rate - self._bias) * step_s, np.where(is_heard[:, None], force, self._force), step_s)
-        up = self._force / size[:, None]
+        up = self._force / np.maximum(size, LEAST_M_PER_S2)[:, None]
         is_quiet &= self.has_size
         self.moves_as_told = self.moves_as_told & ~self._is_too_fast() & ~(is_quiet & self._is_apart(up))
         self._start(is_quiet, up)

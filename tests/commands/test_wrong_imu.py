@@ -32,7 +32,9 @@ def reconstructed(trial: Path, *options: str) -> tuple[str, list[dict[str, str]]
         return " ".join(ended.stdout.replace("│", " ").split()), list(csv.DictReader(lines))
 
 
-@pytest.mark.parametrize(("scale", "got"), [(1 / 9.81, "1.011"), (1000 / 9.81, "1011")], ids=["g", "mg"])
+@pytest.mark.parametrize(
+    ("scale", "got"), [(1 / 9.81, "1.011"), (1000 / 9.81, "1011"), (0, "0")], ids=["g", "mg", "none"]
+)
 def test_gravity_in_another_unit_is_named_and_the_sensor_is_not_used(tmp_path, scale, got) -> None:
     """In mg no sample is one that a sensor can have measured, so that the robot is followed as without the sensor."""
     trial = told(tmp_path, lambda rate, force: [*rate, *scale * force])
