@@ -135,10 +135,15 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
         raise InputError(f"{directory / 'shape.csv'}: expected the positions of all {structure.node_count} nodes")
     nodes = np.arange(structure.node_count)
     tendons = np.arange(len(structure.tendons))
-    ellipsoid = read_blocks(directory / "ellipsoids.csv", "node", nodes, t_s, COVARIANCE_COLUMNS)
+    middle = ["x_m", "y_m", "z_m"]
+    ellipsoid = read_blocks(directory / "ellipsoids.csv", "node", nodes, t_s, [*middle, *COVARIANCE_COLUMNS])
+    if not np.array_equal(ellipsoid[..., :3], positions.node_position_m):
+        raise InputError(
+            f"{directory / 'ellipsoids.csv'}: expected the positions of shape.csv in the middle of ellipsoids"
+        )
     covariance_m2 = np.empty((*ellipsoid.shape[:2], 3, 3))
     row, column = np.triu_indices(3)
-    covariance_m2[..., row, column] = covariance_m2[..., column, row] = ellipsoid
+    covariance_m2[..., row, column] = covariance_m2[..., column, row] = ellipsoid[..., 3:]
     words = {
         "length_m": number,
         "sigma_m": number,

@@ -59,6 +59,7 @@ class TestResultsAreReadBack:
             ("ellipsoids.csv", "0.0000,3,", "0.0000,4,", "expected 12 rows (node 0 to 11) for each row of shape.csv"),
             ("lengths.csv", ",stretching,", ",flying,", "column mode: expected stretching or bending, got 'flying'"),
             ("estimated_loads.csv", "0.0000,3,", "0.0000,2,", "expected 9 rows (node 3 to 11) for each row of"),
+            ("shape.csv", ",0.18", ",18.", "ellipsoids.csv: expected the positions of shape.csv in the middle of"),
             ("shape.csv", "n11_z_m", "n12_z_m", "shape.csv: expected the positions of all 12 nodes"),
         ],
     )

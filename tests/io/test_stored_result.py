@@ -110,7 +110,7 @@ class TestLoad:
             ("run.toml", "rods = [[0, 3]", "rods = [[0, 0]", "run.toml: rod 0 (0-0): expected two different nodes"),
             ("run.toml", "rods = [[0, 3]", "rods = [[0]", "run.toml: structure: rods[0]"),
             ("status.csv", ",ok,", ",fine,", "column status: expected one of ok, partial, two_shapes"),
-            ("status.csv", ",motion", ",rest", "column doubt: expected one of none, sensors, motion"),
+            ("status.csv", ",motion", ",tired", "column doubt: expected one of none, sensors, motion"),
             ("status.csv", "0.0200,", "0.0201,", "status.csv: expected one row for each row of shape.csv"),
             ("other_shape.csv", "0.0600,", "0.0800,", "other_shape.csv: expected one row for each frame of"),
             ("sensor_drift.csv", "0.0200,3,", "0.0200,4,", "expected 24 rows (tendon 0 to 23)"),
