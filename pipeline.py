@@ -263,13 +263,15 @@ class Pipeline:
     @property
     def rest_in_doubt(self) -> bool:
         """Whether at least half of the sensors, or of the lengths, do not fit the rest shape."""
-        return self.front_end.rest_in_doubt or (self._rest_watch is not None and self._rest_watch.in_doubt)
+        by_sensors = getattr(self.front_end, "rest_in_doubt", False)  # a front end of one's own may have `step` alone
+        return by_sensors or (self._rest_watch is not None and self._rest_watch.in_doubt)
 
     def _at_rest(self, shape: Shape) -> Shape:
         """Return a shape of one more frame, in doubt if the readings at rest do not fit the rest shape, or moved."""
         if self._rest_watch:
             self._rest_watch.observe(shape)
-        return shape.in_doubt(Reason.REST) if self.rest_in_doubt or self.front_end.moved_at_rest else shape
+        moved = getattr(self.front_end, "moved_at_rest", False)
+        return shape.in_doubt(Reason.REST) if moved or self.rest_in_doubt else shape
 
     def _not_held(self, method: str) -> Estimator:
         """Return the estimator of a structure that hangs, stands on a floor, or is described in body coordinates."""
