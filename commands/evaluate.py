@@ -17,7 +17,7 @@ from ..io.reports.terminal import Terminal
 from ..io.result import RUN_FILE, read_estimate, read_run, result_directory, settings_of
 from ..io.trial_directory import Trial, open_trial
 from ..models.values.errors import InputError
-from ..models.values.units import LARGEST
+from ..models.values.units import LARGEST, beyond
 from ..scoring import evaluation_of
 from .many import Many, Workers
 from .paths import result_paths
@@ -82,7 +82,7 @@ def evaluate_results(
         SystemExit: with 1 when some of several results failed.
     """
     if offset_s is not None and not abs(offset_s) <= LARGEST["s"]:
-        raise InputError(f"--offset: expected a magnitude of at most {LARGEST['s']:g} s, got {offset_s:g}")
+        raise InputError(f"--offset: {beyond(offset_s, LARGEST['s'])}")
     written = result_paths(results, out, Path("results/evaluation"), EVALUATION_FILE)
     truth, trial = (workers.place(path) if path else None for path in (truth, trial))
     jobs = {

@@ -39,7 +39,7 @@ def range_rows(
     rows = []
     for reading in readings:
         error, jacobian = _error(placed, reading, number_of_pair[reading.pair])
-        studentised = abs(error) / float(np.sqrt(jacobian @ covariance @ jacobian + sigma_m**2))
+        studentised = _studentised(error, jacobian, covariance, sigma_m)
         if studentised < OUTLIER:
             rows.append((error, jacobian, sigma_m**2 * max(studentised / HUBER, 1.0)))
     return Rows(
@@ -60,7 +60,7 @@ def outlying(
     found = []
     for reading in readings:
         error, jacobian = _error(placed, reading, number_of_pair[reading.pair])
-        if abs(error) / np.sqrt(jacobian @ covariance @ jacobian + sigma_m**2) >= OUTLIER:
+        if _studentised(error, jacobian, covariance, sigma_m) >= OUTLIER:
             found.append(reading)
     return found
 
@@ -72,3 +72,8 @@ def _error(placed: PlacedShape, reading: RangeReading, pair: int) -> tuple[float
     jacobian = difference / distance @ placed.jacobian[reading.node]
     jacobian[placed.state.layout.range_offset.start + pair] = 1.0
     return reading.range_m - distance - float(placed.state.range_offset_m[pair]), jacobian
+
+
+def _studentised(error: float, jacobian: NDArray[np.float64], covariance: NDArray[np.float64], sigma_m: float) -> float:
+    """Return the size of an error over its standard deviation, by the state and the range."""
+    return abs(error) / float(np.sqrt(jacobian @ covariance @ jacobian + sigma_m**2))

@@ -40,6 +40,24 @@ RECENT_S = 1.0
 
 
 @dataclass(slots=True)
+class _AtRest:
+    """What the positions of one node at rest tell."""
+
+    read: int = 0
+    agreeing: int = 0
+
+    def observe(self, *, agrees: bool) -> None:
+        """Count one more position."""
+        self.read += 1
+        self.agreeing += agrees
+
+    @property
+    def is_misplaced(self) -> bool:
+        """Whether most of them contradict the rest shape."""
+        return self.read >= LEAST_AT_REST and 2 * self.agreeing < self.read
+
+
+@dataclass(slots=True)
 class _Capture:
     """What is known of one recording."""
 
@@ -82,7 +100,7 @@ class PositionTrust:
         self._rest = rest
         self._rest_seconds = rest_seconds
         self._sigma_m = sigma_m
-        self._at_rest: dict[int, dict[int, list[bool]]] = defaultdict(lambda: defaultdict(list))
+        self._at_rest: dict[int, dict[int, _AtRest]] = defaultdict(lambda: defaultdict(_AtRest))
         self._recordings: dict[int, _Capture] = {}
         self._recent: deque[tuple[float, bool]] = deque()
 
@@ -127,7 +145,7 @@ class PositionTrust:
         if t_s < self._rest_seconds and readings[0].frame is None:
             used = believed_at_rest(readings, self._rest.node_position_m, self._rest.covariance_m2, self._sigma_m)
             for reading, is_used in zip(readings, used, strict=True):
-                self._at_rest[number][reading.node].append(is_used)
+                self._at_rest[number][reading.node].observe(agrees=is_used)
             return used
         told = [reading for reading in readings if not self._is_misplaced(reading)]
         if not told:
@@ -150,5 +168,5 @@ class PositionTrust:
     def _is_misplaced(self, reading: PositionReading) -> bool:
         """Return whether positions at rest told that this node, or most of its recording, is not where it is told."""
         at_rest = self._at_rest.get(reading.recording, {})
-        misplaced = [node for node, used in at_rest.items() if len(used) >= LEAST_AT_REST and 2 * sum(used) < len(used)]
+        misplaced = [node for node, seen in at_rest.items() if seen.is_misplaced]
         return reading.node in misplaced or 2 * len(misplaced) > len(at_rest)
