@@ -149,8 +149,6 @@ def compare_trials(
         parts = [job.part for name, job in jobs.items() if name in done]
         with terminal.stage("table and figure"):
             rows = rows_of_parts(parts)
-            if not any(row.trials for row in rows):
-                raise InputError(f"{', '.join(done)}: no true positions to compare with")
             write_comparison(rows, comparison_command(trials), out)
         with_trials = len(parts) <= MOST_TRIALS
         terminal.news.print(Markdown(as_markdown(rows, comparison_command(trials), with_trials=with_trials)))
@@ -162,7 +160,8 @@ def compare_trial(job: ComparisonJob, terminal: Terminal) -> list[str]:
     """Run every method on a trial, unless it was done before, and return a line for each.
 
     Raises:
-        TensegraphError: when the trial cannot be read, or the file cannot be written.
+        TensegraphError: when the trial cannot be read, has no truth of the time of its lengths, or the file cannot be
+            written.
     """
     trial = open_trial(job.trial)
     made_from = job.fingerprint(trial.plug_ins)
@@ -214,18 +213,11 @@ class TrialComparison:
     def __init__(self, trial: Trial, settings: Settings, model: AnySensorModel, bar: StageBar) -> None:
         self._settings = settings
         self._bar = bar
+        self._truth = _truth_of(trial)
         self._name = trial.path.resolve().name
         self._structure = trial.description.structure
         self._pipeline = Pipeline(trial.description, settings, model)
         self._frames = list(self._pipeline.lengths(bar.track("lengths", trial.readings(), trial.row_count())))
-        self._truth: Truth | None = None
-        self._note = "(no truth)"
-        try:
-            positions = trial.truth()
-            if positions is not None:
-                self._truth = trial.truth_of(positions)
-        except InputError as error:
-            self._note = f"(truth not used: {error})"
 
     def without_method(self) -> Measured:
         """Return the result of the rest shape alone."""
@@ -252,23 +244,21 @@ class TrialComparison:
         return Measured(trial=self._name, method=label, frames=frames, seconds=np.nan, errors=None, note=note)
 
     def _measured(self, method: str, seconds: float, estimate: Estimate) -> Measured:
-        errors = None
-        note = self._note
-        if self._truth is not None:
-            try:
-                rest_m = self._pipeline.rest.node_position_m
-                errors = FrameErrors.of(evaluate(self._structure, rest_m, estimate, self._truth))
-                note = ""
-            except InputError as error:
-                note = f"(not evaluated: {error})"
+        evaluation = evaluate(self._structure, self._pipeline.rest.node_position_m, estimate, self._truth)
         return Measured(
             trial=self._name,
             method=method,
             frames=len(self._frames),
             seconds=seconds,
-            errors=errors,
-            note=note,
+            errors=FrameErrors.of(evaluation),
         )
+
+
+def _truth_of(trial: Trial) -> Truth:
+    positions = trial.truth()
+    if positions is None:
+        raise InputError(f"{trial.path}: has no truth to compare with: expected [truth] in trial.toml")
+    return trial.truth_of(positions)
 
 
 def rest_shape_estimate(pipeline: Pipeline, frames: Sequence[TendonLengths]) -> Estimate:

@@ -23,7 +23,7 @@ class ComparisonRow:
     """Name of the trial, or `ALL`."""
     method: str
     trials: int
-    """Number of trials that have truth and were finished."""
+    """Number of trials that the method finished."""
     frames: int
     errors: ShapeErrors
     coverage_95: float
@@ -74,7 +74,7 @@ class Measured:
     seconds: float
     """Computing time; nan when nothing was run."""
     errors: FrameErrors | None
-    """Errors; None when the trial has no truth, or the method failed."""
+    """Errors; None when the method failed."""
     note: str = ""
     """Reason why there are no errors."""
 
@@ -119,7 +119,7 @@ class Spread:
 
     method: str
     trials: int
-    """Number of trials that have truth and were finished."""
+    """Number of trials that the method finished."""
     rmse_mean_m: float
     """Mean over the trials of the RMSE of the free nodes."""
     rmse_spread_m: float

@@ -17,39 +17,52 @@ from tensegraph.models.evaluation.metrics import evaluate
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 
+def _without_truth(text: str) -> str:
+    return text[: text.index("[truth]")]
+
+
+def _an_hour_later(text: str) -> str:
+    head, *rows = text.splitlines()
+    later = (f"{float(t_s) + 3600},{rest}" for t_s, _, rest in (row.partition(",") for row in rows))
+    return "\n".join([head, *later]) + "\n"
+
+
 def test_compare_runs_every_method(trial_copy) -> None:
-    """With truth, without, and with a truth that is gone; what it says of the UKF is what evaluate says."""
+    """A trial without truth fails, the other is compared; what is said of the UKF is what evaluate says."""
     seen = trial_copy(rows=40, name="seen")
-    blind = trial_copy(rows=40, name="blind", trial=lambda text: text[: text.index("[truth]")])
-    lost = trial_copy(rows=40, name="lost")
-    (lost / "truth.csv").unlink()
-    result = run_process("compare", seen, blind, lost, cwd=seen.parent)
-    assert result.returncode == 0, result.stderr
-    for words in (
-        "seen, rest shape held: node RMSE",
-        "seen, UKF: node RMSE",
-        "blind, graph, batch:",
-        "(no truth)",
-        "(truth not used: ",
-    ):
+    blind = trial_copy(rows=40, name="blind", trial=_without_truth)
+    result = run_process("compare", seen, blind, cwd=seen.parent)
+    assert result.returncode == 1
+    assert f"blind: {blind}: has no truth to compare with" in result.stderr
+    for words in ("seen, rest shape held: node RMSE", "seen, UKF: node RMSE"):
         assert words in result.stdout
     folder = seen.parent / "results/comparison"
     assert sorted(p.name for p in folder.iterdir()) == ["comparison.csv", "comparison.md", "comparison.png", "trials"]
     with (folder / "comparison.csv").open() as file:
         rows = {(row["trial"], row["method"]): row for row in csv.DictReader(file)}
-    assert len(rows) == 3 + 4 * 7
-    assert rows["blind", "UKF"]["nodes_rmse_m"] == ""
-    assert float(rows["blind", "UKF"]["ms_per_frame"]) > 0
+    assert len(rows) == 3 + 2 * 7
+    assert float(rows["seen", "UKF"]["ms_per_frame"]) > 0
     assert "(ukf)" in run("reconstruct", seen, "--method", "ukf", "--figures", "none", cwd=seen.parent).stdout
     (alone,) = json.loads(run("evaluate", "results/seen", "--json", cwd=seen.parent).stdout)
     assert float(rows["seen", "UKF"]["nodes_rmse_m"]) == pytest.approx(alone["absolute"]["nodes"]["rmse_m"], rel=1e-3)
     assert float(rows["seen", "UKF"]["coverage_95"]) == pytest.approx(alone["consistency"]["coverage_95"], abs=0.02)
 
 
-def test_a_comparison_without_any_truth_is_refused(trial_copy) -> None:
-    blind = trial_copy(rows=20, name="blind", trial=lambda text: text[: text.index("[truth]")])
-    refused = run("compare", blind, "--method", "frame", cwd=blind.parent)
-    assert (refused.returncode, refused.stderr) == (2, "tensegraph: blind: no true positions to compare with\n")
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"trial": _without_truth}, "has no truth to compare with: expected [truth] in trial.toml"),
+        ({"truth": lambda text: text.replace("t_s", "t", 1)}, "truth.csv: "),
+        ({"truth": _an_hour_later}, "covers no frame of the estimate"),
+    ],
+    ids=["none", "unreadable", "of another time"],
+)
+def test_a_trial_without_its_truth_is_refused_and_nothing_is_written(trial_copy, changes, words) -> None:
+    trial = trial_copy(rows=20, **changes)
+    refused = run("compare", trial, "--method", "frame", "--out", "out", cwd=trial.parent)
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert words in refused.stderr
+    assert not (trial.parent / "out").exists()
 
 
 class TestComparison:
