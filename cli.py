@@ -482,7 +482,9 @@ def structure(
         typer.Option(help="Write a start of trial.toml and rig.toml for this structure.", show_default=False),
     ] = None,
     rod: Annotated[float | None, typer.Option(help="With --new, length of each rod, m.", show_default=False)] = None,
-    stages: Annotated[int, typer.Option(min=1, help="With --new tower, number of prisms.")] = 2,
+    stages: Annotated[
+        int | None, typer.Option(min=1, help="With --new tower, number of prisms: two by default.", show_default=False)
+    ] = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:

@@ -82,7 +82,8 @@ def compare(
         A row for each method on all trials together, and then one for each trial and method.
 
     Raises:
-        TensegraphError: for a trial that cannot be read, two trials of one name, or a method that is none.
+        TensegraphError: for a trial that cannot be read or has no truth, two trials of one name, or a method that is
+            none.
     """
     from .commands.compare import comparison_rows, estimators_of, measure  # rich and matplotlib
     from .io.reports.terminal import Terminal

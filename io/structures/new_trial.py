@@ -44,15 +44,17 @@ class BuiltIn:
 
     name: Literal["prism", "six-strut", "tower", "saddle-tower"]
     rod_length_m: float
-    stages: int = 2
-    """Of a tower."""
+    stages: int | None = None
+    """Number of prisms of a tower; two if None."""
 
     def structure(self) -> tuple[Structure, NDArray[np.float64]]:
         """Return the structure, and (nodes, 3) its shape at rest.
 
         Raises:
-            InputError: for sizes that are impossible.
+            InputError: for sizes that are impossible, or stages of something else than a tower.
         """
+        if self.stages is not None and self.name != "tower":
+            raise InputError(f"--stages: only --new tower has stages, got --new {self.name}")
         if not SMALLEST <= self.rod_length_m <= LARGEST["m"]:
             raise InputError(f"--rod: expected a length above 0, at most {LARGEST['m']:g} m, got {self.rod_length_m:g}")
         if self.name == "six-strut":
@@ -60,7 +62,7 @@ class BuiltIn:
             return structure, find_rest_shape(structure)
         if self.name == "saddle-tower":
             return saddle_tower(self.rod_length_m, SIDE_PER_ROD * self.rod_length_m)
-        stages = 1 if self.name == "prism" else self.stages
+        stages = 1 if self.name == "prism" else self.stages or 2
         return prism_tower(stages, self.rod_length_m, SIDE_PER_ROD * self.rod_length_m)
 
 

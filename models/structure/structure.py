@@ -41,7 +41,7 @@ class Structure:
     def __post_init__(self) -> None:
         rods = _node_pairs("rods", self.rods)
         tendons = _node_pairs("tendons", self.tendons)
-        anchors = np.asarray(self.anchors, dtype=np.int64).reshape(-1)
+        anchors = _nodes("anchors", self.anchors)
         unsensed = np.asarray(self.unsensed, dtype=np.int64).reshape(-1)
         _check_topology(rods, tendons, anchors)
         _check_numbers("unsensed", "tendon", unsensed, len(tendons))
@@ -267,6 +267,13 @@ def _node_pairs(name: str, value: ArrayLike) -> NDArray[np.int64]:
     if pairs.ndim != 2 or pairs.shape[1] != 2 or len(pairs) == 0 or not np.issubdtype(pairs.dtype, np.integer):
         raise InputError(f"{name}: expected pairs of node numbers, got an array of shape {pairs.shape} ({pairs.dtype})")
     return pairs.astype(np.int64)
+
+
+def _nodes(name: str, value: ArrayLike) -> NDArray[np.int64]:
+    nodes = np.array(value)
+    if nodes.ndim != 1 or (len(nodes) and not np.issubdtype(nodes.dtype, np.integer)):
+        raise InputError(f"{name}: expected node numbers, got an array of shape {nodes.shape} ({nodes.dtype})")
+    return nodes.astype(np.int64)
 
 
 def _positive(name: str, value: ArrayLike, count: int) -> NDArray[np.float64]:

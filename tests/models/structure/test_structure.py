@@ -38,6 +38,7 @@ REFUSED = {
     "expected one number or 6": {"rod_length_m": [0.3, 0.3]},
     "two different nodes": {"tendons": [*SIX_STRUT_TENDONS, (4, 4)]},
     "named twice": {"anchors": [0, 1, 1]},
+    "expected node numbers": {"anchors": [0.5, 1, 2]},
     "expected 3 finite rows": {"anchor_position_m": [[0, 0, 0], [0.18, 0, np.nan], [0.09, 0.16, 0]]},
     "pairs of node": {"rods": [0, 1, 2]},
     "rows of unequal length": {"rods": [[0, 1], [2]]},
