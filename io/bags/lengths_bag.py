@@ -76,13 +76,16 @@ class LengthsBag:
             first_ns = 0
             has_header = True
             for index, (recorded_ns, message) in enumerate(self._messages(reader, self.topic)):
+                with _as_its_type_says(self.place(index)):
+                    told_ns = header_ns(message)
+                    length_m = lengths_of(message, self._tendons, self.place(index))
                 if index == 0:
-                    has_header = header_ns(message) != 0
-                stamp_ns = header_ns(message) if has_header else recorded_ns
+                    has_header = told_ns != 0
+                stamp_ns = told_ns if has_header else recorded_ns
                 if stamp_ns == 0:
                     raise InputError(f"{self.place(index)}: header.stamp: expected a time, as in the first, got 0")
                 first_ns = first_ns or stamp_ns
-                yield [1e-9 * (stamp_ns - first_ns), *lengths_of(message, self._tendons, self.place(index))]
+                yield [1e-9 * (stamp_ns - first_ns), *length_m]
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
@@ -122,7 +125,8 @@ class LengthsBag:
         """Return whether the first message of a topic holds lengths of the tendons."""
         try:
             _, message = next(self._messages(reader, topic))
-            lengths_of(message, self._tendons, topic)
+            with _as_its_type_says(topic):
+                lengths_of(message, self._tendons, topic)
         except (StopIteration, InputError):
             return False
         return True
@@ -139,6 +143,15 @@ class LengthsBag:
             raise InputError(
                 f"{self.path}: {topic}: message {count + 1}: cannot be read: {_one_line(error)}"
             ) from error
+
+
+@contextmanager
+def _as_its_type_says(where: str) -> Iterator[None]:
+    """Say that the definition of a message, which a bag contains, is another than that of its type."""
+    try:
+        yield
+    except (AttributeError, TypeError, ValueError) as error:
+        raise InputError(f"{where}: its fields are not those of its type: {_one_line(error)}") from error
 
 
 def lengths_of(message: Any, tendons: Sequence[int], where: str) -> NDArray[np.float64]:
@@ -181,9 +194,10 @@ def _named_tendons(names: Sequence[str], tendons: Sequence[int], where: str) -> 
 
 
 def header_ns(message: Any) -> int:
-    """Return the stamp in the header of a message since 1970; 0 where there is none, as ROS has it."""
-    header = getattr(message, "header", None)
-    return 10**9 * int(header.stamp.sec) + int(header.stamp.nanosec) if header is not None else 0
+    """Return the stamp in the header of a JointState since 1970; 0 of a Float64MultiArray, which has none."""
+    if message.__msgtype__ == MULTI_ARRAY:
+        return 0
+    return 10**9 * int(message.header.stamp.sec) + int(message.header.stamp.nanosec)
 
 
 def _connections(reader: Any, topic: str) -> list[Any]:

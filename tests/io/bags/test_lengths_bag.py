@@ -168,6 +168,26 @@ def test_a_damaged_bag_is_one_line(ros, tmp_path) -> None:
     assert refused(cut, None, 2).startswith("cannot be read as a bag: ")
 
 
+@pytest.mark.parametrize(
+    ("kind", "field", "damaged"),
+    [
+        ("array", b"data_offset", b"dqta_offset"),
+        ("state", b"float64[] position", b"float64[] posjtion"),
+        ("state", b"nanosec", b"nbnosec"),
+        ("state", b"Header header", b"Header heqder"),
+    ],
+)
+def test_a_definition_with_a_flipped_bit_is_one_line(kind, field, damaged, ros, tmp_path) -> None:
+    messages = [multi_array(ros, [1, 2])] if kind == "array" else [joint_state(ros, EPOCH_NS, [1, 2])]
+    write_bag(ros, tmp_path / "whole", {"/l": messages})
+    data = (tmp_path / "whole" / "whole.mcap").read_bytes()
+    assert field in data
+    (tmp_path / "damaged.mcap").write_bytes(data.replace(field, damaged))
+    said = refused(tmp_path / "damaged.mcap", "/l", 2)
+    assert said.startswith(("/l: message 1: its fields are not those of its type: ", "cannot be read as a bag: "))
+    assert "\n" not in said
+
+
 def test_as_a_user_types_it(ros, example, trial_with) -> None:
     """The table in trial.toml, and what is wrong with it."""
     folder = trial_with(file="bag", topic="/tendon_lengths")
