@@ -214,13 +214,19 @@ def _check_ranges(ranges: TrainedRanges, strain_knots: NDArray[np.float64]) -> N
 
 
 def _check_curve(model: SensorModel) -> None:
-    """Check that the curve gives strains like those of its training at each dR/R of its training, held for long."""
+    """Check that the curve gives strains like those of its training at each dR/R of its training, held for long.
+
+    Its sigma may not be larger than any strain: such a curve was fitted to nothing.
+    """
     change = np.linspace(0, max(model.ranges.change[1], 0))
-    strain = model.curve.strain(change, np.repeat(change[:, None], len(model.curve.memory_s), axis=1))
+    means = np.repeat(change[:, None], len(model.curve.memory_s), axis=1)
+    strain, sigma = model.curve.strain(change, means), model.curve.sigma(change, means)
     most = 2 * model.gauge.most_strain
     if np.abs(strain).max() > most:
         got = f"{strain.min():.3g} to {strain.max():.3g}"
         raise InputError(f"its curve gives strains from {got}: expected magnitudes of at most {most:.3g}")
+    if sigma.max() > most:
+        raise InputError(f"its curve gives a sigma of strain of {sigma.max():.3g}: expected at most {most:.3g}")
 
 
 def _rate_curve(tensors: Tensors, memory_s: NDArray[np.float64], spread: _Spread) -> RateCurve:

@@ -65,6 +65,7 @@ class TestModelFile:
             ("curve_scale", np.ones(9), "expected 1 to 4 numbers, got 9"),
             ("curve_range", np.ones((2, 3)) * [[1], [0]], "the least values in the first row"),
             ("curve_coefficients", np.full(21, 100.0), "its curve gives strains from"),
+            ("curve_factor", 1e3 * np.eye(21), "its curve gives a sigma of strain of"),
             ("mode_change", np.zeros(599), "each greater than the one before"),
             ("strain_knots", 1e3 * np.arange(8.0), "expected 0 to about ranges.strain, 0.689, got 0 to 7e"),
             ("bending_covariance", -np.eye(6), "without a negative eigenvalue"),
