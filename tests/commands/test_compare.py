@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from command_line import run, run_process
+from command_line import run
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
 from tensegraph.commands.compare import comparison_rows
 from tensegraph.io.reports.comparison_tables import as_markdown, write_comparison_csv
@@ -19,11 +19,11 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 def test_compare_runs_every_method(trial_copy) -> None:
     """With truth, without, and with a truth that is gone; what it says of the UKF is what evaluate says."""
-    seen = trial_copy(rows=40, name="seen")
-    blind = trial_copy(rows=40, name="blind", trial=lambda text: text[: text.index("[truth]")])
-    lost = trial_copy(rows=40, name="lost")
+    seen = trial_copy(rows=30, name="seen")
+    blind = trial_copy(rows=30, name="blind", trial=lambda text: text[: text.index("[truth]")])
+    lost = trial_copy(rows=30, name="lost")
     (lost / "truth.csv").unlink()
-    result = run_process("compare", seen, blind, lost, cwd=seen.parent)
+    result = run("compare", seen, blind, lost, cwd=seen.parent)
     assert result.returncode == 0, result.stderr
     for words in (
         "seen, rest shape held: node RMSE",
