@@ -40,12 +40,12 @@ def test_a_recording_loads_no_matplotlib() -> None:
 
 def test_filterpy_is_loaded_when_it_is_chosen() -> None:
     choose = (
+        "import numpy as np\n"
         "from tensegraph import Settings, three_strut\n"
-        "from tensegraph.estimator.rest_step import rest_step\n"
-        "from tensegraph.models.structure.rest_shape import GeometrySigma, RestSettings\n"
+        "from tensegraph.models.structure.rest_shape import RestShape\n"
         "from tensegraph.pipeline import ESTIMATORS\n"
         "structure = three_strut(0.3, 0.18)\n"
-        "rest = rest_step(structure, None, None, GeometrySigma(), RestSettings())\n"
+        "rest = RestShape(structure, np.zeros((6, 3)), np.zeros((18, 18)), 'measured')\n"
         "ESTIMATORS['least-squares'](structure, rest, Settings())\n"
         "assert 'filterpy' not in sys.modules\n"
         "ESTIMATORS['ukf'](structure, rest, Settings())"

@@ -184,11 +184,11 @@ class TestReferenceStrips:
 
     def test_they_show_the_drift_and_are_no_tendons(self, trial_copy) -> None:
         strips = trial_copy(
-            rows=300,
+            rows=200,
             name="strips",
             trial=lambda text: text.replace("[0, 1, 2,", '["reference", "reference", "reference",'),
         )
-        wired = reconstruct(trial_copy(rows=300, name="wired"), "live")
+        wired = reconstruct(trial_copy(rows=200, name="wired"), "live")
         found = reconstruct(strips, "live")
         assert np.isnan(found.length_m[:, :3]).all()
         np.testing.assert_allclose(found.drift[:, 5], wired.drift[:, 5], atol=2e-4)

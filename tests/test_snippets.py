@@ -23,10 +23,10 @@ def reader(tmp_path: Path, trial_copy: Callable[..., Path], monkeypatch: pytest.
     """The directory of a reader: the examples, of which trial and plans are a few seconds long, and `tensegraph`."""
     examples = tmp_path / "examples"
     shutil.copytree(ROOT / "examples", examples, ignore=shutil.ignore_patterns("press_01", "__pycache__"))
-    trial_copy(rows=160, name="examples/press_01")
+    trial_copy(rows=120, name="examples/press_01")
     (examples / "plans" / "press.toml").write_text(replaced(PLANS["press"].read_text(), *SHORT))
     prism = PLANS["prism"].read_text().partition("[[load.random]]")[0]
-    (examples / "plans" / "prism.toml").write_text(replaced(prism, ("duration_s = 30.0", "duration_s = 6.0")))
+    (examples / "plans" / "prism.toml").write_text(replaced(prism, ("duration_s = 30.0", "duration_s = 4.0")))
     command = tmp_path / "bin" / "tensegraph"
     command.parent.mkdir()
     command.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{undrawn_command.__file__}" "$@"\n')

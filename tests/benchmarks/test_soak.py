@@ -2,12 +2,14 @@
 
 import os
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import soak
 import undrawn_command
+from pty_board import PtyBoard
 
 COLUMNS = [(name, float) for name in ("t_s", "latency_s", *soak.STAGES, "processor_s", "other_threads_s")]
 
@@ -21,10 +23,28 @@ def test_ten_minutes(tmp_path, firmware) -> None:
     check(report, minutes)
 
 
-def test_some_seconds(tmp_path, firmware, monkeypatch) -> None:
-    """Without drawing, during which the emulated boards would go on to take a core."""
+class LoggingBoard(PtyBoard):
+    """A board at rest by its bytes alone, with the log of an emulated one, which takes half of a core."""
+
+    def __init__(self, _firmware: Path, number: int, trial: Path, folder: Path, *_: float, rests: int) -> None:
+        super().__init__(folder / f"board{number}", number)
+        self.log = folder / f"board{number}.log"
+        first = (trial / f"board{number}.csv").read_text().splitlines()[1]
+        self._codes = tuple(map(int, first.split(",")[3:]))
+
+    def codes(self) -> tuple[int, ...]:
+        return self._codes
+
+    def unplug(self) -> None:
+        super().unplug()
+        np.savetxt(self.log, [seq for _, seq in self.sent], fmt="%d")
+
+
+def test_some_seconds(tmp_path, monkeypatch) -> None:
+    """Without emulated boards, and without drawing, which `test_ten_minutes` has."""
     monkeypatch.setattr(soak, "COMMAND", (sys.executable, undrawn_command.__file__))
-    report = "\n".join(soak.soak(tmp_path, firmware, 0.05))
+    monkeypatch.setattr(soak, "EmulatedBoard", LoggingBoard)
+    report = "\n".join(soak.soak(tmp_path, tmp_path, 0.05))
     check(report, 0.05)
 
 

@@ -35,7 +35,7 @@ def rig_folder(tmp_path_factory):
     (folder / "strips").mkdir()
     rng = np.random.default_rng(5)
     for k, speed in enumerate((0.01, 0.01, 0.03, 0.03, 0.09, 0.09, 0.09)):
-        t_s = np.arange(0, 60, 0.2)
+        t_s = np.arange(0, 40, 0.2)
         strain = np.abs((speed * t_s + 0.2) % 0.4 - 0.2)
         ohm = 1e6 * (1 + (1 + 0.02 * k) * 1.3 * strain + 1e-3 * rng.standard_normal(len(t_s)))
         rows = [f"{t:.2f},{e:.6f},{r:.0f}" for t, e, r in zip(t_s, strain, ohm, strict=True)]

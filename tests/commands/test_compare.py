@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from command_line import run, run_process
+from command_line import run
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
 from tensegraph.commands.compare import comparison_rows
 from tensegraph.io.reports.comparison_tables import as_markdown, write_comparison_csv
@@ -29,9 +29,9 @@ def _an_hour_later(text: str) -> str:
 
 def test_compare_runs_every_method(trial_copy) -> None:
     """A trial without truth fails, the other is compared; what is said of the UKF is what evaluate says."""
-    seen = trial_copy(rows=40, name="seen")
-    blind = trial_copy(rows=40, name="blind", trial=_without_truth)
-    result = run_process("compare", seen, blind, cwd=seen.parent)
+    seen = trial_copy(rows=30, name="seen")
+    blind = trial_copy(rows=30, name="blind", trial=_without_truth)
+    result = run("compare", seen, blind, cwd=seen.parent)
     assert result.returncode == 1
     assert f"blind: {blind}: has no truth to compare with" in result.stderr
     for words in ("seen, rest shape held: node RMSE", "seen, UKF: node RMSE"):

@@ -44,17 +44,17 @@ def test_what_does_not_match_is_said(done, loaded) -> None:
         tg.compare([folder / "press"], ["best"])
 
 
-def test_compare_returns_rows(done) -> None:
+def test_compare_returns_rows(trial_copy) -> None:
     """One method and the rest shape; its row is what evaluate says of the same method."""
-    folder, *_ = done
-    rows = tg.compare([folder / "press"], ["frame"])
+    press = trial_copy(rows=60, name="press")
+    rows = tg.compare([press], ["frame"])
     assert [(row.trial, row.method) for row in rows] == [
         ("all", "rest shape held"),
         ("all", "graph, frame by frame"),
         ("press", "rest shape held"),
         ("press", "graph, frame by frame"),
     ]
-    alone = tg.evaluate(tg.reconstruct(folder / "press", "frame"), folder / "press")
+    alone = tg.evaluate(tg.reconstruct(press, "frame"), press)
     assert rows[-1].errors.nodes.rmse_m == pytest.approx(alone.absolute.nodes.rmse_m, rel=1e-9)
 
 

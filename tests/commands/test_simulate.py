@@ -14,9 +14,9 @@ from tensegraph.commands.simulate import simulate
 
 
 def test_a_simulated_trial_is_reconstructed(tmp_path) -> None:
-    """The twin's commands as the README has them, on five seconds of the prism."""
+    """The twin's commands as the README has them, on four seconds of the prism."""
     text = (Path(__file__).parents[2] / "examples" / "plans" / "prism.toml").read_text()
-    text = text[: text.index("[[load.random]]")].replace("duration_s = 30.0", "duration_s = 5.0")
+    text = text[: text.index("[[load.random]]")].replace("duration_s = 30.0", "duration_s = 4.0")
     (tmp_path / "prism.toml").write_text(text)
     result = run_process("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path)
     assert result.returncode == 0, result.stderr

@@ -18,7 +18,7 @@ from tensegraph.models.twin.mjcf import Body, mjcf
 from twin_bodies import body
 
 NAMES = ("rods", "tendons", "rod_length_m", "natural_length_m", "anchors", "anchor_position_m")
-T_S = np.arange(0, 8, 0.1)
+T_S = np.arange(0, 6.5, 0.1)
 STEP_S = 0.002
 
 
@@ -29,8 +29,8 @@ def shapes_of(
     size_n = float(np.linalg.norm(force_n))
     twin = Twin(made, step_s, shape_m)
     twin.settle()
-    press = Press(at_s=2.0, ramp_s=3.0, hold_s=10.0, nodes=[node], force_n=size_n, direction=force_n)
-    motion = twin.run(Loads([press], len(shape_m), []), round(8 / step_s))
+    press = Press(at_s=2.0, ramp_s=2.0, hold_s=10.0, nodes=[node], force_n=size_n, direction=force_n)
+    motion = twin.run(Loads([press], len(shape_m), []), round(6.5 / step_s))
     return motion.node_position_m[:: round(0.1 / step_s)]
 
 
@@ -126,7 +126,7 @@ def test_stiff_cables_that_go_slack_are_followed(tmp_path: Path) -> None:
         told_slack_m = natural_m[cables] - structure.tendon_length_m(result.node_position_m[-1])[cables]
         np.testing.assert_allclose(told_slack_m, slack_m[-1], atol=0.002)  # the slack one is found, and no other
         assert np.nanmax(np.abs(result.loads.force_n)) < 3.0
-        assert result.status.count(Status.OK) > 60
+        assert result.status.count(Status.OK) > 0.75 * len(T_S)
 
 
 def test_a_structure_is_shown_converted_and_drawn(tmp_path: Path) -> None:

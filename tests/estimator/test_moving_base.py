@@ -18,7 +18,7 @@ def told_anchored(tmp_path_factory):
     """The robot until its first tip, described as if the three nodes on which it starts were anchored."""
     folder = tmp_path_factory.mktemp("anchored") / "trial"
     shutil.copytree(ROLL, folder)
-    cut(folder, until_s=6.0)
+    cut(folder, until_s=5.0)
     rest_m = open_trial(ROLL).description.rest_position_m
     base = np.argsort(rest_m[:, 2])[:3]
     text = (folder / "trial.toml").read_text()

@@ -11,7 +11,7 @@ from unittest import mock
 from tensegraph.cli import main
 
 SCREEN = {"COLUMNS": "120", "TERM": "dumb"}
-CALIBRATE = ("calibrate", "strips", "--epochs", "10", "--out")
+CALIBRATE = ("calibrate", "strips", "--epochs", "7", "--out")
 """Two checkpoints: it can be interrupted after the first."""
 
 

@@ -54,13 +54,16 @@ class PtyBoard:
             self.board_id, self.boot, sensor, seq % 2**16, 10_000 * (seq - 1) % 2**32, 1e-3, 2e-3, rate, force
         )
 
+    def codes(self) -> tuple[int, ...]:
+        """Return the codes of the next row: a counter, which starts elsewhere on each channel."""
+        return tuple((self.seq + 31 * c) % 1024 for c in range(self.channels))
+
     def _run(self) -> None:
         next_s = time.perf_counter()
         while not self._stop.wait(max(next_s - time.perf_counter(), 0)):
             next_s += self.period_s
-            codes = tuple((self.seq + 31 * c) % 1024 for c in range(self.channels))
             data = b"".join(frame(self.sample(sensor, 2 * self.seq + k)) for sensor in self.sensors for k in (0, 1))
-            data += frame(Row(self.board_id, self.boot, self.seq % 2**16, 20_000 * self.seq % 2**32, codes))
+            data += frame(Row(self.board_id, self.boot, self.seq % 2**16, 20_000 * self.seq % 2**32, self.codes()))
             if self.seq % 50 == 0:
                 data += frame(Hello(self.board_id, self.boot, 20_000 * self.seq % 2**32, 50, self.channels, "pty 1"))
             if self.interference:

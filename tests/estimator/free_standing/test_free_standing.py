@@ -1,4 +1,4 @@
-"""A free-standing structure: twelve seconds in which a robot with one inertial sensor is tipped onto other faces."""
+"""A free-standing structure: ten seconds in which a robot with one inertial sensor is tipped onto other faces."""
 
 import shutil
 from pathlib import Path
@@ -15,10 +15,12 @@ from trial_edits import cut
 ROLL = Path(__file__).parents[3] / "examples" / "roll_02"
 
 
-@pytest.fixture(scope="module", params=["live", "batch"])
-def rolled(request):
-    """The reconstruction of the shipped trial, and its evaluation."""
-    trial = open_trial(ROLL)
+@pytest.fixture(scope="module", params=["live", pytest.param("batch", marks=pytest.mark.long)])
+def rolled(request, tmp_path_factory):
+    """The reconstruction of the shipped trial until both tips are over, and its evaluation."""
+    folder = tmp_path_factory.mktemp("rolled") / "roll_02"
+    copied(folder, 10.0)
+    trial = open_trial(folder)
     reconstruction = reconstruct(trial, request.param)
     d = trial.description
     truth = trial.truth_of(trial.truth(), trial.true_loads())
@@ -79,7 +81,7 @@ def test_without_a_floor_the_shape_is_described_in_body_coordinates(tmp_path) ->
 
 
 def test_without_any_aid_it_is_followed_too(tmp_path) -> None:
-    trial = open_trial(without(tmp_path / "bare", "imu"))
+    trial = open_trial(without(tmp_path / "bare", "imu", until_s=9.0))
     reconstruction = reconstruct(trial, "batch")
     truth = trial.truth_of(trial.truth())
     d = trial.description
@@ -119,7 +121,10 @@ def stuck(lines: list[str]) -> list[str]:
     return lines[:300] + [f"{line.split(',')[0]},{values}" for line in lines[300:]]
 
 
-@pytest.mark.parametrize(("fault", "until_s"), [(stuck, 9.0), (lambda lines: lines[:300], 6.0)], ids=["stuck", "ended"])
+ENDED = pytest.param(lambda lines: lines[:300], 6.0, id="ended", marks=pytest.mark.long)
+
+
+@pytest.mark.parametrize(("fault", "until_s"), [pytest.param(stuck, 9.0, id="stuck"), ENDED])
 def test_without_its_sensor_the_robot_is_followed_by_the_balance_of_forces(fault, until_s, tmp_path) -> None:
     """The sensor fails after three seconds, before the first tip; the one that is stuck misses the second, too."""
     path = edited(tmp_path / "failed", until_s, imu0=fault)

@@ -1,4 +1,4 @@
-"""A structure that swings about two anchors: six seconds of the twin, by the command line; and what does not hang."""
+"""A structure that swings about two anchors: four seconds and a half of the twin, and what does not hang."""
 
 import json
 import re
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 HINGE = """extends = "press.toml"
 name = "hinge"
-duration_s = 6.0
+duration_s = 4.5
 [structure]
 anchors = [0, 1]
 anchor_position_m = [[0.0, 0.0, 0.5], [0.18371, 0.0, 0.5]]

@@ -16,10 +16,10 @@ from twin_bodies import resting
 
 @pytest.fixture(scope="module")
 def rolled(tmp_path_factory):
-    """Nine seconds of the plan, with one push or two."""
+    """Seven seconds of the plan, with one push or two."""
     folder = tmp_path_factory.mktemp("plans")
     (folder / "press.toml").write_text(PLANS["press"].read_text())
-    short = (("duration_s = 24.0", "duration_s = 9.0"), ("until_s = 23.0", "until_s = 9.0"))
+    short = (("duration_s = 24.0", "duration_s = 7.0"), ("until_s = 23.0", "until_s = 7.0"))
     (folder / "roll.toml").write_text(replaced(PLANS["roll"].read_text(), *short))
     return simulate(folder / "roll.toml", folder / "roll_01")
 
