@@ -7,6 +7,7 @@ units slip in several keys at once, two files are mixed, and characters look lik
 import random
 import re
 from collections.abc import Callable
+from math import isfinite
 from pathlib import Path
 
 from toml_slips import FACTORS, TOML
@@ -246,7 +247,7 @@ def noise_added(text: str, rng: random.Random) -> str:
         for row in rows:
             if width and NUMBER.fullmatch(row[column]):
                 value = float(row[column]) * (1 + share * rng.gauss(0, 1))
-                row[column] = repr(value) if "." in row[column] else repr(round(value))
+                row[column] = repr(value) if "." in row[column] or not isfinite(value) else repr(round(value))
         return rows
 
     return with_rows(text, change)
