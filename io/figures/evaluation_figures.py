@@ -76,7 +76,7 @@ def write_loads_figure(e: Evaluation, title: str, path: Path) -> None:
     figure = Figure(figsize=(13, 4.8), layout="constrained")
     over_time, pairs = figure.subplots(1, 2, width_ratios=(1.7, 1))
     _draw_largest_load(over_time, c.t_s, estimated_n, true_n, threshold_n)
-    over_time.set(xlim=(c.t_s[0], c.t_s[-1]), ylim=(0, top_n))
+    over_time.set(xlim=_span_s(c.t_s), ylim=(0, top_n))
     pairs.plot([0, top_n], [0, top_n], color=GREY, lw=1, ls="--", label="as it should be")
     _draw_load_pairs(pairs, e.structure.free_nodes, estimated_n, true_n, threshold_n)
     pairs.set(xlim=(0, top_n), ylim=(0, top_n), aspect="equal")
@@ -154,10 +154,15 @@ def _draw_height(
     axis.margins(x=0)
 
 
+def _span_s(t_s: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the first and the last of (frames,) times; of a single frame, the second about it."""
+    return (t_s[0], t_s[-1]) if len(t_s) > 1 else (t_s[0] - 0.5, t_s[0] + 0.5)
+
+
 def _draw_error_over_time(axis: Axes, e: Evaluation) -> None:
     c = e.compared
     expected_mm = 1e3 * np.sqrt(np.mean(c.node_sigma_m**2, axis=1))
-    top = 1.08 * 1e3 * float(c.frame_error_m.max())
+    top = 1.08 * 1e3 * float(c.frame_error_m.max()) or 1.0  # an estimate that is the truth
     axis.fill_between(c.t_s, 0, BAND * expected_mm, color=BLUE, alpha=0.25, lw=0, label="95 % band")
     axis.plot(c.t_s, 1e3 * c.frame_error_m, color=BLACK, lw=0.9, label="error")
     if c.wrong_branch.any():
@@ -167,7 +172,7 @@ def _draw_error_over_time(axis: Axes, e: Evaluation) -> None:
         axis.axvline(fault.from_s, color=RED, ls=":", lw=1, label="a fault begins" if k == 0 else None)
         height = (0.98 - 0.06 * (k % 4)) * top  # labels of faults that begin at similar times do not overlap
         axis.text(fault.from_s, height, f" {fault.kind}, {fault.where}", fontsize=7, color=RED, va="top")
-    axis.set(xlim=(c.t_s[0], c.t_s[-1]), ylim=(0, top), xlabel="time [s]", ylabel="RMS over the free nodes [mm]")
+    axis.set(xlim=_span_s(c.t_s), ylim=(0, top), xlabel="time [s]", ylabel="RMS over the free nodes [mm]")
     axis.set_title("error over time; the band is 1.96 times the expected RMS, cut at the axis", fontsize=10)
     axis.legend(loc="upper left", bbox_to_anchor=(0, -0.09), fontsize=8, ncols=4, frameon=False)
     add_grid(axis)
