@@ -110,12 +110,14 @@ class LiveSmoother:
             doubt=doubt.reason,
             factor_innovation=assessment.factor_innovation,
         )
+        self.changes.observe(frame, shape, scale)
         if self._health:
-            self._health.observe(shape, measured)
+            self._health.observe(shape, measured, self.changes.explains_more)
+            if self._health.something_changed:
+                self.changes.believe()
         self.drift.observe(shape)
         self._builder.approach(position)
         self.modes.observe(shape, admitted)
-        self.changes.observe(frame, shape, scale)
         return self.changes.doubted(shape)
 
     def _smoothed(self, measured: WeightedLengths) -> NDArray[np.float64]:

@@ -36,6 +36,8 @@ class ChangeEvidence:
 
     log_ratio: NDArray[np.float64]
     """(changes,) log of the evidence for the change over that for none."""
+    explained: NDArray[np.float64]
+    """(changes,) by how much the error of the frame is less with the change."""
     shift_m: NDArray[np.float64]
     """(changes, free) rms of what the free coordinates are off by, if it changed and that is not known; with signs."""
 
@@ -57,4 +59,4 @@ def change_evidence(frame: LinearFrame, changes: PossibleChanges) -> ChangeEvide
     log_ratio = 0.5 * np.log(variance / changes.sigma**2) + 0.5 * slope**2 * variance
     mean_square = (slope * variance) ** 2 + variance
     signed = -np.sign(slope) * np.sqrt(mean_square)
-    return ChangeEvidence(log_ratio, signed[:, None] * taken_up.T)
+    return ChangeEvidence(log_ratio, 0.5 * slope**2 * variance, signed[:, None] * taken_up.T)

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.structure.shape import Reason, Shape
+from ...models.structure.structure import Structure
 from ...models.values.readings import SensorDrift, TendonLengths
 from ..doubt import Regimes
 from ..graph import GraphBuilder
 from ..linear_frame import LinearFrame
-from .change_evidence import PossibleChanges, change_evidence
+from .change_evidence import ChangeEvidence, PossibleChanges, change_evidence
 
 CHANGED_SHARE = 0.04
 """Prior probability that something has changed, half of it by the boards: that of lengths which contradict each
@@ -33,6 +34,8 @@ CHANGED_M = 0.005
 """Standard deviation of a change of length: clamps and caps slip by millimetres."""
 CHANGED_RESISTANCE = 0.02
 """Standard deviation of a change of all sensors of a board, in log resistance."""
+FAULT_M = 0.1
+"""Standard deviation of the error of a length whose sensor has a fault: it may be any."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,18 +66,29 @@ class ChangeWatch:
         self._update_every_s = update_every_s
         self._updated_s = np.nan
         self._regimes: Regimes | None = None
-        self._shift_m = np.zeros((0, 0))
+        self._evidence: ChangeEvidence | None = None
         self.kept: list[tuple[float, NDArray[np.float64], NDArray[np.float64]]] | None = None
         """Time, probabilities and shifts after each update, for a smoother that puts a list here."""
 
     @property
-    def found(self) -> Change | None:
-        """The change that is more probable than none, if there is one."""
-        return None if self._regimes is None else self._change(self._regimes.probability, self._shift_m)
+    def explains_more(self) -> NDArray[np.float64]:
+        """(tendons,) by how much more of a frame's error one change explains than a fault of each tendon's sensor."""
+        tendons = len(self._builder.structure.tendons)
+        if self._evidence is None:
+            return np.zeros(tendons)
+        explained = self._evidence.explained
+        return np.asarray(explained[:-tendons].max() - explained[-tendons:])
+
+    def believe(self) -> None:
+        """Learn that several frames exclude that nothing has changed, see `SensorHealth.something_changed`."""
+        if self._regimes is not None and self._evidence is not None:
+            self._regimes.update(_of_regimes(self._evidence, self._builder.structure, -np.inf))
 
     def doubted(self, shape: Shape) -> Shape:
         """Return the shape of the newest frame, in doubt if something has changed."""
-        change = self.found
+        if self._regimes is None or self._evidence is None:
+            return shape
+        change = self._change(self._regimes.probability, self._evidence.shift_m)
         return shape if change is None else change.doubted(shape, self._builder.structure.free_coordinates)
 
     def observe(self, frame: LinearFrame, shape: Shape, used_scale: float) -> None:
@@ -90,18 +104,20 @@ class ChangeWatch:
         if self._builder.statics is None or not is_due or shape.doubt is Reason.MOTION:
             return
         self._updated_s = shape.t_s
-        rods = len(self._builder.structure.rods)
+        structure = self._builder.structure
+        rods = len(structure.rods)
         measured = float(np.mean(frame.weight_per_m[rods:] > 0))
         weight_per_m = frame.weight_per_m.copy()
         weight_per_m[rods:] *= used_scale
         boards = _sensors_of_board(shape.lengths)
         evidence = change_evidence(replace(frame, weight_per_m=weight_per_m), self._possible(shape, boards))
         if self._regimes is None:
-            self._regimes = Regimes(_prior(len(evidence.log_ratio) - len(boards), len(boards)), CHANGED_MEMORY_S)
+            members = rods + len(structure.tendons)
+            self._regimes = Regimes(_prior(members, len(boards)), CHANGED_MEMORY_S)
+        self._evidence = evidence
         share = measured * min(step_s / self._builder.noise.correlation_s, 1.0)
         self._regimes.predict(step_s)
-        self._regimes.update(share * np.concatenate([[0.0], evidence.log_ratio]))
-        self._shift_m = evidence.shift_m
+        self._regimes.update(share * _of_regimes(evidence, structure, 0.0))
         if self.kept is not None:
             likeliest = int(np.argmax(self._regimes.probability[1:]))
             self.kept.append((shape.t_s, self._regimes.probability, evidence.shift_m[likeliest]))
@@ -125,21 +141,19 @@ class ChangeWatch:
         return Change(Reason.CHANGE if of_member else Reason.BOARD, shift_m[min(likeliest, len(shift_m) - 1)])
 
     def _possible(self, shape: Shape, boards: NDArray[np.float64]) -> PossibleChanges:
-        """Return the changes of rods, of natural lengths, and of the lengths that each board reads."""
+        """Return the changes of rods, of natural lengths, of the lengths that each board reads, and of each length."""
         structure, statics = self._builder.structure, self._builder.statics
         assert statics is not None, "changes need the balance of forces"
-        rods, tendons = len(structure.rods), len(structure.tendons)
-        free = structure.free_tendons
-        of_tendons = np.zeros((len(free), tendons))
-        of_tendons[np.arange(len(free)), free] = -1.0
-        length_error_m = np.zeros((rods + len(free), rods + tendons + len(boards)))
-        length_error_m[:rods, :rods] = -np.eye(rods)
-        length_error_m[rods:, rods : rods + tendons] = of_tendons
-        length_error_m[rods:, rods + tendons :] = boards[:, free].T
-        force_n = np.zeros((len(statics.group), length_error_m.shape[1]))
+        rods, tendons, free = len(structure.rods), len(structure.tendons), structure.free_tendons
+        of_lengths = -np.eye(tendons)[free]
+        of_rods = np.concatenate([-np.eye(rods), np.zeros((len(free), rods))])
+        of_tendons = np.concatenate([of_lengths, boards[:, free].T, of_lengths], axis=1)
+        of_tendons = np.concatenate([np.zeros((rods, of_tendons.shape[1])), of_tendons])
+        force_n = np.zeros((len(statics.group), rods + of_tendons.shape[1]))
         force_n[:, rods : rods + tendons] = statics.mechanics_jacobian(shape.node_position_m)[1]
-        sigma = np.concatenate([np.full(rods + tendons, CHANGED_M), np.full(len(boards), CHANGED_RESISTANCE)])
-        return PossibleChanges(length_error_m, force_n, sigma)
+        sigmas = ((CHANGED_M, rods + tendons), (CHANGED_RESISTANCE, len(boards)), (FAULT_M, tendons))
+        sigma = np.concatenate([np.full(count, sigma) for sigma, count in sigmas])
+        return PossibleChanges(np.concatenate([of_rods, of_tendons], axis=1), force_n, sigma)
 
 
 def _sensors_of_board(lengths: TendonLengths) -> NDArray[np.float64]:
@@ -149,6 +163,11 @@ def _sensors_of_board(lengths: TendonLengths) -> NDArray[np.float64]:
         return np.zeros((0, len(lengths.length_m)))
     boards = np.arange(drift.board.max() + 1)
     return np.where(drift.board == boards[:, None], drift.per_change_m, 0.0)
+
+
+def _of_regimes(evidence: ChangeEvidence, structure: Structure, of_none: float) -> NDArray[np.float64]:
+    """Return (1 + changes,) the log evidence for no change, and for each; faults of single sensors are none."""
+    return np.concatenate([[of_none], evidence.log_ratio[: -len(structure.tendons)]])
 
 
 def _prior(members: int, boards: int) -> NDArray[np.float64]:
