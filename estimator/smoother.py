@@ -41,7 +41,7 @@ class LiveSmoother:
         self._evidence = FrameEvidence(self._builder, settings.doubt)
         self._health = SensorHealth(self._builder, settings.health) if rest.mechanics else None
         self.doubt = ModelDoubt(self._builder, settings.doubt)
-        self.changes = ChangeWatch(self._builder, settings.doubt.update_every_s)
+        self.changes = ChangeWatch(self._builder)
         self.modes = ModeChoice(self._builder, settings.front_end.ambiguous_probability)
         self.drift = OwnDrift(self._builder, settings.drift)
         self._branches = OtherBranch(self._builder, settings.branch)

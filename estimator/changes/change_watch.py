@@ -25,6 +25,8 @@ from ..graph import GraphBuilder
 from ..linear_frame import LinearFrame
 from .change_evidence import ChangeEvidence, PossibleChanges, change_evidence
 
+UPDATE_EVERY_S = 0.2
+"""Shortest time between two looks, each of which takes a fifth of the time of a frame: evidence grows in seconds."""
 CHANGED_SHARE = 0.04
 """Prior probability that something has changed, half of it by the boards: that of lengths which contradict each
 other."""
@@ -61,9 +63,8 @@ class Change:
 class ChangeWatch:
     """Follows what has changed, frame by frame."""
 
-    def __init__(self, builder: GraphBuilder, update_every_s: float) -> None:
+    def __init__(self, builder: GraphBuilder) -> None:
         self._builder = builder
-        self._update_every_s = update_every_s
         self._updated_s = np.nan
         self._regimes: Regimes | None = None
         self._evidence: ChangeEvidence | None = None
@@ -99,28 +100,23 @@ class ChangeWatch:
             shape: the estimate.
             used_scale: factor by which the sigmas of the measured lengths were multiplied in the frame.
         """
-        step_s = shape.t_s - self._updated_s if np.isfinite(self._updated_s) else self._update_every_s
-        is_due = step_s >= 0.999 * self._update_every_s
-        if self._builder.statics is None or not is_due or shape.doubt is Reason.MOTION:
+        step_s = shape.t_s - self._updated_s if np.isfinite(self._updated_s) else UPDATE_EVERY_S
+        if self._builder.statics is None or step_s < 0.999 * UPDATE_EVERY_S:
             return
         self._updated_s = shape.t_s
+        self._evidence = None if shape.doubt is Reason.MOTION else self._evidence_of(frame, shape, used_scale)
+        if self._evidence is None:  # the inertia of a shaken robot changes every force
+            return
         structure = self._builder.structure
-        rods = len(structure.rods)
-        measured = float(np.mean(frame.weight_per_m[rods:] > 0))
-        weight_per_m = frame.weight_per_m.copy()
-        weight_per_m[rods:] *= used_scale
-        boards = _sensors_of_board(shape.lengths)
-        evidence = change_evidence(replace(frame, weight_per_m=weight_per_m), self._possible(shape, boards))
         if self._regimes is None:
-            members = rods + len(structure.tendons)
-            self._regimes = Regimes(_prior(members, len(boards)), CHANGED_MEMORY_S)
-        self._evidence = evidence
+            self._regimes = Regimes(_prior(structure, self._evidence), CHANGED_MEMORY_S)
+        measured = float(np.mean(frame.weight_per_m[len(structure.rods) :] > 0))
         share = measured * min(step_s / self._builder.noise.correlation_s, 1.0)
         self._regimes.predict(step_s)
-        self._regimes.update(share * _of_regimes(evidence, structure, 0.0))
+        self._regimes.update(share * _of_regimes(self._evidence, structure, 0.0))
         if self.kept is not None:
             likeliest = int(np.argmax(self._regimes.probability[1:]))
-            self.kept.append((shape.t_s, self._regimes.probability, evidence.shift_m[likeliest]))
+            self.kept.append((shape.t_s, self._regimes.probability, self._evidence.shift_m[likeliest]))
 
     def smoothed(self, frames: Sequence[TendonLengths]) -> list[Change | None]:
         """Return what has changed in each frame, given all updates that were kept, later ones too."""
@@ -140,10 +136,19 @@ class ChangeWatch:
         of_member = likeliest < len(structure.rods) + len(structure.tendons)
         return Change(Reason.CHANGE if of_member else Reason.BOARD, shift_m[min(likeliest, len(shift_m) - 1)])
 
-    def _possible(self, shape: Shape, boards: NDArray[np.float64]) -> PossibleChanges:
+    def _evidence_of(self, frame: LinearFrame, shape: Shape, used_scale: float) -> ChangeEvidence:
+        """Return what a frame says of each change, with lengths as exact as their sigmas say."""
+        weight_per_m = frame.weight_per_m.copy()
+        weight_per_m[len(self._builder.structure.rods) :] *= used_scale
+        shared_m2 = None if frame.shared_m2 is None else frame.shared_m2 / used_scale**2
+        frame = replace(frame, weight_per_m=weight_per_m, shared_m2=shared_m2)
+        return change_evidence(frame, self._possible(shape))
+
+    def _possible(self, shape: Shape) -> PossibleChanges:
         """Return the changes of rods, of natural lengths, of the lengths that each board reads, and of each length."""
         structure, statics = self._builder.structure, self._builder.statics
         assert statics is not None, "changes need the balance of forces"
+        boards = _sensors_of_board(shape.lengths)
         rods, tendons, free = len(structure.rods), len(structure.tendons), structure.free_tendons
         of_lengths = -np.eye(tendons)[free]
         of_rods = np.concatenate([-np.eye(rods), np.zeros((len(free), rods))])
@@ -170,9 +175,10 @@ def _of_regimes(evidence: ChangeEvidence, structure: Structure, of_none: float) 
     return np.concatenate([[of_none], evidence.log_ratio[: -len(structure.tendons)]])
 
 
-def _prior(members: int, boards: int) -> NDArray[np.float64]:
-    """Return (1 + members + boards,) the prior probability of no change, and of each."""
+def _prior(structure: Structure, evidence: ChangeEvidence) -> NDArray[np.float64]:
+    """Return (1 + changes,) the prior probability of no change, and of each."""
+    members = len(structure.rods) + len(structure.tendons)
+    boards = len(evidence.log_ratio) - members - len(structure.tendons)
     of_boards = 0.5 * CHANGED_SHARE if boards else 0.0
-    of_members = CHANGED_SHARE - of_boards
-    each = np.concatenate([np.full(members, of_members / members), np.full(boards, of_boards / max(boards, 1))])
-    return np.concatenate([[1 - CHANGED_SHARE], each])
+    each = [np.full(members, (CHANGED_SHARE - of_boards) / members), np.full(boards, of_boards / max(boards, 1))]
+    return np.concatenate([[1 - CHANGED_SHARE], *each])
