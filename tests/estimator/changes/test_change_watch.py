@@ -22,7 +22,7 @@ def frames_of(structure, balanced, lengths_of, changed_m, error_m):
     rng = np.random.default_rng(2)
     drift = SensorDrift(np.zeros(24), np.zeros(24), np.full(24, PER_CHANGE_M), references=3, board=BOARD)
     frames = []
-    for t in np.arange(0, 10, 0.1):
+    for t in np.arange(0, 7, 0.1):
         position_m, lasting_m = (changed_m, error_m) if t >= FROM_S else (balanced.node_position_m, 0.0)
         noise_m = lasting_m + 1e-4 * rng.standard_normal(24)
         frames.append(replace(lengths_of(structure, position_m, t, 4e-4, noise_m), drift=drift))
@@ -43,8 +43,8 @@ def clamp_slips(structure, balanced):
 
 
 def supply_sags(structure, balanced):
-    """All sensors of board 1 read 0.5 % less."""
-    return balanced.node_position_m, -0.005 * PER_CHANGE_M * (BOARD == 1)
+    """All sensors of board 1 read 0.7 % less."""
+    return balanced.node_position_m, -0.007 * PER_CHANGE_M * (BOARD == 1)
 
 
 def nees(shape, position_m, free):
