@@ -219,6 +219,7 @@ class Pipeline:
             settings=settings.front_end,
             frame_step_s=1 / settings.frames.rate_hz,
             references=references,
+            board=trial.board_of_tendon,
         )
 
     def estimate(self, readings: Iterable[Reading], method: str = "batch") -> Iterator[Shape]:

@@ -21,6 +21,7 @@ from ..models.structure.structure import Structure
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import Flag, TendonLengths
 from ..models.values.time_series import interpolated, parts
+from .changes.change_watch import Change
 from .doubt import Doubt
 from .graph import GraphBuilder, status_of
 from .linear_frame import FrameData, linearised_frames
@@ -66,6 +67,8 @@ class _Problem:
     """The lengths of each frame, without the sensors that the live pass left out."""
     doubts: list[Doubt]
     """The doubt about the model in each frame."""
+    changes: list[Change | None]
+    """What has changed in each frame since the sensors were tared."""
     balance: TrialBalance | None
     """The balance of forces near the start; None without mechanics."""
 
@@ -203,7 +206,8 @@ class BatchOptimizer:
             np.array([shape.node_position_m for shape in shapes]),
         )
         balance = TrialBalance.of(self._builder, frames, supports)
-        return _Problem(start_m, measured, doubts, balance.near(self._builder, start_m) if balance else None)
+        changes = live.changes.smoothed(frames)
+        return _Problem(start_m, measured, doubts, changes, balance.near(self._builder, start_m) if balance else None)
 
     def _measured(
         self, frames: list[TendonLengths], live: LiveSmoother, shapes: list[Shape], doubts: list[Doubt]
@@ -241,6 +245,9 @@ class BatchOptimizer:
             for k in range(window.start, window.stop):
                 other = others.get(k, other)
                 shape = self._shape(trial, assessment[k - window.start], k, optimum.converged)
+                change = trial.changes[k]
+                if change is not None:
+                    shape = change.doubted(shape, self._builder.structure.free_coordinates)
                 yield shape.with_other(other) if other else shape
 
     def _shape(self, trial: _Problem, assessment: Assessment, k: int, converged: bool) -> Shape:

@@ -8,9 +8,10 @@ residual
 with the redundancy r of the length; for a length that is left out r = 1, and sigma is that of l - l_hat. For a healthy
 sensor z is approximately standard normal. When the mean of z over half a second is large, the frame is estimated with
 and without the sensor. The sensor is left out when several frames are explained much better without it than with all
-lengths, be they as exact as their sigmas say or `ALL_WRONG` times less. A length that is wrong by 5 mm can only be
-explained by a residual and a false load at each end of the tendon, while a node that is really pressed needs no wrong
-length. Sensors that disagree in numbers do not fail one by one: something that all have in common moves them.
+lengths, be they as exact as their sigmas say or `ALL_WRONG` times less, and better than by one change of something else
+(`ChangeWatch`). A length that is wrong by 5 mm can only be explained by a residual and a false load at each end of the
+tendon, while a node that is really pressed needs no wrong length. Sensors that disagree in numbers do not fail one by
+one: something that all have in common moves them.
 """
 
 import numpy as np
@@ -45,6 +46,9 @@ class SensorHealth:
         self._last_s = np.nan
         self._checked_s = np.full(count, -np.inf)
         self._log_evidence = np.zeros(count)
+        self._by_change = np.zeros(count)
+        self.something_changed = False
+        """Whether a sensor was to be left out in the latest frame, and a change elsewhere explains more."""
 
     def admit(self, measured: WeightedLengths) -> WeightedLengths:
         """Return the lengths without those of the sensors that are left out at present."""
@@ -55,9 +59,18 @@ class SensorHealth:
         self._left_out[:] = False
         self._mean_z[:] = 0.0
         self._log_evidence[:] = 0.0
+        self._by_change[:] = 0.0
 
-    def observe(self, shape: Shape, measured: WeightedLengths) -> None:
-        """Update the state of each sensor by how its length, used or left out, agrees with the frame's shape."""
+    def observe(self, shape: Shape, measured: WeightedLengths, change_explains: NDArray[np.float64]) -> None:
+        """Update the state of each sensor by how its length, used or left out, agrees with the frame's shape.
+
+        Args:
+            shape: the estimate of a frame.
+            measured: its lengths, with those that are left out.
+            change_explains: (tendons,) by how much more one change explains than a fault of the sensor, see
+                `ChangeWatch.explains_more`.
+        """
+        self.something_changed = False
         step_s = shape.t_s - self._last_s if np.isfinite(self._last_s) else 0.0
         self._last_s = shape.t_s
         z = self._studentised(shape, measured)
@@ -66,7 +79,7 @@ class SensorHealth:
         self._mean_z += np.where(seen, weight * (np.nan_to_num(z) - self._mean_z), 0.0)
         self._take_back(shape.t_s, seen)
         if shape.t_s - self._checked_s.max() >= self._settings.check_every_s:
-            self._check(shape, measured)
+            self._check(shape, measured, change_explains)
 
     def _studentised(self, shape: Shape, measured: WeightedLengths) -> NDArray[np.float64]:
         """Return (tendons,) the studentised residual z; nan where there is no length, or it joins two anchors."""
@@ -88,7 +101,7 @@ class SensorHealth:
         self._agrees_since_s = np.where(agrees, np.minimum(self._agrees_since_s, t_s), np.inf)
         self._left_out &= ~(t_s - self._agrees_since_s >= self._settings.take_back_s)
 
-    def _check(self, shape: Shape, measured: WeightedLengths) -> None:
+    def _check(self, shape: Shape, measured: WeightedLengths, change_explains: NDArray[np.float64]) -> None:
         """Estimate the frame with and without one suspect sensor: of several, the one whose last check is oldest.
 
         The evidence against a sensor accumulates as Page's cumulative sum: each check adds its log ratio minus the log
@@ -97,6 +110,7 @@ class SensorHealth:
         settings = self._settings
         suspected = (np.abs(self._mean_z) > settings.suspect_sigma) & ~self._left_out & np.isfinite(measured.sigma_m)
         self._log_evidence *= suspected
+        self._by_change *= suspected
         usable = np.isfinite(measured.sigma_m) & self._builder.structure.is_free_tendon
         alike = (suspected | self._left_out)[usable].sum() > settings.alike_share * usable.sum()
         if alike or not suspected.any():
@@ -108,10 +122,12 @@ class SensorHealth:
         all_wrong = self._least_error(admitted.scaled(ALL_WRONG), shape) + admitted.count * np.log(ALL_WRONG)
         log_ratio = min(self._least_error(admitted, shape), all_wrong) - self._least_error(without, shape)
         self._log_evidence[suspect] = max(self._log_evidence[suspect] + log_ratio - settings.expected_log_ratio, 0.0)
+        self._by_change[suspect] += change_explains[suspect]
         if self._log_evidence[suspect] >= settings.log_ratio:
-            self._left_out[suspect] = True
+            self.something_changed = bool(self._by_change[suspect] > 0)
+            self._left_out[suspect] = not self.something_changed
             self._agrees_since_s[suspect] = np.inf
-            self._log_evidence[suspect] = 0.0
+            self._log_evidence[suspect] = self._by_change[suspect] = 0.0
 
     def _least_error(self, measured: WeightedLengths, shape: Shape) -> float:
         """Return the least error of a frame's own factors, near its shape."""

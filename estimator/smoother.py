@@ -16,6 +16,7 @@ from ..models.structure.structure import Structure
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import TendonLengths
 from .branches import OtherBranch
+from .changes.change_watch import ChangeWatch
 from .doubt import ModelDoubt
 from .graph import GraphBuilder, status_of
 from .health import SensorHealth
@@ -40,6 +41,7 @@ class LiveSmoother:
         self._evidence = FrameEvidence(self._builder, settings.doubt)
         self._health = SensorHealth(self._builder, settings.health) if rest.mechanics else None
         self.doubt = ModelDoubt(self._builder, settings.doubt)
+        self.changes = ChangeWatch(self._builder)
         self.modes = ModeChoice(self._builder, settings.front_end.ambiguous_probability)
         self.drift = OwnDrift(self._builder, settings.drift)
         self._branches = OtherBranch(self._builder, settings.branch)
@@ -60,6 +62,7 @@ class LiveSmoother:
         self.modes.kept = []
         self.drift.kept = []
         self.doubt.kept = []
+        self.changes.kept = []
 
     def update(self, lengths: TendonLengths) -> Shape:
         """Return the shape in one more frame, with a second one where there is one.
@@ -107,12 +110,15 @@ class LiveSmoother:
             doubt=doubt.reason,
             factor_innovation=assessment.factor_innovation,
         )
+        self.changes.observe(frame, shape, scale)
         if self._health:
-            self._health.observe(shape, measured)
+            self._health.observe(shape, measured, self.changes.explains_more)
+            if self._health.something_changed:
+                self.changes.believe()
         self.drift.observe(shape)
         self._builder.approach(position)
         self.modes.observe(shape, admitted)
-        return shape
+        return self.changes.doubted(shape)
 
     def _smoothed(self, measured: WeightedLengths) -> NDArray[np.float64]:
         """Add the newest frame to the graph, and return its (nodes, 3) positions."""

@@ -82,6 +82,16 @@ class TrialDescription:
         """The floor that the structure stands on; None where anchors or a hand hold it."""
         return self.robot.floor if isinstance(self.robot, FreeStandingRobot) else None
 
+    @property
+    def board_of_tendon(self) -> NDArray[np.int64] | None:
+        """(tendons,) number of the board that reads each sensor, -1 for none; None where no boards are told."""
+        if not self.tendons_of_board:
+            return None
+        board = np.full(len(self.structure.tendons), -1)
+        for number, tendons in enumerate(self.tendons_of_board):
+            board[tendons[tendons < len(board)]] = number
+        return board
+
     def boards(self, settings: ClockSettings) -> CountConverter:
         """Return the converter from rows of the trial's boards to readings of resistance.
 

@@ -93,6 +93,7 @@ class FrontEnd:
         settings: FrontEndSettings,
         frame_step_s: float,
         references: ReferenceTendons,
+        board: NDArray[np.int64] | None = None,
     ) -> None:
         count = len(natural_length_m)
         self._model = model
@@ -102,6 +103,7 @@ class FrontEnd:
         self._R0 = natural_resistance_ohm
         self._L0 = natural_length_m
         self._references = references
+        self._board = board
         self._bending_log_odds = logit(settings.bending_share)
         self._bending = model.bending_curve(settings.bending_abscissa)
         self._taring = Taring(self._gauge, self._bending, rest, natural_length_m)
@@ -178,6 +180,7 @@ class FrontEnd:
             per_change_m=np.where(counted, per_change_m, 0.0),
             own_rate_per_s=drift.own_rate_per_s,
             references=drift.references,
+            board=self._board,
         )
 
     @property

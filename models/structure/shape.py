@@ -58,6 +58,8 @@ class Reason(StrEnum):
     MOTION = "motion"
     LOADS = "many_loads"
     GEOMETRY = "geometry"
+    CHANGE = "change"
+    BOARD = "board"
     REST = "rest"
     BASE = "base"
     IMU = "imu"
@@ -78,6 +80,8 @@ REASON_ADVICE = {
     Reason.MOTION: "the robot is shaken faster than its sensors follow: move it slower",
     Reason.LOADS: "many nodes are loaded at once, of which lengths say little: trust the ellipsoids, not the centres",
     Reason.GEOMETRY: "the geometry in trial.toml contradicts the balance of forces at rest: measure it again",
+    Reason.CHANGE: "a rod or a tendon is not as long as at rest: did a clamp slip, a rod bow, a tendon catch?",
+    Reason.BOARD: "the sensors of one board are off alike: check its supply, reference and plug, and tare again",
     Reason.REST: "most sensors do not fit the rest shape: was it still, is it this structure, are boards told right?",
     Reason.BASE: "the rods turn otherwise than the anchors allow: fix the base, or describe it as free-standing",
     Reason.IMU: "an inertial sensor contradicts gravity, its rod or itself, and is left out: check axis, units, signs",

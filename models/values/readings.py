@@ -169,6 +169,8 @@ class SensorDrift:
     whose drift sigma_m contains."""
     references: int = 0
     """Number of the tendons of known length from which the common drift was computed."""
+    board: NDArray[np.int64] | None = None
+    """(tendons,) number of the board that reads each sensor, -1 for none; None where it is not known."""
     covariance_m2: NDArray[np.float64] | None = None
     """(tendons, tendons) covariance of the lengths' errors by the sensors' own drift, where it was estimated; sigma_m
     contains its diagonal."""
