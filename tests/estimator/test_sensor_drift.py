@@ -112,10 +112,10 @@ def drifting_frames(
 ) -> tuple[list[TendonLengths], NDArray[np.float64]]:
     """Return frames of a structure at rest for 20 s whose sensors drift each at a rate of its own, and that drift."""
     rng = np.random.default_rng(5)
-    t_s = np.arange(0, 20, 0.2)
+    t_s = np.arange(0, 20, 0.1)
     own = rate * rng.standard_normal(24)
     change = np.outer(t_s, own - own[:3].mean())
-    lasting_m = np.repeat(rng.normal(0, 5e-4, (8, 24)), 13, axis=0)[: len(t_s)]  # for the 2.6 s of the settings
+    lasting_m = np.repeat(rng.normal(0, 5e-4, (8, 24)), 26, axis=0)[: len(t_s)]  # for the 2.6 s of the settings
     error_m = PER_CHANGE_M * change + lasting_m
     frames = [
         with_drift(lengths_of(structure, still.node_position_m, t, noise=error), rate if t > 3 else 0.0)
