@@ -127,10 +127,8 @@ class ModelDoubt:
         self._updated_s = t_s
         self._loads.predict(step_s)
         self._scale.predict(step_s)
-        rods = len(self._builder.structure.rods)
-        measured = float(np.mean(frame.weight_per_m[rods:] > 0))
-        if measured > 0:
-            share = measured * min(step_s / self._builder.noise.correlation_s, 1.0)
+        share = evidence_share(self._builder, frame, step_s)
+        if share > 0:
             self._update(frame, used_scale, share)
         if self.kept is not None:
             self.kept.append((t_s, self._loads.probability, self._scale.probability))
@@ -202,6 +200,18 @@ class ModelDoubt:
         variance = np.where(rank < loads[:, None], settings.load_n**2, quiet_n**2)
         share = settings.loaded_share
         return variance, loads * np.log(share) + (len(squared) - loads) * np.log(1 - share)
+
+
+def evidence_share(builder: GraphBuilder, frame: LinearFrame, step_s: float) -> float:
+    """Return how much the evidence of a frame counts: by the share of lengths that are read, once in `correlation_s`.
+
+    Args:
+        builder: of the frame.
+        frame: its factors.
+        step_s: time since the last frame whose evidence was counted.
+    """
+    measured = float(np.mean(frame.weight_per_m[len(builder.structure.rods) :] > 0))
+    return measured * min(step_s / builder.noise.correlation_s, 1.0)
 
 
 def log_sum(logs: NDArray[np.float64]) -> float:

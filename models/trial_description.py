@@ -148,7 +148,7 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...], path: Path) -> T
         robot=_robot(table, told, imus),
         beacon_position_m=tuple(_beacons(number, ranges) for number, ranges in enumerate(table.range)),
         own_frames=_own_frames(table),
-        world_positions=tuple(number for number in range(len(table.position)) if number not in _own_frames(table)),
+        world_positions=tuple(number for number, position in enumerate(table.position) if position.frame != "own"),
         motors=_motors(table.motor, structure),
         factors=tuple(_factor(number, keys, path) for number, keys in enumerate(table.factor)),
         ignored_keys=ignored_keys,

@@ -56,7 +56,8 @@ def change_evidence(frame: LinearFrame, changes: PossibleChanges) -> ChangeEvide
     left = np.sum(by_change**2, axis=0) + np.sum(forces_by_change**2, axis=0) - np.sum(crossed * taken_up, axis=0)
     slope = error @ by_change + (frame.force_n / frame.force_sigma_n) @ forces_by_change - gradient @ taken_up
     variance = changes.sigma**2 / (1 + changes.sigma**2 * np.maximum(left, 0.0))
-    log_ratio = 0.5 * np.log(variance / changes.sigma**2) + 0.5 * slope**2 * variance
+    explained = 0.5 * slope**2 * variance
+    log_ratio = 0.5 * np.log(variance / changes.sigma**2) + explained
     mean_square = (slope * variance) ** 2 + variance
     signed = -np.sign(slope) * np.sqrt(mean_square)
-    return ChangeEvidence(log_ratio, 0.5 * slope**2 * variance, signed[:, None] * taken_up.T)
+    return ChangeEvidence(log_ratio, explained, signed[:, None] * taken_up.T)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ...models.structure.shape import Reason, Shape
 from ...models.structure.structure import Structure
 from ...models.values.readings import SensorDrift, TendonLengths
-from ..doubt import Regimes
+from ..doubt import Regimes, evidence_share
 from ..graph import GraphBuilder
 from ..linear_frame import LinearFrame
 from .change_evidence import ChangeEvidence, PossibleChanges, change_evidence
@@ -89,7 +89,8 @@ class ChangeWatch:
         """Return the shape of the newest frame, in doubt if something has changed."""
         if self._regimes is None or self._evidence is None:
             return shape
-        change = self._change(self._regimes.probability, self._evidence.shift_m)
+        probability = self._regimes.probability
+        change = self._change(probability, self._evidence.shift_m[_likeliest(probability)])
         return shape if change is None else change.doubted(shape, self._builder.structure.free_coordinates)
 
     def observe(self, frame: LinearFrame, shape: Shape, used_scale: float) -> None:
@@ -110,13 +111,12 @@ class ChangeWatch:
         structure = self._builder.structure
         if self._regimes is None:
             self._regimes = Regimes(_prior(structure, self._evidence), CHANGED_MEMORY_S)
-        measured = float(np.mean(frame.weight_per_m[len(structure.rods) :] > 0))
-        share = measured * min(step_s / self._builder.noise.correlation_s, 1.0)
+        share = evidence_share(self._builder, frame, step_s)
         self._regimes.predict(step_s)
         self._regimes.update(share * _of_regimes(self._evidence, structure, 0.0))
         if self.kept is not None:
-            likeliest = int(np.argmax(self._regimes.probability[1:]))
-            self.kept.append((shape.t_s, self._regimes.probability, self._evidence.shift_m[likeliest]))
+            probability = self._regimes.probability
+            self.kept.append((shape.t_s, probability, self._evidence.shift_m[_likeliest(probability)]))
 
     def smoothed(self, frames: Sequence[TendonLengths]) -> list[Change | None]:
         """Return what has changed in each frame, given all updates that were kept, later ones too."""
@@ -125,16 +125,15 @@ class ChangeWatch:
         t_s = np.array([update[0] for update in self.kept])
         probability = self._regimes.smoothed(t_s, np.array([update[1] for update in self.kept]))
         latest = np.maximum(np.searchsorted(t_s, [lengths.t_s for lengths in frames], side="right") - 1, 0)
-        return [self._change(probability[k], self.kept[k][2][None]) for k in latest]
+        return [self._change(probability[k], self.kept[k][2]) for k in latest]
 
     def _change(self, probability: NDArray[np.float64], shift_m: NDArray[np.float64]) -> Change | None:
-        """Return the likeliest change if any is more probable than none; of its shift, or the only one."""
+        """Return the likeliest change, with its (free,) shift, if any is more probable than none."""
         if probability[0] > 0.5:
             return None
-        likeliest = int(np.argmax(probability[1:]))
         structure = self._builder.structure
-        of_member = likeliest < len(structure.rods) + len(structure.tendons)
-        return Change(Reason.CHANGE if of_member else Reason.BOARD, shift_m[min(likeliest, len(shift_m) - 1)])
+        of_member = _likeliest(probability) < len(structure.rods) + len(structure.tendons)
+        return Change(Reason.CHANGE if of_member else Reason.BOARD, shift_m)
 
     def _evidence_of(self, frame: LinearFrame, shape: Shape, used_scale: float) -> ChangeEvidence:
         """Return what a frame says of each change, with lengths as exact as their sigmas say."""
@@ -159,6 +158,11 @@ class ChangeWatch:
         sigmas = ((CHANGED_M, rods + tendons), (CHANGED_RESISTANCE, len(boards)), (FAULT_M, tendons))
         sigma = np.concatenate([np.full(count, sigma) for sigma, count in sigmas])
         return PossibleChanges(np.concatenate([of_rods, of_tendons], axis=1), force_n, sigma)
+
+
+def _likeliest(probability: NDArray[np.float64]) -> int:
+    """Return the number of the likeliest change, of (1 + changes,) probabilities of none and of each."""
+    return int(np.argmax(probability[1:]))
 
 
 def _sensors_of_board(lengths: TendonLengths) -> NDArray[np.float64]:
