@@ -183,23 +183,31 @@ class ModelDoubt:
         scale = float(SCALES[np.argmax(self._scale.probability)]) / used_scale
         evidence = log_evidence(frame, rods, variance, np.full(len(variance), scale))
         evidence += np.concatenate([log_prior, np.full(len(many), -np.log(len(many)))])
-        self._loads.update(share * np.array([log_sum(evidence[:FEW]), log_sum(evidence[FEW:])]))
+        self._loads.update(share * np.array([log_sum(evidence[: len(few)]), log_sum(evidence[len(few) :])]))
         best = variance[np.argmax(evidence)]
         evidence = log_evidence(frame, rods, np.tile(best, (len(SCALES), 1)), SCALES / used_scale)
         self._scale.update(share * evidence)
 
     def _few_loads(self, frame: LinearFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (FEW, rows) variances of the balance with a few loads, and (FEW,) the log of their prior."""
+        """Return (choices, rows) variances of the balance with a few loads, and (choices,) the log of their prior.
+
+        The last choice is a load at the node with the smallest unbalanced force. It stands for all choices that are
+        not listed, with what is left of the prior: lengths that say little of loads are then no evidence for many.
+        """
         statics = self._builder.statics
         assert statics is not None, "loads need the balance of forces"
         settings = self._settings
         quiet_n = np.sqrt(frame.force_sigma_n**2 - self._builder.noise.force_n**2 + settings.quiet_n**2)
         squared = np.add.reduceat(frame.force_n**2, statics.group_start)
         rank = np.argsort(np.argsort(-squared))[statics.group]
-        loads = np.arange(FEW)
-        variance = np.where(rank < loads[:, None], settings.load_n**2, quiet_n**2)
+        loads = np.arange(min(FEW, len(squared) + 1))
+        largest = rank < loads[:, None]
+        least = rank == len(squared) - 1
+        variance = np.where(np.concatenate([largest, least[None]]), settings.load_n**2, quiet_n**2)
         share = settings.loaded_share
-        return variance, loads * np.log(share) + (len(squared) - loads) * np.log(1 - share)
+        prior = share**loads * (1 - share) ** (len(squared) - loads)
+        left = max(1 - prior.sum(), np.finfo(np.float64).tiny)  # nothing is left where a single node can be loaded
+        return variance, np.log(np.append(prior, left))
 
 
 def evidence_share(builder: GraphBuilder, frame: LinearFrame, step_s: float) -> float:

@@ -152,6 +152,17 @@ def test_shaking_is_seen_in_both_directions_of_time(structure, balanced, lengths
     assert frames[np.flatnonzero(both)[-1]].t_s == pytest.approx(2.4)
 
 
+def test_lengths_that_tell_nothing_of_loads_are_no_evidence_for_many(structure, balanced, lengths_of) -> None:
+    """For a minute lengths are known to 1 m: whether few nodes are loaded or many is as it was before."""
+    lengths = lengths_of(structure, balanced.node_position_m, sigma_m=1.0)
+    builder = GraphBuilder(structure, balanced, Settings().noise)
+    doubt = ModelDoubt(builder, Settings().doubt)
+    linear = linearised(builder, balanced.node_position_m, weigh(lengths, builder.noise))
+    for t in np.arange(0, 60, 0.1):
+        doubt.observe(t, linear, 1.0)
+    assert doubt.about(lengths).many_loads == pytest.approx(Settings().doubt.many_share, rel=0.05)
+
+
 def test_no_lengths_are_no_evidence(structure, balanced, lengths_of) -> None:
     """Without readings the doubt goes back to what it is before any."""
     missing = lengths_of(structure, balanced.node_position_m, noise=np.nan)
