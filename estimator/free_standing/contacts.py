@@ -3,7 +3,8 @@
 Where inertial sensors tell how the structure is turned, heights tell it: each node is a hidden Markov model of two
 regimes. A node that stands is at the height of the lowest one, within the uncertainty of pose and shape; one that does
 not is above it by `lifted_m` on average. The lowest node stands, unless positions or ranges tell that it is far above
-the floor: then somebody lifts the robot.
+the floor: then somebody lifts the robot. Nor does it stand while the specific force of the robot is small: then it
+bounces, or falls.
 
 Elsewhere the balance of forces tells it, see `estimator.free_standing.resting_faces`.
 """
@@ -66,7 +67,13 @@ class ContactsByHeight:
         self._probability = np.clip(nodes.astype(np.float64), CERTAIN, 1 - CERTAIN)
 
     def observe(
-        self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float, *, is_located: bool = False
+        self,
+        placed: PlacedShape,
+        covariance: NDArray[np.float64],
+        step_s: float,
+        *,
+        is_located: bool = False,
+        flies: bool = False,
     ) -> Standing:
         """Return which nodes stand in one more frame.
 
@@ -75,6 +82,7 @@ class ContactsByHeight:
             covariance: (size, size) of the errors of its state.
             step_s: time since the frame before.
             is_located: whether positions or ranges tell where the robot is, so that it can be seen to be lifted.
+            flies: whether inertial sensors feel that nothing carries the robot.
         """
         floor = self._floor.tilted(placed.state.floor_tilt)
         clearance_m = floor.clearance_m(placed.node_position_m)
@@ -92,7 +100,7 @@ class ContactsByHeight:
         by_pose = by_state[lowest, pose]
         lowest_sigma_m = np.sqrt(by_pose @ covariance[np.ix_(pose, pose)] @ by_pose + heights[lowest, lowest])
         in_the_air = is_located and clearance_m[lowest] > max(LIFTED_SIGMA * float(lowest_sigma_m), LIFTED_M)
-        return self._update(clearance_m - clearance_m[lowest], sigma_m, step_s, in_the_air=bool(in_the_air))
+        return self._update(clearance_m - clearance_m[lowest], sigma_m, step_s, in_the_air=flies or bool(in_the_air))
 
     def _update(
         self, height_m: NDArray[np.float64], sigma_m: NDArray[np.float64], step_s: float, *, in_the_air: bool

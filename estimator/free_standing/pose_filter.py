@@ -26,7 +26,7 @@ from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.pose.position_trust import PositionTrust
 from ...models.pose.robot import FreeStandingRobot
-from ...models.structure.floor import Floor
+from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from ...models.structure.rest_shape import RestShape
 from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from ...models.values.rotations import rotation, rotation_vector
@@ -43,8 +43,12 @@ from .tipping import MISSED_RAD, has_landed, heading_missed, tipped, tipping
 
 FIRST_STEP_S = 0.02
 """Time before the first frame for which its readings count."""
+LONGEST_STEP_S = 60.0
+"""Time without frames after which the pose is lost; of a longer one, the covariance would not be exact any more."""
 LOCATED_S = 0.2
 """Time for which a position or a range tells where the robot is."""
+LEAST_CARRIED = 1 / 3
+"""Share of the weight below which the floor is taken to carry nothing: friction and height hold no node then."""
 BELOW_M = 0.001
 """Depth below the floor at which a node that does not stand is lifted to it."""
 
@@ -105,7 +109,8 @@ class PoseFilter:
         standing = self._contacts_of(predicted, frame, standing)
         stood, self._standing = self._standing, standing.nodes
         kept, landed = standing.nodes & stood, standing.nodes & ~stood
-        predicted, kept, landed = self._landed(predicted, standing, kept, landed)
+        if stood.any() or not self._is_felt(frame):  # in the air the robot turns as the sensors say
+            predicted, kept, landed = self._landed(predicted, standing, kept, landed)
         if frame.samples is not None:
             self._trust.observe(self._imus, predicted.placed, frame.samples, frame.t_s, frame.step_s)
         predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, kept)
@@ -142,12 +147,16 @@ class PoseFilter:
     ) -> tuple[Frame, Prediction]:
         """Return one more frame, and what is expected of it; arguments as those of `step`."""
         samples, taken_on = self._imu_samples(t_s, aids)
-        step_s = t_s - self._last_s if np.isfinite(self._last_s) else FIRST_STEP_S
+        step_s = self._step_s(t_s)
         frame = Frame(t_s, step_s, body_m - self.centre_m, body_covariance_m2, aids, samples)
         predicted = self._predict(frame, self.state, self.covariance, self._turn_before)
         if taken_on is not None:
             predicted = replace(predicted, transition=predicted.transition @ taken_on)
         return frame, predicted
+
+    def _step_s(self, t_s: float) -> float:
+        """Return the time since the frame before, for which the pose is predicted."""
+        return min(t_s - self._last_s, LONGEST_STEP_S) if np.isfinite(self._last_s) else FIRST_STEP_S
 
     def _corrected_on_feet(
         self,
@@ -263,7 +272,25 @@ class PoseFilter:
         self._located_s = frame.t_s if located else self._located_s
         is_located = frame.t_s - self._located_s < LOCATED_S
         seen = self._seen(predicted, frame)
-        return self._contacts.observe(seen.placed, seen.covariance, frame.step_s, is_located=is_located)
+        return self._contacts.observe(
+            seen.placed,
+            seen.covariance,
+            frame.step_s,
+            is_located=is_located,
+            flies=self._flies(predicted, frame),
+        )
+
+    def _flies(self, predicted: Prediction, frame: Frame) -> bool:
+        """Return whether inertial sensors feel that nothing carries the robot: it has bounced, or falls."""
+        if not self._is_felt(frame) or frame.t_s < self._rest_seconds:
+            return False
+        gained = predicted.placed.state.velocity_m_per_s - self.state.velocity_m_per_s
+        force_m_per_s2 = gained / frame.step_s + GRAVITY_M_PER_S2 * UP
+        return float(force_m_per_s2 @ self.floor.normal) < LEAST_CARRIED * GRAVITY_M_PER_S2
+
+    def _is_felt(self, frame: Frame) -> bool:
+        """Return whether an inertial sensor tells how the robot moves in a frame."""
+        return frame.samples is not None and bool(frame.samples.count.any())
 
     def _watched(
         self, predicted: Prediction, frame: Frame, landed: NDArray[np.bool_], kept: NDArray[np.bool_]
@@ -311,7 +338,7 @@ class PoseFilter:
         """
         positions = [reading for reading in aids if isinstance(reading, PositionReading)]
         placed = PlacedShape(self.state, body_m - self.centre_m, body_covariance_m2)
-        step_s = t_s - self._last_s if np.isfinite(self._last_s) else FIRST_STEP_S
+        step_s = self._step_s(t_s)
         used = set(map(id, self._position_trust.trusted(t_s, positions, placed, self.covariance, step_s)))
         return tuple(reading for reading in aids if not isinstance(reading, PositionReading) or id(reading) in used)
 

@@ -11,14 +11,14 @@ from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.structure.floor import UP, Floor
 
 
-def observe(contacts: ContactsByHeight, height_m: np.ndarray, frames: int = 1, is_located: bool = False) -> np.ndarray:
+def observe(contacts: ContactsByHeight, height_m: np.ndarray, frames: int = 1, **seen: bool) -> np.ndarray:
     """Return which nodes stand after some frames with the nodes at these heights."""
     state = replace(any_state(0, 0), turn=np.eye(3), position_m=np.zeros(3))
     body_m = np.column_stack([np.arange(12) * 0.02, np.zeros(12), height_m])
     placed = PlacedShape(state, body_m, 1e-8 * np.eye(36))
     covariance = 1e-6 * np.eye(state.layout.size)
     for _ in range(frames):
-        standing = contacts.observe(placed, covariance, 0.02, is_located=is_located)
+        standing = contacts.observe(placed, covariance, 0.02, **seen)
     return np.flatnonzero(standing.nodes)
 
 
@@ -39,6 +39,15 @@ def test_the_lowest_node_stands_unless_the_robot_is_seen_to_be_lifted() -> None:
     assert observe(contacts, 0.05 + 0.02 * np.arange(12.0), 20).tolist() == [0]
     assert observe(contacts, 0.05 + 0.02 * np.arange(12.0), 20, is_located=True).tolist() == []
     assert observe(contacts, 0.004 + 0.02 * np.arange(12.0), 20, is_located=True).tolist() == [0]
+
+
+def test_nothing_stands_while_the_robot_flies() -> None:
+    """It is on the floor as heights tell, and weighs nothing; then one node lands, and the others after it."""
+    contacts = ContactsByHeight(Floor(0.0, UP), np.arange(12) < 3, PoseSettings())
+    height_m = np.where(np.arange(12) < 3, 0.0, 0.1)
+    assert observe(contacts, height_m, flies=True).tolist() == []
+    assert observe(contacts, height_m).tolist() == [0]
+    assert observe(contacts, height_m, 5).tolist() == [0, 1, 2]
 
 
 def test_the_probability_of_nodes_is_that_of_the_faces_that_have_them() -> None:

@@ -121,6 +121,36 @@ def attitude(direction: np.ndarray) -> np.ndarray:
     return np.stack([aside, np.cross(direction, aside), direction], axis=1)
 
 
+def test_a_robot_that_hops_is_followed_through_the_air(balanced, robot) -> None:
+    """Thrown up for two frames, it flies for ten, in which a hand moves it by 77 mm, and two frames stop it."""
+    structure, x = balanced.structure, balanced.node_position_m
+    robot = replace(robot, imus=tuple(Imu(rod, 0.5, np.array([0.0, 0.0, 1.0])) for rod in range(len(structure.rods))))
+    along = x[structure.rods[:, 1]] - x[structure.rods[:, 0]]
+    mounted = np.array([attitude(d / np.linalg.norm(d)) for d in along])
+    up, aside = GRAVITY_M_PER_S2 * UP, np.array([12.0, 0.0, 0.0])
+    parts = ((25, 0 * up), (27, 2.5 * up), (29, aside - up), (35, -up), (37, -aside - up), (39, 2.5 * up))
+    poses, true_m, velocity_m_per_s = PoseFilter(balanced, robot, PoseSettings()), np.zeros(3), np.zeros(3)
+    stood = []
+    for k in range(60):
+        a_m_per_s2 = next((a for until, a in parts if k < until), 0 * up)
+        true_m = true_m + 0.02 * (velocity_m_per_s + 0.01 * a_m_per_s2)
+        velocity_m_per_s = velocity_m_per_s + 0.02 * a_m_per_s2
+        aids = [ImuReading(i, 0.02 * k, np.zeros(3), turn.T @ (a_m_per_s2 + up)) for i, turn in enumerate(mounted)]
+        step = poses.step(0.02 * k, x, EXACT_M2, aids)
+        stood.append(np.flatnonzero(step.standing.nodes).tolist())
+    assert true_m == pytest.approx([0.0768, 0.0, 0.0], abs=1e-4)
+    assert step.state.position_m - poses.centre_m == pytest.approx(true_m, abs=0.002)
+    assert stood[27:37] == [[]] * 10
+    assert stood[:27] + stood[39:] == [[0, 1, 2]] * 48
+
+
+def test_after_a_gap_of_months_the_covariance_is_still_one(balanced, robot) -> None:
+    poses = PoseFilter(balanced, robot, PoseSettings())
+    for t_s in (0.0, 0.02, 1e7, 1e7 + 0.02):
+        step = poses.step(t_s, balanced.node_position_m, EXACT_M2, ())
+    assert np.linalg.eigvalsh(step.covariance).min() > 0
+
+
 def carried(balanced, robot, silent) -> tuple[PoseFilter, list, np.ndarray]:
     """Carry a robot with two sensors through the air by a turn of 0.7 rad, as some nodes are seen to move.
 
