@@ -25,10 +25,57 @@ CERTAIN = 1e-3
 """Least probability of standing or not."""
 LIFTED_SIGMA = 5.0
 """Height of the lowest node, in standard deviations, above which the whole robot is lifted."""
+LANDED_SIGMA = 2.0
+"""The same of a robot that was lifted unseen: errors of its height grow until the floor is among the likely ones."""
 LIFTED_M = 0.01
 """Least such height."""
 HYSTERESIS = 0.2
 """A node is put on the floor above, and lifted below, the probability of a half by this difference."""
+
+
+def is_in_the_air(placed: PlacedShape, covariance: NDArray[np.float64], floor: Floor) -> bool:
+    """Return whether the lowest node is above the floor, by `LIFTED_SIGMA` and by `LIFTED_M`.
+
+    Args:
+        placed: the shape in the world.
+        covariance: (size, size) of the errors of its state.
+        floor: the floor as told.
+    """
+    tilted = floor.tilted(placed.state.floor_tilt)
+    clearance_m = tilted.clearance_m(placed.node_position_m)
+    lowest = int(np.argmin(clearance_m))
+    if clearance_m[lowest] <= LIFTED_M:
+        return False
+    at = placed.state.layout
+    pose = np.r_[at.pose, at.floor_tilt]
+    by_pose = clearance_jacobian(placed, floor)[lowest, pose]
+    of_shape = placed.height_covariance_m2(tilted.normal)[lowest, lowest]
+    sigma_m = float(np.sqrt(by_pose @ covariance[np.ix_(pose, pose)] @ by_pose + of_shape))
+    return bool(clearance_m[lowest] > LIFTED_SIGMA * sigma_m)
+
+
+def may_have_landed(placed: PlacedShape, covariance: NDArray[np.float64], floor: Floor) -> bool:
+    """Return whether the lowest node may be at the floor, and rise or sink no more.
+
+    With its height h above the floor, 0 if it seems to be below, and the velocity v of the centroid,
+
+        e^T S^-1 e < LANDED_SIGMA^2,     e = (h, n . v)
+
+    Args:
+        placed: the shape in the world.
+        covariance: (size, size) of the errors of its state.
+        floor: the floor as told.
+    """
+    tilted, at = floor.tilted(placed.state.floor_tilt), placed.state.layout
+    clearance_m = tilted.clearance_m(placed.node_position_m)
+    lowest = int(np.argmin(clearance_m))
+    H = np.zeros((2, at.size))
+    H[0] = clearance_jacobian(placed, floor)[lowest]
+    H[1, at.velocity] = tilted.normal
+    S = H @ covariance @ H.T
+    S[0, 0] += placed.height_covariance_m2(tilted.normal)[lowest, lowest]
+    e = np.array([max(clearance_m[lowest], 0.0), tilted.normal @ placed.state.velocity_m_per_s])
+    return bool(e @ np.linalg.solve(S, e) < LANDED_SIGMA**2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +99,11 @@ class Standing:
         return alternatives + (1 - sum(p for p, _ in self.others) if not np.any(nodes & ~self.nodes) else 0.0)
 
 
+def nothing_stands(nodes: int) -> Standing:
+    """Return that none of some nodes stands."""
+    return Standing(np.zeros(nodes, dtype=np.bool_), np.full(nodes, CERTAIN))
+
+
 class ContactsByHeight:
     """Follows which nodes stand by their heights, frame by frame."""
 
@@ -73,6 +125,7 @@ class ContactsByHeight:
         step_s: float,
         *,
         is_located: bool = False,
+        is_lifted: bool = False,
         flies: bool = False,
     ) -> Standing:
         """Return which nodes stand in one more frame.
@@ -82,7 +135,8 @@ class ContactsByHeight:
             covariance: (size, size) of the errors of its state.
             step_s: time since the frame before.
             is_located: whether positions or ranges tell where the robot is, so that it can be seen to be lifted.
-            flies: whether inertial sensors feel that nothing carries the robot.
+            is_lifted: whether inertial sensors have felt that it was lifted.
+            flies: whether they feel that nothing carries it.
         """
         floor = self._floor.tilted(placed.state.floor_tilt)
         clearance_m = floor.clearance_m(placed.node_position_m)
@@ -96,11 +150,9 @@ class ContactsByHeight:
         of_attitude = covariance[np.ix_(attitude, attitude)]
         variance = np.sum(by_attitude @ of_attitude * by_attitude, axis=1) + of_shape
         sigma_m = np.sqrt(variance + self._settings.floor_m**2)
-        pose = np.r_[at.pose, at.floor_tilt]
-        by_pose = by_state[lowest, pose]
-        lowest_sigma_m = np.sqrt(by_pose @ covariance[np.ix_(pose, pose)] @ by_pose + heights[lowest, lowest])
-        in_the_air = is_located and clearance_m[lowest] > max(LIFTED_SIGMA * float(lowest_sigma_m), LIFTED_M)
-        return self._update(clearance_m - clearance_m[lowest], sigma_m, step_s, in_the_air=flies or bool(in_the_air))
+        in_the_air = flies or (is_located and is_in_the_air(placed, covariance, self._floor))
+        in_the_air |= is_lifted and not may_have_landed(placed, covariance, self._floor)
+        return self._update(clearance_m - clearance_m[lowest], sigma_m, step_s, in_the_air=in_the_air)
 
     def _update(
         self, height_m: NDArray[np.float64], sigma_m: NDArray[np.float64], step_s: float, *, in_the_air: bool
@@ -115,6 +167,11 @@ class ContactsByHeight:
         self._standing = self._probability > 0.5 + np.where(self._standing, -HYSTERESIS, HYSTERESIS)
         self._standing[np.argmin(height_m)] = True
         if in_the_air:
-            self._standing = np.zeros_like(self._standing)
-            self._probability = np.full_like(self._probability, CERTAIN)
+            return self.lift()
         return Standing(self._standing, self._probability)
+
+    def lift(self) -> Standing:
+        """Take it as known that no node stands, and return that."""
+        nothing = nothing_stands(len(self._standing))
+        self._standing, self._probability = nothing.nodes, nothing.probability
+        return nothing

@@ -26,7 +26,7 @@ from ...models.values.aids import AidReading, ImuReading, PositionReading
 from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
 from ..smoother import LiveSmoother
-from .contacts import Standing
+from .contacts import Standing, nothing_stands
 from .imu_trust import without_sensors
 from .length_change import LengthChange
 from .pose_filter import PoseFilter
@@ -323,14 +323,19 @@ class FreeStandingOptimizer:
     ) -> list[tuple[PoseState, NDArray[np.float64], PoseStep]]:
         """Return the state of the pose, its covariance and the filter's step in each frame.
 
-        Where feet slide, which is found some time after it began, the filter runs again and knows it from the start.
+        Where feet slide, or the robot is lifted, which is found some time after it began, the filter runs again and
+        knows it from the start.
         """
         nothing: list[NDArray[np.bool_] | None] = [None] * len(frames)
         steps = self._filtered(frames, shapes, contacts, nothing)
-        since_s = np.array([step.slides_since_s for step in steps])
-        if np.isfinite(since_s).any():
-            slides = slid_before(since_s, np.array([lengths.t_s for lengths in frames]))
-            steps = self._filtered(frames, shapes, contacts, list(slides))
+        t_s = np.array([lengths.t_s for lengths in frames])
+        slides_s = np.array([step.slides_since_s for step in steps])
+        lifted_s = np.array([[step.lifted_since_s] for step in steps])
+        if np.isfinite(slides_s).any() or np.isfinite(lifted_s).any():
+            lifted = slid_before(lifted_s, t_s)[:, 0]
+            in_the_air = nothing_stands(self._structure.node_count)
+            contacts = [in_the_air if up else told for up, told in zip(lifted, contacts, strict=True)]
+            steps = self._filtered(frames, shapes, contacts, list(slid_before(slides_s, t_s)))
         return [(state, covariance, step) for (state, covariance), step in zip(smoothed(steps), steps, strict=True)]
 
     def _filtered(

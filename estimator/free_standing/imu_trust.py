@@ -8,6 +8,13 @@ At the start the attitude of the rods is measured, so that the inclination has t
 misalignment explain. A sensor whose rates contradict its own gravity is left out, too, and so is one whose gravity has
 another size, as long as it has, see `models.pose.imu_agreement`.
 
+A sensor whose mount has shifted, or whose bias has changed, contradicts the direction of its rod in the shape, as other
+sensors and the floor tell it. With the error e of this direction and its covariance S, e^T S^-1 e is 2 in the mean, and
+
+    mean e^T S^-1 e > CONTRADICTS_SIGMA^2
+
+says that one of the sensors is wrong, but not which one: all are used on, and the status is `doubt`.
+
 A sensor that was silent does not know how it has turned meanwhile: it is lost, and left out until it moves slowly and
 agrees with its rod again.
 """
@@ -49,6 +56,9 @@ class ImuTrust:
         """(imus,) sensors that were silent, and are not taken on again yet."""
         self._heard_s = np.full(imus, -np.inf)
         self._apart = np.zeros(imus)
+        self._misfit = np.zeros(imus)
+        self.disagree = False
+        """Whether the sensors have contradicted each other, or a single one the shape and the floor."""
         self._agreement = ImuAgreement(imus, rest_seconds, settings)
         self._rest_seconds = rest_seconds
         tilt = settings.force_bias_m_per_s2 / GRAVITY_M_PER_S2
@@ -97,12 +107,21 @@ class ImuTrust:
         self.is_lost = self.is_lost & ~back
         return np.flatnonzero(back)
 
-    def observe(self, imus: ImuArray, placed: PlacedShape, samples: ImuSamples, t_s: float, step_s: float) -> None:
+    def observe(
+        self,
+        imus: ImuArray,
+        placed: PlacedShape,
+        covariance: NDArray[np.float64],
+        samples: ImuSamples,
+        t_s: float,
+        step_s: float,
+    ) -> None:
         """Learn from a frame.
 
         Args:
             imus: the sensors.
-            placed: the shape in the world.
+            placed: the shape in the world, as predicted.
+            covariance: (size, size) of the errors of its state.
             samples: of the sensors in the frame.
             t_s: time of the frame.
             step_s: time since the frame before.
@@ -112,6 +131,9 @@ class ImuTrust:
         self._apart += np.where(slow & ~self.is_lost, weight * (np.nan_to_num(apart) - self._apart), 0.0)
         most_apart = self._most_apart_at_rest if t_s < self._rest_seconds else MOST_APART
         self.is_trusted = self.is_trusted & (self._apart < most_apart)
+        used = np.flatnonzero(self.is_used)
+        self._misfit[used] += weight * (_misfit(imus, placed, covariance, used) - self._misfit[used])
+        self.disagree |= bool((self._misfit[used] > CONTRADICTS_SIGMA**2).any())
 
 
 def without_sensors(frames: Sequence[TendonLengths], imus: NDArray[np.bool_]) -> list[TendonLengths]:
@@ -154,6 +176,17 @@ def taken_on_again(
         noise[at.of_imu(at.rate_bias, imu)] = settings.rate_bias_rad_per_s**2
         noise[at.of_imu(at.force_bias, imu)] = settings.force_bias_m_per_s2**2
     return replace(state, imu_turn=turn), F @ covariance @ F.T + np.diag(noise), F
+
+
+def _misfit(
+    imus: ImuArray, placed: PlacedShape, covariance: NDArray[np.float64], used: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return (used,) e^T S^-1 e of the directions of the rods of some sensors."""
+    rows = imus.direction_rows(placed, 1.0, used)
+    e = rows.error.reshape(-1, 2)
+    H = rows.jacobian.reshape(len(used), 2, len(covariance))
+    S = H @ covariance @ np.swapaxes(H, 1, 2) + rows.variance.reshape(-1, 2)[:, :, None] * np.eye(2)
+    return np.asarray(np.sum(e * np.linalg.solve(S, e[:, :, None])[:, :, 0], axis=1))
 
 
 def _slow_and_apart(

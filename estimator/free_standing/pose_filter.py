@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 
 from ...factors.ground import height_rows, rolled_on_floor_m
 from ...factors.imu import ImuArray, ImuSamples
-from ...factors.position import position_rows
+from ...factors.position import common_misfit, position_rows
 from ...factors.range import outlying, range_rows
 from ...models.pose.placed import PlacedShape, Rows, stacked
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
+from ...models.pose.position_gate import MOST_SIGMA
 from ...models.pose.position_trust import PositionTrust
 from ...models.pose.robot import FreeStandingRobot
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
@@ -38,7 +39,8 @@ from .pose_motion import PoseMotion
 from .pose_smoother import PoseStep
 from .pose_start import covariance_at_rest, rest_rows, state_at_rest
 from .prediction import Frame, Prediction
-from .slide_watch import LOST_M, WATCH_S, WITH_IT_SIGMA, UnheldPose, at_rest
+from .slide_watch import LOST_M, WATCH_S, WITH_IT_SIGMA, RiseWatch, UnheldPose, at_rest, risen
+from .stable_face import StandWatch
 from .tipping import MISSED_RAD, has_landed, heading_missed, tipped, tipping
 
 FIRST_STEP_S = 0.02
@@ -47,7 +49,7 @@ LONGEST_STEP_S = 60.0
 """Time without frames after which the pose is lost; of a longer one, the covariance would not be exact any more."""
 LOCATED_S = 0.2
 """Time for which a position or a range tells where the robot is."""
-LEAST_CARRIED = 1 / 3
+LEAST_CARRIED = 0.25
 """Share of the weight below which the floor is taken to carry nothing: friction and height hold no node then."""
 BELOW_M = 0.001
 """Depth below the floor at which a node that does not stand is lifted to it."""
@@ -81,7 +83,12 @@ class PoseFilter:
         self._located_s = -np.inf
         self._trust = ImuTrust(self._imus.count, robot.rest_seconds, settings)
         self._position_trust = PositionTrust(rest, robot.rest_seconds, settings.position_m)
+        self._seen_s = -np.inf
+        self._has_jumped = False
         self._unheld: UnheldPose | None = None
+        self._lifted_since_s = np.inf
+        self._rise_watch = RiseWatch(self._imus, robot.floor, settings)
+        self._stand_watch = StandWatch()
         self._slides_since_s = np.full(len(self._standing), np.inf)
         self._held_m = self.state.position_m
         self._size_m = 2 * float(np.linalg.norm(rest.node_position_m - self.centre_m, axis=1).max())
@@ -106,14 +113,19 @@ class PoseFilter:
             sliding: (nodes,) which of them slide; None to tell it from inertial sensors.
         """
         frame, predicted = self._expected(t_s, body_m, body_covariance_m2, aids)
+        by_heights = standing is None
         standing = self._contacts_of(predicted, frame, standing)
         stood, self._standing = self._standing, standing.nodes
         kept, landed = standing.nodes & stood, standing.nodes & ~stood
         if stood.any() or not self._is_felt(frame):  # in the air the robot turns as the sensors say
             predicted, kept, landed = self._landed(predicted, standing, kept, landed)
         if frame.samples is not None:
-            self._trust.observe(self._imus, predicted.placed, frame.samples, frame.t_s, frame.step_s)
+            placed, of_state = predicted.placed, predicted.covariance
+            self._trust.observe(self._imus, placed, of_state, frame.samples, frame.t_s, frame.step_s)
         predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, kept)
+        if by_heights:
+            self._watched_rise(frame)
+            standing = self._watched_stand(frame, standing)
         strays = self._strays(t_s, found)
         if strays and self._standing.any():  # friction stops a slide: the sensors that tell it are wrong
             self._trust.give_up()
@@ -126,7 +138,9 @@ class PoseFilter:
             standing=standing,
             slips=tuple(found),
             slides_since_s=self._slides_since_s,
+            lifted_since_s=self._lifted_since_s,
             contradicted_imus=self._trust.contradicted,
+            imus_disagree=self._trust.disagree,
             strays=strays,
             outlying_ranges=self._outlying_ranges(predicted, frame),
         )
@@ -239,6 +253,7 @@ class PoseFilter:
             frame: the frame.
             held: the nodes that footholds hold.
         """
+        self._has_jumped |= self._jumps(predicted, frame)
         rows = self._rows(predicted, frame, held)
         rows += self._held_rows(predicted.placed, predicted.covariance, frame.step_s)
         if self._is_blind(frame):
@@ -249,6 +264,19 @@ class PoseFilter:
         self._body_before_m = frame.body_m
         self._samples = frame.samples
         self._last_s = frame.t_s
+
+    def _jumps(self, predicted: Prediction, frame: Frame) -> bool:
+        """Return whether all positions of a frame are off alike, while nodes are in sight: their frame has moved.
+
+        Feet that begin to slide move by `motion_m_per_s`, which footholds do not expect.
+        """
+        positions = [reading for reading in frame.aids if isinstance(reading, PositionReading)]
+        if not positions:
+            return False
+        in_sight, self._seen_s = frame.t_s - self._seen_s < LOCATED_S, frame.t_s
+        rows = position_rows(predicted.placed, positions, frame.t_s, self._settings.position_m)
+        slides_m = self._settings.motion_m_per_s * frame.step_s
+        return in_sight and common_misfit(rows, predicted.covariance, slides_m) > MOST_SIGMA**2
 
     def _strays(self, t_s: float, found: Sequence[Slip]) -> bool:
         """Return whether the robot is further from where a foot or a reading held it last than it is long."""
@@ -270,15 +298,19 @@ class PoseFilter:
             return standing
         located = any(isinstance(reading, PositionReading | RangeReading) for reading in frame.aids)
         self._located_s = frame.t_s if located else self._located_s
-        is_located = frame.t_s - self._located_s < LOCATED_S
+        is_located, is_lifted = frame.t_s - self._located_s < LOCATED_S, bool(np.isfinite(self._lifted_since_s))
         seen = self._seen(predicted, frame)
-        return self._contacts.observe(
+        standing = self._contacts.observe(
             seen.placed,
             seen.covariance,
             frame.step_s,
             is_located=is_located,
+            is_lifted=is_lifted,
             flies=self._flies(predicted, frame),
         )
+        if standing.nodes.any():
+            self._lifted_since_s = np.inf
+        return standing
 
     def _flies(self, predicted: Prediction, frame: Frame) -> bool:
         """Return whether inertial sensors feel that nothing carries the robot: it has bounced, or falls."""
@@ -291,6 +323,19 @@ class PoseFilter:
     def _is_felt(self, frame: Frame) -> bool:
         """Return whether an inertial sensor tells how the robot moves in a frame."""
         return frame.samples is not None and bool(frame.samples.count.any())
+
+    def _watched_stand(self, frame: Frame, standing: Standing) -> Standing:
+        """Return which nodes stand, and whether they can carry the robot, where no positions tell its pose."""
+        if not self._standing.any():
+            standing = self._contacts.lift()
+        is_seen = any(isinstance(reading, PositionReading) for reading in frame.aids)
+        if frame.samples is None or is_seen or frame.t_s < self._rest_seconds:
+            return standing
+        placed = PlacedShape(self.state, frame.body_m, frame.body_covariance_m2)
+        of_state = self.covariance
+        return self._stand_watch.observe(
+            frame.t_s, frame.step_s, placed, of_state, self._floor, frame.samples, standing
+        )
 
     def _watched(
         self, predicted: Prediction, frame: Frame, landed: NDArray[np.bool_], kept: NDArray[np.bool_]
@@ -321,6 +366,21 @@ class PoseFilter:
         self._unheld = UnheldPose(unheld.since_s, state, covariance, unheld.state.turn)
         return predicted, self.state
 
+    def _watched_rise(self, frame: Frame) -> None:
+        """Take the robot off the floor where inertial sensors say that it has risen from it."""
+        placed = PlacedShape(self.state, frame.body_m, frame.body_covariance_m2)
+        if frame.samples is None or frame.t_s < self._rest_seconds or not self._standing.any():
+            self._rise_watch.forget()
+            return
+        rise = self._rise_watch.observe(frame.t_s, frame.step_s, placed, self.covariance, frame.samples)
+        if rise is None:
+            return
+        self.state, self.covariance = risen(self.state, self.covariance, rise, self._floor)
+        self._lifted_since_s = rise.since_s
+        self._standing = self._contacts.lift().nodes
+        self._slides_since_s = np.full(len(self._standing), np.inf)
+        self._unheld = None
+
     def without_contradictions(
         self,
         t_s: float,
@@ -344,8 +404,8 @@ class PoseFilter:
 
     @property
     def doubts_positions(self) -> bool:
-        """Whether many positions of the last second contradict shape or pose, see `PositionTrust.is_doubted`."""
-        return self._position_trust.is_doubted
+        """Whether many positions of the last second are left out, or all have jumped together, see `_jumps`."""
+        return self._position_trust.is_doubted or self._has_jumped
 
     @property
     def standing(self) -> Standing:

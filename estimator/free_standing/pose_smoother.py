@@ -33,8 +33,12 @@ class PoseStep:
     """Of nodes that stand."""
     slides_since_s: NDArray[np.float64]
     """(nodes,) since when each node that slides has done so at the earliest; inf where it does not."""
+    lifted_since_s: float
+    """Since when the robot has been in the air, as inertial sensors feel it; inf where it stands."""
     contradicted_imus: NDArray[np.bool_]
     """(imus,) which inertial sensors contradict their rods, gravity or themselves, see `ImuTrust`."""
+    imus_disagree: bool
+    """Whether they contradict each other, or a single one the shape and the floor."""
     strays: bool
     """Whether the robot is further from where it was held last than it is long."""
     outlying_ranges: tuple[int, ...]

@@ -9,7 +9,7 @@ import pytest
 from poses import any_state
 from tensegraph.factors.ground import foothold_rows, height_rows
 from tensegraph.factors.imu import ImuArray, ImuSamples
-from tensegraph.factors.position import position_rows
+from tensegraph.factors.position import common_misfit, position_rows
 from tensegraph.factors.range import range_rows
 from tensegraph.factors.torque import anchor_rows, torque_rows
 from tensegraph.models.pose.placed import PlacedShape, Rows
@@ -175,3 +175,20 @@ def test_a_rod_points_from_its_first_end_to_its_second() -> None:
     nodes_m = np.array([[0.0, 0, 0], [1, 0, 0], [0.3, 0.4, 0], [0, 0, 0]])
     np.testing.assert_allclose(imus.rod_m(nodes_m), [[0.3, 0.4, 0]])
     np.testing.assert_allclose(imus.rod_direction(nodes_m), [[0.6, 0.8, 0]])
+
+
+def test_positions_that_are_off_alike() -> None:
+    """By hand: two nodes 3 mm off along x, a body known to 0.6 mm that may move 0.8 mm: (3 / 1)^2; off apart: 0."""
+    x = placed().node_position_m
+    variance = np.zeros(SIZE)
+    variance[STATE.layout.position] = 0.0006**2
+    shift_m = np.array([0.003, 0.0, 0.0])
+    shape = PlacedShape(STATE, BODY_M, 1e-14 * np.eye(36))
+
+    def misfit(signs: tuple[int, int]) -> float:
+        read_m = {2: x[2] + signs[0] * shift_m, 5: x[5] + signs[1] * shift_m}
+        readings = [PositionReading(0.0, node, position_m) for node, position_m in read_m.items()]
+        return common_misfit(position_rows(shape, readings, 0.0, 1e-6), np.diag(variance), 0.0008)
+
+    assert misfit((1, 1)) == pytest.approx(9.0, rel=1e-3)
+    assert misfit((1, -1)) == pytest.approx(0.0, abs=1e-6)

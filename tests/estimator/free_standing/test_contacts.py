@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from poses import any_state
-from tensegraph.estimator.free_standing.contacts import ContactsByHeight, Standing
+from tensegraph.estimator.free_standing.contacts import ContactsByHeight, Standing, may_have_landed
 from tensegraph.models.pose.placed import PlacedShape
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.structure.floor import UP, Floor
@@ -57,3 +58,17 @@ def test_the_probability_of_nodes_is_that_of_the_faces_that_have_them() -> None:
     assert abs(standing.probability_of(np.isin(np.arange(12), [0, 1])) - 0.8) < 1e-12
     assert abs(standing.probability_of(faces[2]) - 0.2) < 1e-12
     assert standing.probability_of(np.isin(np.arange(12), [0, 4])) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("height_m", "sinks_m_per_s", "lands"),
+    [(0.015, 0.0, True), (0.025, 0.0, False), (0.0, -0.15, True), (0.0, -0.25, False), (-0.1, 0.0, True)],
+)
+def test_a_robot_lands_where_height_and_speed_may_be_zero(height_m: float, sinks_m_per_s: float, lands: bool) -> None:
+    """Standard deviations of 10 mm and 0.1 m/s: two of them are 20 mm or 0.2 m/s. Below the floor it stands."""
+    velocity = np.array([0.0, 0.0, sinks_m_per_s])
+    state = replace(any_state(0, 0), turn=np.eye(3), position_m=height_m * UP, velocity_m_per_s=velocity)
+    placed = PlacedShape(state, np.zeros((12, 3)), 1e-12 * np.eye(36))
+    variance = np.zeros(state.layout.size)
+    variance[state.layout.position], variance[state.layout.velocity] = 0.01**2, 0.1**2
+    assert may_have_landed(placed, np.diag(variance), Floor(0.0, UP)) == lands

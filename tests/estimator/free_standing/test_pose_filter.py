@@ -205,3 +205,16 @@ def test_a_sensor_that_comes_late_or_never_does_not_keep_the_others_waiting(bala
     assert not steps[-1].contradicted_imus.any()
     errors = rotation_vector(true @ np.swapaxes(steps[-1].state.imu_turn, 1, 2))
     assert np.linalg.norm(errors[used], axis=1).max() < 0.05
+
+
+@pytest.mark.parametrize(("jump_m", "is_doubted"), [(0.0, False), (0.05, True)])
+def test_positions_that_all_jump_in_sight_are_doubted(balanced, jump_m: float, is_doubted: bool) -> None:
+    """A knocked camera: the frame moves by 50 mm between two frames, and the robot stands."""
+    x = balanced.node_position_m
+    poses = PoseFilter(balanced, FreeStandingRobot(Floor(float(x[0, 2]), UP), (), (), 0.5), PoseSettings())
+    for k in range(60):
+        shift_m = np.array([jump_m, 0.0, 0.0]) * (k > 50)
+        aids = [PositionReading(0.02 * k, node, x[node] + shift_m) for node in (3, 5, 8, 11)]
+        assert k > 50 or not poses.doubts_positions
+        poses.step(0.02 * k, x, 1e-6 * np.eye(36), poses.without_contradictions(0.02 * k, x, 1e-6 * np.eye(36), aids))
+    assert poses.doubts_positions == is_doubted

@@ -38,21 +38,30 @@ def test_a_foot_is_at_rest_by_its_own_speed() -> None:
     assert not rests[1:].any()
 
 
-def pushed(balanced, push_m_per_s2: float) -> tuple[PoseFilter, list, float]:
-    """Return the filter of a robot with two sensors that is pushed along x for 0.2 s and brakes as long, and steps."""
+def robot_with_two_sensors(balanced) -> PoseFilter:
+    """Return the filter of a robot that rests for half a second, with sensors on rods of two directions."""
     x = balanced.node_position_m
     rods = balanced.structure.rods
     along = [(x[rods[k, 1]] - x[rods[k, 0]]) / np.linalg.norm(x[rods[k, 1]] - x[rods[k, 0]]) for k in (0, 2)]
     imus = (Imu(0, 0.5, along[0]), Imu(2, 0.5, along[1]))
     robot = FreeStandingRobot(Floor(float(x[0, 2]), UP), imus, (), 0.5)
-    poses = PoseFilter(balanced, robot, PoseSettings())
+    return PoseFilter(balanced, robot, PoseSettings())
+
+
+def samples(t_s: float, force: np.ndarray, turns: tuple[np.ndarray, ...] = (np.eye(3), np.eye(3))) -> list[ImuReading]:
+    """Return two samples of each sensor, whose axes are turned against those of the world."""
+    return [ImuReading(i, t_s - 0.01 + 0.01 * half, np.zeros(3), turns[i] @ force) for half in (0, 1) for i in (0, 1)]
+
+
+def pushed(balanced, push_m_per_s2: float) -> tuple[PoseFilter, list, float]:
+    """Return the filter of a robot with two sensors that is pushed along x for 0.2 s and brakes as long, and steps."""
+    x, poses = balanced.node_position_m, robot_with_two_sensors(balanced)
     steps = []
     for k in range(100):
         t_s = 0.02 * k
         sign = 1.0 if 1.0 <= t_s < 1.2 else -1.0 if 1.2 <= t_s < 1.4 else 0.0
         force = 9.81 * UP + np.array([sign * push_m_per_s2, 0, 0])
-        aids = [ImuReading(i, t_s - 0.01 + 0.01 * half, np.zeros(3), force) for half in (0, 1) for i in (0, 1)]
-        steps.append(poses.step(t_s, x, SHAPE_M2, aids))
+        steps.append(poses.step(t_s, x, SHAPE_M2, samples(t_s, force)))
     return poses, steps, push_m_per_s2 * 0.2**2
 
 
@@ -74,3 +83,40 @@ def test_a_shake_that_moves_nothing_is_no_slide(balanced) -> None:
     poses, steps, _ = pushed(balanced, 0.05)
     assert not [slip for step in steps for slip in step.slips]
     assert poses.state.position_m == pytest.approx(poses.centre_m, abs=0.001)
+
+
+def lifted(balanced, lift_m_per_s2: float, until_s: float) -> tuple[PoseFilter, list]:
+    """Return the filter of a robot that is lifted within 0.8 s from 1 s on, and put down from 2.2 s on, and steps."""
+    x, poses = balanced.node_position_m, robot_with_two_sensors(balanced)
+    steps = []
+    for t_s in np.arange(0.0, until_s, 0.02):
+        up = [(1.0, 1.0), (1.4, -1.0), (2.2, -1.0), (2.6, 1.0)]
+        sign = next((sign for from_s, sign in up if from_s <= t_s < from_s + 0.4), 0.0)
+        force = (9.81 + sign * lift_m_per_s2) * UP
+        steps.append(poses.step(float(t_s), x, SHAPE_M2, samples(float(t_s), force)))
+    return poses, steps
+
+
+def test_a_robot_that_is_lifted_is_followed_in_the_air(balanced) -> None:
+    """At 0.8 m/s^2 up for 0.4 s, and as much down: 128 mm, within the ellipsoid, while the floor carries nothing."""
+    poses, steps = lifted(balanced, 0.8, 2.1)
+    rise_m, sigma_m = poses.state.position_m[2] - poses.centre_m[2], float(np.sqrt(poses.covariance[5, 5]))
+    assert abs(rise_m - 0.128) < 3 * sigma_m < 0.1
+    assert not steps[-1].standing.nodes.any()
+    assert steps[-1].standing.contradicted
+    assert steps[-1].lifted_since_s == pytest.approx(1.0, abs=0.5), "the last watch that began before it"
+
+
+def test_a_robot_that_is_put_down_stands_again_and_is_doubted_for_a_while(balanced) -> None:
+    poses, steps = lifted(balanced, 0.8, 5.6)
+    assert np.flatnonzero(steps[-1].standing.nodes).tolist() == [0, 1, 2]
+    assert poses.state.position_m[2] == pytest.approx(poses.centre_m[2], abs=0.005)
+    assert poses.covariance[3, 3] > 0.005**2, "where it was put down is not known well"
+    assert not steps[-1].standing.contradicted
+    assert next(step for step in steps if step.standing.contradicted).standing.nodes.sum() == 0
+
+
+def test_a_robot_that_trembles_on_the_floor_is_not_lifted(balanced) -> None:
+    _, steps = lifted(balanced, 0.05, 2.0)
+    assert all(np.isinf(step.lifted_since_s) and step.standing.nodes.any() for step in steps)
+    assert not any(step.standing.contradicted or step.imus_disagree for step in steps)
