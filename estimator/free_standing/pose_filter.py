@@ -86,6 +86,7 @@ class PoseFilter:
         self._seen_s = -np.inf
         self._has_jumped = False
         self._unheld: UnheldPose | None = None
+        self._flies = False
         self._lifted_since_s = np.inf
         self._rise_watch = RiseWatch(self._imus, robot.floor, settings)
         self._stand_watch = StandWatch()
@@ -299,21 +300,21 @@ class PoseFilter:
         located = any(isinstance(reading, PositionReading | RangeReading) for reading in frame.aids)
         self._located_s = frame.t_s if located else self._located_s
         is_located, is_lifted = frame.t_s - self._located_s < LOCATED_S, bool(np.isfinite(self._lifted_since_s))
-        seen = self._seen(predicted, frame)
+        seen, self._flies = self._seen(predicted, frame), self._is_weightless(predicted, frame)
         standing = self._contacts.observe(
             seen.placed,
             seen.covariance,
             frame.step_s,
             is_located=is_located,
             is_lifted=is_lifted,
-            flies=self._flies(predicted, frame),
+            flies=self._flies,
         )
         if standing.nodes.any():
             self._lifted_since_s = np.inf
         return standing
 
-    def _flies(self, predicted: Prediction, frame: Frame) -> bool:
-        """Return whether inertial sensors feel that nothing carries the robot: it has bounced, or falls."""
+    def _is_weightless(self, predicted: Prediction, frame: Frame) -> bool:
+        """Return whether inertial sensors feel that nothing carries the robot: it bounces, or falls."""
         if not self._is_felt(frame) or frame.t_s < self._rest_seconds:
             return False
         gained = predicted.placed.state.velocity_m_per_s - self.state.velocity_m_per_s
@@ -334,7 +335,7 @@ class PoseFilter:
         placed = PlacedShape(self.state, frame.body_m, frame.body_covariance_m2)
         of_state = self.covariance
         return self._stand_watch.observe(
-            frame.t_s, frame.step_s, placed, of_state, self._floor, frame.samples, standing
+            frame.t_s, frame.step_s, placed, of_state, self._floor, frame.samples, standing, flies=self._flies
         )
 
     def _watched(

@@ -119,6 +119,8 @@ class StandWatch:
         floor: Floor,
         samples: ImuSamples,
         standing: Standing,
+        *,
+        flies: bool = False,
     ) -> Standing:
         """Return which nodes stand, with the face on which the robot has to stand instead where they cannot carry it.
 
@@ -130,9 +132,10 @@ class StandWatch:
             floor: the floor as told.
             samples: of the inertial sensors that are used; one at least.
             standing: which nodes stand, as heights or forces tell.
+            flies: whether it bounces, or falls; where no node stands otherwise, a hand lifts it.
         """
         self._still_s = self._still_s + step_s if is_still(samples) else 0.0
-        if not standing.nodes.any():
+        if not standing.nodes.any() and not flies:
             self._settles_s, self._nearest = PUT_DOWN_S, standing.nodes
         elif self._still_s > self._settles_s and t_s - self._looked_s > STAND_LOOK_EVERY_S:
             self._looked_s, self._settles_s = t_s, SETTLES_S
