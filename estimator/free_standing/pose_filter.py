@@ -45,7 +45,7 @@ from .tipping import MISSED_RAD, has_landed, heading_missed, tipped, tipping
 
 FIRST_STEP_S = 0.02
 """Time before the first frame for which its readings count."""
-LONGEST_STEP_S = 60.0
+FORGOTTEN_S = 60.0
 """Time without frames after which the pose is lost; of a longer one, the covariance would not be exact any more."""
 LOCATED_S = 0.2
 """Time for which a position or a range tells where the robot is."""
@@ -171,7 +171,7 @@ class PoseFilter:
 
     def _step_s(self, t_s: float) -> float:
         """Return the time since the frame before, for which the pose is predicted."""
-        return min(t_s - self._last_s, LONGEST_STEP_S) if np.isfinite(self._last_s) else FIRST_STEP_S
+        return min(t_s - self._last_s, FORGOTTEN_S) if np.isfinite(self._last_s) else FIRST_STEP_S
 
     def _corrected_on_feet(
         self,
