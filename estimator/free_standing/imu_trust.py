@@ -42,6 +42,9 @@ SLOW_EXCESS_M_PER_S2 = 0.5
 """Difference of the specific force from g below which the motion is slow."""
 SLOW_RAD_PER_S = 0.1
 """Rate below which it is slow."""
+DISAGREE_MEMORY_S = 3.0
+"""Time over which e^T S^-1 e is averaged: in the tenths of a second after an impact the shape lags, and it is up to
+160. A mount that has shifted, and a bias, stay."""
 TRUST_MEMORY_S = 0.5
 """Time constant of the mean difference."""
 
@@ -132,7 +135,8 @@ class ImuTrust:
         most_apart = self._most_apart_at_rest if t_s < self._rest_seconds else MOST_APART
         self.is_trusted = self.is_trusted & (self._apart < most_apart)
         used = np.flatnonzero(self.is_used)
-        self._misfit[used] += weight * (_misfit(imus, placed, covariance, used) - self._misfit[used])
+        misfit = _misfit(imus, placed, covariance, used)
+        self._misfit[used] += low_pass_weight(step_s, DISAGREE_MEMORY_S) * (misfit - self._misfit[used])
         self.disagree |= bool((self._misfit[used] > CONTRADICTS_SIGMA**2).any())
 
 
