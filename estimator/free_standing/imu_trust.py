@@ -8,13 +8,6 @@ At the start the attitude of the rods is measured, so that the inclination has t
 misalignment explain. A sensor whose rates contradict its own gravity is left out, too, and so is one whose gravity has
 another size, as long as it has, see `models.pose.imu_agreement`.
 
-A sensor whose mount has shifted, or whose bias has changed, contradicts the direction of its rod in the shape, as other
-sensors and the floor tell it. With the error e of this direction and its covariance S, e^T S^-1 e is 2 in the mean, and
-
-    mean e^T S^-1 e > CONTRADICTS_SIGMA^2
-
-says that one of the sensors is wrong, but not which one: all are used on, and the status is `doubt`.
-
 A sensor that was silent does not know how it has turned meanwhile: it is lost, and left out until it moves slowly and
 agrees with its rod again.
 """
@@ -42,9 +35,6 @@ SLOW_EXCESS_M_PER_S2 = 0.5
 """Difference of the specific force from g below which the motion is slow."""
 SLOW_RAD_PER_S = 0.1
 """Rate below which it is slow."""
-DISAGREE_MEMORY_S = 3.0
-"""Time over which e^T S^-1 e is averaged: in the tenths of a second after an impact the shape lags, and it is up to
-160. A mount that has shifted, and a bias, stay."""
 TRUST_MEMORY_S = 0.5
 """Time constant of the mean difference."""
 
@@ -59,9 +49,6 @@ class ImuTrust:
         """(imus,) sensors that were silent, and are not taken on again yet."""
         self._heard_s = np.full(imus, -np.inf)
         self._apart = np.zeros(imus)
-        self._misfit = np.zeros(imus)
-        self.disagree = False
-        """Whether the sensors have contradicted each other, or a single one the shape and the floor."""
         self._agreement = ImuAgreement(imus, rest_seconds, settings)
         self._rest_seconds = rest_seconds
         tilt = settings.force_bias_m_per_s2 / GRAVITY_M_PER_S2
@@ -105,39 +92,26 @@ class ImuTrust:
         """
         if not self.is_lost.any():
             return np.zeros(0, dtype=np.int64)
-        slow, apart = _slow_and_apart(imus, arm_m, samples)
+        slow, apart = move_slowly(samples), _apart(imus, arm_m, samples)
         back = self.is_lost & self._agreement.has_size & (samples.count > 0) & slow & (apart < MOST_APART)
         self.is_lost = self.is_lost & ~back
         return np.flatnonzero(back)
 
-    def observe(
-        self,
-        imus: ImuArray,
-        placed: PlacedShape,
-        covariance: NDArray[np.float64],
-        samples: ImuSamples,
-        t_s: float,
-        step_s: float,
-    ) -> None:
+    def observe(self, imus: ImuArray, placed: PlacedShape, samples: ImuSamples, t_s: float, step_s: float) -> None:
         """Learn from a frame.
 
         Args:
             imus: the sensors.
-            placed: the shape in the world, as predicted.
-            covariance: (size, size) of the errors of its state.
+            placed: the shape in the world.
             samples: of the sensors in the frame.
             t_s: time of the frame.
             step_s: time since the frame before.
         """
-        slow, apart = _slow_and_apart(imus, placed.arm_m, samples)
+        slow, apart = move_slowly(samples), _apart(imus, placed.arm_m, samples)
         weight = low_pass_weight(step_s, TRUST_MEMORY_S)
         self._apart += np.where(slow & ~self.is_lost, weight * (np.nan_to_num(apart) - self._apart), 0.0)
         most_apart = self._most_apart_at_rest if t_s < self._rest_seconds else MOST_APART
         self.is_trusted = self.is_trusted & (self._apart < most_apart)
-        used = np.flatnonzero(self.is_used)
-        misfit = _misfit(imus, placed, covariance, used)
-        self._misfit[used] += low_pass_weight(step_s, DISAGREE_MEMORY_S) * (misfit - self._misfit[used])
-        self.disagree |= bool((self._misfit[used] > CONTRADICTS_SIGMA**2).any())
 
 
 def without_sensors(frames: Sequence[TendonLengths], imus: NDArray[np.bool_]) -> list[TendonLengths]:
@@ -182,24 +156,15 @@ def taken_on_again(
     return replace(state, imu_turn=turn), F @ covariance @ F.T + np.diag(noise), F
 
 
-def _misfit(
-    imus: ImuArray, placed: PlacedShape, covariance: NDArray[np.float64], used: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Return (used,) e^T S^-1 e of the directions of the rods of some sensors."""
-    rows = imus.direction_rows(placed, 1.0, used)
-    e = rows.error.reshape(-1, 2)
-    H = rows.jacobian.reshape(len(used), 2, len(covariance))
-    S = H @ covariance @ np.swapaxes(H, 1, 2) + rows.variance.reshape(-1, 2)[:, :, None] * np.eye(2)
-    return np.asarray(np.sum(e * np.linalg.solve(S, e[:, :, None])[:, :, 0], axis=1))
+def move_slowly(samples: ImuSamples) -> NDArray[np.bool_]:
+    """Return (imus,) which sensors neither turn nor are accelerated."""
+    size = np.linalg.norm(samples.specific_force_m_per_s2, axis=1)
+    rate = np.linalg.norm(samples.rate_rad_per_s, axis=1)
+    return np.asarray((np.abs(size - GRAVITY_M_PER_S2) < SLOW_EXCESS_M_PER_S2) & (rate < SLOW_RAD_PER_S))
 
 
-def _slow_and_apart(
-    imus: ImuArray, arm_m: NDArray[np.float64], samples: ImuSamples
-) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Return (imus,) which sensors move slowly, and (imus,) how far they contradict the inclination of their rods."""
+def _apart(imus: ImuArray, arm_m: NDArray[np.float64], samples: ImuSamples) -> NDArray[np.float64]:
+    """Return (imus,) how far sensors that move slowly contradict the inclination of their rods."""
     force = samples.specific_force_m_per_s2
     size = np.maximum(np.linalg.norm(force, axis=1), LEAST_M_PER_S2)
-    slow = np.abs(size - GRAVITY_M_PER_S2) < SLOW_EXCESS_M_PER_S2
-    slow &= np.linalg.norm(samples.rate_rad_per_s, axis=1) < SLOW_RAD_PER_S
-    inclination = imus.rod_direction(arm_m) @ UP
-    return slow, np.abs(np.sum(force * imus.axis, axis=1) / size - inclination)
+    return np.asarray(np.abs(np.sum(force * imus.axis, axis=1) / size - imus.rod_direction(arm_m) @ UP))

@@ -121,8 +121,7 @@ class PoseFilter:
         if stood.any() or not self._is_felt(frame):  # in the air the robot turns as the sensors say
             predicted, kept, landed = self._landed(predicted, standing, kept, landed)
         if frame.samples is not None:
-            placed, of_state = predicted.placed, predicted.covariance
-            self._trust.observe(self._imus, placed, of_state, frame.samples, frame.t_s, frame.step_s)
+            self._trust.observe(self._imus, predicted.placed, frame.samples, frame.t_s, frame.step_s)
         predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, kept)
         if by_heights:
             self._watched_rise(frame)
@@ -141,7 +140,6 @@ class PoseFilter:
             slides_since_s=self._slides_since_s,
             lifted_since_s=self._lifted_since_s,
             contradicted_imus=self._trust.contradicted,
-            imus_disagree=self._trust.disagree,
             strays=strays,
             outlying_ranges=self._outlying_ranges(predicted, frame),
         )

@@ -37,8 +37,6 @@ class PoseStep:
     """Since when the robot has been in the air, as inertial sensors feel it; inf where it stands."""
     contradicted_imus: NDArray[np.bool_]
     """(imus,) which inertial sensors contradict their rods, gravity or themselves, see `ImuTrust`."""
-    imus_disagree: bool
-    """Whether they contradict each other, or a single one the shape and the floor."""
     strays: bool
     """Whether the robot is further from where it was held last than it is long."""
     outlying_ranges: tuple[int, ...]

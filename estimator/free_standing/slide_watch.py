@@ -32,7 +32,7 @@ from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from ...models.values.rotations import cross, cross_matrix
 from .contacts import LIFTED_M, LIFTED_SIGMA
-from .imu_trust import SLOW_EXCESS_M_PER_S2, SLOW_RAD_PER_S
+from .imu_trust import move_slowly
 
 WATCH_S = 0.3
 """Time after which the copy starts again: over a longer one, inertial sensors do not tell a slide of millimetres."""
@@ -95,11 +95,8 @@ def slid_before(since_s: NDArray[np.float64], t_s: NDArray[np.float64]) -> NDArr
 
 def is_still(samples: ImuSamples) -> bool:
     """Return whether all sensors that were read in a frame, one at least, neither turn nor are accelerated."""
-    read = samples.count > 0
-    size = np.linalg.norm(samples.specific_force_m_per_s2[read], axis=1)
-    rate = np.linalg.norm(samples.rate_rad_per_s[read], axis=1)
-    slow = (np.abs(size - GRAVITY_M_PER_S2) < SLOW_EXCESS_M_PER_S2) & (rate < SLOW_RAD_PER_S)
-    return bool(read.any() and slow.all())
+    slow = move_slowly(samples)[samples.count > 0]
+    return bool(len(slow) and slow.all())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -63,7 +63,7 @@ def in_world(
         total += probability * np.outer(away_m, away_m)
     if stands.contradicted:
         shape = shape.in_doubt(Reason.CONTACTS)
-    if step.contradicted_imus.any() or step.imus_disagree:
+    if step.contradicted_imus.any():
         shape = shape.in_doubt(Reason.IMU)
     if step.strays:
         shape = shape.in_doubt(Reason.CONTACTS)
