@@ -42,6 +42,11 @@ class ImuSamples:
     count: NDArray[np.int64]
     """(imus,) number of samples; where it is 0, the rate is that of the frame before, and the force is nan."""
 
+    @property
+    def excess_m_per_s2(self) -> NDArray[np.float64]:
+        """(imus,) by how much the size of the specific force differs from g."""
+        return np.asarray(np.abs(np.linalg.norm(self.specific_force_m_per_s2, axis=1) - GRAVITY_M_PER_S2))
+
 
 class ImuArray:
     """The inertial sensors of one robot."""
@@ -128,7 +133,7 @@ class ImuArray:
     def gravity_rows(self, state: PoseState, samples: ImuSamples, settings: PoseSettings) -> Rows:
         """Return three rows for each sensor that moves slowly: its specific force is against gravity."""
         at = state.layout
-        excess = np.abs(np.linalg.norm(samples.specific_force_m_per_s2, axis=1) - GRAVITY_M_PER_S2)
+        excess = samples.excess_m_per_s2
         rate = np.linalg.norm(samples.rate_rad_per_s - state.rate_bias_rad_per_s, axis=1)
         sigma = settings.force_m_per_s2 + FAST_FORCE * excess + FAST_RATE_M_PER_S * rate
         sigma = np.where(samples.count > 0, np.nan_to_num(sigma, nan=np.inf), np.inf)

@@ -158,9 +158,8 @@ def taken_on_again(
 
 def move_slowly(samples: ImuSamples) -> NDArray[np.bool_]:
     """Return (imus,) which sensors neither turn nor are accelerated."""
-    size = np.linalg.norm(samples.specific_force_m_per_s2, axis=1)
     rate = np.linalg.norm(samples.rate_rad_per_s, axis=1)
-    return np.asarray((np.abs(size - GRAVITY_M_PER_S2) < SLOW_EXCESS_M_PER_S2) & (rate < SLOW_RAD_PER_S))
+    return np.asarray((samples.excess_m_per_s2 < SLOW_EXCESS_M_PER_S2) & (rate < SLOW_RAD_PER_S))
 
 
 def _apart(imus: ImuArray, arm_m: NDArray[np.float64], samples: ImuSamples) -> NDArray[np.float64]:

@@ -269,7 +269,7 @@ class PoseFilter:
 
         Feet that begin to slide move by `motion_m_per_s`, which footholds do not expect.
         """
-        positions = [reading for reading in frame.aids if isinstance(reading, PositionReading)]
+        positions = frame.positions
         if not positions:
             return False
         in_sight, self._seen_s = frame.t_s - self._seen_s < LOCATED_S, frame.t_s
@@ -327,8 +327,7 @@ class PoseFilter:
         """Return which nodes stand, and whether they can carry the robot, where no positions tell its pose."""
         if not self._standing.any():
             standing = self._contacts.lift()
-        is_seen = any(isinstance(reading, PositionReading) for reading in frame.aids)
-        if frame.samples is None or is_seen or frame.t_s < self._rest_seconds:
+        if frame.samples is None or frame.positions or frame.t_s < self._rest_seconds:
             return standing
         placed = PlacedShape(self.state, frame.body_m, frame.body_covariance_m2)
         of_state = self.covariance
@@ -487,7 +486,7 @@ class PoseFilter:
 
     def _seen(self, predicted: Prediction, frame: Frame) -> Prediction:
         """Return the prediction corrected by positions alone, by which contacts are told before the floor holds it."""
-        positions = [reading for reading in frame.aids if isinstance(reading, PositionReading)]
+        positions = frame.positions
         if not positions:
             return predicted
         placed = predicted.placed
@@ -548,7 +547,7 @@ class PoseFilter:
         if samples is not None:
             rows.append(self._imus.direction_rows(placed, repeats, np.flatnonzero(self._trust.is_used)))
             rows.append(self._imus.gravity_rows(placed.state, samples, settings))
-        positions = [reading for reading in aids if isinstance(reading, PositionReading)]
+        positions = frame.positions
         ranges = [reading for reading in aids if isinstance(reading, RangeReading)]
         if positions:
             rows.append(position_rows(placed, positions, frame.t_s, settings.position_m))

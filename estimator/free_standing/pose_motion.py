@@ -180,8 +180,7 @@ class PoseMotion:
         F[at.velocity] = rows + a_after @ F[at.rate] + w_after @ a_after @ F[at.turn]
         F[at.position] += 0.5 * step_s * F[at.velocity]
         F[at.position, at.velocity] += 0.5 * step_s * EYE
-        excess = np.abs(np.linalg.norm(samples.specific_force_m_per_s2[forced], axis=1) - GRAVITY_M_PER_S2).mean()
-        sigma = settings.force_m_per_s2 / np.sqrt(len(forced)) + settings.force_share * excess
+        sigma = force_sigma_m_per_s2(samples.excess_m_per_s2[forced], settings)
         _carry_noise(noise, at.rate, at.velocity, a_after)
         noise[at.velocity, at.velocity] += (sigma * step_s) ** 2 * EYE
         _carry_noise(noise, at.velocity, at.position, 0.5 * step_s * EYE)
@@ -195,6 +194,12 @@ class PoseMotion:
         """Return the power density of the white noise that keeps a rate at sigma, and its decay over a step."""
         holds_s = self._settings.motion_holds_s
         return 2 * sigma**2 / holds_s, float(np.exp(-step_s / holds_s))
+
+
+def force_sigma_m_per_s2(excess_m_per_s2: NDArray[np.float64], settings: PoseSettings) -> float:
+    """Return the noise of the mean specific force of some sensors, from (sensors,) their differences from gravity."""
+    white = settings.force_m_per_s2 / np.sqrt(len(excess_m_per_s2))
+    return float(white + settings.force_share * excess_m_per_s2.mean())
 
 
 def _not_long(direction: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ from ...factors.imu import ImuSamples
 from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import Floor
-from ...models.values.aids import AidReading
+from ...models.values.aids import AidReading, PositionReading
 from ...models.values.rotations import cross
 
 
@@ -28,6 +28,11 @@ class Frame:
     aids: Sequence[AidReading]
     samples: ImuSamples | None
     """Of the inertial sensors; None without such sensors."""
+
+    @property
+    def positions(self) -> list[PositionReading]:
+        """Those of the aids that are positions of nodes."""
+        return [reading for reading in self.aids if isinstance(reading, PositionReading)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -33,6 +33,7 @@ from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from ...models.values.rotations import cross, cross_matrix
 from .contacts import LIFTED_M, LIFTED_SIGMA
 from .imu_trust import move_slowly
+from .pose_motion import force_sigma_m_per_s2
 
 WATCH_S = 0.3
 """Time after which the copy starts again: over a longer one, inertial sensors do not tell a slide of millimetres."""
@@ -137,8 +138,7 @@ class RiseWatch:
             samples: of the sensors that are used.
         """
         sensors = np.flatnonzero(samples.count)
-        size = np.linalg.norm(samples.specific_force_m_per_s2[sensors], axis=1)
-        excess = np.abs(size - GRAVITY_M_PER_S2)
+        excess = samples.excess_m_per_s2[sensors]
         if not len(sensors) or (excess > CALM_M_PER_S2).any() or not np.array_equal(sensors, self._sensors):
             self.forget()
             self._sensors = sensors
@@ -148,8 +148,8 @@ class RiseWatch:
             if is_still(samples):
                 self._start(t_s, held)
             return None
-        sigma = self._settings.force_m_per_s2 / np.sqrt(len(sensors)) + self._settings.force_share * excess.mean()
-        variance = self._move(step_s, placed, covariance, samples, float(sigma))
+        sigma = force_sigma_m_per_s2(excess, self._settings)
+        variance = self._move(step_s, placed, covariance, samples, sigma)
         way = self._told - held
         if way[0] < max(LIFTED_M, LIFTED_SIGMA * float(np.sqrt(variance[0, 0]))):
             return None
