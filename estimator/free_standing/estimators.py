@@ -32,8 +32,8 @@ from .length_change import LengthChange
 from .pose_filter import PoseFilter
 from .pose_smoother import PoseStep, smoothed
 from .resting_faces import RestingFaces, balances_at
-from .slide_watch import slid_before
 from .stable_face import StableFace
+from .watches.slide_watch import slid_before
 from .world import in_world, support_of
 
 FACES_EVERY_S = 0.2

@@ -162,6 +162,12 @@ def move_slowly(samples: ImuSamples) -> NDArray[np.bool_]:
     return np.asarray((samples.excess_m_per_s2 < SLOW_EXCESS_M_PER_S2) & (rate < SLOW_RAD_PER_S))
 
 
+def is_still(samples: ImuSamples) -> bool:
+    """Return whether all sensors that were read in a frame, one at least, neither turn nor are accelerated."""
+    slow = move_slowly(samples)[samples.count > 0]
+    return bool(len(slow) and slow.all())
+
+
 def _apart(imus: ImuArray, arm_m: NDArray[np.float64], samples: ImuSamples) -> NDArray[np.float64]:
     """Return (imus,) how far sensors that move slowly contradict the inclination of their rods."""
     force = samples.specific_force_m_per_s2

@@ -17,31 +17,28 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...factors.ground import height_rows, rolled_on_floor_m
-from ...factors.imu import ImuArray, ImuSamples
-from ...factors.position import common_misfit, position_rows
-from ...factors.range import outlying, range_rows
+from ...factors.imu import ImuSamples
 from ...models.pose.placed import PlacedShape, Rows, stacked
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
-from ...models.pose.position_gate import MOST_SIGMA
 from ...models.pose.position_trust import PositionTrust
 from ...models.pose.robot import FreeStandingRobot
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from ...models.structure.rest_shape import RestShape
-from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
-from ...models.values.rotations import rotation, rotation_vector
+from ...models.values.aids import AidReading, ImuReading, PositionReading
+from ...models.values.rotations import rotation
 from ...models.values.slip import Slip
 from .contacts import ContactsByHeight, Standing
-from .footholds import Feet, let_slide, put_down, slips, walk_variance_m2
+from .footholds import Feet, let_slide, put_down
 from .imu_trust import ImuTrust, taken_on_again
-from .pose_motion import PoseMotion
+from .pose_model import Pose, PoseModel
 from .pose_smoother import PoseStep
-from .pose_start import covariance_at_rest, rest_rows, state_at_rest
+from .pose_start import covariance_at_rest, state_at_rest
 from .prediction import Frame, Prediction
-from .slide_watch import LOST_M, WATCH_S, WITH_IT_SIGMA, RiseWatch, UnheldPose, at_rest, risen
-from .stable_face import StandWatch
 from .tipping import MISSED_RAD, has_landed, heading_missed, tipped, tipping
+from .watches.rise_watch import RiseWatch, risen
+from .watches.slide_watch import SlideWatch
+from .watches.stand_watch import StandWatch
 
 FIRST_STEP_S = 0.02
 """Time before the first frame for which its readings count."""
@@ -51,27 +48,20 @@ LOCATED_S = 0.2
 """Time for which a position or a range tells where the robot is."""
 LEAST_CARRIED = 0.25
 """Share of the weight below which the floor is taken to carry nothing: friction and height hold no node then."""
-BELOW_M = 0.001
-"""Depth below the floor at which a node that does not stand is lifted to it."""
 
 
 class PoseFilter:
     """Follows the pose, frame by frame."""
 
     def __init__(
-        self,
-        rest: RestShape,
-        robot: FreeStandingRobot,
-        settings: PoseSettings,
+        self, rest: RestShape, robot: FreeStandingRobot, settings: PoseSettings, motion: PoseSettings | None = None
     ) -> None:
+        """Begin at rest; `motion` has other settings of the motion than `settings` where it is given."""
         self._settings = settings
+        self._model = PoseModel(rest, robot, settings, motion)
+        self._imus = self._model.imus
         self._floor = robot.floor
         self._rest_seconds = robot.rest_seconds
-        self._imus = ImuArray(robot.imus, rest.structure.rods)
-        self._motion = PoseMotion(self._imus, settings)
-        self._number_of_pair = {pair: number for number, pair in enumerate(robot.range_pairs)}
-        self.centre_m = rest.node_position_m.mean(axis=0)
-        """(3,) c, the origin of body coordinates."""
         self.state = state_at_rest(rest.node_position_m, robot)
         self.covariance = covariance_at_rest(self.state, robot.floor, settings)
         self._standing = robot.floor.carries_at_rest(rest.node_position_m)
@@ -85,12 +75,11 @@ class PoseFilter:
         self._position_trust = PositionTrust(rest, robot.rest_seconds, settings.position_m)
         self._seen_s = -np.inf
         self._has_jumped = False
-        self._unheld: UnheldPose | None = None
         self._flies = False
         self._lifted_since_s = np.inf
+        self._slide_watch = SlideWatch(self._model, len(self._standing))
         self._rise_watch = RiseWatch(self._imus, robot.floor, settings)
         self._stand_watch = StandWatch()
-        self._slides_since_s = np.full(len(self._standing), np.inf)
         self._held_m = self.state.position_m
         self._size_m = 2 * float(np.linalg.norm(rest.node_position_m - self.centre_m, axis=1).max())
 
@@ -137,19 +126,12 @@ class PoseFilter:
             covariance=self.covariance,
             standing=standing,
             slips=tuple(found),
-            slides_since_s=self._slides_since_s,
+            slides_since_s=self._slide_watch.since_s,
             lifted_since_s=self._lifted_since_s,
             contradicted_imus=self._trust.contradicted,
             strays=strays,
-            outlying_ranges=self._outlying_ranges(predicted, frame),
+            outlying_ranges=self._model.outlying_ranges(predicted, frame),
         )
-
-    def _outlying_ranges(self, predicted: Prediction, frame: Frame) -> tuple[int, ...]:
-        """Return the recordings of the ranges that are left out of a frame."""
-        ranges = [reading for reading in frame.aids if isinstance(reading, RangeReading)]
-        pairs, sigma_m = self._number_of_pair, self._settings.range_m
-        left_out = outlying(predicted.placed, ranges, pairs, predicted.covariance, sigma_m)
-        return tuple(reading.pair[0] for reading in left_out)
 
     def _expected(
         self,
@@ -161,8 +143,9 @@ class PoseFilter:
         """Return one more frame, and what is expected of it; arguments as those of `step`."""
         samples, taken_on = self._imu_samples(t_s, aids)
         step_s = self._step_s(t_s)
-        frame = Frame(t_s, step_s, body_m - self.centre_m, body_covariance_m2, aids, samples)
-        predicted = self._predict(frame, self.state, self.covariance, self._turn_before)
+        body_m = body_m - self.centre_m
+        frame = Frame(t_s, self._last_s, step_s, self._body_before_m, body_m, body_covariance_m2, aids, samples)
+        predicted = self._model.predicted(frame, self._pose, self._standing)
         if taken_on is not None:
             predicted = replace(predicted, transition=predicted.transition @ taken_on)
         return frame, predicted
@@ -191,13 +174,17 @@ class PoseFilter:
         Returns:
             The prediction with new footholds, and the slips.
         """
-        slid = self._slides
-        predicted, before = self._slid(predicted, frame, sliding, landed, kept)
-        feet = self._feet(predicted, kept)
-        found = self._slips(predicted, feet, frame.t_s, slid)
+        watch, before = self._slide_watch, self.state
+        if sliding is None:
+            pose, used = self._pose, self._trust.is_used
+            predicted, before = watch.observe(predicted, frame, pose, kept, landed, used)
+        else:
+            predicted = watch.told(predicted, sliding, frame.t_s)
+        feet = self._model.feet(predicted, kept)
+        found = watch.slips(predicted, feet, frame.t_s)
         slipped = np.isin(np.arange(len(kept)), [slip.node for slip in found])
         predicted = put_down(predicted, landed | slipped, self._floor, self._settings.floor_m)
-        self._correct(predicted, before, frame, feet.among(~slipped & ~self._slides))
+        self._correct(predicted, before, frame, feet.among(~slipped & ~watch.slides))
         return predicted, found
 
     def _landed(
@@ -215,33 +202,12 @@ class PoseFilter:
         """
         if has_landed(predicted.placed, self.floor, landed):
             predicted = self._tipped(predicted, standing.nodes, kept)
-            self._unheld = None
+            self._slide_watch.restart()
             kept, landed = np.zeros_like(kept), standing.nodes
             self.state = replace(self.state, turn=predicted.placed.state.turn)  # new footholds do not roll by the tip
         if standing.assumed and kept.any():
             predicted = let_slide(predicted, self._body_before_m, standing.nodes, kept, self._floor, self._settings)
         return predicted, kept, landed
-
-    def _slid(
-        self,
-        predicted: Prediction,
-        frame: Frame,
-        sliding: NDArray[np.bool_] | None,
-        landed: NDArray[np.bool_],
-        kept: NDArray[np.bool_],
-    ) -> tuple[Prediction, PoseState]:
-        """Return the prediction and the state before it, given which nodes slide, as told or as the watch finds it."""
-        slid = self._slides
-        before = self.state
-        if sliding is None:
-            predicted, before = self._watched(predicted, frame, landed, kept)
-        else:
-            self._slides_since_s = np.where(sliding, frame.t_s, np.inf)
-        if (self._slides & ~slid).any():
-            variance = np.zeros(before.layout.size)
-            variance[before.layout.position] = LOST_M**2
-            predicted = predicted.then(predicted.placed, np.eye(len(variance)), variance)
-        return predicted, before
 
     def _correct(self, predicted: Prediction, before: PoseState, frame: Frame, held: Feet) -> None:
         """Correct the state by the rows of all aids, and keep of the frame what the next one needs.
@@ -252,8 +218,8 @@ class PoseFilter:
             frame: the frame.
             held: the nodes that footholds hold.
         """
-        self._has_jumped |= self._jumps(predicted, frame)
-        rows = self._rows(predicted, frame, held)
+        self._has_jumped |= self._positions_jump(predicted, frame)
+        rows = self._model.rows(predicted, frame, self._standing, self._trust.is_used, held)
         rows += self._held_rows(predicted.placed, predicted.covariance, frame.step_s)
         if self._is_blind(frame):
             self.state, self.covariance = predicted.corrected_blindly(stacked(rows), self._floor)
@@ -264,23 +230,17 @@ class PoseFilter:
         self._samples = frame.samples
         self._last_s = frame.t_s
 
-    def _jumps(self, predicted: Prediction, frame: Frame) -> bool:
-        """Return whether all positions of a frame are off alike, while nodes are in sight: their frame has moved.
-
-        Feet that begin to slide move by `motion_m_per_s`, which footholds do not expect.
-        """
-        positions = frame.positions
-        if not positions:
+    def _positions_jump(self, predicted: Prediction, frame: Frame) -> bool:
+        """Return whether all positions of a frame are off alike, while nodes are in sight: their frame has moved."""
+        if not frame.positions:
             return False
         in_sight, self._seen_s = frame.t_s - self._seen_s < LOCATED_S, frame.t_s
-        rows = position_rows(predicted.placed, positions, frame.t_s, self._settings.position_m)
-        slides_m = self._settings.motion_m_per_s * frame.step_s
-        return in_sight and common_misfit(rows, predicted.covariance, slides_m) > MOST_SIGMA**2
+        return in_sight and self._model.positions_jump(predicted, frame)
 
     def _strays(self, t_s: float, found: Sequence[Slip]) -> bool:
         """Return whether the robot is further from where a foot or a reading held it last than it is long."""
         is_located = t_s - self._located_s < LOCATED_S or t_s < self._rest_seconds
-        if is_located or (self._standing & ~self._slides).any():
+        if is_located or (self._standing & ~self._slide_watch.slides).any():
             self._held_m = self.state.position_m
         way_m = [float(np.linalg.norm(self.state.position_m - self._held_m)), *(slip.distance_m for slip in found)]
         return max(way_m) > self._size_m and not is_located
@@ -295,10 +255,9 @@ class PoseFilter:
         if standing is not None:
             self._contacts.stand_on(standing.nodes)
             return standing
-        located = any(isinstance(reading, PositionReading | RangeReading) for reading in frame.aids)
-        self._located_s = frame.t_s if located else self._located_s
+        self._located_s = frame.t_s if frame.positions or frame.ranges else self._located_s
         is_located, is_lifted = frame.t_s - self._located_s < LOCATED_S, bool(np.isfinite(self._lifted_since_s))
-        seen, self._flies = self._seen(predicted, frame), self._is_weightless(predicted, frame)
+        seen, self._flies = self._model.seen(predicted, frame), self._is_weightless(predicted, frame)
         standing = self._contacts.observe(
             seen.placed,
             seen.covariance,
@@ -335,35 +294,6 @@ class PoseFilter:
             frame.t_s, frame.step_s, placed, of_state, self._floor, frame.samples, standing, flies=self._flies
         )
 
-    def _watched(
-        self, predicted: Prediction, frame: Frame, landed: NDArray[np.bool_], kept: NDArray[np.bool_]
-    ) -> tuple[Prediction, PoseState]:
-        """Return the prediction, that without footholds where nodes slide, and the state before it."""
-        slid = self._slides
-        if slid.any():
-            rests = at_rest(predicted.placed, predicted.covariance, self._floor)
-            self._slides_since_s = np.where(kept & ~rests, self._slides_since_s, np.inf)
-        if (slid & ~self._slides).any():  # their new footholds are those of the next watch
-            self._unheld = None
-            return predicted, self.state
-        if frame.samples is None or frame.t_s < self._rest_seconds:
-            return predicted, self.state
-        if self._unheld is None or frame.t_s - self._unheld.since_s > WATCH_S:
-            self._unheld = UnheldPose(self._last_s, self.state, self.covariance, self._turn_before)
-        unheld = self._unheld
-        free = self._predict(frame, unheld.state, unheld.covariance, unheld.turn_before)
-        free = put_down(free, landed, self._floor, self._settings.floor_m)
-        feet = self._feet(free, kept & ~self._slides)
-        if slips(feet, free, frame.t_s, self._floor, self._settings.slip_sigma):
-            slide = slips(feet, free, frame.t_s, self._floor, WITH_IT_SIGMA)
-            self._slides_since_s = self._slides_since_s.copy()
-            self._slides_since_s[[slip.node for slip in slide]] = unheld.since_s
-            self._unheld = None
-            return free, unheld.state
-        state, covariance = free.corrected(stacked(self._rows(free, frame, None)))
-        self._unheld = UnheldPose(unheld.since_s, state, covariance, unheld.state.turn)
-        return predicted, self.state
-
     def _watched_rise(self, frame: Frame) -> None:
         """Take the robot off the floor where inertial sensors say that it has risen from it."""
         placed = PlacedShape(self.state, frame.body_m, frame.body_covariance_m2)
@@ -376,8 +306,7 @@ class PoseFilter:
         self.state, self.covariance = risen(self.state, self.covariance, rise, self._floor)
         self._lifted_since_s = rise.since_s
         self._standing = self._contacts.lift().nodes
-        self._slides_since_s = np.full(len(self._standing), np.inf)
-        self._unheld = None
+        self._slide_watch.lift()
 
     def without_contradictions(
         self,
@@ -402,13 +331,23 @@ class PoseFilter:
 
     @property
     def doubts_positions(self) -> bool:
-        """Whether many positions of the last second are left out, or all have jumped together, see `_jumps`."""
+        """Whether many positions of the last second are left out, or all have jumped, see `positions_jump`."""
         return self._position_trust.is_doubted or self._has_jumped
+
+    @property
+    def centre_m(self) -> NDArray[np.float64]:
+        """(3,) c, the origin of body coordinates."""
+        return self._model.centre_m
 
     @property
     def standing(self) -> Standing:
         """Which nodes stand in the last frame."""
         return Standing(self._standing, self._standing.astype(np.float64))
+
+    @property
+    def _pose(self) -> Pose:
+        """The pose in the last frame."""
+        return Pose(self.state, self.covariance, self._turn_before)
 
     @property
     def floor(self) -> Floor:
@@ -424,11 +363,6 @@ class PoseFilter:
     def used_imus(self) -> NDArray[np.bool_]:
         """(imus,) which inertial sensors agree with the attitude of their rods and are not silent."""
         return self._trust.is_used
-
-    @property
-    def _slides(self) -> NDArray[np.bool_]:
-        """(nodes,) which nodes slide."""
-        return np.asarray(np.isfinite(self._slides_since_s))
 
     def _imu_samples(
         self, t_s: float, aids: Sequence[AidReading]
@@ -452,47 +386,13 @@ class PoseFilter:
         if len(back):
             turn = self._imu_turns(samples)
             self.state, self.covariance, F = taken_on_again(self.state, self.covariance, back, turn, self._settings)
-            self._unheld = None
+            self._slide_watch.restart()
         return self._trust.used(samples), F
 
     def _imu_turns(self, samples: ImuSamples) -> NDArray[np.float64]:
         """Return (imus, 3, 3), the attitudes of sensors in slow motion, by their rods and by gravity."""
         direction = self._imus.rod_direction(self._body_before_m @ self.state.turn.T)
         return self._imus.attitude_at_rest(direction, samples.specific_force_m_per_s2)
-
-    def _predict(
-        self, frame: Frame, before: PoseState, covariance: NDArray[np.float64], turn_before: NDArray[np.float64]
-    ) -> Prediction:
-        """Return what is expected of a frame.
-
-        Args:
-            frame: the frame.
-            before: the state in the frame before.
-            covariance: (size, size) of its errors.
-            turn_before: (3, 3) the turn of the body one frame earlier still.
-        """
-        settings, at = self._settings, before.layout
-        motion = self._motion.after(before, frame.step_s, frame.samples, (self._body_before_m, frame.body_m))
-        turns = np.stack([before.turn @ turn_before.T, motion.state.turn @ before.turn.T])
-        turned_before, turned = rotation_vector(turns)
-        rolled_m = rolled_on_floor_m(turned_before, self._floor, settings.cap_radius_m)
-        state = replace(motion.state, foothold_m=before.foothold_m + np.where(self._standing[:, None], rolled_m, 0.0))
-        F = motion.transition
-        covariance = F @ covariance @ F.T + motion.noise
-        turning = float(np.linalg.norm(turned))
-        here = np.arange(at.foothold.start, at.foothold.stop)
-        covariance[here, here] += walk_variance_m2(self._standing, turning, frame.step_s, settings)
-        return Prediction(PlacedShape(state, frame.body_m, frame.body_covariance_m2), F, covariance, turned)
-
-    def _seen(self, predicted: Prediction, frame: Frame) -> Prediction:
-        """Return the prediction corrected by positions alone, by which contacts are told before the floor holds it."""
-        positions = frame.positions
-        if not positions:
-            return predicted
-        placed = predicted.placed
-        state, covariance = predicted.corrected(position_rows(placed, positions, frame.t_s, self._settings.position_m))
-        placed = PlacedShape(state, placed.body_m, placed.body_covariance_m2)
-        return Prediction(placed, predicted.transition, covariance, predicted.turned)
 
     def _tipped(self, predicted: Prediction, stands: NDArray[np.bool_], stayed: NDArray[np.bool_]) -> Prediction:
         """Return the shape tipped onto the nodes that stand, by the shortest turn about those that have stayed."""
@@ -507,25 +407,6 @@ class PoseFilter:
         turn = rotation(heading * normal) @ turn
         return tipped(predicted, turn, pivot_m, stayed, self._floor, self._settings)
 
-    def _slips(
-        self,
-        predicted: Prediction,
-        feet: Feet,
-        t_s: float,
-        slid: NDArray[np.bool_],
-    ) -> list[Slip]:
-        """Return the slips of nodes that stand: those found at once, and the slides that have ended.
-
-        Args:
-            predicted: what is expected of the frame.
-            feet: the nodes that have stood since the frame before.
-            t_s: time of the frame.
-            slid: (nodes,) which of them slid in the frame before.
-        """
-        slides = self._slides
-        at_once = slips(feet.among(~slides & ~slid), predicted, t_s, self._floor, self._settings.slip_sigma)
-        return at_once + slips(feet.among(~slides & slid), predicted, t_s, self._floor, 0.0)
-
     def rod_heights(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return (known, 2) ends of rods whose sensors are used, and (known,) the second's height above the first."""
         if self._samples is None:
@@ -534,32 +415,6 @@ class PoseFilter:
         length_m = np.linalg.norm(self._imus.rod_m(self._body_before_m)[used], axis=1)
         return self._imus.ends[used], length_m * (self._imus.direction(self.state)[used] @ self.floor.normal)
 
-    def _rows(self, predicted: Prediction, frame: Frame, held: Feet | None) -> list[Rows]:
-        """Return the rows of all aids in one frame; without footholds, if none holds a node."""
-        settings, floor, placed = self._settings, self._floor, predicted.placed
-        samples, aids = frame.samples, frame.aids
-        repeats = max(settings.shape_holds_s / frame.step_s, 1.0)
-        below = floor.tilted(placed.state.floor_tilt).clearance_m(placed.node_position_m) < -BELOW_M
-        at_height = np.flatnonzero(self._standing | below)
-        rows = [height_rows(placed, floor, at_height, settings.floor_m, repeats)]
-        if held is not None:
-            rows.append(held.rows.lasting(repeats))
-        if samples is not None:
-            rows.append(self._imus.direction_rows(placed, repeats, np.flatnonzero(self._trust.is_used)))
-            rows.append(self._imus.gravity_rows(placed.state, samples, settings))
-        positions = frame.positions
-        ranges = [reading for reading in aids if isinstance(reading, RangeReading)]
-        if positions:
-            rows.append(position_rows(placed, positions, frame.t_s, settings.position_m))
-        if ranges:
-            rows.append(range_rows(placed, ranges, self._number_of_pair, predicted.covariance, settings.range_m))
-        if frame.t_s < self._rest_seconds:
-            rows.append(rest_rows(placed.state, self.centre_m))
-        return rows
-
     def _held_rows(self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float) -> list[Rows]:
         """Return the rows of what else holds the structure: nothing, if it stands free."""
         return []
-
-    def _feet(self, predicted: Prediction, nodes: NDArray[np.bool_]) -> Feet:
-        return Feet.of(predicted, nodes, self._floor, self._settings)

@@ -10,7 +10,7 @@ from ...factors.imu import ImuSamples
 from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import Floor
-from ...models.values.aids import AidReading, PositionReading
+from ...models.values.aids import AidReading, PositionReading, RangeReading
 from ...models.values.rotations import cross
 
 
@@ -19,8 +19,12 @@ class Frame:
     """What is known of one frame beside the state."""
 
     t_s: float
+    before_s: float
+    """Time of the frame before; nan for the first one."""
     step_s: float
-    """Time since the frame before."""
+    """Time for which the pose is predicted: that since the frame before, but no more than the pose is known for."""
+    body_before_m: NDArray[np.float64]
+    """(nodes, 3) the shape in the frame before, relative to c."""
     body_m: NDArray[np.float64]
     """(nodes, 3) the shape, relative to c."""
     body_covariance_m2: NDArray[np.float64]
@@ -33,6 +37,11 @@ class Frame:
     def positions(self) -> list[PositionReading]:
         """Those of the aids that are positions of nodes."""
         return [reading for reading in self.aids if isinstance(reading, PositionReading)]
+
+    @property
+    def ranges(self) -> list[RangeReading]:
+        """Those of the aids that are ranges to nodes."""
+        return [reading for reading in self.aids if isinstance(reading, RangeReading)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

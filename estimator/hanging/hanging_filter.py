@@ -24,7 +24,6 @@ from ...models.values.rotations import cross_matrix
 from ..free_standing.contacts import Standing
 from ..free_standing.estimators import are_parallel
 from ..free_standing.pose_filter import PoseFilter
-from ..free_standing.pose_motion import PoseMotion
 from ..free_standing.pose_smoother import PoseStep
 from .hands import HandTorque, Hanging, Swing
 
@@ -50,7 +49,6 @@ class HangingFilter(PoseFilter):
 
     def __init__(self, rest: RestShape, robot: HangingRobot, settings: Settings) -> None:
         in_the_air = FreeStandingRobot(NO_FLOOR, robot.imus, robot.range_pairs, robot.rest_seconds, robot.own_frames)
-        super().__init__(rest, in_the_air, settings.pose)
         unknown = replace(
             settings.pose,
             motion_m_per_s=ANY_MOTION_M_PER_S,
@@ -58,7 +56,7 @@ class HangingFilter(PoseFilter):
             spin_rad_per_s=ANY_SPIN_RAD_PER_S,
             force_m_per_s2=ANY_FORCE_M_PER_S2,
         )
-        self._motion = PoseMotion(self._imus, unknown)
+        super().__init__(rest, in_the_air, settings.pose, unknown)
         self._anchor_m = robot.anchor_m
         self._structure = rest.structure
         count = rest.structure.node_count

@@ -2,7 +2,13 @@
 
 import numpy as np
 
+from tensegraph.estimator.free_standing.pose_filter import PoseFilter
+from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.pose.pose_state import PoseState
+from tensegraph.models.pose.robot import FreeStandingRobot
+from tensegraph.models.structure.floor import UP, Floor
+from tensegraph.models.structure.rest_shape import RestShape
+from tensegraph.models.values.aids import Imu, ImuReading
 from tensegraph.models.values.rotations import rotation
 
 
@@ -23,3 +29,20 @@ def any_state(imus: int, pairs: int, seed: int = 4, tilts: int = 0, own_frames: 
         floor_tilt=0.1 * rng.standard_normal(tilts),
         own_frame_error=rng.standard_normal((own_frames, 6)),
     )
+
+
+def robot_with_two_sensors(balanced: RestShape) -> PoseFilter:
+    """Return the filter of a robot that rests for half a second, with sensors on rods of two directions."""
+    x = balanced.node_position_m
+    rods = balanced.structure.rods
+    along = [(x[rods[k, 1]] - x[rods[k, 0]]) / np.linalg.norm(x[rods[k, 1]] - x[rods[k, 0]]) for k in (0, 2)]
+    imus = (Imu(0, 0.5, along[0]), Imu(2, 0.5, along[1]))
+    robot = FreeStandingRobot(Floor(float(x[0, 2]), UP), imus, (), 0.5)
+    return PoseFilter(balanced, robot, PoseSettings())
+
+
+def samples_of_two(
+    t_s: float, force: np.ndarray, turns: tuple[np.ndarray, ...] = (np.eye(3), np.eye(3))
+) -> list[ImuReading]:
+    """Return two samples of each sensor, whose axes are turned against those of the world."""
+    return [ImuReading(i, t_s - 0.01 + 0.01 * half, np.zeros(3), turns[i] @ force) for half in (0, 1) for i in (0, 1)]

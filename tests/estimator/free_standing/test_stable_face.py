@@ -1,18 +1,13 @@
 """The face on which a structure rests, by its shape alone."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from poses import any_state
-from tensegraph.estimator.free_standing.stable_face import CENTRE_M, StableFace, nearest_face
-from tensegraph.models.pose.placed import PlacedShape
+from tensegraph.estimator.free_standing.stable_face import CENTRE_M, StableFace
 from tensegraph.models.structure.floor import UP, Floor
 from tensegraph.models.structure.shape import Shape, Status
 from tensegraph.models.values.readings import TendonLengths
-from tensegraph.models.values.rotations import rotation
 
 FLOOR = Floor(0.0, UP)
 BASE_M = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.3, 0.0]])
@@ -68,17 +63,3 @@ def test_the_face_beyond_an_edge_is_as_likely_as_the_centre_of_mass_is_outside(s
 def test_a_flat_shape_does_not_stop_it() -> None:
     """An absurd estimate, all nodes on the floor, is no hull; some three nodes are told."""
     assert len(nodes(StableFace(FLOOR).observe(shape([[0.1, 0.1, 0.0], [0.2, 0.2, 0.0]])))) == 3
-
-
-@pytest.mark.parametrize("sigmas", [0.5, 5.0])
-def test_how_far_a_structure_is_from_lying_flat(sigmas: float) -> None:
-    """By hand: turned about x by some of its standard deviations of 0.01 rad, e = (0, 0.3 rad) m, S = (0.3 sigma)^2."""
-    body_m = np.concatenate([BASE_M, [[0.1, 0.1, 0.2]]])
-    turn = rotation(np.array([0.01 * sigmas, 0.0, 0.0]))
-    state = replace(any_state(0, 0), turn=turn, position_m=np.zeros(3))
-    placed = PlacedShape(state, body_m, 1e-12 * np.eye(12))
-    covariance = np.zeros((state.layout.size, state.layout.size))
-    covariance[:3, :3] = 0.01**2 * np.eye(3)
-    face, squared = nearest_face(placed, covariance, FLOOR)
-    assert np.flatnonzero(face).tolist() == [0, 1, 2]
-    assert squared == pytest.approx(sigmas**2, rel=0.01)

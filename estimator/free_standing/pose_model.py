@@ -1,0 +1,145 @@
+"""What is expected of the pose in one more frame, and what the aids of the frame say of it.
+
+These are the equations of `PoseFilter`, without its state: a copy beside it that no footholds hold, see
+`watches.slide_watch`, follows the same.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...factors.ground import height_rows, rolled_on_floor_m
+from ...factors.imu import ImuArray
+from ...factors.position import common_misfit, position_rows
+from ...factors.range import outlying, range_rows
+from ...models.pose.placed import PlacedShape, Rows
+from ...models.pose.pose_settings import PoseSettings
+from ...models.pose.pose_state import PoseState
+from ...models.pose.position_gate import MOST_SIGMA
+from ...models.pose.robot import FreeStandingRobot
+from ...models.structure.rest_shape import RestShape
+from ...models.values.rotations import rotation_vector
+from .footholds import Feet, walk_variance_m2
+from .pose_motion import PoseMotion
+from .pose_start import rest_rows
+from .prediction import Frame, Prediction
+
+BELOW_M = 0.001
+"""Depth below the floor at which a node that does not stand is lifted to it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """An estimate of the pose in one frame."""
+
+    state: PoseState
+    covariance: NDArray[np.float64]
+    """(size, size) of its errors."""
+    turn_before: NDArray[np.float64]
+    """(3, 3) the turn of the body one frame earlier."""
+
+
+class PoseModel:
+    """The motion from frame to frame, and the rows of all aids."""
+
+    def __init__(
+        self, rest: RestShape, robot: FreeStandingRobot, settings: PoseSettings, motion: PoseSettings | None = None
+    ) -> None:
+        """Make the model of a robot; `motion` has other settings of its motion than `settings` where it is given."""
+        self.settings = settings
+        self.floor = robot.floor
+        """As told."""
+        self.rest_seconds = robot.rest_seconds
+        self.imus = ImuArray(robot.imus, rest.structure.rods)
+        self.centre_m: NDArray[np.float64] = rest.node_position_m.mean(axis=0)
+        """(3,) c, the origin of body coordinates."""
+        self._motion = PoseMotion(self.imus, motion or settings)
+        self._number_of_pair = {pair: number for number, pair in enumerate(robot.range_pairs)}
+
+    def predicted(self, frame: Frame, before: Pose, stands: NDArray[np.bool_]) -> Prediction:
+        """Return what is expected of a frame.
+
+        Args:
+            frame: the frame.
+            before: the pose in the frame before.
+            stands: (nodes,) which nodes stood there.
+        """
+        settings, state = self.settings, before.state
+        at = state.layout
+        motion = self._motion.after(state, frame.step_s, frame.samples, (frame.body_before_m, frame.body_m))
+        turns = np.stack([state.turn @ before.turn_before.T, motion.state.turn @ state.turn.T])
+        turned_before, turned = rotation_vector(turns)
+        rolled_m = rolled_on_floor_m(turned_before, self.floor, settings.cap_radius_m)
+        moved = replace(motion.state, foothold_m=state.foothold_m + np.where(stands[:, None], rolled_m, 0.0))
+        F = motion.transition
+        covariance = F @ before.covariance @ F.T + motion.noise
+        turning = float(np.linalg.norm(turned))
+        here = np.arange(at.foothold.start, at.foothold.stop)
+        covariance[here, here] += walk_variance_m2(stands, turning, frame.step_s, settings)
+        return Prediction(PlacedShape(moved, frame.body_m, frame.body_covariance_m2), F, covariance, turned)
+
+    def seen(self, predicted: Prediction, frame: Frame) -> Prediction:
+        """Return the prediction corrected by positions alone, by which contacts are told before the floor holds it."""
+        if not frame.positions:
+            return predicted
+        placed = predicted.placed
+        state, covariance = predicted.corrected(self._position_rows(placed, frame))
+        placed = PlacedShape(state, placed.body_m, placed.body_covariance_m2)
+        return Prediction(placed, predicted.transition, covariance, predicted.turned)
+
+    def rows(
+        self,
+        predicted: Prediction,
+        frame: Frame,
+        stands: NDArray[np.bool_],
+        used_imus: NDArray[np.bool_],
+        held: Feet | None,
+    ) -> list[Rows]:
+        """Return the rows of all aids in one frame.
+
+        Args:
+            predicted: what is expected of the frame.
+            frame: the frame.
+            stands: (nodes,) which nodes stand.
+            used_imus: (imus,) which inertial sensors are used.
+            held: the nodes that footholds hold; None if none is held.
+        """
+        settings, floor, placed = self.settings, self.floor, predicted.placed
+        repeats = max(settings.shape_holds_s / frame.step_s, 1.0)
+        below = floor.tilted(placed.state.floor_tilt).clearance_m(placed.node_position_m) < -BELOW_M
+        rows = [height_rows(placed, floor, np.flatnonzero(stands | below), settings.floor_m, repeats)]
+        if held is not None:
+            rows.append(held.rows.lasting(repeats))
+        if frame.samples is not None:
+            rows.append(self.imus.direction_rows(placed, repeats, np.flatnonzero(used_imus)))
+            rows.append(self.imus.gravity_rows(placed.state, frame.samples, settings))
+        if frame.positions:
+            rows.append(self._position_rows(placed, frame))
+        if frame.ranges:
+            rows.append(range_rows(placed, frame.ranges, self._number_of_pair, predicted.covariance, settings.range_m))
+        if frame.t_s < self.rest_seconds:
+            rows.append(rest_rows(placed.state, self.centre_m))
+        return rows
+
+    def feet(self, predicted: Prediction, nodes: NDArray[np.bool_]) -> Feet:
+        """Return (nodes,) some nodes that have stood since the frame before, with what their footholds say."""
+        return Feet.of(predicted, nodes, self.floor, self.settings)
+
+    def outlying_ranges(self, predicted: Prediction, frame: Frame) -> tuple[int, ...]:
+        """Return the recordings of the ranges of which `rows` has none, because they are outliers."""
+        pairs, sigma_m = self._number_of_pair, self.settings.range_m
+        left_out = outlying(predicted.placed, frame.ranges, pairs, predicted.covariance, sigma_m)
+        return tuple(reading.pair[0] for reading in left_out)
+
+    def positions_jump(self, predicted: Prediction, frame: Frame) -> bool:
+        """Return whether all positions of a frame are off alike, so that their own frame has moved.
+
+        Feet that begin to slide move by `motion_m_per_s`, which footholds do not expect.
+        """
+        slides_m = self.settings.motion_m_per_s * frame.step_s
+        rows = self._position_rows(predicted.placed, frame)
+        return common_misfit(rows, predicted.covariance, slides_m) > MOST_SIGMA**2
+
+    def _position_rows(self, placed: PlacedShape, frame: Frame) -> Rows:
+        return position_rows(placed, frame.positions, frame.t_s, self.settings.position_m)

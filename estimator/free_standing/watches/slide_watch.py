@@ -1,0 +1,181 @@
+"""Whether feet that should stand slide, which inertial sensors feel while footholds hold the pose back.
+
+A slow slide of all feet moves the robot by less in one frame than the shape is wrong by, and footholds would hold it
+back for ever. Inertial sensors feel it: beside the filter runs a copy without footholds, for up to `WATCH_S`. With its
+error e of a foothold and the covariance S of it, the node slides if e^T S^-1 e is too large. The filter then takes the
+copy over, and the node has no foothold until it is slow: with the velocity v, of covariance S_v,
+
+    v^T v < s^2 + tr S_v
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....models.pose.placed import PlacedShape, stacked
+from ....models.pose.pose_state import PoseState
+from ....models.structure.floor import Floor
+from ....models.values.rotations import cross, cross_matrix
+from ....models.values.slip import Slip
+from ..footholds import Feet, put_down, slips
+from ..pose_model import Pose, PoseModel
+from ..prediction import Frame, Prediction
+
+WATCH_S = 0.3
+"""Time after which the copy starts again: over a longer one, inertial sensors do not tell a slide of millimetres."""
+LOST_M = 0.005
+"""Standard deviation, per axis, of what a robot has slid before the copy started: by less than is found."""
+WITH_IT_SIGMA = 2.0
+"""Distance from its foothold, in standard deviations, from which a node slides too when another one does."""
+REST_M_PER_S = 0.05
+"""Speed s below which a foot that slid stands again: friction stops it within a frame or two."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnheldPose:
+    """The estimate of the pose without footholds."""
+
+    since_s: float
+    """When it was that of the filter."""
+    pose: Pose
+
+
+class SlideWatch:
+    """Follows which nodes slide, frame by frame."""
+
+    def __init__(self, model: PoseModel, nodes: int) -> None:
+        self._model = model
+        self._unheld: UnheldPose | None = None
+        self._slid = np.zeros(nodes, dtype=np.bool_)
+        self.since_s = np.full(nodes, np.inf)
+        """(nodes,) since when each node that slides has done so at the earliest; inf where it does not."""
+
+    @property
+    def slides(self) -> NDArray[np.bool_]:
+        """(nodes,) which nodes slide."""
+        return np.asarray(np.isfinite(self.since_s))
+
+    def restart(self) -> None:
+        """Begin with a new copy: the pose of the filter has changed by more than this one has seen."""
+        self._unheld = None
+
+    def lift(self) -> None:
+        """Take it as known that no node stands, so that none slides."""
+        self.since_s = np.full(len(self.since_s), np.inf)
+        self._unheld = None
+
+    def told(self, predicted: Prediction, sliding: NDArray[np.bool_], t_s: float) -> Prediction:
+        """Take it as known which (nodes,) slide, and return what is then expected of the frame."""
+        self._slid = self.slides
+        self.since_s = np.where(sliding, t_s, np.inf)
+        return self._lost(predicted)
+
+    def observe(
+        self,
+        predicted: Prediction,
+        frame: Frame,
+        before: Pose,
+        kept: NDArray[np.bool_],
+        landed: NDArray[np.bool_],
+        used_imus: NDArray[np.bool_],
+    ) -> tuple[Prediction, PoseState]:
+        """Return what is expected of one more frame, and the state before it: those of the copy where it takes over.
+
+        Args:
+            predicted: what is expected of the frame, by the filter.
+            frame: the frame.
+            before: the pose of the filter in the frame before.
+            kept: (nodes,) which nodes have stood since the frame before.
+            landed: (nodes,) which nodes have begun to stand.
+            used_imus: (imus,) which inertial sensors are used.
+        """
+        self._slid = self.slides
+        predicted, state = self._watched(predicted, frame, before, kept, landed, used_imus)
+        return self._lost(predicted), state
+
+    def slips(self, predicted: Prediction, kept_feet: Feet, t_s: float) -> list[Slip]:
+        """Return the slips of nodes that stand: those found at once, and the slides that have ended.
+
+        Args:
+            predicted: what is expected of the frame.
+            kept_feet: the nodes that have stood since the frame before.
+            t_s: time of the frame.
+        """
+        floor, stand = self._model.floor, ~self.slides
+        slip_sigma = self._model.settings.slip_sigma
+        at_once = slips(kept_feet.among(stand & ~self._slid), predicted, t_s, floor, slip_sigma)
+        return at_once + slips(kept_feet.among(stand & self._slid), predicted, t_s, floor, 0.0)
+
+    def _watched(
+        self,
+        predicted: Prediction,
+        frame: Frame,
+        before: Pose,
+        kept: NDArray[np.bool_],
+        landed: NDArray[np.bool_],
+        used_imus: NDArray[np.bool_],
+    ) -> tuple[Prediction, PoseState]:
+        """Find which nodes slide; arguments and results as those of `observe`."""
+        model, floor = self._model, self._model.floor
+        if self._slid.any():
+            rests = at_rest(predicted.placed, predicted.covariance, floor)
+            self.since_s = np.where(kept & ~rests, self.since_s, np.inf)
+        if (self._slid & ~self.slides).any():  # their new footholds are those of the next watch
+            self._unheld = None
+            return predicted, before.state
+        if frame.samples is None or frame.t_s < model.rest_seconds:
+            return predicted, before.state
+        if self._unheld is None or frame.t_s - self._unheld.since_s > WATCH_S:
+            self._unheld = UnheldPose(frame.before_s, before)
+        unheld, stands = self._unheld, kept | landed
+        free = put_down(model.predicted(frame, unheld.pose, stands), landed, floor, model.settings.floor_m)
+        feet = model.feet(free, kept & ~self.slides)
+        if slips(feet, free, frame.t_s, floor, model.settings.slip_sigma):
+            slide = slips(feet, free, frame.t_s, floor, WITH_IT_SIGMA)
+            self.since_s = self.since_s.copy()
+            self.since_s[[slip.node for slip in slide]] = unheld.since_s
+            self._unheld = None
+            return free, unheld.pose.state
+        state, covariance = free.corrected(stacked(model.rows(free, frame, stands, used_imus, None)))
+        self._unheld = UnheldPose(unheld.since_s, Pose(state, covariance, unheld.pose.state.turn))
+        return predicted, before.state
+
+    def _lost(self, predicted: Prediction) -> Prediction:
+        """Return the prediction with what a robot that has begun to slide has slid unseen."""
+        if not (self.slides & ~self._slid).any():
+            return predicted
+        at = predicted.placed.state.layout
+        variance = np.zeros(at.size)
+        variance[at.position] = LOST_M**2
+        return predicted.then(predicted.placed, np.eye(at.size), variance)
+
+
+def at_rest(placed: PlacedShape, covariance: NDArray[np.float64], floor: Floor) -> NDArray[np.bool_]:
+    """Return (nodes,) which nodes may be at rest along the floor, by the velocity of the body.
+
+    Args:
+        placed: the shape in the world.
+        covariance: (size, size) of the errors of its state.
+        floor: the floor.
+    """
+    state, at = placed.state, placed.state.layout
+    v = (state.velocity_m_per_s + cross(state.rate_rad_per_s, placed.arm_m)) @ floor.axes.T
+    jacobian = np.zeros((len(v), 2, at.size))
+    jacobian[:, :, at.velocity] = floor.axes
+    jacobian[:, :, at.rate] = -floor.axes @ cross_matrix(placed.arm_m)
+    variance = np.einsum("kai,ij,kaj->k", jacobian, covariance, jacobian)
+    return np.asarray(np.sum(v**2, axis=1) < REST_M_PER_S**2 + variance)
+
+
+def slid_before(since_s: NDArray[np.float64], t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return (frames, nodes) which nodes slide in each frame, given the slides that later frames have found.
+
+    Args:
+        since_s: (frames, nodes) since when a node slides, see `PoseStep.slides_since_s`.
+        t_s: (frames,) time of each frame.
+    """
+    slides = np.zeros(since_s.shape, dtype=np.bool_)
+    for k, node in np.argwhere(np.isfinite(since_s)):
+        slides[np.searchsorted(t_s, since_s[k, node], side="right") : k + 1, node] = True
+    return slides

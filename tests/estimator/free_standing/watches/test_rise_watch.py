@@ -1,0 +1,47 @@
+"""A robot that is lifted."""
+
+import numpy as np
+import pytest
+
+from poses import robot_with_two_sensors, samples_of_two
+from tensegraph.estimator.free_standing.pose_filter import PoseFilter
+from tensegraph.models.structure.floor import UP
+
+SHAPE_M2 = 1e-6 * np.eye(36)
+
+
+def lifted(balanced, lift_m_per_s2: float, until_s: float) -> tuple[PoseFilter, list]:
+    """Return the filter of a robot that is lifted within 0.8 s from 1 s on, and put down from 2.2 s on, and steps."""
+    x, poses = balanced.node_position_m, robot_with_two_sensors(balanced)
+    steps = []
+    for t_s in np.arange(0.0, until_s, 0.02):
+        up = [(1.0, 1.0), (1.4, -1.0), (2.2, -1.0), (2.6, 1.0)]
+        sign = next((sign for from_s, sign in up if from_s <= t_s < from_s + 0.4), 0.0)
+        force = (9.81 + sign * lift_m_per_s2) * UP
+        steps.append(poses.step(float(t_s), x, SHAPE_M2, samples_of_two(float(t_s), force)))
+    return poses, steps
+
+
+def test_a_robot_that_is_lifted_is_followed_in_the_air(balanced) -> None:
+    """At 0.8 m/s^2 up for 0.4 s, and as much down: 128 mm, within the ellipsoid, while the floor carries nothing."""
+    poses, steps = lifted(balanced, 0.8, 2.1)
+    rise_m, sigma_m = poses.state.position_m[2] - poses.centre_m[2], float(np.sqrt(poses.covariance[5, 5]))
+    assert abs(rise_m - 0.128) < 3 * sigma_m < 0.1
+    assert not steps[-1].standing.nodes.any()
+    assert steps[-1].standing.contradicted
+    assert steps[-1].lifted_since_s == pytest.approx(1.0, abs=0.5), "the last watch that began before it"
+
+
+def test_a_robot_that_is_put_down_stands_again_and_is_doubted_for_a_while(balanced) -> None:
+    poses, steps = lifted(balanced, 0.8, 5.6)
+    assert np.flatnonzero(steps[-1].standing.nodes).tolist() == [0, 1, 2]
+    assert poses.state.position_m[2] == pytest.approx(poses.centre_m[2], abs=0.005)
+    assert poses.covariance[3, 3] > 0.005**2, "where it was put down is not known well"
+    assert not steps[-1].standing.contradicted
+    assert next(step for step in steps if step.standing.contradicted).standing.nodes.sum() == 0
+
+
+def test_a_robot_that_trembles_on_the_floor_is_not_lifted(balanced) -> None:
+    _, steps = lifted(balanced, 0.05, 2.0)
+    assert all(np.isinf(step.lifted_since_s) and step.standing.nodes.any() for step in steps)
+    assert not any(step.standing.contradicted for step in steps)
