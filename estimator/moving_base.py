@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.imu import ImuArray
+from ..factors.imu_preintegration import ImuPreintegration
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.shape import Reason, Shape, Status
 from ..models.values.aids import Imu, ImuReading
@@ -61,7 +62,7 @@ class MovingBase:
 
     def _start(self, shape: Shape) -> None:
         """Find biases and attitudes at the end of the rest, if every sensor was read."""
-        samples = self._imus.mean(self._at_rest, None)
+        samples = ImuPreintegration(self._imus.count).mean(shape.t_s, self._at_rest)
         if shape.t_s < self._rest_seconds or not samples.count.all():
             return
         self._start_s = shape.t_s

@@ -20,7 +20,7 @@ from ..models.pose.placed import PlacedShape, Rows, put_blocks
 from ..models.pose.pose_settings import PoseSettings
 from ..models.pose.pose_state import PoseState
 from ..models.structure.floor import GRAVITY_M_PER_S2, UP
-from ..models.values.aids import Imu, ImuReading
+from ..models.values.aids import Imu
 from ..models.values.rotations import across, cross_matrix
 
 FAST_FORCE = 10.0
@@ -33,14 +33,14 @@ SLOW_M_PER_S2 = 1.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuSamples:
-    """The mean of the samples of each sensor over one frame."""
+    """The means of each sensor over one frame, see `factors.imu_preintegration`."""
 
     rate_rad_per_s: NDArray[np.float64]
     """(imus, 3)"""
     specific_force_m_per_s2: NDArray[np.float64]
     """(imus, 3)"""
     count: NDArray[np.int64]
-    """(imus,) number of samples; where it is 0, the rate is that of the frame before, and the force is nan."""
+    """(imus,) number of samples; where it is 0, the rate is that of the newest sample, and the force is nan."""
 
     @property
     def excess_m_per_s2(self) -> NDArray[np.float64]:
@@ -58,19 +58,6 @@ class ImuArray:
         self._fraction = np.array([imu.fraction for imu in imus]).reshape(-1, 1)
         self.across = np.linalg.svd(self.axis[:, :, None])[0][:, :, 1:] if imus else np.zeros((0, 3, 2))
         """(imus, 3, 2) B"""
-
-    def mean(self, readings: Sequence[ImuReading], before: ImuSamples | None) -> ImuSamples:
-        """Return the mean of the readings of one frame."""
-        total = np.zeros((self.count, 2, 3))
-        count = np.zeros(self.count, dtype=np.int64)
-        for reading in readings:
-            total[reading.imu, 0] += reading.rate_rad_per_s
-            total[reading.imu, 1] += reading.specific_force_m_per_s2
-            count[reading.imu] += 1
-        seen = (count > 0)[:, None]
-        mean = total / np.maximum(count, 1)[:, None, None]
-        last = np.zeros((self.count, 3)) if before is None else before.rate_rad_per_s
-        return ImuSamples(np.where(seen, mean[:, 0], last), np.where(seen, mean[:, 1], np.nan), count)
 
     def direction(self, state: PoseState) -> NDArray[np.float64]:
         """Return (imus, 3), the direction of each sensor's rod in the world, as its attitude says."""

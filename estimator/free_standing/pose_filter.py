@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.imu import ImuSamples
+from ...factors.imu_preintegration import ImuPreintegration
 from ...models.pose.placed import PlacedShape, Rows, stacked
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
@@ -66,6 +67,7 @@ class PoseFilter:
         self.covariance = covariance_at_rest(self.state, robot.floor, settings)
         self._standing = robot.floor.carries_at_rest(rest.node_position_m)
         self._contacts = ContactsByHeight(robot.floor, self._standing, settings)
+        self._preintegration = ImuPreintegration(self._imus.count)
         self._samples: ImuSamples | None = None
         self._turn_before = self.state.turn
         self._body_before_m = rest.node_position_m - self.centre_m
@@ -374,7 +376,7 @@ class PoseFilter:
             the transition of the errors by which sensors are taken on again; None if none is.
         """
         F = None
-        samples = self._imus.mean([reading for reading in aids if isinstance(reading, ImuReading)], self._samples)
+        samples = self._preintegration.mean(t_s, [reading for reading in aids if isinstance(reading, ImuReading)])
         if self._samples is None:
             heard = samples.count > 0
             if not heard.any():

@@ -1,0 +1,60 @@
+"""Means of inertial sensors over frames, from samples that are read at times of their own.
+
+The line through the samples x_k of a sensor, read at s_k, is integrated; after the newest sample it is level. The mean
+over a frame, from t' to t, is what this adds to the integral up to t', as it was then:
+
+    mean (t - t') = -x_0 (t' - s_0) + sum_k (x_k-1 + x_k) / 2 (s_k - s_k-1) + x_n (t - s_n)
+
+So the means of all frames sum up to the integral, however many samples fall into a frame. The mean of the samples of
+each frame does not: where two of them fall into most frames, but one or three into some, a robot that lands hard was
+turned wrongly by degrees.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..models.pose.imu_gate import ATTITUDE_HOLDS_S
+from ..models.values.aids import ImuReading
+from .imu import ImuSamples
+
+
+class ImuPreintegration:
+    """Integrates rate and specific force of some sensors over one frame after another."""
+
+    def __init__(self, imus: int) -> None:
+        self._frame_s = np.nan
+        self._newest_s = np.full(imus, np.nan)
+        self._newest = np.zeros((imus, 2, 3))
+        self._was_read = np.zeros(imus, dtype=np.bool_)
+
+    def mean(self, t_s: float, readings: Sequence[ImuReading]) -> ImuSamples:
+        """Return the means over one more frame; those of its own samples alone where a sensor was silent before.
+
+        Args:
+            t_s: time of the frame.
+            readings: since the frame before, in order of time.
+        """
+        count = np.zeros(len(self._newest), dtype=np.int64)
+        goes_on = np.ones(len(count), dtype=np.bool_)
+        total = np.zeros_like(self._newest)
+        integral = -(self._frame_s - self._newest_s)[:, None, None] * self._newest
+        for reading in readings:
+            imu = reading.imu
+            x = np.array([reading.rate_rad_per_s, reading.specific_force_m_per_s2])
+            step_s = reading.t_s - self._newest_s[imu]
+            goes_on[imu] &= step_s < ATTITUDE_HOLDS_S
+            integral[imu] += 0.5 * step_s * (self._newest[imu] + x)
+            total[imu] += x
+            count[imu] += 1
+            self._newest_s[imu], self._newest[imu] = reading.t_s, x
+        integral += (t_s - self._newest_s)[:, None, None] * self._newest
+        own = total / np.maximum(count, 1)[:, None, None]
+        goes_on &= np.isfinite(integral).all(axis=(1, 2))
+        mean = np.where(goes_on[:, None, None], integral / (t_s - self._frame_s), own)
+        is_read = count > 0
+        # a robot is moved without the force of a silent sensor, which is then not made up for
+        force = np.where((is_read & self._was_read)[:, None], mean[:, 1], own[:, 1])
+        rate = np.where(is_read[:, None], mean[:, 0], self._newest[:, 0])
+        self._frame_s, self._was_read = t_s, is_read
+        return ImuSamples(rate, np.where(is_read[:, None], force, np.nan), count)

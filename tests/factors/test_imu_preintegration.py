@@ -1,0 +1,77 @@
+"""Means of inertial sensors over frames."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tensegraph.factors.imu_preintegration import ImuPreintegration
+from tensegraph.models.pose.imu_gate import ATTITUDE_HOLDS_S
+from tensegraph.models.values.aids import ImuReading
+
+STEP_S = 0.02
+
+
+def reading(t_s: float, rate: float, imu: int = 0) -> ImuReading:
+    """Return a sample with a rate about z, and ten times it as the specific force along z."""
+    return ImuReading(imu, t_s, np.array([0, 0, rate]), np.array([0, 0, 10 * rate]))
+
+
+def test_a_mean_worked_by_hand() -> None:
+    """Rate 1 until 0.02 s; then samples 3 at 0.03 s and 5 at 0.035 s.
+
+    The line has 0.02 + 0.02 until 0.035 s, from 0.02 s on, and 5 is level for 0.005 s: 0.065 / 0.02 = 3.25.
+    """
+    means = ImuPreintegration(1)
+    assert means.mean(0.02, [reading(0.01, 1), reading(0.02, 1)]).rate_rad_per_s[0, 2] == pytest.approx(1)
+    found = means.mean(0.04, [reading(0.03, 3), reading(0.035, 5)])
+    assert found.rate_rad_per_s[0, 2] == pytest.approx(3.25)
+    assert found.specific_force_m_per_s2[0, 2] == pytest.approx(32.5)
+    assert found.count.tolist() == [2]
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.002, 0.018), st.floats(-5, 5)), min_size=8, max_size=60).filter(
+        lambda samples: sum(step for step, _ in samples[1:]) > 2 * STEP_S
+    )
+)
+def test_the_means_of_all_frames_sum_up_to_the_integral(samples: list[tuple[float, float]]) -> None:
+    """However many samples fall into each frame; the first frame has the mean of its own."""
+    t_s = np.cumsum([step for step, _ in samples])
+    rate = np.array([rate for _, rate in samples])
+    frames = np.arange(1, int(t_s[-1] / STEP_S) + 1) * STEP_S
+    means, turned, first = ImuPreintegration(1), 0.0, None
+    for frame_s in frames:
+        inside = (t_s > frame_s - STEP_S) & (t_s <= frame_s)
+        mean = means.mean(frame_s, [reading(*one) for one in zip(t_s[inside], rate[inside], strict=True)])
+        if first is not None:
+            turned += mean.rate_rad_per_s[0, 2] * STEP_S
+        elif inside.any():
+            first = np.flatnonzero(inside)[-1]
+            first_s = frame_s
+    last = np.flatnonzero(t_s <= frames[-1])[-1]
+    line = np.trapezoid(rate[first : last + 1], t_s[first : last + 1])
+    expected = line - rate[first] * (first_s - t_s[first]) + rate[last] * (frames[-1] - t_s[last])
+    assert turned == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_silent_sensor_keeps_its_rate_and_has_no_force() -> None:
+    """What it would have felt meanwhile is made up for in the turn, not in the motion."""
+    means = ImuPreintegration(2)
+    means.mean(0.02, [reading(0.02, 2), reading(0.02, 2, imu=1)])
+    silent = means.mean(0.04, [reading(0.04, 2, imu=1)])
+    assert silent.count.tolist() == [0, 1]
+    assert silent.rate_rad_per_s[:, 2].tolist() == pytest.approx([2, 2])
+    assert np.isnan(silent.specific_force_m_per_s2[0]).all()
+    again = means.mean(0.06, [reading(0.06, 4), reading(0.06, 2, imu=1)])
+    assert again.rate_rad_per_s[0, 2] == pytest.approx((0.04 * 3 - 0.02 * 2) / STEP_S)
+    assert again.specific_force_m_per_s2[0, 2] == pytest.approx(40)
+
+
+def test_after_a_long_silence_only_the_own_samples_count() -> None:
+    means = ImuPreintegration(1)
+    means.mean(0.02, [reading(0.02, 2)])
+    later_s = 0.02 + 1.5 * ATTITUDE_HOLDS_S
+    means.mean(later_s - STEP_S, [])
+    found = means.mean(later_s, [reading(later_s - 0.01, 1), reading(later_s, 3)])
+    assert found.rate_rad_per_s[0, 2] == pytest.approx(2)
