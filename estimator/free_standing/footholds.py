@@ -117,6 +117,33 @@ def slips(feet: Feet, predicted: Prediction, t_s: float, floor: Floor, slip_sigm
     ]
 
 
+def turned_sigma(feet: Feet, predicted: Prediction, floor: Floor) -> float:
+    """Return how far some nodes have turned together about the floor's normal, in standard deviations.
+
+    With the errors e of all their footholds and the covariance S of e, their places a along the floor about the mean of
+    them, and a turned by a right angle, b, the angle is
+
+        psi = b . e / b . b,     sigma^2 = b^T S b / (b . b)^2
+
+    A robot that turns on its feet slides with all of them but one at most. Its place tells less: where it moves at a
+    constant velocity, inertial sensors do not feel it.
+
+    Args:
+        feet: these nodes.
+        predicted: what is expected of the frame.
+        floor: the floor.
+    """
+    nodes, rows = feet.nodes, feet.rows
+    if len(nodes) < 2:
+        return 0.0
+    a = predicted.placed.node_position_m[nodes] @ floor.axes.T
+    a = a - a.mean(axis=0)
+    b = np.stack([-a[:, 1], a[:, 0]], axis=1).ravel()
+    by_state = b @ rows.jacobian
+    variance = by_state @ predicted.covariance @ by_state + b**2 @ rows.variance
+    return float(abs(b @ rows.error) / np.sqrt(variance))
+
+
 def put_down(predicted: Prediction, nodes: NDArray[np.bool_], floor: Floor, floor_m: float) -> Prediction:
     """Return the prediction with new footholds where nodes begin to stand.
 

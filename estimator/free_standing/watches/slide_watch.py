@@ -18,7 +18,7 @@ from ....models.pose.pose_state import PoseState
 from ....models.structure.floor import Floor
 from ....models.values.rotations import cross, cross_matrix
 from ....models.values.slip import Slip
-from ..footholds import Feet, put_down, slips
+from ..footholds import Feet, put_down, slips, turned_sigma
 from ..pose_model import Pose, PoseModel
 from ..prediction import Frame, Prediction
 
@@ -131,8 +131,10 @@ class SlideWatch:
         unheld, stands = self._unheld, kept | landed
         free = put_down(model.predicted(frame, unheld.pose, stands), landed, floor, model.settings.floor_m)
         feet = model.feet(free, kept & ~self.slides)
-        if slips(feet, free, frame.t_s, floor, model.settings.slip_sigma):
-            slide = slips(feet, free, frame.t_s, floor, WITH_IT_SIGMA)
+        slip_sigma = model.settings.slip_sigma
+        turns = turned_sigma(feet, free, floor) > slip_sigma
+        if turns or slips(feet, free, frame.t_s, floor, slip_sigma):
+            slide = slips(feet, free, frame.t_s, floor, 0.0 if turns else WITH_IT_SIGMA)
             self.since_s = self.since_s.copy()
             self.since_s[[slip.node for slip in slide]] = unheld.since_s
             self._unheld = None

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from poses import any_state, robot_with_two_sensors, samples_of_two
+from tensegraph.estimator.free_standing.footholds import Feet, turned_sigma
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
+from tensegraph.estimator.free_standing.prediction import Prediction
 from tensegraph.estimator.free_standing.watches.slide_watch import at_rest, slid_before
-from tensegraph.models.pose.placed import PlacedShape
+from tensegraph.models.pose.placed import PlacedShape, Rows
 from tensegraph.models.structure.floor import UP, Floor
 
 SHAPE_M2 = 1e-6 * np.eye(36)
@@ -65,3 +67,33 @@ def test_a_shake_that_moves_nothing_is_no_slide(balanced) -> None:
     poses, steps, _ = pushed(balanced, 0.05)
     assert not [slip for step in steps for slip in step.slips]
     assert poses.state.position_m == pytest.approx(poses.centre_m, abs=0.001)
+
+
+def test_a_turn_about_the_vertical_is_a_slide_although_no_force_is_felt(balanced) -> None:
+    """At 0.3 rad/s for 0.6 s: feet 0.1 m from the middle slide by 18 mm, and about which point nobody knows."""
+    x, poses = balanced.node_position_m, robot_with_two_sensors(balanced)
+    steps = []
+    for k in range(100):
+        t_s = 0.02 * k
+        rate = 0.3 * UP if 1.0 <= t_s < 1.6 else np.zeros(3)
+        turning = [replace(sample, rate_rad_per_s=rate) for sample in samples_of_two(t_s, 9.81 * UP)]
+        steps.append(poses.step(t_s, x, SHAPE_M2, turning))
+    assert {slip.node for step in steps for slip in step.slips} == {0, 1, 2}
+    heading_rad = np.arctan2(poses.state.turn[1, 0], poses.state.turn[0, 0])
+    assert heading_rad == pytest.approx(0.18, abs=0.02)
+    assert np.sqrt(poses.covariance[3, 3]) > 1.5 * np.sqrt(steps[45].covariance[3, 3])
+
+
+def test_how_far_feet_have_turned() -> None:
+    """By hand: feet at +-0.1 m along an axis are 1 mm aside, with 0.5 mm of noise: 0.2 mm m / (0.1 m sqrt(2) 0.5 mm)."""
+    state, floor = any_state(0, 0), Floor(0.0, UP)
+    arm_m = np.zeros((12, 3))
+    arm_m[1:3] = np.outer([0.1, -0.1], floor.axes[0])
+    placed = PlacedShape(replace(state, turn=np.eye(3)), arm_m, SHAPE_M2)
+    size = state.layout.size
+    predicted = Prediction(placed, np.eye(size), np.zeros((size, size)), np.zeros(3))
+    rows = Rows(np.array([0, -0.001, 0, 0.001]), np.zeros((4, size)), np.full(4, 0.0005**2))
+    assert turned_sigma(Feet(np.array([1, 2]), rows), predicted, floor) == pytest.approx(2 * np.sqrt(2))
+    shifted = Rows(np.array([0, 0.001, 0, 0.001]), rows.jacobian, rows.variance)
+    assert turned_sigma(Feet(np.array([1, 2]), shifted), predicted, floor) == pytest.approx(0)
+    assert turned_sigma(Feet(np.array([1]), rows), predicted, floor) == 0
