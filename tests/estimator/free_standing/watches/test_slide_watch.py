@@ -85,7 +85,7 @@ def test_a_turn_about_the_vertical_is_a_slide_although_no_force_is_felt(balanced
 
 
 def test_how_far_feet_have_turned() -> None:
-    """By hand: feet at +-0.1 m along an axis are 1 mm aside, with 0.5 mm of noise: 0.2 mm m / (0.1 m sqrt(2) 0.5 mm)."""
+    """By hand: feet at +-0.1 m are 1 mm aside, with 0.5 mm of noise: 0.2 mm m / (0.1 m sqrt(2) 0.5 mm)."""
     state, floor = any_state(0, 0), Floor(0.0, UP)
     arm_m = np.zeros((12, 3))
     arm_m[1:3] = np.outer([0.1, -0.1], floor.axes[0])
