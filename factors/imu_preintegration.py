@@ -1,9 +1,10 @@
 """Means of inertial sensors over frames, from samples that are read at times of their own.
 
-The line through the samples x_k of a sensor, read at s_k, is integrated; after the newest sample it is level. The mean
-over a frame, from t' to t, is what this adds to the integral up to t', as it was then:
+A sample x_k of a sensor, with the stamp s_k, tells the mean of the time since the sample before: sensors filter what
+they measure. After the newest sample it is taken to last. The mean over a frame, from t' to t, is what this adds to the
+integral up to t', as it was then:
 
-    mean (t - t') = -x_0 (t' - s_0) + sum_k (x_k-1 + x_k) / 2 (s_k - s_k-1) + x_n (t - s_n)
+    mean (t - t') = -x_0 (t' - s_0) + sum_k x_k (s_k - s_k-1) + x_n (t - s_n)
 
 So the means of all frames sum up to the integral, however many samples fall into a frame. The mean of the samples of
 each frame does not: where two of them fall into most frames, but one or three into some, a robot that lands hard was
@@ -44,7 +45,7 @@ class ImuPreintegration:
             x = np.array([reading.rate_rad_per_s, reading.specific_force_m_per_s2])
             step_s = reading.t_s - self._newest_s[imu]
             goes_on[imu] &= step_s < ATTITUDE_HOLDS_S
-            integral[imu] += 0.5 * step_s * (self._newest[imu] + x)
+            integral[imu] += step_s * x
             total[imu] += x
             count[imu] += 1
             self._newest_s[imu], self._newest[imu] = reading.t_s, x

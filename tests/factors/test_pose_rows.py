@@ -160,16 +160,6 @@ def test_the_attitude_at_rest_points_the_rod_and_gravity() -> None:
     assert (np.sum(across * up, axis=1) > 0).all()
 
 
-def test_samples_of_a_frame_are_averaged() -> None:
-    from tensegraph.models.values.aids import ImuReading
-
-    readings = [ImuReading(1, 0.01 * k, np.full(3, float(k)), np.full(3, 2.0 * k)) for k in (1, 2, 3)]
-    samples = IMUS.mean(readings, None)
-    assert samples.count.tolist() == [0, 3]
-    assert samples.rate_rad_per_s[1] == pytest.approx([2, 2, 2])
-    assert np.isnan(samples.specific_force_m_per_s2[0]).all()
-
-
 def test_a_rod_points_from_its_first_end_to_its_second() -> None:
     imus = ImuArray([Imu(1, 0.5, np.array([0.0, 0, 1]))], np.array([[0, 1], [3, 2]]))
     nodes_m = np.array([[0.0, 0, 0], [1, 0, 0], [0.3, 0.4, 0], [0, 0, 0]])
