@@ -247,13 +247,19 @@ class _RestProblem:
             return np.zeros(0, dtype=np.int64)
         return np.flatnonzero(np.trace(self.support.covariance_n2, axis1=1, axis2=2) > 0)
 
+    @property
+    def _support_root_n(self) -> NDArray[np.float64]:
+        """(carried, 3, 3) square root of the covariance of the floor's force, which is 0 along it at a bare touch."""
+        assert self.support is not None, "forces need mechanics"
+        variance, axes = np.linalg.eigh(self.support.covariance_n2[self._carried])
+        return np.asarray(axes * np.sqrt(np.maximum(variance, 0.0))[:, None, :])
+
     def supported(self, z: NDArray[np.float64]) -> Support:
         """Return the force of gravity and floor at z."""
         assert self.support is not None, "forces need mechanics"
         carried = self._carried
         force_n = self.support.force_n.copy()
-        root = np.linalg.cholesky(self.support.covariance_n2[carried])
-        force_n[carried] += np.einsum("nij,nj->ni", root, z[len(z) - 3 * len(carried) :].reshape(-1, 3))
+        force_n[carried] += np.einsum("nij,nj->ni", self._support_root_n, z[len(z) - 3 * len(carried) :].reshape(-1, 3))
         return Support(force_n, np.zeros_like(self.support.covariance_n2))
 
     @property
@@ -269,7 +275,7 @@ class _RestProblem:
         position = self.position_m(z)
         carried = self._carried
         by_force = statics.outer_force_jacobian(position).reshape(len(statics.group), -1, 3)[:, carried]
-        by_force = np.einsum("rnj,nji->rni", by_force, np.linalg.cholesky(self.support.covariance_n2[carried]))
+        by_force = np.einsum("rnj,nji->rni", by_force, self._support_root_n)
         r, by_position = statics.residual_and_jacobian(position)
         by_log_stiffness, by_natural_length = statics.mechanics_jacobian(position)
         parts = [

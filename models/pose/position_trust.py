@@ -79,6 +79,8 @@ class _Capture:
         x = node_position_m[[reading.node for reading in readings]]
         pairs = np.triu_indices(len(x), 1)
         read_m, shape_m = (np.linalg.norm(nodes[:, None] - nodes, axis=2)[pairs] for nodes in (y, x))
+        if not shape_m.any():  # positions of one node alone
+            return
         step_s = float(np.clip(t_s - self.seen_s, 0.0, SCALE_MEMORY_S))
         self.scale += float(low_pass_weight(step_s, SCALE_MEMORY_S)) * (
             read_m @ shape_m / (shape_m @ shape_m) - self.scale

@@ -1,12 +1,13 @@
 """The shape at rest, and what taring finds of stiffness."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from balance import K, nominal
-from tensegraph import Structure
+from tensegraph import Structure, open_trial
 from tensegraph.estimator.rest_step import rest_step
 from tensegraph.models.balance.statics import Statics
 from tensegraph.models.structure.lengths import length_jacobian, member_length_m
@@ -116,3 +117,12 @@ class TestWrongGeometry:
         assert found.hub_force_n == pytest.approx(0.0075 * per_m, rel=0.05)
         statics = Statics(found.structure, found.mechanics)
         assert np.abs(statics.residual_n(found.node_position_m)).max() < 1e-9  # what hubs leave is subtracted
+
+
+def test_a_floor_that_carries_nothing_at_a_node_is_no_obstacle() -> None:
+    """Of three nodes, one told 0.16 m too high, the centroid is outside: the third bears no load, and no friction."""
+    trial = open_trial(Path(__file__).parents[2] / "examples" / "roll_02").description
+    x = trial.rest_position_m.copy()
+    x[5, 2] = 0.17
+    found = rest_step(trial.structure, trial.mechanics, x, trial.geometry, RestSettings(), trial.floor, None)
+    assert np.isfinite(found.node_position_m).all()

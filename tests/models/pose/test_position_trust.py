@@ -114,3 +114,11 @@ def test_a_scale_that_was_not_seen_at_rest_is_found_within_a_second(watched) -> 
     watched.see(1.0, right, nodes=())
     assert len(watched.see(0.3, larger)) > 1
     assert watched.see(0.8, larger) == set()
+
+
+def test_a_node_that_is_told_twice_in_one_frame_tells_no_scale(balanced) -> None:
+    """Between both positions there is no distance."""
+    robot = Watched(balanced)
+    robot.see(1.0, right)
+    assert robot.see(0.1, right, nodes=(4, 4)) == {4}
+    assert robot.see(0.1, right) == set(SEEN)
