@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.imu import ImuArray
-from ..factors.imu_preintegration import ImuPreintegration
+from ..models.pose.imu_samples import ImuPreintegration
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.shape import Reason, Shape, Status
 from ..models.values.aids import Imu, ImuReading

@@ -11,11 +11,11 @@ How sensors and body turn and move between frames is in `estimator.free_standing
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..models.pose.imu_samples import ImuSamples
 from ..models.pose.placed import PlacedShape, Rows, put_blocks
 from ..models.pose.pose_settings import PoseSettings
 from ..models.pose.pose_state import PoseState
@@ -29,23 +29,6 @@ FAST_RATE_M_PER_S = 20.0
 """Growth of the same sigma with the rate of the rod."""
 SLOW_M_PER_S2 = 1.5
 """Sigma above which the specific force says nothing of gravity."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ImuSamples:
-    """The means of each sensor over one frame, see `factors.imu_preintegration`."""
-
-    rate_rad_per_s: NDArray[np.float64]
-    """(imus, 3)"""
-    specific_force_m_per_s2: NDArray[np.float64]
-    """(imus, 3)"""
-    count: NDArray[np.int64]
-    """(imus,) number of samples; where it is 0, the rate is that of the newest sample, and the force is nan."""
-
-    @property
-    def excess_m_per_s2(self) -> NDArray[np.float64]:
-        """(imus,) by how much the size of the specific force differs from g."""
-        return np.asarray(np.abs(np.linalg.norm(self.specific_force_m_per_s2, axis=1) - GRAVITY_M_PER_S2))
 
 
 class ImuArray:

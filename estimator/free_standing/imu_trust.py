@@ -18,9 +18,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...factors.imu import ImuArray, ImuSamples
+from ...factors.imu import ImuArray
 from ...models.pose.imu_agreement import CONTRADICTS_SIGMA, LEAST_M_PER_S2, ImuAgreement
 from ...models.pose.imu_gate import ATTITUDE_HOLDS_S
+from ...models.pose.imu_samples import ImuSamples
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState

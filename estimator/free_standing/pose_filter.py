@@ -17,8 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...factors.imu import ImuSamples
-from ...factors.imu_preintegration import ImuPreintegration
+from ...models.pose.imu_samples import ImuPreintegration, ImuSamples
 from ...models.pose.placed import PlacedShape, Rows, stacked
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState

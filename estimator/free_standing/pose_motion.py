@@ -20,7 +20,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...factors.imu import ImuArray, ImuSamples
+from ...factors.imu import ImuArray
+from ...models.pose.imu_samples import ImuSamples
 from ...models.pose.placed import put_blocks
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState

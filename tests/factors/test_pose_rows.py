@@ -8,10 +8,11 @@ import pytest
 
 from poses import any_state
 from tensegraph.factors.ground import foothold_rows, height_rows
-from tensegraph.factors.imu import ImuArray, ImuSamples
+from tensegraph.factors.imu import ImuArray
 from tensegraph.factors.position import common_misfit, position_rows
 from tensegraph.factors.range import range_rows
 from tensegraph.factors.torque import anchor_rows, torque_rows
+from tensegraph.models.pose.imu_samples import ImuSamples
 from tensegraph.models.pose.placed import PlacedShape, Rows
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.structure.floor import UP, Floor

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ....factors.imu import ImuArray, ImuSamples
+from ....factors.imu import ImuArray
+from ....models.pose.imu_samples import ImuSamples
 from ....models.pose.placed import PlacedShape
 from ....models.pose.pose_settings import PoseSettings
 from ....models.pose.pose_state import PoseState

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from ....factors.ground import clearance_jacobian
-from ....factors.imu import ImuSamples
 from ....models.pose.imu_agreement import CONTRADICTS_SIGMA
+from ....models.pose.imu_samples import ImuSamples
 from ....models.pose.placed import PlacedShape
 from ....models.structure.floor import Floor
 from ..contacts import Standing

@@ -7,7 +7,8 @@ import pytest
 
 from poses import any_state
 from tensegraph.estimator.free_standing.pose_motion import PoseMotion
-from tensegraph.factors.imu import ImuArray, ImuSamples
+from tensegraph.factors.imu import ImuArray
+from tensegraph.models.pose.imu_samples import ImuSamples
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.structure.floor import UP
 from tensegraph.models.values.aids import Imu

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tensegraph.factors.imu_preintegration import ImuPreintegration
 from tensegraph.models.pose.imu_gate import ATTITUDE_HOLDS_S
+from tensegraph.models.pose.imu_samples import ImuPreintegration
 from tensegraph.models.values.aids import ImuReading
 
 STEP_S = 0.02

@@ -12,12 +12,31 @@ turned wrongly by degrees.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..models.pose.imu_gate import ATTITUDE_HOLDS_S
-from ..models.values.aids import ImuReading
-from .imu import ImuSamples
+from ..structure.floor import GRAVITY_M_PER_S2
+from ..values.aids import ImuReading
+from .imu_gate import ATTITUDE_HOLDS_S
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuSamples:
+    """The means of each sensor over one frame, see `ImuPreintegration`."""
+
+    rate_rad_per_s: NDArray[np.float64]
+    """(imus, 3)"""
+    specific_force_m_per_s2: NDArray[np.float64]
+    """(imus, 3)"""
+    count: NDArray[np.int64]
+    """(imus,) number of samples; where it is 0, the rate is that of the newest sample, and the force is nan."""
+
+    @property
+    def excess_m_per_s2(self) -> NDArray[np.float64]:
+        """(imus,) by how much the size of the specific force differs from g."""
+        return np.asarray(np.abs(np.linalg.norm(self.specific_force_m_per_s2, axis=1) - GRAVITY_M_PER_S2))
 
 
 class ImuPreintegration:
