@@ -121,12 +121,16 @@ def stuck(lines: list[str]) -> list[str]:
     return lines[:300] + [f"{line.split(',')[0]},{values}" for line in lines[300:]]
 
 
-ENDED = pytest.param(lambda lines: lines[:300], 6.0, id="ended", marks=pytest.mark.long)
+FAULTS = [
+    pytest.param(stuck, 5.5, id="stuck"),
+    pytest.param(stuck, 9.0, id="stuck, two tips", marks=pytest.mark.long),
+    pytest.param(lambda lines: lines[:300], 6.0, id="ended", marks=pytest.mark.long),
+]
 
 
-@pytest.mark.parametrize(("fault", "until_s"), [pytest.param(stuck, 9.0, id="stuck"), ENDED])
+@pytest.mark.parametrize(("fault", "until_s"), FAULTS)
 def test_without_its_sensor_the_robot_is_followed_by_the_balance_of_forces(fault, until_s, tmp_path) -> None:
-    """The sensor fails after three seconds, before the first tip; the one that is stuck misses the second, too."""
+    """The sensor fails after three seconds, before the first tip; in the longer trial it misses the second, too."""
     path = edited(tmp_path / "failed", until_s, imu0=fault)
     trial = open_trial(path)
     truth = trial.truth_of(trial.truth())
@@ -138,7 +142,7 @@ def test_without_its_sensor_the_robot_is_followed_by_the_balance_of_forces(fault
 
 
 def test_without_mechanics_contacts_are_told_by_heights(tmp_path) -> None:
-    path = without(tmp_path / "no_mechanics", "mechanics", until_s=9.0)
+    path = without(tmp_path / "no_mechanics", "mechanics", until_s=5.5)
     trial = open_trial(path)
     result = reconstruct(trial, "live")
     pose = evaluate(
