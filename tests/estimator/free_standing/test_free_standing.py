@@ -80,8 +80,9 @@ def test_without_a_floor_the_shape_is_described_in_body_coordinates(tmp_path) ->
     assert np.median(body.node_sigma_m) < 0.004
 
 
-def test_without_any_aid_it_is_followed_too(tmp_path) -> None:
-    trial = open_trial(without(tmp_path / "bare", "imu", until_s=9.0))
+@pytest.mark.parametrize("until_s", [5.5, pytest.param(9.0, marks=pytest.mark.long)], ids=["one tip", "two tips"])
+def test_without_any_aid_it_is_followed_too(until_s, tmp_path) -> None:
+    trial = open_trial(without(tmp_path / "bare", "imu", until_s=until_s))
     reconstruction = reconstruct(trial, "batch")
     truth = trial.truth_of(trial.truth())
     d = trial.description
