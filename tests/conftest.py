@@ -1,5 +1,6 @@
 """What the tests share: the example trial, a six-strut at rest, boards, and the one check of derivatives."""
 
+import os
 import shutil
 import signal
 import subprocess
@@ -12,9 +13,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
+from threadpoolctl import threadpool_limits
 
 from balance import nominal
-from blank_figures import blank_figures
+from blank_figures import no_figures
 from emulated_board import EmulatedBoard
 from plan_edits import PLANS, SHORT, replaced
 from pty_board import PtyBoard
@@ -166,6 +168,20 @@ def trial_copy(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def workers_share_the_cores() -> Iterator[None]:
+    """Each worker of pytest-xdist computes in one thread, and so do the processes that its tests start.
+
+    There are as many workers as cores. With as many threads in each, linear algebra waits for cores by computing on:
+    tests of the optimisation of whole trials took twice the processor time.
+    """
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        yield
+        return
+    with threadpool_limits(limits=1, user_api="blas"), mock.patch.dict(os.environ, {"OMP_NUM_THREADS": "1"}):
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def rest_shapes_are_found_once() -> Iterator[None]:
     """The search from eight starts takes two seconds, and most trials of these tests are of one of three structures."""
     with mock.patch("tensegraph.models.structure.rigidity.least_squares", remembered(least_squares)):
@@ -188,8 +204,8 @@ def remembered(search: Callable[..., OptimizeResult]) -> Callable[..., OptimizeR
 
 @pytest.fixture
 def undrawn() -> Iterator[None]:
-    """For tests that do not look at figures: those of this process are files without content."""
-    with blank_figures():
+    """For tests that do not look at figures: those of this process are files without content, and not composed."""
+    with no_figures():
         yield
 
 

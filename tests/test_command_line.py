@@ -129,7 +129,7 @@ def test_quiet_and_verbose(trial_copy) -> None:
     frame = ("reconstruct", path, "--method", "frame", "--figures", "none")
     quiet = run(*frame, "-q", "--out", "quiet", cwd=path.parent)
     assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "written to quiet\n", "")
-    verbose = run_process(*frame, "-v", "--out", "verbose", cwd=path.parent)
+    verbose = run(*frame, "-v", "--out", "verbose", cwd=path.parent)
     assert "node RMSE" in verbose.stdout
     assert [line.split(":")[0] for line in verbose.stderr.splitlines()] == ["rest shape", "shapes", "tables"]
     names = {p.name for p in (path.parent / "quiet").iterdir()}

@@ -25,11 +25,11 @@ SHOWN = {
 
 @pytest.fixture
 def short_inputs(trial_copy, tmp_path: Path) -> dict[str, Path]:
-    """What two examples read, which take whole files: two and a half seconds of the trial, 45 s of each strip."""
+    """What two examples read, which take whole files: two and a half seconds of the trial, 32 s of each strip."""
     strips = tmp_path / "strips"
     strips.mkdir()
     for source in (EXAMPLES[0].parent / "calibration").glob("random_small_*.csv"):
-        (strips / source.name).write_text("".join(source.read_text().splitlines(keepends=True)[:902]))
+        (strips / source.name).write_text("".join(source.read_text().splitlines(keepends=True)[:642]))
     return {"01_reconstruct": trial_copy(rows=125), "04_calibrate": strips}
 
 

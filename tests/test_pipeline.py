@@ -1,12 +1,22 @@
 """The loop on trials that are not as they should be, and on other sources than boards."""
 
+from itertools import takewhile
+
 import numpy as np
 import pytest
 
-from tensegraph import Flag, InputError, Settings, Status, open_trial
+from tensegraph import Flag, InputError, Reconstruction, Settings, Status, open_trial
 from tensegraph.models.structure.shape import Reason
-from tensegraph.pipeline import Pipeline, reconstruct
+from tensegraph.pipeline import Pipeline, reconstruct, stream
 from trial_edits import cell, lines
+
+
+@pytest.fixture(scope="module")
+def plain(example) -> Reconstruction:
+    """The first three seconds of the example as they are, live: a frame does not depend on what comes later."""
+    trial = open_trial(example)
+    readings = takewhile(lambda row: row.host_s < 3.0, trial.readings())
+    return Reconstruction.of(trial.description.structure, stream(readings, trial.description))
 
 
 @pytest.mark.parametrize("method", ["batch", "live", "frame"])
@@ -25,7 +35,7 @@ def test_one_board_alone_is_enough(trial_copy) -> None:
     assert not (result.flags[5:, :12] & Flag.MISSING).any()
 
 
-def test_a_board_that_counts_past_its_end_goes_on(trial_copy) -> None:
+def test_a_board_that_counts_past_its_end_goes_on(trial_copy, plain) -> None:
     """16-bit rows and 32-bit microseconds wrap in the middle; the result is the same to the microsecond."""
 
     def shifted(rows):
@@ -44,11 +54,10 @@ def test_a_board_that_counts_past_its_end_goes_on(trial_copy) -> None:
             )
         return out
 
-    plain, wrapped = (
-        reconstruct(trial_copy(), "live"),
-        reconstruct(trial_copy(name="wrapped", board0=lines(shifted)), "live"),
-    )
-    np.testing.assert_allclose(wrapped.node_position_m, plain.node_position_m, atol=1e-6)
+    wrapped = reconstruct(trial_copy(board0=lines(shifted)), "live")
+    before = len(wrapped) - 4  # of the last frames, rows of one board may be cut off
+    assert before > 115
+    np.testing.assert_allclose(wrapped.node_position_m[:before], plain.node_position_m[:before], atol=1e-6)
 
 
 def test_rows_out_of_order_are_dropped_and_counted(trial_copy) -> None:
@@ -108,29 +117,28 @@ def as_resistance(path, trial) -> None:
     (path / "trial.toml").write_text(text)
 
 
-def test_resistance_stands_in_for_counts(trial_copy) -> None:
+def test_resistance_stands_in_for_counts(trial_copy, plain) -> None:
     path = trial_copy(rows=150)
-    counts = reconstruct(path, "live")
     as_resistance(path, open_trial(path))
     resistance = reconstruct(path, "live")
-    error = np.abs(resistance.node_position_m[-20:].mean(axis=0) - counts.node_position_m[-20:].mean(axis=0))
+    last = slice(len(resistance) - 20, len(resistance))
+    error = np.abs(resistance.node_position_m[last].mean(axis=0) - plain.node_position_m[last].mean(axis=0))
     assert error.max() < 0.003
 
 
-def test_lengths_stand_in_for_counts(trial_copy) -> None:
+def test_lengths_stand_in_for_counts(trial_copy, plain) -> None:
     path = trial_copy(rows=150)
-    counts = reconstruct(path, "live")
     header = ",".join(["t_s", *(f"l{e}_m" for e in range(24)), *(f"s{e}_m" for e in range(24))])
     rows = [
         ",".join(repr(float(value)) for value in (t, *length, *sigma))
-        for t, length, sigma in zip(counts.t_s, counts.length_m, counts.sigma_m, strict=True)
+        for t, length, sigma in zip(plain.t_s, plain.length_m, plain.sigma_m, strict=True)
     ]
     (path / "lengths.csv").write_text("\n".join([header, *rows, ""]))
     text = (path / "trial.toml").read_text()
     (path / "trial.toml").write_text(text[: text.index("[adc]")] + '[lengths]\nfile = "lengths.csv"\n')
     lengths = reconstruct(path, "live")
     # what part of sigma is the rest shape's is not in the file, so weights differ a little
-    np.testing.assert_allclose(lengths.node_position_m, counts.node_position_m, atol=0.0015)
+    np.testing.assert_allclose(lengths.node_position_m, plain.node_position_m, atol=0.0015)
     assert not any(lengths.doubts)
     (path / "lengths.csv").write_text(
         "\n".join([header.replace("l0_m,", "").replace("l23_m", "l23_m,l0_m"), *rows, ""])
@@ -168,8 +176,8 @@ def test_lengths_without_sigma_with_gaps_and_with_stamps_that_go_back(trial_copy
 
 
 def test_truth_never_reaches_the_estimate(trial_copy) -> None:
-    with_truth = trial_copy()
-    without = trial_copy(name="blind", trial=lambda text: text[: text.index("[truth]")])
+    with_truth = trial_copy(rows=60)
+    without = trial_copy(rows=60, name="blind", trial=lambda text: text[: text.index("[truth]")])
     (without / "truth.csv").unlink()
     (without / "loads.csv").unlink()
     for method in ("batch", "live"):
@@ -182,17 +190,18 @@ def test_truth_never_reaches_the_estimate(trial_copy) -> None:
 class TestReferenceStrips:
     """Dummy strips on spare channels: those of the anchored tendons serve, whose lengths do not change either."""
 
-    def test_they_show_the_drift_and_are_no_tendons(self, trial_copy) -> None:
+    def test_they_show_the_drift_and_are_no_tendons(self, trial_copy, plain) -> None:
         strips = trial_copy(
-            rows=200,
+            rows=150,
             name="strips",
             trial=lambda text: text.replace("[0, 1, 2,", '["reference", "reference", "reference",'),
         )
-        wired = reconstruct(trial_copy(rows=200, name="wired"), "live")
         found = reconstruct(strips, "live")
+        count = min(len(found), len(plain)) - 4  # of the last frames, rows of one board may be cut off
+        wired_m, wired_drift = plain.node_position_m[:count], plain.drift[:count]
         assert np.isnan(found.length_m[:, :3]).all()
-        np.testing.assert_allclose(found.drift[:, 5], wired.drift[:, 5], atol=2e-4)
-        np.testing.assert_allclose(found.node_position_m, wired.node_position_m, atol=5e-4)
+        np.testing.assert_allclose(found.drift[:count, 5], wired_drift[:, 5], atol=2e-4)
+        np.testing.assert_allclose(found.node_position_m[:count], wired_m, atol=5e-4)
 
     def test_another_word_is_refused(self, trial_copy) -> None:
         trial = trial_copy(trial=lambda text: text.replace("[0, 1, 2,", '["dummy", 1, 2,'))

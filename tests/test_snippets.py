@@ -3,14 +3,17 @@
 import os
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from unittest import mock
 
 import pytest
 
 import undrawn_command
+from blank_figures import blank_figures
 from plan_edits import PLANS, SHORT, replaced
 from snippets import languages, parsed, run_page
+from tensegraph.pipeline import ESTIMATORS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted({*ROOT.glob("CONTRIBUTING.md"), *(ROOT / "docs").rglob("*.md")})]
@@ -19,8 +22,11 @@ NOT_RUN = {"", "csv", "ini", "json", "text", "toml"}
 
 
 @pytest.fixture
-def reader(tmp_path: Path, trial_copy: Callable[..., Path], monkeypatch: pytest.MonkeyPatch, undrawn: None) -> Path:
-    """The directory of a reader: the examples, of which trial and plans are a few seconds long, and `tensegraph`."""
+def reader(tmp_path: Path, trial_copy: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The directory of a reader: the examples, of which trial and plans are a few seconds long, and `tensegraph`.
+
+    Figures are composed, of every kind of trial that the pages have, and not drawn. What a page registers is forgotten.
+    """
     examples = tmp_path / "examples"
     shutil.copytree(ROOT / "examples", examples, ignore=shutil.ignore_patterns("press_01", "__pycache__"))
     trial_copy(rows=120, name="examples/press_01")
@@ -34,7 +40,8 @@ def reader(tmp_path: Path, trial_copy: Callable[..., Path], monkeypatch: pytest.
     path = [str(command.parent), str(Path(sys.executable).parent), os.environ["PATH"]]
     monkeypatch.setenv("PATH", os.pathsep.join(path))
     monkeypatch.chdir(tmp_path)
-    return tmp_path
+    with blank_figures(), mock.patch.dict(ESTIMATORS):
+        yield tmp_path
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())

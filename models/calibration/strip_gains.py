@@ -15,7 +15,9 @@ from .recordings import Recording
 from .strain_estimators import StrainEstimator
 
 GAIN_TRIES = 6
-"""Number of Gauss-Newton iterations for the gain and offset of a strip."""
+"""Largest number of Gauss-Newton iterations for the gain and offset of a strip."""
+SMALLEST_STEP_SIGMA = 1e-3
+"""Length of a step, in sigmas of gain and offset, below which a search ends."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,6 +93,8 @@ def tare_strips(
             cost = float(deviation @ information @ deviation + weight @ error**2)
             gradient = slopes.T @ (weight * error) + information @ deviation
             searches[k].take(cost, gradient, information + slopes.T @ (weight[:, None] * slopes))
+        if all(search.step_sigma < SMALLEST_STEP_SIGMA for search in searches):
+            break
     return {r.name: search.best for r, search in zip(recordings, searches, strict=True)}
 
 
@@ -112,6 +116,11 @@ class StripGainSearch:
         else:
             self._step = self._step / 2
         self.next_try = self.best.gain_and_offset - self._step
+
+    @property
+    def step_sigma(self) -> float:
+        """Length of the next step in sigmas, those of the best values."""
+        return float(np.sqrt(self._step @ np.linalg.solve(self.best.covariance, self._step)))
 
 
 def side_by_side(

@@ -9,7 +9,7 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from blank_figures import blank_figures
+from blank_figures import no_figures
 from command_line import CALIBRATE, run, run_process
 from installed import install_example
 
@@ -23,7 +23,7 @@ def done(tmp_path_factory, example):
         lines = source.read_text().splitlines(keepends=True)
         (folder / "press" / source.name).write_text("".join(lines if source.suffix == ".toml" else lines[:201]))
     batch = run_process("reconstruct", "press", cwd=folder)
-    with blank_figures():
+    with no_figures():
         live = run("reconstruct", "press", "--live", "--out", "live", cwd=folder)
     return folder, batch, live
 

@@ -7,8 +7,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from blank_figures import blank_figures
-from command_line import run, run_process
+from blank_figures import no_figures
+from command_line import run
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
 from tensegraph.commands.compare import NO_METHOD
 from tensegraph.io.reports.evaluation_tables import ScoredResult
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 def evaluated(done):
     """Both runs evaluated: the batch one as a table, both as JSON."""
     folder, *_ = done
-    with blank_figures():
+    with no_figures():
         table = run("evaluate", "results/press", cwd=folder)
         numbers = run("evaluate", "results/press", "live", "--json", "--out", "scores", cwd=folder)
     return folder, table, numbers
@@ -69,7 +69,7 @@ def test_evaluate_agrees_with_what_reconstruct_said(done, evaluated) -> None:
 def test_evaluate_with_truth_from_elsewhere(done, tmp_path) -> None:
     """A result as its own truth is exact; turned and shifted it is again exact once aligned."""
     folder = done[0]
-    own = run_process("evaluate", "live", "--truth", "live/shape.csv", "--json", "--out", tmp_path / "own", cwd=folder)
+    own = run("evaluate", "live", "--truth", "live/shape.csv", "--json", "--out", tmp_path / "own", cwd=folder)
     assert json.loads(own.stdout)[0]["absolute"]["nodes"]["rmse_m"] == 0
     rows = np.genfromtxt(folder / "live/shape.csv", delimiter=",", skip_header=1)
     header = (folder / "live/shape.csv").read_text().splitlines()[0]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from blank_figures import blank_figures
 from tensegraph import Settings, reconstruct, save
 from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.graph import GraphBuilder
@@ -144,9 +145,10 @@ def test_nothing_changes_while_sensors_do_not_differ(example_structure, still, l
     assert smoother.drift.admit(lengths) is lengths
 
 
-def test_the_drift_is_written_and_drawn(trial_copy, tmp_path, undrawn) -> None:
+def test_the_drift_is_written_and_drawn(trial_copy, tmp_path) -> None:
     reconstruction = reconstruct(trial_copy(rows=160), "live")
-    save(reconstruction, tmp_path / "result")
+    with blank_figures():
+        save(reconstruction, tmp_path / "result")
     rows = (tmp_path / "result" / "sensor_drift.csv").read_text().splitlines()
     assert rows[0] == "t_s,tendon,drift,sigma"
     assert len(rows) == 1 + 24 * len(reconstruction)

@@ -80,8 +80,9 @@ def test_without_a_floor_the_shape_is_described_in_body_coordinates(tmp_path) ->
     assert np.median(body.node_sigma_m) < 0.004
 
 
-def test_without_any_aid_it_is_followed_too(tmp_path) -> None:
-    trial = open_trial(without(tmp_path / "bare", "imu", until_s=9.0))
+@pytest.mark.parametrize("until_s", [5.5, pytest.param(9.0, marks=pytest.mark.long)], ids=["one tip", "two tips"])
+def test_without_any_aid_it_is_followed_too(until_s, tmp_path) -> None:
+    trial = open_trial(without(tmp_path / "bare", "imu", until_s=until_s))
     reconstruction = reconstruct(trial, "batch")
     truth = trial.truth_of(trial.truth())
     d = trial.description
@@ -121,12 +122,16 @@ def stuck(lines: list[str]) -> list[str]:
     return lines[:300] + [f"{line.split(',')[0]},{values}" for line in lines[300:]]
 
 
-ENDED = pytest.param(lambda lines: lines[:300], 6.0, id="ended", marks=pytest.mark.long)
+FAULTS = [
+    pytest.param(stuck, 5.5, id="stuck"),
+    pytest.param(stuck, 9.0, id="stuck, two tips", marks=pytest.mark.long),
+    pytest.param(lambda lines: lines[:300], 6.0, id="ended", marks=pytest.mark.long),
+]
 
 
-@pytest.mark.parametrize(("fault", "until_s"), [pytest.param(stuck, 9.0, id="stuck"), ENDED])
+@pytest.mark.parametrize(("fault", "until_s"), FAULTS)
 def test_without_its_sensor_the_robot_is_followed_by_the_balance_of_forces(fault, until_s, tmp_path) -> None:
-    """The sensor fails after three seconds, before the first tip; the one that is stuck misses the second, too."""
+    """The sensor fails after three seconds, before the first tip; in the longer trial it misses the second, too."""
     path = edited(tmp_path / "failed", until_s, imu0=fault)
     trial = open_trial(path)
     truth = trial.truth_of(trial.truth())
@@ -138,7 +143,7 @@ def test_without_its_sensor_the_robot_is_followed_by_the_balance_of_forces(fault
 
 
 def test_without_mechanics_contacts_are_told_by_heights(tmp_path) -> None:
-    path = without(tmp_path / "no_mechanics", "mechanics", until_s=9.0)
+    path = without(tmp_path / "no_mechanics", "mechanics", until_s=5.5)
     trial = open_trial(path)
     result = reconstruct(trial, "live")
     pose = evaluate(
