@@ -63,7 +63,7 @@ class ImuPreintegration:
             imu = reading.imu
             x = np.array([reading.rate_rad_per_s, reading.specific_force_m_per_s2])
             step_s = reading.t_s - self._newest_s[imu]
-            goes_on[imu] &= step_s < ATTITUDE_HOLDS_S
+            goes_on[imu] &= abs(step_s) < ATTITUDE_HOLDS_S
             integral[imu] += step_s * x
             total[imu] += x
             count[imu] += 1
