@@ -20,7 +20,7 @@ from sane_results import insane
 from tensegraph import Reconstruction, open_trial, save, stream
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-QUICK_RUNS = 4
+QUICK_RUNS = 14
 
 
 @pytest.fixture(scope="module", autouse=True)
