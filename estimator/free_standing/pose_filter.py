@@ -42,8 +42,6 @@ from .watches.stand_watch import StandWatch
 
 FIRST_STEP_S = 0.02
 """Time before the first frame for which its readings count."""
-FORGOTTEN_S = 60.0
-"""Time without frames after which the pose is lost; of a longer one, the covariance would not be exact any more."""
 LOCATED_S = 0.2
 """Time for which a position or a range tells where the robot is."""
 LEAST_CARRIED = 0.25
@@ -52,6 +50,9 @@ LEAST_CARRIED = 0.25
 
 class PoseFilter:
     """Follows the pose, frame by frame."""
+
+    forgotten_s = 60.0
+    """Time without frames after which the pose is lost; of a longer one, the covariance would not be exact any more."""
 
     def __init__(
         self, rest: RestShape, robot: FreeStandingRobot, settings: PoseSettings, motion: PoseSettings | None = None
@@ -153,7 +154,7 @@ class PoseFilter:
 
     def _step_s(self, t_s: float) -> float:
         """Return the time since the frame before, for which the pose is predicted."""
-        return min(t_s - self._last_s, FORGOTTEN_S) if np.isfinite(self._last_s) else FIRST_STEP_S
+        return min(t_s - self._last_s, self.forgotten_s) if np.isfinite(self._last_s) else FIRST_STEP_S
 
     def _corrected_on_feet(
         self,

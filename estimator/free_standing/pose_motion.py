@@ -29,9 +29,7 @@ from ...models.structure.floor import GRAVITY_M_PER_S2, UP
 from ...models.values.rotations import cross_matrix, rotation
 
 EYE = np.eye(3)
-LONGEST_DIRECTION = 1.05
-"""Length of a direction above which it is made 1: the misalignment that it has, of 0.3 rad, is no small angle any more,
-and 1 - d d^T would have a negative eigenvalue."""
+TINY = 1e-9
 LEAST_TOLD = 0.2
 """Least eigenvalue of sum (1 - d d^T), from which sensors on rods of different directions tell every turn."""
 
@@ -102,7 +100,8 @@ class PoseMotion:
         w = (samples.rate_rad_per_s - before.rate_bias_rad_per_s) * step_s
         imu_turn = before.imu_turn @ rotation(w)
         middle = 0.5 * (before.imu_turn + imu_turn)
-        d = _not_long(self._imus.direction(replace(before, imu_turn=middle)))
+        d = self._imus.direction(replace(before, imu_turn=middle))
+        d /= np.maximum(np.linalg.norm(d, axis=1, keepdims=True), TINY)  # or 1 - d d^T has negative eigenvalues
         along = d[:, :, None] * d[:, None, :]
         counted = (samples.count > 0)[:, None, None]
         spread = np.linalg.eigvalsh(np.sum(counted * (EYE - along), axis=0))[0]
@@ -201,12 +200,6 @@ def force_sigma_m_per_s2(excess_m_per_s2: NDArray[np.float64], settings: PoseSet
     """Return the noise of the mean specific force of some sensors, from (sensors,) their differences from gravity."""
     white = settings.force_m_per_s2 / np.sqrt(len(excess_m_per_s2))
     return float(white + settings.force_share * excess_m_per_s2.mean())
-
-
-def _not_long(direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (imus, 3) directions, of which those longer than `LONGEST_DIRECTION` have the length 1."""
-    length = np.linalg.norm(direction, axis=1, keepdims=True)
-    return np.where(length > LONGEST_DIRECTION, direction / np.maximum(length, LONGEST_DIRECTION), direction)
 
 
 def _side_by_side(blocks: NDArray[np.float64]) -> NDArray[np.float64]:

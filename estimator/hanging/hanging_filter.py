@@ -47,6 +47,9 @@ ANY_FORCE_M_PER_S2 = 1000.0
 class HangingFilter(PoseFilter):
     """Follows the pose of a structure that hangs, frame by frame."""
 
+    forgotten_s = 1.0
+    """Time in which hands may turn it in any way."""
+
     def __init__(self, rest: RestShape, robot: HangingRobot, settings: Settings) -> None:
         in_the_air = FreeStandingRobot(NO_FLOOR, robot.imus, robot.range_pairs, robot.rest_seconds, robot.own_frames)
         unknown = replace(

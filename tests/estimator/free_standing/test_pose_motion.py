@@ -62,12 +62,12 @@ def test_two_sensors_turn_the_body_as_they_turn() -> None:
     assert after.rate_rad_per_s == pytest.approx(rate, abs=0.05)
 
 
-@pytest.mark.parametrize("misalignment_rad", [0.0, 0.02, 0.3, 3.0])
+@pytest.mark.parametrize("misalignment_rad", [0.0, 0.02, 0.1, 0.2, 0.3, 3.0])
 def test_the_noise_is_a_covariance(misalignment_rad) -> None:
-    """However far absurd positions have turned the sensors on their rods."""
+    """However far absurd readings have turned the sensors on their rods, and where little else is known of a turn."""
     state = replace(any_state(imus=2, pairs=1), misalignment=np.full((2, 2), misalignment_rad))
     noise = (
-        PoseMotion(IMUS, PoseSettings())
+        PoseMotion(IMUS, PoseSettings(turn_rad_per_s=5.0))
         .after(state, STEP_S, samples_of(state, state.rate_rad_per_s), (BODY_M, BODY_M))
         .noise
     )

@@ -9,7 +9,11 @@ import pytest
 
 from command_line import run
 from plan_edits import PLANS
-from tensegraph import InputError, open_trial
+from tensegraph import InputError, Settings, open_trial
+from tensegraph.estimator.hanging.hanging_filter import HangingFilter
+from tensegraph.io.model_file import read_sensor_model
+from tensegraph.models.structure.shape import Shape, Status
+from tensegraph.pipeline import Pipeline
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -102,3 +106,17 @@ def test_a_plan_with_a_floor_under_it_is_refused(hinge) -> None:
     result = run("simulate", "floor.toml", "--out", "floor", cwd=hinge)
     assert (result.returncode, result.stderr.count("\n")) == (2, 1)
     assert "ground: expected none with 2 anchors" in result.stderr
+
+
+def test_after_a_gap_of_months_it_may_be_turned_in_any_way_about_its_anchors(hinge) -> None:
+    """Where forces are not known: its centroid, 0.1 m below the anchors, is not metres away from them."""
+    trial = open_trial(hinge / "hinge_01").description
+    pipeline = Pipeline(trial, Settings(), read_sensor_model())
+    readings = (row for row in open_trial(hinge / "hinge_01").readings() if row.host_s < 0.1)
+    lengths = next(pipeline.lengths(readings))
+    x = pipeline.rest.node_position_m
+    poses = HangingFilter(pipeline.rest, trial.robot, Settings())
+    for t_s in (0.0, 0.02, 1e7):
+        step = poses.hang(Shape(t_s, x, 1e-8 * np.eye(x.size), Status.OK, lengths), None, ())
+    assert np.linalg.eigvalsh(step.covariance).min() > 0
+    assert 0.1 < np.sqrt(np.trace(step.covariance[3:6, 3:6])) < 2.0
