@@ -65,11 +65,10 @@ def test_two_sensors_turn_the_body_as_they_turn() -> None:
 @pytest.mark.parametrize("misalignment_rad", [0.0, 0.02, 0.1, 0.2, 0.3, 3.0])
 def test_the_noise_is_a_covariance(misalignment_rad) -> None:
     """However far absurd readings have turned the sensors on their rods, and where little else is known of a turn."""
-    state = replace(any_state(imus=2, pairs=1), misalignment=np.full((2, 2), misalignment_rad))
-    noise = (
-        PoseMotion(IMUS, PoseSettings(turn_rad_per_s=5.0))
-        .after(state, STEP_S, samples_of(state, state.rate_rad_per_s), (BODY_M, BODY_M))
-        .noise
-    )
+    state = replace(any_state(imus=1, pairs=0), misalignment=np.full((1, 2), misalignment_rad))
+    one = ImuArray([Imu(0, 0.5, np.array([0.0, 0, 1]))], RODS)
+    samples = ImuSamples(np.array([[-6.0, 0, 0]]), np.array([[0, 0, 9.81]]), np.array([2]))
+    motion = PoseMotion(one, PoseSettings(turn_rad_per_s=5.0, spin_rad_per_s=7.0))
+    noise = motion.after(state, STEP_S, samples, (BODY_M, BODY_M)).noise
     assert noise == pytest.approx(noise.T)
     assert np.linalg.eigvalsh(noise).min() > -1e-12
