@@ -41,17 +41,9 @@ def is_in_the_air(placed: PlacedShape, covariance: NDArray[np.float64], floor: F
         covariance: (size, size) of the errors of its state.
         floor: the floor as told.
     """
-    tilted = floor.tilted(placed.state.floor_tilt)
-    clearance_m = tilted.clearance_m(placed.node_position_m)
-    lowest = int(np.argmin(clearance_m))
-    if clearance_m[lowest] <= LIFTED_M:
-        return False
-    at = placed.state.layout
-    pose = np.r_[at.pose, at.floor_tilt]
-    by_pose = clearance_jacobian(placed, floor)[lowest, pose]
-    of_shape = placed.height_covariance_m2(tilted.normal)[lowest, lowest]
-    sigma_m = float(np.sqrt(by_pose @ covariance[np.ix_(pose, pose)] @ by_pose + of_shape))
-    return bool(clearance_m[lowest] > LIFTED_SIGMA * sigma_m)
+    height_m, by_state, of_shape = _lowest(placed, floor)
+    sigma_m = float(np.sqrt(by_state @ covariance @ by_state + of_shape))
+    return height_m > max(LIFTED_M, LIFTED_SIGMA * sigma_m)
 
 
 def may_have_landed(placed: PlacedShape, covariance: NDArray[np.float64], floor: Floor) -> bool:
@@ -66,16 +58,30 @@ def may_have_landed(placed: PlacedShape, covariance: NDArray[np.float64], floor:
         covariance: (size, size) of the errors of its state.
         floor: the floor as told.
     """
-    tilted, at = floor.tilted(placed.state.floor_tilt), placed.state.layout
+    height_m, by_state, of_shape = _lowest(placed, floor)
+    state, at = placed.state, placed.state.layout
+    normal = floor.tilted(state.floor_tilt).normal
+    H = np.zeros((2, at.size))
+    H[0] = by_state
+    H[1, at.velocity] = normal
+    S = H @ covariance @ H.T
+    S[0, 0] += of_shape
+    e = np.array([max(height_m, 0.0), normal @ state.velocity_m_per_s])
+    return bool(e @ np.linalg.solve(S, e) < LANDED_SIGMA**2)
+
+
+def _lowest(placed: PlacedShape, floor: Floor) -> tuple[float, NDArray[np.float64], float]:
+    """Return the lowest node's height, (size,) its derivative by the state's errors, and its variance by the shape.
+
+    Args:
+        placed: the shape in the world.
+        floor: the floor as told.
+    """
+    tilted = floor.tilted(placed.state.floor_tilt)
     clearance_m = tilted.clearance_m(placed.node_position_m)
     lowest = int(np.argmin(clearance_m))
-    H = np.zeros((2, at.size))
-    H[0] = clearance_jacobian(placed, floor)[lowest]
-    H[1, at.velocity] = tilted.normal
-    S = H @ covariance @ H.T
-    S[0, 0] += placed.height_covariance_m2(tilted.normal)[lowest, lowest]
-    e = np.array([max(clearance_m[lowest], 0.0), tilted.normal @ placed.state.velocity_m_per_s])
-    return bool(e @ np.linalg.solve(S, e) < LANDED_SIGMA**2)
+    of_shape = placed.height_covariance_m2(tilted.normal)[lowest, lowest]
+    return float(clearance_m[lowest]), clearance_jacobian(placed, floor)[lowest], float(of_shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -69,7 +69,7 @@ class SlideWatch:
         """Take it as known which (nodes,) slide, and return what is then expected of the frame."""
         self._slid = self.slides
         self.since_s = np.where(sliding, t_s, np.inf)
-        return self._lost(predicted)
+        return _lost(predicted) if (self.slides & ~self._slid).any() else predicted
 
     def observe(
         self,
@@ -91,32 +91,6 @@ class SlideWatch:
             used_imus: (imus,) which inertial sensors are used.
         """
         self._slid = self.slides
-        predicted, state = self._watched(predicted, frame, before, kept, landed, used_imus)
-        return self._lost(predicted), state
-
-    def slips(self, predicted: Prediction, kept_feet: Feet, t_s: float) -> list[Slip]:
-        """Return the slips of nodes that stand: those found at once, and the slides that have ended.
-
-        Args:
-            predicted: what is expected of the frame.
-            kept_feet: the nodes that have stood since the frame before.
-            t_s: time of the frame.
-        """
-        floor, stand = self._model.floor, ~self.slides
-        slip_sigma = self._model.settings.slip_sigma
-        at_once = slips(kept_feet.among(stand & ~self._slid), predicted, t_s, floor, slip_sigma)
-        return at_once + slips(kept_feet.among(stand & self._slid), predicted, t_s, floor, 0.0)
-
-    def _watched(
-        self,
-        predicted: Prediction,
-        frame: Frame,
-        before: Pose,
-        kept: NDArray[np.bool_],
-        landed: NDArray[np.bool_],
-        used_imus: NDArray[np.bool_],
-    ) -> tuple[Prediction, PoseState]:
-        """Find which nodes slide; arguments and results as those of `observe`."""
         model, floor = self._model, self._model.floor
         if self._slid.any():
             rests = at_rest(predicted.placed, predicted.covariance, floor)
@@ -138,19 +112,31 @@ class SlideWatch:
             self.since_s = self.since_s.copy()
             self.since_s[[slip.node for slip in slide]] = unheld.since_s
             self._unheld = None
-            return free, unheld.pose.state
+            return _lost(free), unheld.pose.state
         state, covariance = free.corrected(stacked(model.rows(free, frame, stands, used_imus, None)))
         self._unheld = UnheldPose(unheld.since_s, Pose(state, covariance, unheld.pose.state.turn))
         return predicted, before.state
 
-    def _lost(self, predicted: Prediction) -> Prediction:
-        """Return the prediction with what a robot that has begun to slide has slid unseen."""
-        if not (self.slides & ~self._slid).any():
-            return predicted
-        at = predicted.placed.state.layout
-        variance = np.zeros(at.size)
-        variance[at.position] = LOST_M**2
-        return predicted.then(predicted.placed, np.eye(at.size), variance)
+    def slips(self, predicted: Prediction, kept_feet: Feet, t_s: float) -> list[Slip]:
+        """Return the slips of nodes that stand: those found at once, and the slides that have ended.
+
+        Args:
+            predicted: what is expected of the frame.
+            kept_feet: the nodes that have stood since the frame before.
+            t_s: time of the frame.
+        """
+        floor, stand = self._model.floor, ~self.slides
+        slip_sigma = self._model.settings.slip_sigma
+        at_once = slips(kept_feet.among(stand & ~self._slid), predicted, t_s, floor, slip_sigma)
+        return at_once + slips(kept_feet.among(stand & self._slid), predicted, t_s, floor, 0.0)
+
+
+def _lost(predicted: Prediction) -> Prediction:
+    """Return the prediction with what a robot that begins to slide has slid unseen."""
+    at = predicted.placed.state.layout
+    variance = np.zeros(at.size)
+    variance[at.position] = LOST_M**2
+    return predicted.then(predicted.placed, np.eye(at.size), variance)
 
 
 def at_rest(placed: PlacedShape, covariance: NDArray[np.float64], floor: Floor) -> NDArray[np.bool_]:
