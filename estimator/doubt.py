@@ -251,10 +251,11 @@ def log_evidence(
         own_information, own_gradient = frame.own
         without += own_information
         slope_without += own_gradient
-    weight = np.repeat(frame.weight_per_m[None], len(length_scale), axis=0)
+    error, jacobian = frame.weighted_lengths
+    weight = np.ones((len(length_scale), len(error)))
     weight[:, rods:] /= length_scale[:, None]
-    error = frame.length_error_m * weight
-    jacobian = frame.length_jacobian * weight[:, :, None]
+    error = error * weight
+    jacobian = jacobian * weight[:, :, None]
     information = without + np.swapaxes(jacobian, 1, 2) @ jacobian
     slope = slope_without + (error[:, None] @ jacobian)[:, 0]
     both = np.linalg.cholesky(np.stack([information, without]))

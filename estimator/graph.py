@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.anchor import anchor_factors
-from ..factors.body_frame import body_frame_factor
-from ..factors.equilibrium import equilibrium_factor, squared_norms
-from ..factors.keys import frame_keys
+from ..factors.body_frame import body_frame_rows
+from ..factors.equilibrium import equilibrium_rows, squared_norms
+from ..factors.keys import NodeRows, factor_on_nodes, frame_keys
 from ..factors.motion import constant_velocity_factors, still_factors
 from ..factors.noise import WeightedLengths
 from ..factors.rod import rod_factors
 from ..factors.shape_prior import shape_prior_factors
-from ..factors.tendon import tendon_factors
+from ..factors.tendon import correlated_tendon_rows, tendon_factors
 from ..models.balance.statics import Statics
 from ..models.balance.support import Support
 from ..models.estimation import NoiseSettings
@@ -25,7 +25,7 @@ from ..models.structure.shape import Reason, Status
 from ..models.structure.structure import Structure
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import NaturalLengths, TendonLengths
-from .own_evidence import own_graph_factor, own_rows
+from .own_evidence import own_graph_rows, own_rows
 
 MAX_FRAME_ITERATIONS = 100
 ERROR_TOLERANCE = 1e-2
@@ -179,18 +179,28 @@ class GraphBuilder:
         for factors in (
             anchor_factors(self.structure, keys, self.noise),
             rod_factors(self.structure, keys, self.noise),
-            tendon_factors(self.structure, keys, measured, self.noise.robust),
+            tendon_factors(self.structure, keys, measured, self.noise.robust) if measured.shared is None else [],
             shape_prior_factors(self._free, keys, self.rest.node_position_m, self.noise.shape_prior_m),
         ):
             _add(graph, factors)
+        rows = self._node_rows(measured)
+        if rows:
+            graph.add(factor_on_nodes(keys, rows))
+
+    def _node_rows(self, measured: WeightedLengths) -> list[NodeRows]:
+        """Return those factors of a frame that are on all its nodes."""
+        rows = []
+        if measured.shared is not None:
+            rows.append(correlated_tendon_rows(self.structure, measured, measured.shared))
         if len(self.fixed_motions):
-            graph.add(body_frame_factor(keys, self.fixed_motions.T, self.rest.node_position_m))
+            rows.append(body_frame_rows(self.fixed_motions.T, self.rest.node_position_m))
         if self.statics:
-            graph.add(equilibrium_factor(self.statics, keys, self.force_sigma_n))
+            rows.append(equilibrium_rows(self.statics, self.force_sigma_n))
         lengths = measured.lengths
         if lengths.factors:
             _, by_position = own_rows(lengths.factors, lengths.t_s, self.rest.node_position_m)
-            graph.add(own_graph_factor(lengths.factors, keys, lengths.t_s, len(by_position)))
+            rows.append(own_graph_rows(lengths.factors, lengths.t_s, len(by_position)))
+        return rows
 
     def search(self, measured: WeightedLengths, start_m: NDArray[np.float64]) -> FrameSearch:
         """Return the search for a minimum of the error of a frame's own factors, from (nodes, 3) positions."""

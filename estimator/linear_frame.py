@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..factors.body_frame import BODY_FRAME_M
 from ..factors.equilibrium import squared_norms
-from ..factors.noise import WeightedLengths
+from ..factors.noise import WeightedLengths, independent_rows, stacked_shared
 from ..models.balance.statics import Statics
 from ..models.structure.lengths import member_length_m
 from ..models.structure.rigidity import free_length_jacobian
@@ -25,8 +25,10 @@ class FrameData:
     """(..., tendons) measured lengths; of those that are left out, any number or nan."""
     sigma_m: NDArray[np.float64]
     """(..., tendons) their standard deviations in the graph; inf for a tendon that is left out."""
-    shared_m2: NDArray[np.float64] | None
-    """(..., tendons, tendons) covariance of the errors of the lengths, where they are correlated."""
+    drift_m2: NDArray[np.float64] | None
+    """(..., tendons, tendons) covariance of the errors of the lengths by drift, where it was estimated."""
+    shared: NDArray[np.float64] | None
+    """(..., tendons) the part of the errors that all sensors share, over sigma_m; None where errors are independent."""
     statics: Statics | None
     """The balance of forces; None without mechanics."""
     force_sigma_n: NDArray[np.float64]
@@ -43,7 +45,8 @@ class FrameData:
         return cls(
             length_m=length_m,
             sigma_m=sigma_m,
-            shared_m2=_shared_m2(measured),
+            drift_m2=_drift_m2(measured),
+            shared=measured.shared,
             statics=builder.statics,
             force_sigma_n=builder.force_sigma_n,
             t_s=np.array(measured.lengths.t_s),
@@ -61,15 +64,16 @@ class FrameData:
             statics: the balance of forces in these frames; None without mechanics.
             force_sigma_n: (frames, rows) its standard deviation at a node without load.
         """
-        shared = [_shared_m2(one) for one in measured]
-        shared_m2 = None
-        if any(one is not None for one in shared):
+        drift = [_drift_m2(one) for one in measured]
+        drift_m2 = None
+        if any(one is not None for one in drift):
             none = np.zeros((measured[0].sigma_m.size,) * 2)
-            shared_m2 = np.array([none if one is None else one for one in shared])
+            drift_m2 = np.array([none if one is None else one for one in drift])
         return cls(
             length_m=np.array([one.lengths.length_m for one in measured]),
             sigma_m=np.array([one.sigma_m for one in measured]),
-            shared_m2=shared_m2,
+            drift_m2=drift_m2,
+            shared=stacked_shared(measured),
             statics=statics,
             force_sigma_n=force_sigma_n,
             t_s=np.array([one.lengths.t_s for one in measured]),
@@ -77,8 +81,8 @@ class FrameData:
         )
 
 
-def _shared_m2(measured: WeightedLengths) -> NDArray[np.float64] | None:
-    """Return (tendons, tendons) the covariance of the lengths' errors; None where they are independent."""
+def _drift_m2(measured: WeightedLengths) -> NDArray[np.float64] | None:
+    """Return (tendons, tendons) the covariance of the lengths' errors by drift; None where it is not estimated."""
     drift = measured.lengths.drift
     if drift is None or drift.covariance_m2 is None:
         return None
@@ -98,8 +102,10 @@ class LinearFrame:
     """(..., members, free)"""
     weight_per_m: NDArray[np.float64]
     """(..., members) one over sigma; 0 for a tendon that is left out."""
-    shared_m2: NDArray[np.float64] | None
-    """(..., free tendons, free tendons) covariance of the errors of the measured lengths, where they are correlated."""
+    drift_m2: NDArray[np.float64] | None
+    """(..., free tendons, free tendons) covariance of their errors by drift, as in `FrameData`."""
+    shared: NDArray[np.float64] | None
+    """(..., free tendons) the part of these errors that all sensors share, over sigma, as in `FrameData`."""
     force_n: NDArray[np.float64]
     """(..., rows) residuals of `Statics`; no rows without mechanics."""
     force_jacobian: NDArray[np.float64]
@@ -164,18 +170,27 @@ class LinearFrame:
         """Return (..., members) errors and (..., members, free) Jacobian of the lengths over their sigma."""
         error = self.length_error_m * self.weight_per_m
         jacobian = self.length_jacobian * self.weight_per_m[..., None]
-        if self.shared_m2 is None:
+        correlated = self.shared if self.drift_m2 is None else self.drift_m2
+        if correlated is None:
             return error, jacobian
-        count = self.shared_m2.shape[-1]
-        tendons = slice(error.shape[-1] - count, None)
-        weight = self.weight_per_m[..., tendons]
-        correlation = self.shared_m2 * weight[..., :, None] * weight[..., None, :]
-        correlation[..., np.arange(count), np.arange(count)] = 1.0
+        tendons = slice(error.shape[-1] - correlated.shape[-1], None)
         rows = np.concatenate([error[..., tendons, None], jacobian[..., tendons, :]], axis=-1)
-        whitened = np.linalg.solve(np.linalg.cholesky(correlation), rows)
-        error[..., tendons] = whitened[..., 0]
-        jacobian[..., tendons, :] = whitened[..., 1:]
+        rows = self._independent(rows, self.weight_per_m[..., tendons])
+        error[..., tendons] = rows[..., 0]
+        jacobian[..., tendons, :] = rows[..., 1:]
         return error, jacobian
+
+    def _independent(self, rows: NDArray[np.float64], weight_per_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., free tendons, n) rows of lengths over their sigma as rows whose errors are independent, too."""
+        if self.drift_m2 is None:
+            assert self.shared is not None, "rows that are independent already"
+            return independent_rows(rows, self.shared)
+        correlation = self.drift_m2 * weight_per_m[..., :, None] * weight_per_m[..., None, :]
+        if self.shared is not None:
+            correlation += self.shared[..., :, None] * self.shared[..., None, :]
+        each = np.arange(correlation.shape[-1])
+        correlation[..., each, each] = 1.0
+        return np.linalg.solve(np.linalg.cholesky(correlation), rows)
 
 
 def _product(matrix: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -215,7 +230,8 @@ def linearised_frames(builder: GraphBuilder, node_position_m: NDArray[np.float64
         length_error_m=np.where(used, length_m - known_m, 0.0),
         length_jacobian=free_length_jacobian(structure, node_position_m),
         weight_per_m=np.concatenate([np.full(rods, 1 / builder.noise.rod_m), 1 / sigma_m], axis=-1),
-        shared_m2=None if data.shared_m2 is None else data.shared_m2[..., tendons[:, None], tendons],
+        drift_m2=None if data.drift_m2 is None else data.drift_m2[..., tendons[:, None], tendons],
+        shared=None if data.shared is None else data.shared[..., tendons],
         force_n=force_n,
         force_jacobian=by_position,
         force_weight_per_n=force_weight,

@@ -14,11 +14,10 @@ as it is told.
 
 from collections.abc import Sequence
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from ..factors.keys import factor_on_nodes
+from ..factors.keys import NodeRows
 from ..factors.noise import robust_loss
 from ..factors.tendon import TautCables
 from ..models.structure.shape import Reason, Shape
@@ -71,10 +70,11 @@ def own_error(
     return np.asarray(np.sum(robust_loss(z * z, OWN_KERNEL)[0], axis=-1))
 
 
-def own_graph_factor(factors: Sequence[NodeFactor], keys: Sequence[int], t_s: float, rows: int) -> gtsam.CustomFactor:
-    """Return all factors of one frame as one of gtsam, with their number of rows.
+def own_graph_rows(factors: Sequence[NodeFactor], t_s: float, rows: int) -> NodeRows:
+    """Return all factors of one frame as the graph takes them, with their number of rows.
 
-    Its linearisation has the weights of the kernel, as in gtsam's own robust models; its error is that of the kernel.
+    Their linearisation has the weights of the kernel, as in gtsam's own robust models; their
+    error is that of the kernel.
     """
 
     def residual(position: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -86,7 +86,7 @@ def own_graph_factor(factors: Sequence[NodeFactor], keys: Sequence[int], t_s: fl
         root = np.sqrt(own_weight(z))
         return root * z, by_position * root[:, None]
 
-    return factor_on_nodes(keys, rows, residual, linearised)
+    return NodeRows(rows, residual, linearised)
 
 
 class FactorWatch:

@@ -193,17 +193,16 @@ def length_evidence(
         variance = variance - np.diag(lengths.drift.covariance_m2)
         lengths = replace(lengths, drift=None)
     frame = linearised(builder, node_position_m, WeightedLengths(lengths, np.sqrt(variance)))
-    tendons = builder.structure.free_tendons
-    rods = len(builder.structure.rods)
-    weight = frame.weight_per_m[rods:]
-    weighted = frame.length_jacobian[rods:] * weight[:, None] ** 2
+    size, rods = len(frame.from_prior_m), len(builder.structure.rods)
+    of_tendons = np.zeros((len(frame.length_error_m), len(variance)))
+    of_tendons[rods:] = np.eye(len(variance))[builder.structure.free_tendons]
+    by_both = np.concatenate([frame.length_jacobian, of_tendons], axis=1)
+    error, by_both = replace(frame, length_jacobian=by_both).weighted_lengths
+    by_shape, by_length = by_both[:, :size], by_both[:, size:]
     shape_information, shape_gradient = frame.with_forces()
-    covariance_m2 = np.linalg.inv(shape_information)
-    information = np.zeros((len(variance), len(variance)))
-    information[np.ix_(tendons, tendons)] = np.diag(weight**2) - weighted @ covariance_m2 @ weighted.T
-    gradient = np.zeros(len(variance))
-    gradient[tendons] = weighted @ (covariance_m2 @ shape_gradient) - weight**2 * frame.length_error_m[rods:]
-    return information, gradient
+    crossed = by_length.T @ by_shape
+    solved = np.linalg.solve(shape_information, np.column_stack([crossed.T, shape_gradient]))
+    return by_length.T @ by_length - crossed @ solved[:, :-1], crossed @ solved[:, -1] - by_length.T @ error
 
 
 def smoothed(updates: Sequence[DriftUpdate]) -> list[DriftState]:

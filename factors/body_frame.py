@@ -8,25 +8,20 @@ One or two anchors are where they are at rest. With the rigid motions G of the r
 The factor fixes the coordinate frame; of lengths and forces it says nothing.
 """
 
-from collections.abc import Sequence
-
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from .keys import factor_on_nodes
+from .keys import NodeRows
 
 BODY_FRAME_M = 1e-5
 """Standard deviation of a rigid motion: nothing beside the errors of any sensor, and enough for the arithmetic."""
 
 
-def body_frame_factor(
-    keys: Sequence[int], motions: NDArray[np.float64], rest_position_m: NDArray[np.float64]
-) -> gtsam.CustomFactor:
-    """Return the factor of one frame, with (3 nodes, motions) orthonormal rigid motions."""
+def body_frame_rows(motions: NDArray[np.float64], rest_position_m: NDArray[np.float64]) -> NodeRows:
+    """Return the rigid motions of one frame from the rest shape, with (3 nodes, motions) orthonormal rigid motions."""
     weighted = motions.T / BODY_FRAME_M
 
     def residual(position: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(weighted @ (position - rest_position_m).ravel())
 
-    return factor_on_nodes(keys, len(weighted), residual, lambda position: (residual(position), weighted))
+    return NodeRows(len(weighted), residual, lambda position: (residual(position), weighted))

@@ -5,18 +5,15 @@ q_g = |r_g|^2 / sigma^2 the error is Cauchy's for each group: 1/2 sum_g log(1 + 
 weight without its neighbours; a robust noise model of gtsam would give one weight to the whole factor.
 """
 
-from collections.abc import Sequence
-
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
 from ..models.balance.statics import Statics
-from .keys import factor_on_nodes
+from .keys import NodeRows
 
 
-def equilibrium_factor(statics: Statics, keys: Sequence[int], sigma_n: NDArray[np.float64]) -> gtsam.CustomFactor:
-    """Return the equilibrium factor of one frame, with (rows,) the sigma of each row, which is one in each group.
+def equilibrium_rows(statics: Statics, sigma_n: NDArray[np.float64]) -> NodeRows:
+    """Return the balance of forces in one frame, with (rows,) the sigma of each row, which is one in each group.
 
     Its linearisation has the weight 1 / (1 + q_g), as in gtsam's own robust models; its error is that of the kernel.
     """
@@ -33,7 +30,7 @@ def equilibrium_factor(statics: Statics, keys: Sequence[int], sigma_n: NDArray[n
         jacobian *= weight[:, None]
         return r * weight, jacobian
 
-    return factor_on_nodes(keys, len(statics.group), residual, linearised)
+    return NodeRows(len(statics.group), residual, linearised)
 
 
 def squared_norms(r: NDArray[np.float64], statics: Statics) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ Keys are frame-major integers, so that values sorted by key have the shape (fram
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import gtsam
 import numpy as np
@@ -25,21 +26,21 @@ def key_list(keys: Iterable[int]) -> gtsam.KeyList:
     return result
 
 
-def factor_on_nodes(
-    keys: Sequence[int],
-    rows: int,
-    residual: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    linearised: Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]],
-) -> gtsam.CustomFactor:
-    """Return a factor on all nodes of a frame, whose residuals have a standard deviation of 1.
+@dataclass(frozen=True, slots=True)
+class NodeRows:
+    """Residuals of all nodes of a frame, whose standard deviation is 1."""
 
-    Args:
-        keys: of the nodes.
-        rows: number of residuals.
-        residual: returns (rows,) the residuals at (nodes, 3) positions, whose half sum of squares is the error.
-        linearised: returns (rows,) the residuals and (rows, 3 nodes) the Jacobian of the linearisation at them; with a
-            robust kernel both are weighted, and these residuals differ from those of `residual`.
-    """
+    count: int
+    """Number of residuals."""
+    residual: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    """Returns (rows,) the residuals at (nodes, 3) positions, whose half sum of squares is the error."""
+    linearised: Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+    """Returns (rows,) the residuals and (rows, 3 nodes) the Jacobian of the linearisation at such positions; with a
+    robust kernel both are weighted, and these residuals differ from those of `residual`."""
+
+
+def factor_on_nodes(keys: Sequence[int], parts: Sequence[NodeRows]) -> gtsam.CustomFactor:
+    """Return all rows of some nodes as one factor, because gtsam calls each that is written in Python by itself."""
     keys = list(keys)
 
     def error(
@@ -47,10 +48,11 @@ def factor_on_nodes(
     ) -> NDArray[np.float64]:
         position = np.array([values.atPoint3(key) for key in keys])
         if jacobians is None:
-            return residual(position)
-        weighted, jacobian = linearised(position)
+            return np.concatenate([part.residual(position) for part in parts])
+        linear = [part.linearised(position) for part in parts]
+        jacobian = np.concatenate([by_position for _, by_position in linear])
         for n in range(len(keys)):
             jacobians[n] = jacobian[:, 3 * n : 3 * n + 3]
-        return weighted
+        return np.concatenate([weighted for weighted, _ in linear])
 
-    return gtsam.CustomFactor(unit(rows), keys, error)
+    return gtsam.CustomFactor(unit(sum(part.count for part in parts)), keys, error)

@@ -1,5 +1,6 @@
 """Noise models, each created only once, and the standard deviation of each tendon's length in the graph."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 
@@ -19,6 +20,8 @@ KERNELS = {
 """Robust kernels."""
 # plain numbers, because comparing an array with an enumeration takes ten times as long
 BENDING = int(Mode.BENDING)
+MOST_SHARED = 0.95
+"""Largest part of a sigma that sensors share; the rest is each sensor's own."""
 AMBIGUOUS = int(Flag.AMBIGUOUS)
 SIGMA_STEP = 0.01
 """Relative step to which the sigmas of tendons are rounded, so that noise models can be reused."""
@@ -33,6 +36,15 @@ class WeightedLengths:
     """(tendons,) as `tendon_sigma_m` returns it, times `scale`; inf for a tendon that is left out."""
     scale: float = 1.0
     """Factor of all sigmas."""
+
+    @property
+    def shared(self) -> NDArray[np.float64] | None:
+        """(tendons,) the part of the errors that all sensors share, over sigma_m; None where errors are independent."""
+        error = self.lengths.model_error
+        if error is None:
+            return None
+        shared = self.scale * error.shared_m(self.lengths.length_m) / self.sigma_m
+        return np.where(np.isfinite(self.sigma_m), np.clip(shared, -MOST_SHARED, MOST_SHARED), 0.0)
 
     @property
     def count(self) -> int:
@@ -56,7 +68,9 @@ class WeightedLengths:
 
 
 def weigh(lengths: TendonLengths, settings: NoiseSettings) -> WeightedLengths:
-    """Return the lengths of one instant with their sigma in the graph."""
+    """Return the lengths of one instant with their sigma in the graph; a robust kernel takes errors one by one."""
+    if settings.robust != "none":
+        lengths = replace(lengths, model_error=None)
     return WeightedLengths(lengths, tendon_sigma_m(lengths, settings))
 
 
@@ -92,6 +106,34 @@ def tendon_noises(sigma_m: NDArray[np.float64], robust: str) -> list[gtsam.noise
 def rounded_sigma_m(sigma_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (...,) sigmas of lengths as `tendon_noises` rounds them."""
     return np.asarray(np.exp(SIGMA_STEP * np.rint(np.log(sigma_m) / SIGMA_STEP)))
+
+
+def stacked_shared(measured: Sequence[WeightedLengths]) -> NDArray[np.float64] | None:
+    """Return (frames, tendons) the shared part of the errors in each frame, see `WeightedLengths.shared`."""
+    shared = [one.shared for one in measured]
+    if any(one is None for one in shared):
+        return None
+    return np.array(shared)
+
+
+def independent_rows(rows: NDArray[np.float64], shared: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return rows of lengths, each over its sigma, as rows whose errors are independent, too.
+
+    Errors that share a part u have the correlation C = D + u u^T with D = 1 - u^2 on its diagonal. With
+    v = D^-1/2 u the rows are multiplied by
+
+        C^-1/2 = (1 - (1 - 1 / sqrt(1 + v^T v)) / (v^T v) v v^T) D^-1/2
+
+    Args:
+        rows: (..., tendons, n)
+        shared: (..., tendons) u, the shared part of each length's sigma over that sigma.
+    """
+    own = np.sqrt(1 - shared**2)
+    v = (shared / own)[..., None]
+    rows = rows / own[..., None]
+    squared = np.sum(v * v, axis=(-2, -1), keepdims=True)
+    factor = (1 - 1 / np.sqrt(1 + squared)) / np.maximum(squared, np.finfo(np.float64).tiny)
+    return np.asarray(rows - factor * v * np.sum(v * rows, axis=-2, keepdims=True))
 
 
 def robust_loss(squared: NDArray[np.float64], robust: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

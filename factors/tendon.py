@@ -13,13 +13,14 @@ from ..models.structure.lengths import length_jacobian, member_length_m
 from ..models.structure.mechanics import Mechanics
 from ..models.structure.structure import Structure
 from ..models.values.readings import FactorRows
-from .noise import WeightedLengths, tendon_noises
+from .keys import NodeRows
+from .noise import WeightedLengths, independent_rows, rounded_sigma_m, tendon_noises
 
 
 def tendon_factors(
     structure: Structure, keys: Sequence[int], measured: WeightedLengths, robust: Literal["none", "huber", "cauchy"]
 ) -> list[gtsam.NonlinearFactor]:
-    """Return (|x_a - x_b| - L_e) / sigma_e for each usable tendon e = a-b of a frame."""
+    """Return (|x_a - x_b| - L_e) / sigma_e for each usable tendon e = a-b of a frame, whose errors are independent."""
     usable = np.flatnonzero(np.isfinite(measured.sigma_m))
     ends = structure.tendons[usable].tolist()
     length_m = measured.lengths.length_m[usable].tolist()
@@ -28,6 +29,28 @@ def tendon_factors(
         gtsam.RangeFactor3(keys[a], keys[b], length, model)
         for (a, b), length, model in zip(ends, length_m, models, strict=True)
     ]
+
+
+def correlated_tendon_rows(structure: Structure, measured: WeightedLengths, shared: NDArray[np.float64]) -> NodeRows:
+    """Return the same of errors that sensors share, as rows whose errors are independent, see `independent_rows`.
+
+    Args:
+        structure: of the tendons.
+        measured: their lengths in one frame.
+        shared: (tendons,) the shared part of their errors, see `WeightedLengths.shared`.
+    """
+    usable = np.flatnonzero(np.isfinite(measured.sigma_m))
+    members, shared = structure.tendons[usable], shared[usable]
+    length_m = measured.lengths.length_m[usable]
+    per_m = independent_rows(np.diag(1 / rounded_sigma_m(measured.sigma_m[usable])), shared)
+
+    def residual(position: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(per_m @ (member_length_m(position, members) - length_m))
+
+    def linearised(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return residual(position), per_m @ length_jacobian(position, members)
+
+    return NodeRows(len(usable), residual, linearised)
 
 
 SLACK = 3.0

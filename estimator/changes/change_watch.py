@@ -139,8 +139,8 @@ class ChangeWatch:
         """Return what a frame says of each change, with lengths as exact as their sigmas say."""
         weight_per_m = frame.weight_per_m.copy()
         weight_per_m[len(self._builder.structure.rods) :] *= used_scale
-        shared_m2 = None if frame.shared_m2 is None else frame.shared_m2 / used_scale**2
-        frame = replace(frame, weight_per_m=weight_per_m, shared_m2=shared_m2)
+        drift_m2 = None if frame.drift_m2 is None else frame.drift_m2 / used_scale**2
+        frame = replace(frame, weight_per_m=weight_per_m, drift_m2=drift_m2)
         return change_evidence(frame, self._possible(shape))
 
     def _possible(self, shape: Shape) -> PossibleChanges:

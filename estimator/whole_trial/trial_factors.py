@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...factors.body_frame import BODY_FRAME_M
 from ...factors.equilibrium import squared_norms
-from ...factors.noise import WeightedLengths, robust_loss, rounded_sigma_m
+from ...factors.noise import WeightedLengths, independent_rows, robust_loss, rounded_sigma_m, stacked_shared
 from ...models.structure.lengths import length_jacobian, member_length_m
 from ..graph import GraphBuilder
 from ..own_evidence import own_error, own_rows, own_weight
@@ -49,6 +49,7 @@ class TrialFactors:
         self._length_m = np.concatenate([rods, length_m], axis=1)
         per_m = np.where(used, 1 / rounded_sigma_m(np.where(used, sigma_m, 1.0)), 0.0)
         self._per_m = np.concatenate([np.full_like(rods, 1 / noise.rod_m), per_m], axis=1)
+        self._shared = stacked_shared(measured)
         self._x_0 = structure.with_anchors_placed(builder.rest.node_position_m).ravel()
         self._per_m2 = np.full(3 * structure.node_count, noise.shape_prior_m**-2)
         self._per_m2[structure.anchored_coordinates] = noise.anchor_m**-2
@@ -63,7 +64,9 @@ class TrialFactors:
             frames: their numbers.
         """
         x = node_position_m.reshape(len(node_position_m), -1)
-        z = (member_length_m(node_position_m, self._members) - self._length_m[frames]) * self._per_m[frames]
+        z = self._residual(node_position_m, frames)
+        if self._shared is not None:
+            z[:, self._rods :] = independent_rows(z[:, self._rods :, None], self._shared[frames])[..., 0]
         error = 0.5 * np.sum(z[:, : self._rods] ** 2, axis=1)
         error += np.sum(robust_loss(z[:, self._rods :] ** 2, self._robust)[0], axis=1)
         error += 0.5 * (x - self._x_0) ** 2 @ self._per_m2
@@ -101,14 +104,25 @@ class TrialFactors:
             gradient += (weighted @ z[..., None])[..., 0]
         return information, gradient
 
+    def _residual(self, node_position_m: NDArray[np.float64], frames: Frames) -> NDArray[np.float64]:
+        """Return (frames, members) lengths minus the known or measured ones, over their sigmas."""
+        return np.asarray(
+            (member_length_m(node_position_m, self._members) - self._length_m[frames]) * self._per_m[frames]
+        )
+
     def _weighted_rows(
         self, node_position_m: NDArray[np.float64], frames: Frames
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (frames, rows, 3 nodes) A and (frames, rows) b of members, and then of the balance of forces."""
-        z = (member_length_m(node_position_m, self._members) - self._length_m[frames]) * self._per_m[frames]
+        z = self._residual(node_position_m, frames)
+        by_length = length_jacobian(node_position_m, self._members) * self._per_m[frames][:, :, None]
+        if self._shared is not None:
+            both = np.concatenate([z[:, self._rods :, None], by_length[:, self._rods :]], axis=2)
+            both = independent_rows(both, self._shared[frames])
+            z[:, self._rods :], by_length[:, self._rods :] = both[..., 0], both[..., 1:]
         weight = np.ones_like(z)
         weight[:, self._rods :] = np.sqrt(robust_loss(z[:, self._rods :] ** 2, self._robust)[1])
-        by_length = length_jacobian(node_position_m, self._members) * (weight * self._per_m[frames])[:, :, None]
+        by_length *= weight[:, :, None]
         if not self._balance:
             return by_length, z * weight
         statics, sigma_n = self._balance.statics_of(frames), self._balance.sigma_n[frames]

@@ -10,6 +10,7 @@ from scipy.special import expit, logit
 from ..values.readings import (
     Flag,
     Mode,
+    ModelError,
     ModeReadings,
     ResistanceFrame,
     RestLengths,
@@ -79,6 +80,8 @@ class _Strain:
     """(tendons,)"""
     sigma: NDArray[np.float64]
     """(tendons,)"""
+    model_sigma: NDArray[np.float64] | float = 0.0
+    """(tendons,) the part of sigma that comes from the model of stretched sensors."""
 
 
 class FrontEnd:
@@ -140,7 +143,7 @@ class FrontEnd:
         flags = self._flags(held.flags, probability, frame.t_s)
         shaken = (swing > 1.5 * strain.sigma) | self._swing.robot_is_shaken
         flags = flags | np.where(shaken, int(Flag.SHAKEN), 0)
-        strain = _Strain(strain.value, np.hypot(strain.sigma, swing))
+        strain = _Strain(strain.value, np.hypot(strain.sigma, swing), strain.model_sigma)
         lengths = self._lengths(frame, strain, probability, flags)  # eq. (4)
         return replace(
             lengths,
@@ -242,7 +245,7 @@ class FrontEnd:
         warm_up = np.where(np.isnan(self._warm_s), 0.0, self._warm_sigma * left)
         curve = self._stretching.curve_sigma(held.change)
         parts = (sigma, self._taring.sigma(strain, held.change), curve, beyond, warm_up)
-        return _Strain(strain, np.asarray(np.sqrt(sum(part**2 for part in parts))))
+        return _Strain(strain, np.asarray(np.sqrt(sum(part**2 for part in parts))), np.hypot(sigma, curve))
 
     def _bent(self, lag_free: NDArray[np.float64], lag: NDArray[np.float64]) -> _Strain:
         """Return the strain of each tendon if it is bent, f_4 of eq. (3).
@@ -257,7 +260,7 @@ class FrontEnd:
         strain = np.where(self._mode == Mode.BENDING, bent.value, stretched.value)
         variance = (1 - probability) * (stretched.sigma**2 + (stretched.value - strain) ** 2)
         variance += probability * (bent.sigma**2 + (bent.value - strain) ** 2)
-        return _Strain(strain, np.sqrt(variance))
+        return _Strain(strain, np.sqrt(variance), np.sqrt(1 - probability) * stretched.model_sigma)
 
     def _flags(self, flags: NDArray[np.int64], probability: NDArray[np.float64], t_s: float) -> NDArray[np.int64]:
         """Return the flags with ambiguous modes, warm-up and misfit at rest added."""
@@ -283,5 +286,10 @@ class FrontEnd:
             mode=self._mode,
             flags=np.where(missing, frame.flags | (flags & int(Flag.MISFIT)), flags),
             rest_sigma_m=np.where(missing, 0.0, rest_sigma_m),
+            model_error=ModelError(
+                sigma_m=np.where(missing, 0.0, strain.model_sigma * self._L0),
+                tared_length_m=np.where(self._taring.tared, (1 + self._taring.rest_strain) * self._L0, np.nan),
+                reach_m=self._taring.reach * self._L0,
+            ),
             lag_s=self._model.lag_s,
         )

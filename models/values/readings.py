@@ -177,6 +177,27 @@ class SensorDrift:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ModelError:
+    """The error of lengths at one instant that comes from the sensor model, and that all sensors therefore share."""
+
+    sigma_m: NDArray[np.float64]
+    """(tendons,) standard deviation of the model's error, for a sensor that is not tared."""
+    tared_length_m: NDArray[np.float64]
+    """(tendons,) l_0, the length at which each sensor was tared; nan for one that was not."""
+    reach_m: NDArray[np.float64]
+    """(tendons,) r, the change of length over which the model's error becomes another one."""
+
+    def shared_m(self, length_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (tendons,) s, where the errors of the lengths l are b s with one b of standard deviation 1 for all.
+
+        Strips that are stretched alike err alike. Taring takes the error off at l_0; away from there it grows, too long
+        on one side where it is too short on the other: s = sigma tanh((l - l_0) / r).
+        """
+        away = np.tanh((length_m - self.tared_length_m) / self.reach_m)
+        return self.sigma_m * np.where(np.isnan(self.tared_length_m), 1.0, away)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ModeReadings:
     """The lengths of all tendons at one instant as they are in each mode, of which the estimator may choose."""
 
@@ -236,6 +257,8 @@ class TendonLengths:
     """(tendons,) `Flag` bits."""
     rest_sigma_m: NDArray[np.float64] | float = 0.0
     """(tendons,) the part of sigma_m that comes from the rest shape, to which the sensors were tared."""
+    model_error: ModelError | None = None
+    """The error of the sensor model, which sigma_m contains; None for lengths of which it is not known."""
     lag_s: float = 0.0
     """Time by which the lengths lag behind t_s; an estimator that can wait may use later lengths instead."""
     drift: SensorDrift | None = None

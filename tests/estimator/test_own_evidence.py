@@ -13,7 +13,8 @@ from tensegraph.estimator.doubt import log_evidence
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.graph import GraphBuilder
 from tensegraph.estimator.linear_frame import linearised
-from tensegraph.estimator.own_evidence import FactorWatch, own_error, own_graph_factor, own_rows, own_weight
+from tensegraph.estimator.own_evidence import FactorWatch, own_error, own_graph_rows, own_rows, own_weight
+from tensegraph.factors.keys import factor_on_nodes
 from tensegraph.factors.noise import weigh
 from tensegraph.models.settings import NoiseSettings
 from tensegraph.models.structure.lengths import length_jacobian, member_length_m
@@ -82,7 +83,7 @@ def test_rows_are_the_derivative_in_every_frame(factor, rest, check_jacobian) ->
 def test_gtsam_descends_on_the_kernel_s_error(rest, check_jacobian) -> None:
     """The error is that of the kernel; its gradient is that of the linearisation, far from the reading too."""
     factors = [heights_of(rest.node_position_m, [8, 5], 0.004), Distance()]
-    factor = own_graph_factor(factors, range(12), 0.3, 3)
+    factor = factor_on_nodes(range(12), [own_graph_rows(factors, 0.3, 3)])
 
     def error(x) -> np.ndarray:
         values = gtsam.Values()

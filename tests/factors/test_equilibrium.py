@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from balance import nominal, pressed
-from tensegraph.factors.equilibrium import equilibrium_factor
+from tensegraph.factors.equilibrium import equilibrium_rows
+from tensegraph.factors.keys import factor_on_nodes
 from tensegraph.models.balance.statics import Statics
 from tensegraph.models.structure.rigidity import find_rest_shape
 
@@ -16,7 +17,7 @@ class TestFactor:
         statics, sigma_n = Statics(structure, nominal(structure)), 0.1
         position = find_rest_shape(structure) + 0.002 * np.random.default_rng(3).standard_normal((12, 3))
         graph = gtsam.NonlinearFactorGraph()
-        graph.add(equilibrium_factor(statics, range(12), np.full(len(statics.group), sigma_n)))
+        graph.add(factor_on_nodes(range(12), [equilibrium_rows(statics, np.full(len(statics.group), sigma_n))]))
 
         def values_at(x):
             values = gtsam.Values()

@@ -14,7 +14,8 @@ def frame_of(seed: int) -> LinearFrame:
         length_error_m=rng.normal(size=3),
         length_jacobian=rng.normal(size=(3, 2)),
         weight_per_m=np.array([2.0, 1.5, 3.0]),
-        shared_m2=np.array([[0.2, 0.1], [0.1, 0.05]]),
+        drift_m2=np.array([[0.2, 0.1], [0.1, 0.05]]),
+        shared=None,
         force_n=rng.normal(size=4),
         force_jacobian=rng.normal(size=(4, 2)),
         force_weight_per_n=np.full(4, 2.0),
@@ -31,7 +32,7 @@ def frame_of(seed: int) -> LinearFrame:
 def readings_of(frame: LinearFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Residuals of lengths and forces, their Jacobian, and the covariance of their noise."""
     noise = np.diag(np.concatenate([1 / frame.weight_per_m**2, frame.force_sigma_n**2]))
-    noise[1, 2] = noise[2, 1] = frame.shared_m2[0, 1]
+    noise[1, 2] = noise[2, 1] = frame.drift_m2[0, 1]
     residual = np.concatenate([frame.length_error_m, frame.force_n])
     return residual, np.concatenate([frame.length_jacobian, frame.force_jacobian]), noise
 
@@ -50,7 +51,8 @@ def test_by_hand() -> None:
         length_error_m=np.array([1.0, -1.0]),
         length_jacobian=np.ones((2, 1)),
         weight_per_m=np.ones(2),
-        shared_m2=None,
+        drift_m2=None,
+        shared=None,
         force_n=np.zeros(0),
         force_jacobian=np.zeros((0, 1)),
         force_weight_per_n=np.zeros(0),
