@@ -37,10 +37,11 @@ def correlated_tendon_rows(structure: Structure, measured: WeightedLengths, shar
     Args:
         structure: of the tendons.
         measured: their lengths in one frame.
-        shared: (tendons,) the shared part of their errors, see `WeightedLengths.shared`.
+        shared: (tendons,) see `WeightedLengths.shared`; a tendon between anchors shares nothing with those that move.
     """
     usable = np.flatnonzero(np.isfinite(measured.sigma_m))
-    members, shared = structure.tendons[usable], shared[usable]
+    members = structure.tendons[usable]
+    shared = np.where(structure.is_free_tendon, shared, 0.0)[usable]
     length_m = measured.lengths.length_m[usable]
     per_m = independent_rows(np.diag(1 / rounded_sigma_m(measured.sigma_m[usable])), shared)
 

@@ -49,7 +49,8 @@ class TrialFactors:
         self._length_m = np.concatenate([rods, length_m], axis=1)
         per_m = np.where(used, 1 / rounded_sigma_m(np.where(used, sigma_m, 1.0)), 0.0)
         self._per_m = np.concatenate([np.full_like(rods, 1 / noise.rod_m), per_m], axis=1)
-        self._shared = stacked_shared(measured)
+        shared = stacked_shared(measured)
+        self._shared = None if shared is None else np.where(structure.is_free_tendon, shared, 0.0)
         self._x_0 = structure.with_anchors_placed(builder.rest.node_position_m).ravel()
         self._per_m2 = np.full(3 * structure.node_count, noise.shape_prior_m**-2)
         self._per_m2[structure.anchored_coordinates] = noise.anchor_m**-2

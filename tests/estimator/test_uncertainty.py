@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import gtsam
 import numpy as np
+import pytest
 from scipy.stats import chi2
 
 from balance import pressed
@@ -17,6 +18,7 @@ from tensegraph.estimator.uncertainty import FrameEvidence
 from tensegraph.factors.noise import weigh
 from tensegraph.models.estimation import DoubtSettings, NoiseSettings
 from tensegraph.models.structure.lengths import length_jacobian
+from tensegraph.models.values.readings import ModelError
 
 
 class TestCovariance:
@@ -34,12 +36,17 @@ class TestCovariance:
             shape.covariance_m2[9:, 9:], expected[9:, 9:], rtol=0.03, atol=3e-9
         )  # sigmas are rounded to 1 %
 
-    def test_nees_of_a_linear_gaussian_toy(self, structure, rest, lengths_of) -> None:
-        """Where the problem is linear (tight prior, noise drawn as assumed), NEES is chi-square with 3 per node."""
+    @pytest.mark.parametrize("shared", [0.0, 0.95])
+    def test_nees_of_a_linear_gaussian_toy(self, shared, structure, rest, lengths_of) -> None:
+        """Where the problem is linear (tight prior, noise drawn as assumed), NEES is chi-square with 3 per node.
+
+        The error of a sum of lengths is that of its sigma, too, where sensors share an error that does not average out.
+        """
         rng = np.random.default_rng(2)
         settings, free = with_noise(shape_prior_m=0.0005), structure.free_nodes
         exact = replace(rest, covariance_m2=np.zeros((36, 36)))
-        estimator, nees = FrameEstimator(structure, exact, settings), []
+        estimator, nees, of_sum = FrameEstimator(structure, exact, settings), [], []
+        summed = length_jacobian(rest.node_position_m, structure.tendons[structure.is_free_tendon]).sum(axis=0)
         sigma_m = np.hypot(0.0005, NoiseSettings().stretching_m)
         rods = length_jacobian(rest.node_position_m, structure.rods).reshape(6, -1)
         keep = np.eye(36) - rods.T @ np.linalg.pinv(rods.T)
@@ -47,12 +54,18 @@ class TestCovariance:
             moved = 0.0005 * rng.standard_normal((12, 3)) * np.isin(np.arange(12), free)[:, None]
             moved = (keep @ moved.ravel()).reshape(12, 3) * np.isin(np.arange(12), free)[:, None]
             true = rest.node_position_m + moved
-            shape = estimator.update(lengths_of(structure, true, noise=sigma_m * rng.standard_normal(24)))
-            error = (shape.node_position_m - true)[free]
+            noise = sigma_m * (shared * rng.standard_normal() + np.sqrt(1 - shared**2) * rng.standard_normal(24))
+            untared = ModelError(np.full(24, shared * sigma_m), np.full(24, np.nan), np.ones(24))
+            shape = estimator.update(replace(lengths_of(structure, true, noise=noise), model_error=untared))
+            of_all = (shape.node_position_m - true).ravel()
+            of_sum.append((summed @ of_all) ** 2 / (summed @ shape.covariance_m2 @ summed))
+            error = of_all.reshape(-1, 3)[free]
             covariance = shape.node_covariance_m2[free]
             nees.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error).mean())
         low, high = chi2.ppf([0.001, 0.999], 3 * 150 * 3) / (150 * 3)  # nodes of a frame are not independent
         assert 0.8 * low < np.mean(nees) < 1.2 * high
+        low, high = chi2.ppf([0.001, 0.999], 150) / 150
+        assert 0.8 * low < np.mean(of_sum) < 1.2 * high
 
 
 class TestHiddenLoads:

@@ -22,7 +22,7 @@ from tensegraph.models.estimation import DoubtSettings, NoiseSettings
 from tensegraph.models.structure.lengths import length_jacobian, member_length_m
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.structure.shape import Reason
-from tensegraph.models.values.readings import FactorRows, NaturalLengths, SensorDrift
+from tensegraph.models.values.readings import FactorRows, ModelError, NaturalLengths, SensorDrift
 
 T_S = np.array([0.0, 0.02, 0.04, 0.055, 0.1, 0.12, 0.5, 0.52])
 """With a gap, and steps that are not even."""
@@ -47,7 +47,9 @@ FACTORS = (Apart(2, 8), Apart(0, 5))
 class Trial:
     """A few frames near a rest shape, as the batch estimator and as gtsam see them."""
 
-    def __init__(self, rest: RestShape, lengths_of, noise=NOISE, supports=None, wound=False, factors=()) -> None:
+    def __init__(
+        self, rest: RestShape, lengths_of, noise=NOISE, supports=None, wound=False, factors=(), model=None
+    ) -> None:
         rng = np.random.default_rng(3)
         structure = rest.structure
         self.start_m = rest.node_position_m + 0.004 * rng.standard_normal((len(T_S), structure.node_count, 3))
@@ -59,7 +61,7 @@ class Trial:
             if wound:
                 natural = NaturalLengths(structure.natural_length_m - 0.002 * k, np.full(len(structure.tendons), 2e-4))
                 lengths = replace(lengths, natural=natural)
-            self.frames.append(replace(lengths, factors=factors))
+            self.frames.append(replace(lengths, factors=factors, model_error=model))
         self.rest, self.noise, self.supports = rest, noise, supports
         self.measured = [weigh(lengths, noise) for lengths in self.frames]
         self.builder = GraphBuilder(structure, rest, noise)
@@ -95,7 +97,8 @@ def supports_of(structure) -> list[Support]:
     return [Support(0.2 * rng.standard_normal((count, 3)), root @ np.swapaxes(root, 1, 2)) for root in roots]
 
 
-KINDS = ["forces", "lengths", "huber", "cauchy", "no start", "supports", "motors", "no anchors", "factors"]
+KINDS = ["forces", "lengths", "huber", "cauchy", "no start", "supports", "motors", "no anchors", "factors", "model"]
+MODEL_ERROR = ModelError(np.full(24, 4e-4), np.linspace(0.17, 0.19, 24), np.full(24, 0.006))
 
 
 @pytest.fixture(params=KINDS)
@@ -114,6 +117,8 @@ def trial(request, balanced, lengths_of) -> Trial:
     if kind == "no anchors":
         free = replace(balanced.structure, anchors=np.zeros(0, dtype=np.int64), anchor_position_m=np.zeros((0, 3)))
         return Trial(replace(balanced, structure=free), lengths_of, supports=supports_of(free))
+    if kind == "model":
+        return Trial(balanced, lengths_of, model=MODEL_ERROR)
     if kind == "factors":
         return Trial(balanced, lengths_of, factors=FACTORS)
     return Trial(balanced, lengths_of)
@@ -146,8 +151,8 @@ def test_shapes_of_least_error_are_those_of_gtsam(balanced, lengths_of, monkeypa
 
 @pytest.mark.parametrize("factors", [(), FACTORS])
 def test_assessments_of_all_frames_are_those_of_each(factors, balanced, lengths_of) -> None:
-    """Shape, covariance and loads, with drift that sensors share in some frames, and with every kind of doubt."""
-    trial = Trial(balanced, lengths_of, factors=factors)
+    """Shape, covariance and loads, with an error that sensors share, drift in some frames, and every kind of doubt."""
+    trial = Trial(balanced, lengths_of, factors=factors, model=MODEL_ERROR)
     doubts = [Doubt(), Doubt(0.3, 1.0), Doubt(1.0, 5.0, 1.0, 0.0, Reason.MOTION), Doubt(0.9, 1.0)] * 2
     root = 3e-4 * np.random.default_rng(6).standard_normal((24, 24))
     for k in (1, 2, 5):

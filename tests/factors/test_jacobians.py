@@ -5,11 +5,12 @@ import pytest
 
 from graph_values import KEYS, NOISE, values_of
 from tensegraph.factors.anchor import anchor_factors
+from tensegraph.factors.keys import factor_on_nodes
 from tensegraph.factors.motion import constant_velocity_factors, still_factors
 from tensegraph.factors.noise import weigh
 from tensegraph.factors.rod import rod_factors
 from tensegraph.factors.shape_prior import shape_prior_factors
-from tensegraph.factors.tendon import tendon_factors
+from tensegraph.factors.tendon import correlated_tendon_rows, tendon_factors
 
 
 @pytest.fixture
@@ -20,10 +21,12 @@ def positions(rest):
 
 def all_factors(structure, rest, lengths):
     free = structure.free_nodes.tolist()
+    correlated = correlated_tendon_rows(structure, weigh(lengths, NOISE), np.linspace(-0.9, 0.9, 24))
     return {
         "anchor": anchor_factors(structure, KEYS[0], NOISE),
         "rod": rod_factors(structure, KEYS[0], NOISE),
         "tendon": tendon_factors(structure, KEYS[0], weigh(lengths, NOISE), NOISE.robust),
+        "correlated tendons": [factor_on_nodes(KEYS[0], [correlated])],
         "shape prior": shape_prior_factors(free, KEYS[0], rest.node_position_m, NOISE.shape_prior_m),
         "still": still_factors(free, KEYS[0], KEYS[1], 0.02, NOISE.motion_m_per_s15),
         "constant velocity": constant_velocity_factors(free, KEYS, (0.02, 0.03), NOISE.motion_m_per_s15),
@@ -32,7 +35,15 @@ def all_factors(structure, rest, lengths):
 
 @pytest.mark.parametrize(
     ("name", "count"),
-    [("anchor", 3), ("rod", 6), ("tendon", 24), ("shape prior", 9), ("still", 9), ("constant velocity", 9)],
+    [
+        ("anchor", 3),
+        ("rod", 6),
+        ("tendon", 24),
+        ("correlated tendons", 1),
+        ("shape prior", 9),
+        ("still", 9),
+        ("constant velocity", 9),
+    ],
 )
 def test_jacobians(name, count, structure, rest, lengths_of, positions, check_jacobian) -> None:
     """The whitened Jacobian that gtsam linearises with is the derivative of the whitened error."""

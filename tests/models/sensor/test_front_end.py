@@ -48,6 +48,27 @@ class TestFrontEnd:
         assert (lengths.mode == Mode.STRETCHING).all()
         assert (lengths.flags == 0).all()
 
+    @pytest.mark.parametrize(("rest_strain", "reach"), [(0.08, 0.11), (0.01, 0.04), (-0.02, 0.03), (None, 0.03)])
+    def test_the_model_s_error_is_told(self, model: SensorModel, rest_strain: float | None, reach: float) -> None:
+        """Its part of sigma, the tared length, and a reach of 3 % and the rest strain."""
+        end = front_end(model, rest_strain=rest_strain)
+        for k in range(120):
+            lengths = end.step(frame(k, 0.07 if k < 60 else 0.1))
+        error = lengths.model_error
+        assert error is not None
+        assert (error.sigma_m > 0).all()
+        assert (error.sigma_m < lengths.sigma_m).all()
+        tared_m = np.nan if rest_strain is None else 0.17 * (1 + rest_strain)
+        np.testing.assert_allclose(error.tared_length_m, tared_m)
+        np.testing.assert_allclose(error.reach_m, 0.17 * reach)
+
+    def test_a_bent_tendon_has_no_error_of_the_stretching_model(self, model: SensorModel) -> None:
+        end = front_end(model)
+        path = np.concatenate([np.full(100, 0.08), np.linspace(0.08, -0.3, 100), np.full(150, -0.3)])
+        lengths = [end.step(frame(k, y)) for k, y in enumerate(path)][-1]
+        assert lengths.model_error is not None
+        assert (lengths.model_error.sigma_m < 0.1 * lengths.sigma_m).all()
+
     def test_bending_is_found_and_left_again(self, model: SensorModel) -> None:
         end = front_end(model)
         path = np.concatenate([np.full(100, 0.08), np.linspace(0.08, -0.3, 100), np.full(150, -0.3)])
