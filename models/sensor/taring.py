@@ -23,9 +23,9 @@ MISFIT_SIGMA = 5.0
 a natural resistance that is wrong by 4 %. The 192 sensors of the development trials stay below 2.2."""
 
 LEAST_REACH = 0.03
-"""Strain over which the model's error becomes another one, near zero strain. In the recordings of calibration, two errors
-of a strip differ in mean square by 1.8 times as much at strains 5 % apart as at the same strain, but by 1.2 times where
-strain is above 10 %."""
+"""Strain over which the model's error becomes another one, near zero strain. In the recordings of calibration, two
+errors of a strip differ in mean square by 1.8 times as much at strains 5 % apart as at the same strain, but by 1.2
+times where strain is above 10 %."""
 
 MOVED_M = 0.0014
 """Change of length of three tendons above which the structure moved while it was tared. It is larger than the limit at
