@@ -35,10 +35,13 @@ MANY_N = np.array([0.03, 0.1, 0.2, 0.4])
 """Standard deviations of the loads, when many nodes are loaded."""
 SCALES = np.array([0.8, 1.0, 2.0, 4.0, 8.0, 16.0])
 """The factors k by which the sigmas of all lengths may be wrong."""
+PER_SQUARE = SCALES**-2
+"""1 / k^2."""
 EXACT = SCALES <= 1
 """Which of them mean that the lengths are as exact as their sigmas say, or more."""
 WIDEST_M = 1.0
 """Standard deviation of the shape prior in the comparison, where the graph has none."""
+SHAKEN = int(Flag.SHAKEN)
 SHAKEN_SHARE = 0.4
 """Share of the tendons with the flag `SHAKEN`, above which the whole robot is shaken."""
 STILL_SHARE = 0.1
@@ -152,14 +155,14 @@ class ModelDoubt:
         return seen_until[np.searchsorted(times_s, times_s + SEEN_AFTER_S, side="right")] > seen_until[:-1]
 
     def _is_shaken(self, lengths: TendonLengths, before: bool) -> bool:
-        swings = (lengths.flags[self._builder.structure.free_tendons] & int(Flag.SHAKEN)) != 0
-        return bool(swings.mean() > (STILL_SHARE if before else SHAKEN_SHARE))
+        swings = lengths.flags[self._builder.structure.free_tendons] & SHAKEN
+        return int(np.count_nonzero(swings)) > (STILL_SHARE if before else SHAKEN_SHARE) * len(swings)
 
     def _doubt(self, shaken: bool, loads: NDArray[np.float64], scales: NDArray[np.float64]) -> Doubt:
         many_loads = float(loads[1])
         many_loads_n = self._settings.many_loads_n
         inexact = float(scales[~EXACT].sum())
-        length_scale = float(1 / np.sqrt(scales @ SCALES**-2))
+        length_scale = float(1 / np.sqrt(scales @ PER_SQUARE))
         reason = None
         if shaken:  # inertia loads every node
             many_loads = 1.0

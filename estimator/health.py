@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..factors.noise import WeightedLengths
 from ..models.estimation import HealthSettings
-from ..models.structure.lengths import length_jacobian, propagated_variance
+from ..models.structure.lengths import length_and_jacobian, propagated_variance
 from ..models.structure.shape import Shape
 from ..models.values.readings import Flag
 from ..models.values.time_series import low_pass_weight
@@ -90,14 +90,14 @@ class SensorHealth:
         """Return (tendons,) the studentised residual z; nan where there is no length, or it joins two anchors."""
         structure = self._builder.structure
         sigma_m = measured.sigma_m
-        jacobian = length_jacobian(shape.node_position_m, structure.tendons)
+        length_m, jacobian = length_and_jacobian(shape.node_position_m, structure.tendons)
         frame_covariance_m2 = shape.covariance_m2 - self._rest_covariance_m2
         predicted = propagated_variance(jacobian, frame_covariance_m2)
         variance = np.where(np.isfinite(sigma_m), sigma_m, 1.0) ** 2
         least = LEAST_REDUNDANCY * variance
         variance = np.where(self._left_out, variance + predicted, np.maximum(variance - predicted, least))
         usable = np.isfinite(sigma_m) & structure.is_free_tendon
-        error = np.where(usable, measured.lengths.length_m, np.nan) - structure.tendon_length_m(shape.node_position_m)
+        error = np.where(usable, measured.lengths.length_m, np.nan) - length_m
         return np.asarray(error / np.sqrt(variance))
 
     def _take_back(self, t_s: float, seen: NDArray[np.bool_]) -> None:

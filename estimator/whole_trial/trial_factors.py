@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ...factors.body_frame import BODY_FRAME_M
 from ...factors.equilibrium import squared_norms
 from ...factors.noise import WeightedLengths, robust_loss, rounded_sigma_m
-from ...models.structure.lengths import length_jacobian, member_length_m
+from ...models.structure.lengths import length_and_jacobian, member_length_m
 from ..graph import GraphBuilder
 from ..own_evidence import own_error, own_rows, own_weight
 from .parts import Frames
@@ -105,10 +105,11 @@ class TrialFactors:
         self, node_position_m: NDArray[np.float64], frames: Frames
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (frames, rows, 3 nodes) A and (frames, rows) b of members, and then of the balance of forces."""
-        z = (member_length_m(node_position_m, self._members) - self._length_m[frames]) * self._per_m[frames]
+        length_m, by_length = length_and_jacobian(node_position_m, self._members)
+        z = (length_m - self._length_m[frames]) * self._per_m[frames]
         weight = np.ones_like(z)
         weight[:, self._rods :] = np.sqrt(robust_loss(z[:, self._rods :] ** 2, self._robust)[1])
-        by_length = length_jacobian(node_position_m, self._members) * (weight * self._per_m[frames])[:, :, None]
+        by_length *= (weight * self._per_m[frames])[:, :, None]
         if not self._balance:
             return by_length, z * weight
         statics, sigma_n = self._balance.statics_of(frames), self._balance.sigma_n[frames]
