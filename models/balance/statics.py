@@ -337,7 +337,7 @@ class Statics:
         pull = -self._incidence[:, :, None] * unit[..., None, :, :]  # (..., nodes, tendons, 3) per unit of tension
         w, _, w_floating, _ = self._rods(node_position_m)
         across = pull[..., self.nodes, :, :]
-        across = across - np.einsum("...nk,...nek,...nj->...nej", w, across, w)
+        across = across - np.einsum("...nk,...nek->...ne", w, across)[..., None] * w[..., None, :]
         across = np.swapaxes(across, -1, -2).reshape(*across.shape[:-3], -1, across.shape[-2])
         axial = np.einsum("...rk,...rek->...re", w_floating, pull[..., self.floating_rods, :, :].sum(axis=-3))
         return self._allowed(np.concatenate([across, axial], axis=-2), node_position_m)
