@@ -27,6 +27,7 @@ from ..models.values.errors import InputError
 from ..models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag, TendonLengths
 from ..models.values.slip import Slip
 from ..pipeline import FigureFormat, Pipeline, estimator_of, write_result
+from .garbage import rare_collections
 from .many import Many, Workers
 from .origin import chosen_model, made_with, placed_model
 from .paths import result_paths
@@ -177,7 +178,7 @@ def reconstruct_trial(job: TrialJob, terminal: Terminal) -> Table | None:
     made_from = options.fingerprint(inputs, parts)
     if is_up_to_date(job.out / RUN_FILE, made_from):
         return None
-    with terminal.stages(trial.name, options.stages()) as bar:
+    with rare_collections(), terminal.stages(trial.name, options.stages()) as bar:
         run = run_trial(trial, options, terminal, bar)
         with terminal.stage("tables and figures" if options.figures else "tables"):
             title = f"{trial.name}, {run.method}"

@@ -35,10 +35,13 @@ MANY_N = np.array([0.03, 0.1, 0.2, 0.4])
 """Standard deviations of the loads, when many nodes are loaded."""
 SCALES = np.array([0.8, 1.0, 2.0, 4.0, 8.0, 16.0])
 """The factors k by which the sigmas of all lengths may be wrong."""
+PER_SQUARE = SCALES**-2
+"""1 / k^2."""
 EXACT = SCALES <= 1
 """Which of them mean that the lengths are as exact as their sigmas say, or more."""
 WIDEST_M = 1.0
 """Standard deviation of the shape prior in the comparison, where the graph has none."""
+SHAKEN = int(Flag.SHAKEN)
 SHAKEN_SHARE = 0.4
 """Share of the tendons with the flag `SHAKEN`, above which the whole robot is shaken."""
 STILL_SHARE = 0.1
@@ -152,14 +155,14 @@ class ModelDoubt:
         return seen_until[np.searchsorted(times_s, times_s + SEEN_AFTER_S, side="right")] > seen_until[:-1]
 
     def _is_shaken(self, lengths: TendonLengths, before: bool) -> bool:
-        swings = (lengths.flags[self._builder.structure.free_tendons] & int(Flag.SHAKEN)) != 0
-        return bool(swings.mean() > (STILL_SHARE if before else SHAKEN_SHARE))
+        swings = lengths.flags[self._builder.structure.free_tendons] & SHAKEN
+        return int(np.count_nonzero(swings)) > (STILL_SHARE if before else SHAKEN_SHARE) * len(swings)
 
     def _doubt(self, shaken: bool, loads: NDArray[np.float64], scales: NDArray[np.float64]) -> Doubt:
         many_loads = float(loads[1])
         many_loads_n = self._settings.many_loads_n
         inexact = float(scales[~EXACT].sum())
-        length_scale = float(1 / np.sqrt(scales @ SCALES**-2))
+        length_scale = float(1 / np.sqrt(scales @ PER_SQUARE))
         reason = None
         if shaken:  # inertia loads every node
             many_loads = 1.0
@@ -180,12 +183,12 @@ class ModelDoubt:
         many = np.maximum(few[0], MANY_N[:, None] ** 2)
         variance = np.concatenate([few, many])
         rods = len(self._builder.structure.rods)
-        scale = float(SCALES[np.argmax(self._scale.probability)]) / used_scale
-        evidence = log_evidence(frame, rods, variance, np.full(len(variance), scale))
+        scale = SCALES[[np.argmax(self._scale.probability)]] / used_scale
+        evidence = log_evidence(frame, rods, variance, scale)
         evidence += np.concatenate([log_prior, np.full(len(many), -np.log(len(many)))])
         self._loads.update(share * np.array([log_sum(evidence[: len(few)]), log_sum(evidence[len(few) :])]))
-        best = variance[np.argmax(evidence)]
-        evidence = log_evidence(frame, rods, np.tile(best, (len(SCALES), 1)), SCALES / used_scale)
+        best = variance[[np.argmax(evidence)]]
+        evidence = log_evidence(frame, rods, best, SCALES / used_scale)
         self._scale.update(share * evidence)
 
     def _few_loads(self, frame: LinearFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -239,8 +242,8 @@ def log_evidence(
     Args:
         frame: the factors of the frame.
         rods: number of the rods, with which the members begin; their sigma is the same in all regimes.
-        force_variance: (regimes, rows) variance of each row of the balance of forces.
-        length_scale: (regimes,) factor of the sigma of the measured lengths.
+        force_variance: (regimes, rows) variance of each row of the balance of forces, or (1, rows) that of all regimes.
+        length_scale: (regimes,) factor of the sigma of the measured lengths, or (1,) that of all regimes.
     """
     prior_m = min(frame.prior_m, WIDEST_M)  # without any prior, forces alone leave some motion free
     prior = np.eye(len(frame.from_prior_m)) / prior_m**2
@@ -258,10 +261,29 @@ def log_evidence(
     jacobian = jacobian * weight[:, :, None]
     information = without + np.swapaxes(jacobian, 1, 2) @ jacobian
     slope = slope_without + (error[:, None] @ jacobian)[:, 0]
-    both = np.linalg.cholesky(np.stack([information, without]))
-    solved = np.linalg.solve(both, np.stack([slope, slope_without])[..., None])[..., 0]
-    gain, gain_without = 0.5 * np.sum(solved**2, axis=-1)
-    log_root, log_root_without = np.sum(np.log(np.diagonal(both, axis1=-2, axis2=-1)), axis=-1)
+    gain, log_root = _at_minimum(np.concatenate([information, without]), np.concatenate([slope, slope_without]))
+    regimes = len(information)
     measured = int(np.sum(frame.weight_per_m[rods:] > 0))
-    least = 0.5 * np.sum(error**2, axis=1) - gain + gain_without
-    return np.asarray(-least - log_root + log_root_without - measured * np.log(length_scale))
+    least = 0.5 * np.sum(error**2, axis=1) - gain[:regimes] + gain[regimes:]
+    return np.asarray(-least - log_root[:regimes] + log_root[regimes:] - measured * np.log(length_scale))
+
+
+def _at_minimum(
+    information: NDArray[np.float64], gradient: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (n,) by how much errors are less at their minima, and (n,) the logs of the roots of |H|.
+
+    The lower Cholesky factor of H, bordered by g, has L^-1 g in its last row, and g^T H^-1 g is the square of that.
+
+    Args:
+        information: (n, free, free) H, whose eigenvalues are 1 / `WIDEST_M`^2 or more.
+        gradient: (n, free) g.
+    """
+    size = gradient.shape[-1]
+    bordered = np.empty((len(gradient), size + 1, size + 1))
+    bordered[:, :size, :size] = information
+    bordered[:, size, :size] = bordered[:, :size, size] = gradient
+    bordered[:, size, size] = 1 + 2 * WIDEST_M**2 * np.sum(gradient**2, axis=1)  # more than g^T H^-1 g
+    root = np.linalg.cholesky(bordered)
+    gain = 0.5 * np.sum(root[:, size, :size] ** 2, axis=1)
+    return gain, np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)[:, :size]), axis=1)

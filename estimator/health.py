@@ -14,16 +14,21 @@ tendon, while a node that is really pressed needs no wrong length. Sensors that 
 one: something that all have in common moves them.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.noise import WeightedLengths
 from ..models.estimation import HealthSettings
-from ..models.structure.lengths import length_jacobian, propagated_variance
+from ..models.structure.lengths import length_and_jacobian, propagated_variance
 from ..models.structure.shape import Shape
 from ..models.values.readings import Flag
 from ..models.values.time_series import low_pass_weight
 from .graph import GraphBuilder
+from .whole_trial.own_minima import own_minima
+from .whole_trial.trial_balance import TrialBalance
+from .whole_trial.trial_factors import TrialFactors
 
 ALL_WRONG = 2.0
 """Factor of all sigmas in the explanation that all sensors are a little wrong."""
@@ -85,14 +90,14 @@ class SensorHealth:
         """Return (tendons,) the studentised residual z; nan where there is no length, or it joins two anchors."""
         structure = self._builder.structure
         sigma_m = measured.sigma_m
-        jacobian = length_jacobian(shape.node_position_m, structure.tendons)
+        length_m, jacobian = length_and_jacobian(shape.node_position_m, structure.tendons)
         frame_covariance_m2 = shape.covariance_m2 - self._rest_covariance_m2
         predicted = propagated_variance(jacobian, frame_covariance_m2)
         variance = np.where(np.isfinite(sigma_m), sigma_m, 1.0) ** 2
         least = LEAST_REDUNDANCY * variance
         variance = np.where(self._left_out, variance + predicted, np.maximum(variance - predicted, least))
         usable = np.isfinite(sigma_m) & structure.is_free_tendon
-        error = np.where(usable, measured.lengths.length_m, np.nan) - structure.tendon_length_m(shape.node_position_m)
+        error = np.where(usable, measured.lengths.length_m, np.nan) - length_m
         return np.asarray(error / np.sqrt(variance))
 
     def _take_back(self, t_s: float, seen: NDArray[np.bool_]) -> None:
@@ -119,8 +124,8 @@ class SensorHealth:
         self._checked_s[suspect] = shape.t_s
         admitted = self.admit(measured)
         without = admitted.without(np.arange(len(self._left_out)) == suspect)
-        all_wrong = self._least_error(admitted.scaled(ALL_WRONG), shape) + admitted.count * np.log(ALL_WRONG)
-        log_ratio = min(self._least_error(admitted, shape), all_wrong) - self._least_error(without, shape)
+        with_all, all_wrong, without_it = self._least_errors([admitted, admitted.scaled(ALL_WRONG), without], shape)
+        log_ratio = min(with_all, all_wrong + admitted.count * np.log(ALL_WRONG)) - without_it
         self._log_evidence[suspect] = max(self._log_evidence[suspect] + log_ratio - settings.expected_log_ratio, 0.0)
         self._by_change[suspect] += change_explains[suspect]
         if self._log_evidence[suspect] >= settings.log_ratio:
@@ -129,6 +134,9 @@ class SensorHealth:
             self._agrees_since_s[suspect] = np.inf
             self._log_evidence[suspect] = self._by_change[suspect] = 0.0
 
-    def _least_error(self, measured: WeightedLengths, shape: Shape) -> float:
-        """Return the least error of a frame's own factors, near its shape."""
-        return self._builder.search(measured, shape.node_position_m).finished().error
+    def _least_errors(self, explanations: Sequence[WeightedLengths], shape: Shape) -> list[float]:
+        """Return the least error of the frame's own factors near its shape, with each of several weights of lengths."""
+        count = len(explanations)
+        factors = TrialFactors(self._builder, explanations, TrialBalance.of_newest(self._builder, count))
+        error: list[float] = own_minima(factors, np.tile(shape.node_position_m, (count, 1, 1)))[1].tolist()
+        return error

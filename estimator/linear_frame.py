@@ -10,8 +10,7 @@ from ..factors.body_frame import BODY_FRAME_M
 from ..factors.equilibrium import squared_norms
 from ..factors.noise import WeightedLengths, independent_rows, stacked_shared
 from ..models.balance.statics import Statics
-from ..models.structure.lengths import member_length_m
-from ..models.structure.rigidity import free_length_jacobian
+from ..models.structure.lengths import length_and_jacobian
 from ..models.values.readings import NodeFactor
 from .graph import GraphBuilder
 from .own_evidence import own_rows, own_weight
@@ -211,7 +210,7 @@ def linearised_frames(builder: GraphBuilder, node_position_m: NDArray[np.float64
     lead = node_position_m.shape[:-2]
     rods = (*lead, len(structure.rods))
     sigma_m = data.sigma_m[..., tendons]
-    length_m = member_length_m(node_position_m, structure.free_members)
+    length_m, by_length = length_and_jacobian(node_position_m, structure.free_members, free)
     known_m = np.concatenate([np.broadcast_to(structure.rod_length_m, rods), data.length_m[..., tendons]], axis=-1)
     used = np.concatenate([np.ones(rods, dtype=np.bool_), np.isfinite(sigma_m)], axis=-1)
     if data.statics:
@@ -228,7 +227,7 @@ def linearised_frames(builder: GraphBuilder, node_position_m: NDArray[np.float64
     from_rest_m = node_position_m - builder.rest.node_position_m
     return LinearFrame(
         length_error_m=np.where(used, length_m - known_m, 0.0),
-        length_jacobian=free_length_jacobian(structure, node_position_m),
+        length_jacobian=by_length,
         weight_per_m=np.concatenate([np.full(rods, 1 / builder.noise.rod_m), 1 / sigma_m], axis=-1),
         drift_m2=None if data.drift_m2 is None else data.drift_m2[..., tendons[:, None], tendons],
         shared=None if data.shared is None else data.shared[..., tendons],

@@ -21,7 +21,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.special import expit, logit
 
 from ..factors.noise import WeightedLengths
-from ..models.structure.lengths import length_jacobian, propagated_variance
+from ..models.structure.lengths import length_and_jacobian, propagated_variance
 from ..models.structure.shape import Shape
 from ..models.values.readings import (
     LEAST_PROBABILITY,
@@ -107,11 +107,11 @@ class ModeChoice:
             modes: (..., 2, tendons) the lengths in each mode.
         """
         structure = self._builder.structure
-        jacobian = length_jacobian(node_position_m, structure.tendons)
+        shape_m, jacobian = length_and_jacobian(node_position_m, structure.tendons)
         variance = propagated_variance(jacobian, covariance_m2 - self._builder.rest.covariance_m2)
         share = np.minimum(variance / sigma_m**2, 0.95)  # of the reading in the estimated length
         read_m = np.nan_to_num(length_m)
-        cavity_m = (structure.tendon_length_m(node_position_m) - share * read_m) / (1 - share)
+        cavity_m = (shape_m - share * read_m) / (1 - share)
         spread = modes.sigma_m**2 + (variance / (1 - share))[..., None, :]
         log_density = -0.5 * ((modes.length_m - cavity_m[..., None, :]) ** 2 / spread + np.log(spread))
         ratio = log_density[..., int(Mode.BENDING), :] - log_density[..., int(Mode.STRETCHING), :]

@@ -230,24 +230,23 @@ class FrameEvidence:
         """Return (..., rows) the variance of the balance of forces, with loads that may be hidden."""
         variance = 1 / frame.force_weight_per_n**2
         by_row = frame.force_jacobian
-        lead = by_row.shape[:-2]
         covariance = np.linalg.inv(held + np.swapaxes(by_row / variance[..., None], -1, -2) @ by_row)
+        of_rows = by_row @ covariance @ np.swapaxes(by_row, -1, -2)
+        cavities = []
         at_nodes = 3 * len(statics.nodes)
-        size = by_row.shape[-1]
-        parts = []
-        for rows, dimension in ((slice(at_nodes), 3), (slice(at_nodes, None), 1)):
-            independent = statics.rank_of_row[rows][::dimension]
-            sigma_n = frame.force_sigma_n[..., rows][..., ::dimension]
-            groups = by_row[..., rows, :].reshape(*lead, -1, dimension, size)
-            r = frame.force_n[..., rows].reshape(*lead, -1, dimension)
-            weighted = groups @ covariance[..., None, :, :] @ np.swapaxes(groups, -1, -2)
-            excused = variance[..., rows].reshape(*lead, -1, dimension)[..., :1, None]
+        for rows, dimension in ((np.arange(at_nodes), 3), (np.arange(at_nodes, by_row.shape[-2]), 1)):
+            groups = rows.reshape(-1, dimension)
+            weighted = of_rows[..., groups[:, :, None], groups[:, None, :]]
+            excused = variance[..., groups[:, :1], None]
             cavity = np.linalg.solve((1 + 1e-6) * np.eye(dimension) - weighted / excused, weighted)
-            cavity_n2 = np.maximum(np.trace(cavity, axis1=-2, axis2=-1) / independent, 0)
-            loaded = self._loaded_probability(np.sum(r * r, axis=-1), cavity_n2, independent, sigma_n)
-            mixed = (1 - loaded) * excused[..., 0, 0] + loaded * self._settings.load_n**2
-            parts.append(np.repeat(mixed, dimension, axis=-1))
-        return np.maximum(variance, np.concatenate(parts, axis=-1))
+            cavities.append(np.trace(cavity, axis1=-2, axis2=-1))
+        start = statics.group_start
+        independent = statics.rank_of_row[start]
+        cavity_n2 = np.maximum(np.concatenate(cavities, axis=-1) / independent, 0)
+        squared_n2 = np.add.reduceat(frame.force_n**2, start, axis=-1)
+        loaded = self._loaded_probability(squared_n2, cavity_n2, independent, frame.force_sigma_n[..., start])
+        mixed = (1 - loaded) * variance[..., start] + loaded * self._settings.load_n**2
+        return np.maximum(variance, mixed[..., statics.group])
 
     def _loaded_probability(
         self,

@@ -220,7 +220,7 @@ def _check_curve(model: SensorModel) -> None:
     """
     change = np.linspace(0, max(model.ranges.change[1], 0))
     means = np.repeat(change[:, None], len(model.curve.memory_s), axis=1)
-    strain, sigma = model.curve.strain(change, means), model.curve.sigma(change, means)
+    strain, sigma = model.curve.estimate(change, means)
     most = 2 * model.gauge.most_strain
     if np.abs(strain).max() > most:
         got = f"{strain.min():.3g} to {strain.max():.3g}"

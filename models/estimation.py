@@ -105,7 +105,7 @@ class DoubtSettings:
     inexact_memory_s: Positive = 2.0
     """Time for which they stay so."""
     update_every_s: Positive = 0.1
-    """Shortest time between two comparisons, each of which takes about as long as the estimate of a frame."""
+    """Shortest time between two comparisons, each of which takes a sixth of the time of a frame."""
 
 
 @dataclass(frozen=True, slots=True)

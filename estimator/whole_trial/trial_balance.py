@@ -46,6 +46,14 @@ class TrialBalance:
         natural_m = mechanics.natural_length_m + change_m if natural else np.zeros((0, len(builder.structure.tendons)))
         return cls(statics, natural, natural_m, stacked, np.zeros((0, len(statics.group))))
 
+    @classmethod
+    def of_newest(cls, builder: GraphBuilder, count: int) -> "TrialBalance | None":
+        """Return the balance in the newest frame that was added to a graph, `count` times; None without mechanics."""
+        if builder.statics is None:
+            return None
+        no_natural_m = np.zeros((0, len(builder.structure.tendons)))
+        return cls(builder.statics, (), no_natural_m, None, np.tile(builder.force_sigma_n, (count, 1)))
+
     def statics_of(self, frames: Frames) -> Statics:
         """Return the balance in some of the frames, stacked."""
         statics = self.statics

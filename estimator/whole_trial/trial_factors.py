@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ...factors.body_frame import BODY_FRAME_M
 from ...factors.equilibrium import squared_norms
 from ...factors.noise import WeightedLengths, independent_rows, robust_loss, rounded_sigma_m, stacked_shared
-from ...models.structure.lengths import length_jacobian, member_length_m
+from ...models.structure.lengths import length_and_jacobian, member_length_m
 from ..graph import GraphBuilder
 from ..own_evidence import own_error, own_rows, own_weight
 from .parts import Frames
@@ -65,7 +65,7 @@ class TrialFactors:
             frames: their numbers.
         """
         x = node_position_m.reshape(len(node_position_m), -1)
-        z = self._residual(node_position_m, frames)
+        z = (member_length_m(node_position_m, self._members) - self._length_m[frames]) * self._per_m[frames]
         if self._shared is not None:
             z[:, self._rods :] = independent_rows(z[:, self._rods :, None], self._shared[frames])[..., 0]
         error = 0.5 * np.sum(z[:, : self._rods] ** 2, axis=1)
@@ -105,29 +105,24 @@ class TrialFactors:
             gradient += (weighted @ z[..., None])[..., 0]
         return information, gradient
 
-    def _residual(self, node_position_m: NDArray[np.float64], frames: Frames) -> NDArray[np.float64]:
-        """Return (frames, members) lengths minus the known or measured ones, over their sigmas."""
-        return np.asarray(
-            (member_length_m(node_position_m, self._members) - self._length_m[frames]) * self._per_m[frames]
-        )
-
     def _weighted_rows(
         self, node_position_m: NDArray[np.float64], frames: Frames
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (frames, rows, 3 nodes) A and (frames, rows) b of members, and then of the balance of forces."""
-        z = self._residual(node_position_m, frames)
-        by_length = length_jacobian(node_position_m, self._members) * self._per_m[frames][:, :, None]
+        length_m, by_length = length_and_jacobian(node_position_m, self._members)
+        z = (length_m - self._length_m[frames]) * self._per_m[frames]
+        by_length *= self._per_m[frames][:, :, None]
         if self._shared is not None:
             both = np.concatenate([z[:, self._rods :, None], by_length[:, self._rods :]], axis=2)
             both = independent_rows(both, self._shared[frames])
             z[:, self._rods :], by_length[:, self._rods :] = both[..., 0], both[..., 1:]
-        weight = np.ones_like(z)
-        weight[:, self._rods :] = np.sqrt(robust_loss(z[:, self._rods :] ** 2, self._robust)[1])
-        by_length *= weight[:, :, None]
+        weight = np.sqrt(robust_loss(z[:, self._rods :] ** 2, self._robust)[1])
+        z[:, self._rods :] *= weight
+        by_length[:, self._rods :] *= weight[:, :, None]
         if not self._balance:
-            return by_length, z * weight
+            return by_length, z
         statics, sigma_n = self._balance.statics_of(frames), self._balance.sigma_n[frames]
         force_n, by_force = statics.residual_and_jacobian(node_position_m)
         kernel = 1 / np.sqrt(1 + squared_norms(force_n / sigma_n, statics)) / sigma_n
         by_force *= kernel[:, :, None]
-        return np.concatenate([by_length, by_force], axis=1), np.concatenate([z * weight, force_n * kernel], axis=1)
+        return np.concatenate([by_length, by_force], axis=1), np.concatenate([z, force_n * kernel], axis=1)

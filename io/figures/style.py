@@ -26,6 +26,8 @@ BLACK = "#000000"
 BAND = 1.96
 """Sigmas of a 95 % band."""
 DPI = 110
+QUICK = 1
+"""Level of compression of a PNG: a tenth of the time of a figure less than with level 6, and a file larger by 6 %."""
 
 
 def add_grid(
@@ -44,7 +46,8 @@ def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> None:
     """Write a PNG, or a PDF, by the name of the file; a `$` in a title is one, as names of trials may have it."""
     for text in (*figure.texts, *(axis.title for axis in figure.axes)):
         text.set_parse_math(False)
-    figure.savefig(path, dpi=dpi)
+    options: dict[str, Any] = {"pil_kwargs": {"compress_level": QUICK}} if path.suffix == ".png" else {}
+    figure.savefig(path, dpi=dpi, **options)
 
 
 def within_margins(figure: Figure, *, left: float, right: float, bottom: float, top: float) -> dict[str, float]:

@@ -33,6 +33,7 @@ SURELY_SLACK = 4.0
 """Number of standard deviations by which a cable that is slack for certain is shorter than its natural length."""
 LEAST_RANK = 0.1
 """Least number of independent rows of a node at which cables take all that a load could do."""
+IDENTITY = np.eye(3)
 
 
 class Statics:
@@ -59,8 +60,9 @@ class Statics:
         partner = np.arange(count)
         partner[single] = single[:, ::-1]
         self._partner = partner[self.nodes]
-        self._on_rod = (self._partner != self.nodes)[:, None]
+        self._on_no_rod = np.where(self._partner == self.nodes, 1.0, 0.0)[:, None]
         self.floating_rods = single[np.isin(single, self.nodes).all(axis=1)]
+        self._rod_ends = np.searchsorted(self.nodes, self.floating_rods[:, 1])  # of these, the second ones
         self._rows = (3 * np.searchsorted(self.nodes, self.joined.nodes)[:, None] + np.arange(3)).ravel()
         self._take_ends()
         self.group = np.concatenate(
@@ -182,7 +184,7 @@ class Statics:
     @property
     def rows_per_node(self) -> NDArray[np.float64]:
         """(free nodes,) the number of independent rows of each node: two on a rod, less on joined rods, else three."""
-        rows = np.where(self._on_rod[:, 0], 2.0, 3.0)
+        rows = 2 + self._on_no_rod[:, 0]
         rows[self._rows[::3] // 3] = self.joined.rows_per_node
         return np.asarray(rows)
 
@@ -245,7 +247,7 @@ class Statics:
         f = force[..., nodes, :]
         wf = np.sum(w * f, axis=-1, keepdims=True)
         r = f - w * wf
-        turn = (wf[..., None] * (np.eye(3) - _outer(w, w)) + _outer(w, r)) / ell[..., None]
+        turn = (wf[..., None] * (IDENTITY - _outer(w, w)) + _outer(w, r)) / ell[..., None]
         f_rod = force[..., rods, :].sum(axis=-2)
         s = np.sum(w_floating * f_rod, axis=-1, keepdims=True)
         turn_rod = (f_rod - w_floating * s) / ell_floating
@@ -284,7 +286,7 @@ class Statics:
             slope: (..., tendons) T / l.
             stiffness: (..., tendons) kappa.
         """
-        S = slope[..., None, None] * np.eye(3) + (stiffness - slope)[..., None, None] * _outer(unit, unit)
+        S = slope[..., None, None] * IDENTITY + (stiffness - slope)[..., None, None] * _outer(unit, unit)
         S = S[..., self._end_tendon, :, :]
         w = w[..., self._end_node, :]
         along = np.einsum("...k,...kj->...j", w, S)
@@ -316,7 +318,7 @@ class Statics:
         jacobian = np.zeros((len(self.group), self.structure.node_count, 3))
         index = np.arange(len(self.nodes))
         across = jacobian[: 3 * len(self.nodes)].reshape(len(self.nodes), 3, -1, 3)
-        across[index, :, self.nodes] = np.eye(3) - w[:, :, None] * w[:, None, :]
+        across[index, :, self.nodes] = IDENTITY - w[:, :, None] * w[:, None, :]
         rods = np.arange(len(self.floating_rods))
         for end in (0, 1):
             jacobian[3 * len(self.nodes) + rods, self.floating_rods[:, end]] = along
@@ -335,7 +337,7 @@ class Statics:
         pull = -self._incidence[:, :, None] * unit[..., None, :, :]  # (..., nodes, tendons, 3) per unit of tension
         w, _, w_floating, _ = self._rods(node_position_m)
         across = pull[..., self.nodes, :, :]
-        across = across - np.einsum("...nk,...nek,...nj->...nej", w, across, w)
+        across = across - np.einsum("...nk,...nek->...ne", w, across)[..., None] * w[..., None, :]
         across = np.swapaxes(across, -1, -2).reshape(*across.shape[:-3], -1, across.shape[-2])
         axial = np.einsum("...rk,...rek->...re", w_floating, pull[..., self.floating_rods, :, :].sum(axis=-3))
         return self._allowed(np.concatenate([across, axial], axis=-2), node_position_m)
@@ -355,11 +357,10 @@ class Statics:
         At a free node w points from the rod's other end to the node, and w = 0 for a node on no rod. On a floating rod
         w points from its first end to its second.
         """
-        difference = np.where(self._on_rod, x[..., self.nodes, :] - x[..., self._partner, :], 0.0)
-        ell = np.where(self._on_rod, np.sqrt(np.sum(difference**2, axis=-1, keepdims=True)), 1.0)
-        floating = x[..., self.floating_rods[:, 1], :] - x[..., self.floating_rods[:, 0], :]
-        ell_floating = np.sqrt(np.sum(floating**2, axis=-1, keepdims=True))
-        return difference / ell, ell, floating / ell_floating, ell_floating
+        difference = x[..., self.nodes, :] - x[..., self._partner, :]  # zero for a node on no rod
+        ell = np.sqrt(np.sum(difference * difference, axis=-1, keepdims=True)) + self._on_no_rod
+        w = difference / ell
+        return w, ell, w[..., self._rod_ends, :], ell[..., self._rod_ends, :]
 
 
 def _outer(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

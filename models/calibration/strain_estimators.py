@@ -63,6 +63,6 @@ class NetworkEstimator:
             strain[k], sigma[k] = sensors.step(change[k], rate[k], step_s[k])
             spread[k] = running_spread.step(strain[k], step_s[k])
             factor[k], widening, beyond[k] = extrapolation.step(change[k], rate[k], strain[k], step_s[k])
-            added[k] = np.hypot(widening, sensors.curve_sigma(change[k]))
+            added[k] = np.hypot(widening, sensors.curve_sigma)
         scaled = np.hypot(sigma * self.model.sigma_scale.at(spread) * factor, added)
         return EstimatedStrain(strain, scaled, sigma, spread, beyond)

@@ -243,7 +243,7 @@ class FrontEnd:
         sigma = sigma * widening * self._model.sigma_scale.at(self._strain_spread)
         left = np.exp(-(t_s - self._warm_s) / self._settings.warm_up_s)
         warm_up = np.where(np.isnan(self._warm_s), 0.0, self._warm_sigma * left)
-        curve = self._stretching.curve_sigma(held.change)
+        curve = self._stretching.curve_sigma
         parts = (sigma, self._taring.sigma(strain, held.change), curve, beyond, warm_up)
         return _Strain(strain, np.asarray(np.sqrt(sum(part**2 for part in parts))), np.hypot(sigma, curve))
 

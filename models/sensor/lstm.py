@@ -47,9 +47,12 @@ def features(
     scaling: Scaling,
 ) -> NDArray[np.float64]:
     """Return the network's input X_t, (..., 3 + memories), from dR/R, its rate, the time step and running means."""
-    step = np.broadcast_to(np.log(np.asarray(step_s) / scaling.step_s), change.shape)
-    now = [(change - scaling.change_middle) / scaling.change, rate_per_s / scaling.rate_per_s, step]
-    return np.concatenate([np.stack(now, axis=-1), (change[..., None] - means) / scaling.change], axis=-1)
+    x = np.empty((*change.shape, 3 + means.shape[-1]))
+    x[..., 0] = (change - scaling.change_middle) / scaling.change
+    x[..., 1] = rate_per_s / scaling.rate_per_s
+    x[..., 2] = np.log(np.asarray(step_s) / scaling.step_s)
+    x[..., 3:] = (change[..., None] - means) / scaling.change
+    return x
 
 
 def next_means(

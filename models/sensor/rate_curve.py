@@ -40,21 +40,28 @@ class RateCurve:
     """(terms + 1, terms + 1) factor F of the covariance F F' of the coefficients. The covariance allows for residuals
     that are correlated over seconds."""
 
-    def strain(self, change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return strain from (...) dR/R and its (..., memories) running means."""
-        inputs = rate_inputs(change, means)
-        terms = curve_terms(np.minimum(np.maximum(inputs, self.range[0]), self.range[1]), self.scale, self.gauge)
-        beyond = self.gauge.stretched_strain(change) - terms[..., -1]
-        return np.asarray(terms @ self.coefficients + beyond)
+    def estimate(
+        self, change: NDArray[np.float64], means: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return strain from (...) dR/R and its (..., memories) running means, and its sigma due to the coefficients.
 
-    def sigma(self, change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the strain sigma due to the covariance of the coefficients.
-
-        y is clipped to its range in the fit; `Extrapolation` adds the uncertainty outside of this range.
+        In the sigma, only y is clipped to its range in the fit, not its differences from its means. `Extrapolation`
+        adds the uncertainty outside of this range.
         """
         inputs = rate_inputs(change, means)
-        inputs[..., 0] = np.minimum(np.maximum(inputs[..., 0], self.range[0, 0]), self.range[1, 0])
-        return np.asarray(np.linalg.norm(curve_terms(inputs, self.scale, self.gauge) @ self.factor, axis=-1))
+        clipped = np.minimum(np.maximum(inputs, self.range[0]), self.range[1])
+        inputs[..., 0] = clipped[..., 0]
+        of_strain, of_sigma = curve_terms(np.stack([clipped, inputs]), self.scale, self.gauge)
+        beyond = self.gauge.stretched_strain(change) - of_strain[..., -1]
+        return of_strain @ self.coefficients + beyond, np.linalg.norm(of_sigma @ self.factor, axis=-1)
+
+    def strain(self, change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the strain of `estimate`."""
+        return self.estimate(change, means)[0]
+
+    def sigma(self, change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the sigma of `estimate`."""
+        return self.estimate(change, means)[1]
 
 
 def rate_inputs(change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:

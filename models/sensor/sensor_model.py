@@ -163,8 +163,7 @@ class SensorModel:
         change = np.zeros(1)
         try:
             means = np.zeros((1, len(self.curve.memory_s)))
-            self.curve.strain(change, means)
-            self.curve.sigma(change, means)
+            self.curve.estimate(change, means)
         except ValueError as error:
             raise InputError(f"its curve's parts do not fit together ({error})") from error
         self.bending_curve("strain")

@@ -59,18 +59,18 @@ class StretchingSensors:
         self._curve_memories = len(model.curve.memory_s)
         self._state = self._lstm.initial_state(sensors)
         self._means = np.zeros((sensors, len(self._memory_s)))
+        self.curve_sigma = np.zeros(sensors)
+        """(sensors,) the strain sigma due to the coefficients of the rate curve, after the latest step."""
 
     def step(
         self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: Floats
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (sensors,) strain and its sigma after one more reading of each sensor; inputs must be finite."""
-        self._means = next_means(self._means, change, step_s, self._memory_s)
-        strain, sigma, self._state = self._evaluate(change, rate_per_s, step_s, self._means, self._state)
-        return strain, sigma
-
-    def curve_sigma(self, change: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (sensors,) the strain sigma due to the coefficients of the rate curve, after the latest step."""
-        return self._curve.sigma(change, self._means[:, : self._curve_memories])
+        means = self._means = next_means(self._means, change, step_s, self._memory_s)
+        output, self._state = self._lstm.step(features(change, rate_per_s, step_s, means, self._scaling), self._state)
+        on_curve, self.curve_sigma = self._curve.estimate(change, means[:, : self._curve_memories])
+        log_variance = np.minimum(np.maximum(output[:, 1], LOG_VARIANCE_RANGE[0]), LOG_VARIANCE_RANGE[1])
+        return on_curve + STRAIN_SCALE * output[:, 0], STRAIN_SCALE * np.exp(0.5 * log_variance)
 
     def settle(self, change: NDArray[np.float64], chosen: NDArray[np.bool_], step_s: float) -> NDArray[np.float64]:
         """Put sensors into the state that they have after a long rest at their dR/R; return the strain in this state.
@@ -91,25 +91,6 @@ class StretchingSensors:
         replaced = chosen[:, None]
         self._means = np.where(replaced, means, self._means)
         self._state = LstmState(np.where(replaced, state.h, self._state.h), np.where(replaced, state.c, self._state.c))
-        return self._strain(output, change, means)
-
-    def _evaluate(
-        self,
-        change: NDArray[np.float64],
-        rate_per_s: NDArray[np.float64],
-        step_s: Floats,
-        means: NDArray[np.float64],
-        state: LstmState,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], LstmState]:
-        output, state = self._lstm.step(features(change, rate_per_s, step_s, means, self._scaling), state)
-        strain = self._strain(output, change, means)
-        log_variance = np.minimum(np.maximum(output[:, 1], LOG_VARIANCE_RANGE[0]), LOG_VARIANCE_RANGE[1])
-        sigma = STRAIN_SCALE * np.exp(0.5 * log_variance)
-        return strain, sigma, state
-
-    def _strain(
-        self, output: NDArray[np.float64], change: NDArray[np.float64], means: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
         return self._curve.strain(change, means[:, : self._curve_memories]) + STRAIN_SCALE * output[:, 0]
 
 

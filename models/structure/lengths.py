@@ -23,15 +23,23 @@ def length_jacobian(
         members: (members, 2) node pairs.
         coordinates: indices of the coordinates to differentiate by, among all (3 nodes,); all if None.
     """
+    return length_and_jacobian(node_position_m, members, coordinates)[1]
+
+
+def length_and_jacobian(
+    node_position_m: ArrayLike, members: NDArray[np.int64], coordinates: NDArray[np.int64] | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return `member_length_m` and `length_jacobian`."""
     position = np.asarray(node_position_m, dtype=np.float64)
     difference = position[..., members[:, 1], :] - position[..., members[:, 0], :]
-    unit = difference / np.linalg.norm(difference, axis=-1, keepdims=True)
+    length = np.linalg.norm(difference, axis=-1)
+    unit = difference / length[..., None]
     jacobian = np.zeros((*position.shape[:-2], len(members), *position.shape[-2:]))
     row = np.arange(len(members))
     jacobian[..., row, members[:, 1], :] = unit
     jacobian[..., row, members[:, 0], :] = -unit
     jacobian = jacobian.reshape(*jacobian.shape[:-2], 3 * jacobian.shape[-2])
-    return jacobian if coordinates is None else np.take(jacobian, coordinates, axis=-1)
+    return length, jacobian if coordinates is None else np.take(jacobian, coordinates, axis=-1)
 
 
 def propagated_variance(jacobian: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:

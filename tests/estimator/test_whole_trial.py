@@ -11,7 +11,7 @@ from tensegraph.estimator.graph import GraphBuilder
 from tensegraph.estimator.linear_frame import FrameData, linearised, linearised_frames
 from tensegraph.estimator.uncertainty import FrameEvidence, Mixture
 from tensegraph.estimator.whole_trial import trial_chain
-from tensegraph.estimator.whole_trial.second_shapes import own_minima
+from tensegraph.estimator.whole_trial.own_minima import own_minima
 from tensegraph.estimator.whole_trial.trial_balance import TrialBalance
 from tensegraph.estimator.whole_trial.trial_chain import TrialChain, minimised
 from tensegraph.estimator.whole_trial.trial_factors import TrialFactors
