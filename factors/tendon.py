@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.balance.statics import Statics
-from ..models.structure.lengths import length_jacobian, member_length_m
+from ..models.structure.lengths import length_and_jacobian, length_jacobian, member_length_m
 from ..models.structure.mechanics import Mechanics
 from ..models.structure.structure import Structure
 from ..models.values.readings import FactorRows
@@ -49,7 +49,8 @@ def correlated_tendon_rows(structure: Structure, measured: WeightedLengths, shar
         return np.asarray(per_m @ (member_length_m(position, members) - length_m))
 
     def linearised(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return residual(position), per_m @ length_jacobian(position, members)
+        now_m, by_position = length_and_jacobian(position, members)
+        return per_m @ (now_m - length_m), per_m @ by_position
 
     return NodeRows(len(usable), residual, linearised)
 
