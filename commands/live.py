@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -57,15 +58,22 @@ class LiveSource:
         named = self.record or self.replay or (self.twin and self.twin.with_suffix(""))
         return named.resolve().name if named else "live"
 
-    def feed(self, settings: Settings, model: SensorModel, terminal: Terminal) -> AbstractContextManager[Feed]:
-        """Return the readings, as a context manager; see `boards_feed`, `replay_feed` and `twin_feed`."""
-        if self.rig is not None:
-            operator = OperatorAtTerminal(terminal)
-            return boards_feed(Rig.read(self.rig), self.ports, self.record, settings, model, operator)
-        if self.replay is not None:
-            return replay_feed(self.replay, self.speed, self.record)
-        assert self.twin is not None
-        return twin_feed(self.twin, self.speed, self.record)
+    @contextmanager
+    def feed(self, settings: Settings, model: SensorModel, terminal: Terminal) -> Iterator[Feed]:
+        """Give the readings; see `boards_feed`, `replay_feed` and `twin_feed`."""
+        with ExitStack() as stack:
+            if self.rig is not None:
+                operator = OperatorAtTerminal(terminal)
+                rig = Rig.read(self.rig)
+                feed = stack.enter_context(boards_feed(rig, self.ports, self.record, settings, model, operator))
+            elif self.replay is not None:
+                feed = stack.enter_context(replay_feed(self.replay, self.speed, self.record))
+            else:
+                assert self.twin is not None
+                with terminal.stages(self.twin.stem, {"simulation": 1.0}) as bar:
+                    simulated = partial(bar.reached, "simulation")
+                    feed = stack.enter_context(twin_feed(self.twin, self.speed, self.record, simulated))
+            yield feed
 
 
 class ShapeSink(Protocol):

@@ -147,14 +147,22 @@ def replay_feed(path: Path, speed: float, record: Path | None) -> Iterator[Feed]
 
 
 @contextmanager
-def twin_feed(plan: Path, speed: float, record: Path | None) -> Iterator[Feed]:
+def twin_feed(
+    plan: Path, speed: float, record: Path | None, progress: Callable[[float], None] = lambda share: None
+) -> Iterator[Feed]:
     """Give the readings of the simulation of a plan, `speed` times faster than real time, without the truth.
+
+    Args:
+        plan: its file; all of it is simulated first.
+        speed: relative to real time.
+        record: trial directory to record into; None for none.
+        progress: called now and then with the share of the simulation that is done.
 
     Raises:
         TensegraphError: when the plan cannot be simulated, or the recording cannot be written.
     """
     parsed = read_plan(plan)
-    trial = simulate_plan(parsed, simulation_provenance(plan, parsed.seed))
+    trial = simulate_plan(parsed, simulation_provenance(plan, parsed.seed), progress)
     source = Replay(heapq.merge(trial.carried, trial.readings, key=arrival_s), speed)
     _, description = describe_trial(without_truth(trial.metadata), str(plan))
     feed = Feed(

@@ -68,7 +68,9 @@ def test_a_replay_and_the_twin_have_the_motors_too(trial) -> None:
     """Live from the trial, and straight from the plan: the same rows as in the file, each before its frame."""
     told = [reading for reading in trial.readings() if isinstance(reading, NaturalLengthReading)]
     assert len(told) == 3 * 200
-    for feed in (replay_feed(trial.path, 1e6, None), twin_feed(trial.path.parent / "prism.toml", 1e6, None)):
+    shares: list[float] = []
+    twin = twin_feed(trial.path.parent / "prism.toml", 1e6, None, shares.append)
+    for feed in (replay_feed(trial.path, 1e6, None), twin):
         with feed as live:
             readings = list(live.rows)
         rows = [reading for reading in readings if isinstance(reading, NaturalLengthReading)]
@@ -76,6 +78,8 @@ def test_a_replay_and_the_twin_have_the_motors_too(trial) -> None:
         assert [row.t_s for row in rows] == pytest.approx([row.t_s for row in told])
         assert [row.natural_length_m for row in rows] == pytest.approx([row.natural_length_m for row in told], abs=6e-6)
         assert [arrival_s(reading) for reading in readings] == sorted(arrival_s(reading) for reading in readings)
+    assert shares == sorted(shares)
+    assert shares[-1] == pytest.approx(1.0, abs=0.1)
 
 
 def test_a_replay_with_motors_is_recorded_again(trial, tmp_path) -> None:

@@ -4,12 +4,14 @@ import functools
 import gc
 import importlib.metadata
 import json
+import math
 import os
 import random
 import resource
 import shutil
 import signal
 import sys
+import tomllib
 import traceback
 import warnings
 from collections.abc import Iterator, Sequence
@@ -34,6 +36,8 @@ from tensegraph.io.viewer.run_log import new_recording
 CPU_S = 60
 """Computing time after which a run counts as one that hangs. Most take a tenth of a second; stamps in milliseconds make
 a trial of a second one of many minutes, of which each frame is estimated."""
+LONG_S = 600
+"""Duration of a plan above which its simulation may take more time, in proportion; memory ends it at some 5000 s."""
 WAIT_S = 300
 """Time after which one hangs that waits for something; a busy machine may need a while."""
 MEMORY_BYTES = 12 << 30
@@ -169,8 +173,9 @@ def outcome(place: Path, target: Target) -> str | None:
     """Run a command in this process, and return what is wrong with how it ended, or None; a hang ends the process."""
     out, error = StringIO(), StringIO()
     os.chdir(place)
-    signal.setitimer(signal.ITIMER_PROF, CPU_S)
-    signal.alarm(WAIT_S)
+    longer = min(max(_planned_s(place) / LONG_S, 1.0), 10.0)
+    signal.setitimer(signal.ITIMER_PROF, CPU_S * longer)
+    signal.alarm(round(WAIT_S * longer))
     with redirect_stdout(out), redirect_stderr(error), warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         code = _run(target.command)
@@ -186,6 +191,15 @@ def outcome(place: Path, target: Target) -> str | None:
     if len(text) > LONGEST_LINE or not text[:-1].isprintable():
         return f"no line to read: {text!r}"
     return "a result beside an error" if any(place.glob("out*")) else None
+
+
+def _planned_s(place: Path) -> float:
+    """Return the duration that a plan asks for, if there is one to simulate."""
+    try:
+        planned_s = float(tomllib.loads((place / "plan.toml").read_text(encoding="utf-8"))["duration_s"])
+    except (OSError, ValueError, KeyError, TypeError, OverflowError):
+        return 0.0
+    return planned_s if math.isfinite(planned_s) else 0.0
 
 
 def _run(command: tuple[str, ...]) -> int:
