@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..values.time_series import Floats, SmoothedRate, low_pass_weight
-from .lstm import LOG_VARIANCE_RANGE, STRAIN_SCALE, LstmState, features, next_means
+from .lstm import LOG_VARIANCE_RANGE, STRAIN_SCALE, features, next_means
 from .sensor_model import SensorModel
 
 SPREAD_MEMORY_S = 30.0
@@ -73,7 +73,7 @@ class StretchingSensors:
         return on_curve + STRAIN_SCALE * output[:, 0], STRAIN_SCALE * np.exp(0.5 * log_variance)
 
     def settle(self, change: NDArray[np.float64], chosen: NDArray[np.bool_], step_s: float) -> NDArray[np.float64]:
-        """Put sensors into the state that they have after a long rest at their dR/R; return the strain in this state.
+        """Put sensors into the state that they have after a long rest at their dR/R; return their strain in this state.
 
         Args:
             change: (sensors,) dR/R.
@@ -81,16 +81,14 @@ class StretchingSensors:
             step_s: time step, equal to that of the readings that follow. With another time step a sensor at rest would
                 drift by 0.001 of strain in 10 s.
         """
+        change = change[chosen]
         state = self._lstm.initial_state(len(change))
-        still = np.zeros(len(change))
         means = np.repeat(change[:, None], len(self._memory_s), axis=1)
-        x = features(change, still, step_s, means, self._scaling)
+        x = features(change, np.zeros(len(change)), step_s, means, self._scaling)
         output = np.zeros((len(change), 2))
         for _ in range(round(SETTLING_S / step_s)):
             output, state = self._lstm.step(x, state)
-        replaced = chosen[:, None]
-        self._means = np.where(replaced, means, self._means)
-        self._state = LstmState(np.where(replaced, state.h, self._state.h), np.where(replaced, state.c, self._state.c))
+        self._means[chosen], self._state.h[chosen], self._state.c[chosen] = means, state.h, state.c
         return self._curve.strain(change, means[:, : self._curve_memories]) + STRAIN_SCALE * output[:, 0]
 
 
