@@ -55,6 +55,8 @@ AXES = {
 }
 """Axes of every tensor, see `checked_tensors`, in the words of the docstrings of `SensorModel` and its parts."""
 BENDING_AXES = {"bending": "6", "bending_covariance": "6, 6"}
+LEAST_SCALE = 1e-6
+"""Least scale of an input of the curve, in dR/R: no ADC resolves so little."""
 """Axes of the tensors that are there if a strip was bent in the recordings."""
 
 SmallSigma = Annotated[float, Interval(ge=0, le=10)]
@@ -190,8 +192,10 @@ def _checked(tensors: Tensors, metadata: _Metadata) -> Tensors:
     checked = checked_tensors(tensors, AXES | (BENDING_AXES if bends else {}), sizes)
     for name in ("strain_knots", "change_knots", "mode_change"):
         check_rising(name, checked[name])
-    if (checked["curve_scale"] <= 0).any():
-        raise InputError("tensor 'curve_scale': expected positive numbers")
+    if (checked["curve_scale"] < LEAST_SCALE).any():
+        raise InputError(
+            f"tensor 'curve_scale': expected at least {LEAST_SCALE:g}, got {checked['curve_scale'].min():g}"
+        )
     if (np.diff(checked["curve_range"], axis=0) < 0).any():
         raise InputError("tensor 'curve_range': expected the least values in the first row, the greatest in the second")
     if bends:

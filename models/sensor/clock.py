@@ -46,7 +46,8 @@ class ClockCounts:
     lost_rows: int = 0
     """Rows that did not arrive, by the gaps in the board's row counter."""
     dropped_rows: int = 0
-    """Rows that were left out because they came late, came twice, or did not follow the row before."""
+    """Rows that were left out because they came late, came twice, did not follow the row before, or would be earlier
+    than those before a restart."""
     restarts: int = 0
     """How often the board has restarted."""
     host_steps: int = 0
@@ -70,6 +71,7 @@ class BoardClock:
     def time_s(self, row: BoardReading) -> float | None:
         """Return when the row was measured, on the host clock; None for a row that does not follow the one before.
 
+        There is None, too, for a row after a restart that would be more than a second earlier than those before.
         Two such rows in succession that follow each other mean that the board has restarted.
         """
         self.counts.rows += 1
@@ -91,7 +93,11 @@ class BoardClock:
         self._last = row
         self._suspect = None
         self._host_s = max(row.host_s, self._host_s)
-        self._time_s = max(self._on_host_s(self._device_s), self._time_s + 1e-6)
+        time_s = self._on_host_s(self._device_s)
+        if time_s < self._time_s - HOST_TOLERANCE_S:
+            self.counts.dropped_rows += 1
+            return None
+        self._time_s = max(time_s, self._time_s + 1e-6)
         return self._time_s
 
     def time_of_stamp_s(self, device_us: int, boot: int) -> float | None:

@@ -61,7 +61,7 @@ class TestModelFile:
             ("bias", np.zeros(64, dtype=np.int64), "expected floating-point numbers, got int64"),
             ("head_bias", np.full(2, 1e300), "magnitudes of at most 1e"),
             ("curve_factor", np.zeros((20, 20)), r"\(terms, terms\) = \(21, 21\), got \(20, 20\)"),
-            ("curve_scale", np.zeros(3), "expected positive numbers"),
+            ("curve_scale", np.array([1.0, 1e-308, 1.0]), "expected at least 1e-06, got 1e-308"),
             ("curve_scale", np.ones(9), "expected 1 to 4 numbers, got 9"),
             ("curve_range", np.ones((2, 3)) * [[1], [0]], "the least values in the first row"),
             ("curve_coefficients", np.full(21, 100.0), "its curve gives strains from"),

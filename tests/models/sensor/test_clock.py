@@ -123,12 +123,17 @@ class TestClock:
         assert clock.time_of_stamp_s(newest.device_us + 1_500_000, newest.boot) is None
 
 
-def test_a_restart_while_the_host_clock_goes_back_has_a_finite_time() -> None:
+def test_rows_before_those_of_an_earlier_start_are_left_out_and_counted() -> None:
+    """A restart while the host's clock goes back by 5 s: rows count again once they are not earlier than the last."""
+    before, _ = rows(500)
+    after, true_s = rows(750, from_s=6.0, seed=1)
     clock = BoardClock(ClockSettings())
-    counts = np.zeros(1, dtype=np.int64)
-    rows = [(10.0, 0, 0), (10.02, 1, 20_000), (5.0, 500, 9_000_000), (5.02, 501, 9_020_000), (5.04, 502, 9_040_000)]
-    times_s = [clock.time_s(BoardReading(0, host_s, seq, us, counts)) for host_s, seq, us in rows]
-    told = np.array([t for t in times_s if t is not None])
-    assert len(told) == 4
-    assert np.isfinite(told).all()
-    assert (np.diff(told) > 0).all()
+    for row in before:
+        clock.time_s(row)
+    times_s = [clock.time_s(row) for row in after]
+    told = np.array([t is not None for t in times_s])
+    assert clock.counts.restarts == 1
+    assert clock.counts.dropped_rows == (~told).sum() == pytest.approx(200, abs=2)
+    assert told[200:].all()
+    error_s = np.array(times_s[260:]) - true_s[260:]
+    assert np.abs(error_s).max() < 0.01
