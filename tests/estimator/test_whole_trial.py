@@ -197,6 +197,19 @@ def test_each_frame_s_minimum_is_that_of_gtsam(factors, balanced, lengths_of) ->
         assert np.abs(position_m[k] - minimum.node_position_m).max() < 0.002
 
 
+@pytest.mark.parametrize("wound", [False, True])
+def test_explanations_of_one_frame_are_searched_as_by_gtsam(wound, balanced, lengths_of) -> None:
+    """As `SensorHealth` compares them: all lengths, the same half as exact, and without one; motors wind, too."""
+    trial = Trial(balanced, lengths_of, wound=wound)
+    start_m, measured = trial.start_m[3], trial.measured[3]
+    explanations = [measured, measured.scaled(2.0), measured.without(np.arange(24) == 14)]
+    trial.builder.approach(start_m)
+    expected = [trial.builder.search(one, start_m).finished().error for one in explanations]
+    factors = TrialFactors(trial.builder, explanations, TrialBalance.of_newest(trial.builder, 3))
+    _, error = own_minima(factors, np.tile(start_m, (3, 1, 1)))
+    np.testing.assert_allclose(error, expected, atol=0.02)
+
+
 @pytest.mark.parametrize("robust", ["huber", "cauchy"])
 def test_losses_and_weights_are_those_of_gtsam(robust) -> None:
     z = np.array([0.0, 0.3, 1.3, 1.4, 5.0, -8.0])
