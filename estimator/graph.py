@@ -190,7 +190,7 @@ class GraphBuilder:
     def _node_rows(self, measured: WeightedLengths) -> list[NodeRows]:
         """Return those factors of a frame that are on all its nodes."""
         rows = []
-        if measured.shared is not None:
+        if measured.shared is not None and measured.count:
             rows.append(correlated_tendon_rows(self.structure, measured, measured.shared))
         if len(self.fixed_motions):
             rows.append(body_frame_rows(self.fixed_motions.T, self.rest.node_position_m))

@@ -1,5 +1,7 @@
 """All estimators: exact on exact lengths, agreeing with each other, honest about what is missing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.structure.rigidity import find_rest_shape
+from tensegraph.models.values.readings import ModelError
 
 ESTIMATORS = [FrameEstimator, LiveSmoother, BatchOptimizer]
 
@@ -60,9 +63,11 @@ def test_smoothing_beats_single_frames(example_structure, press, lengths_of) -> 
     assert rmse[BatchOptimizer] < 1.1 * rmse[LiveSmoother]
 
 
+@pytest.mark.parametrize("model_error", [None, ModelError(np.full(24, 3e-4), np.full(24, 0.17), np.full(24, 0.01))])
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_missing_tendons_widen_and_are_said(estimator, structure, rest, lengths_of) -> None:
+def test_missing_tendons_widen_and_are_said(estimator, model_error, structure, rest, lengths_of) -> None:
     frames = [lengths_of(structure, rest.node_position_m, 0.02 * k) for k in range(10)]
+    frames = [replace(frame, model_error=model_error) for frame in frames]
     whole = list(estimator(structure, rest, Settings()).estimate(frames))[-1]
     for frame in frames:
         frame.length_m[[5, 9, 20]] = np.nan
