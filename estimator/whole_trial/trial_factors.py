@@ -9,7 +9,10 @@ or one length each,
     g = A^T b + (x - x_0) / sigma^2
 
 where the rows of A and b are dz/dx and z, each times the root of its kernel's weight, and x_0 is the rest shape, or the
-position of an anchor.
+position of an anchor. Where sensors share the part u of their errors, b of the lengths is over own sigmas, those times
+the root of 1 - u^2, and with v = u / sqrt(1 - u^2), by the inverse of 1 + v v^T,
+
+    E -= (v^T b)^2 / (2 (1 + v^T v)),   H -= A^T v v^T A / (1 + v^T v),   g -= A^T v v^T b / (1 + v^T v)
 """
 
 from collections.abc import Sequence
@@ -19,7 +22,7 @@ from numpy.typing import NDArray
 
 from ...factors.body_frame import BODY_FRAME_M
 from ...factors.equilibrium import squared_norms
-from ...factors.noise import WeightedLengths, independent_rows, robust_loss, rounded_sigma_m, stacked_shared
+from ...factors.noise import WeightedLengths, robust_loss, rounded_sigma_m, stacked_shared
 from ...models.structure.lengths import length_and_jacobian, member_length_m
 from ..graph import GraphBuilder
 from ..own_evidence import own_error, own_rows, own_weight
@@ -50,7 +53,12 @@ class TrialFactors:
         per_m = np.where(used, 1 / rounded_sigma_m(np.where(used, sigma_m, 1.0)), 0.0)
         self._per_m = np.concatenate([np.full_like(rods, 1 / noise.rod_m), per_m], axis=1)
         shared = stacked_shared(measured)
-        self._shared = None if shared is None else np.where(structure.is_free_tendon, shared, 0.0)
+        self._shared: NDArray[np.float64] | None = None  # (frames, tendons) v / sqrt(1 + v^T v)
+        if shared is not None:
+            shared = np.where(structure.is_free_tendon, shared, 0.0)
+            own = np.sqrt(1 - shared**2)
+            self._per_m[:, self._rods :] /= own
+            self._shared = shared / own / np.sqrt(1 + np.sum((shared / own) ** 2, axis=1, keepdims=True))
         self._x_0 = structure.with_anchors_placed(builder.rest.node_position_m).ravel()
         self._per_m2 = np.full(3 * structure.node_count, noise.shape_prior_m**-2)
         self._per_m2[structure.anchored_coordinates] = noise.anchor_m**-2
@@ -66,9 +74,9 @@ class TrialFactors:
         """
         x = node_position_m.reshape(len(node_position_m), -1)
         z = (member_length_m(node_position_m, self._members) - self._length_m[frames]) * self._per_m[frames]
-        if self._shared is not None:
-            z[:, self._rods :] = independent_rows(z[:, self._rods :, None], self._shared[frames])[..., 0]
         error = 0.5 * np.sum(z[:, : self._rods] ** 2, axis=1)
+        if self._shared is not None:
+            error -= 0.5 * np.sum(self._shared[frames] * z[:, self._rods :], axis=1) ** 2
         error += np.sum(robust_loss(z[:, self._rods :] ** 2, self._robust)[0], axis=1)
         error += 0.5 * (x - self._x_0) ** 2 @ self._per_m2
         error += 0.5 * np.sum((x @ self._fixed.T - self._fixed_at) ** 2, axis=1)
@@ -95,6 +103,11 @@ class TrialFactors:
         gradient = (z[:, None] @ rows)[:, 0] + (x - self._x_0) * self._per_m2
         diagonal = np.arange(x.shape[1])
         information[:, diagonal, diagonal] += self._per_m2
+        if self._shared is not None:
+            tendons = slice(self._rods, len(self._members))
+            along = (self._shared[frames][:, None] @ rows[:, tendons])[:, 0]
+            information -= along[:, :, None] * along[:, None, :]
+            gradient -= along * np.sum(self._shared[frames] * z[:, tendons], axis=1, keepdims=True)
         if len(self._fixed):
             information += self._fixed.T @ self._fixed
             gradient += (x @ self._fixed.T - self._fixed_at) @ self._fixed
@@ -112,10 +125,6 @@ class TrialFactors:
         length_m, by_length = length_and_jacobian(node_position_m, self._members)
         z = (length_m - self._length_m[frames]) * self._per_m[frames]
         by_length *= self._per_m[frames][:, :, None]
-        if self._shared is not None:
-            both = np.concatenate([z[:, self._rods :, None], by_length[:, self._rods :]], axis=2)
-            both = independent_rows(both, self._shared[frames])
-            z[:, self._rods :], by_length[:, self._rods :] = both[..., 0], both[..., 1:]
         weight = np.sqrt(robust_loss(z[:, self._rods :] ** 2, self._robust)[1])
         z[:, self._rods :] *= weight
         by_length[:, self._rods :] *= weight[:, :, None]
