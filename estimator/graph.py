@@ -175,23 +175,23 @@ class GraphBuilder:
         """
         self.check_determined(measured.lengths)
         self.wind(measured.lengths.natural)
-        keys = self.keys(frame)
+        keys, shared = self.keys(frame), measured.shared
         for factors in (
             anchor_factors(self.structure, keys, self.noise),
             rod_factors(self.structure, keys, self.noise),
-            tendon_factors(self.structure, keys, measured, self.noise.robust) if measured.shared is None else [],
+            tendon_factors(self.structure, keys, measured, self.noise.robust) if shared is None else [],
             shape_prior_factors(self._free, keys, self.rest.node_position_m, self.noise.shape_prior_m),
         ):
             _add(graph, factors)
-        rows = self._node_rows(measured)
+        rows = self._node_rows(measured, shared)
         if rows:
             graph.add(factor_on_nodes(keys, rows))
 
-    def _node_rows(self, measured: WeightedLengths) -> list[NodeRows]:
+    def _node_rows(self, measured: WeightedLengths, shared: NDArray[np.float64] | None) -> list[NodeRows]:
         """Return those factors of a frame that are on all its nodes."""
         rows = []
-        if measured.shared is not None and measured.count:
-            rows.append(correlated_tendon_rows(self.structure, measured, measured.shared))
+        if shared is not None and measured.count:
+            rows.append(correlated_tendon_rows(self.structure, measured, shared))
         if len(self.fixed_motions):
             rows.append(body_frame_rows(self.fixed_motions.T, self.rest.node_position_m))
         if self.statics:

@@ -131,7 +131,7 @@ class ModeChoice:
         length_m = (1 - bent) * modes.length_m[0] + bent * modes.length_m[1]
         variance = (1 - bent) * (modes.sigma_m[0] ** 2 + (modes.length_m[0] - length_m) ** 2)
         variance += bent * (modes.sigma_m[1] ** 2 + (modes.length_m[1] - length_m) ** 2)
-        stretched_share = np.sqrt((1 - bent) / (1 - np.clip(alone, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)))
+        stretched_share = (1 - bent) / (1 - np.clip(alone, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY))
         error = lengths.model_error
         if error is not None:
             error = replace(error, sigma_m=np.where(asked, stretched_share, 1.0) * error.sigma_m)
@@ -140,7 +140,7 @@ class ModeChoice:
             lengths,
             length_m=np.where(asked, length_m, lengths.length_m),
             sigma_m=np.where(asked, np.sqrt(variance), lengths.sigma_m),
-            rest_sigma_m=np.where(asked, lengths.rest_sigma_m * stretched_share, lengths.rest_sigma_m),
+            rest_sigma_m=np.where(asked, lengths.rest_sigma_m * np.sqrt(stretched_share), lengths.rest_sigma_m),
             model_error=error,
             mode=np.where(asked, (bent > 0.5).astype(np.int64), lengths.mode),
             flags=np.where(asked, (lengths.flags & ~int(Flag.AMBIGUOUS)) | ambiguous, lengths.flags),

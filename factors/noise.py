@@ -20,9 +20,9 @@ KERNELS = {
 """Robust kernels."""
 # plain numbers, because comparing an array with an enumeration takes ten times as long
 BENDING = int(Mode.BENDING)
+AMBIGUOUS = int(Flag.AMBIGUOUS)
 MOST_SHARED = 0.95
 """Largest part of a sigma that sensors share; the rest is each sensor's own."""
-AMBIGUOUS = int(Flag.AMBIGUOUS)
 SIGMA_STEP = 0.01
 """Relative step to which the sigmas of tendons are rounded, so that noise models can be reused."""
 
@@ -68,7 +68,10 @@ class WeightedLengths:
 
 
 def weigh(lengths: TendonLengths, settings: NoiseSettings) -> WeightedLengths:
-    """Return the lengths of one instant with their sigma in the graph; a robust kernel takes errors one by one."""
+    """Return the lengths of one instant with their sigma in the graph.
+
+    With a robust kernel the errors of lengths count as independent, and what sensors share is not used.
+    """
     if settings.robust != "none":
         lengths = replace(lengths, model_error=None)
     return WeightedLengths(lengths, tendon_sigma_m(lengths, settings))
@@ -109,11 +112,13 @@ def rounded_sigma_m(sigma_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def stacked_shared(measured: Sequence[WeightedLengths]) -> NDArray[np.float64] | None:
-    """Return (frames, tendons) the shared part of the errors in each frame, see `WeightedLengths.shared`."""
+    """Return (frames, tendons) the shared part of the errors, see `WeightedLengths.shared`; None if there is none."""
     shared = [one.shared for one in measured]
-    if any(one is None for one in shared):
+    if all(one is None for one in shared):
         return None
-    return np.array(shared)
+    return np.array(
+        [np.zeros_like(one.sigma_m) if part is None else part for one, part in zip(measured, shared, strict=True)]
+    )
 
 
 def independent_rows(rows: NDArray[np.float64], shared: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -122,7 +127,7 @@ def independent_rows(rows: NDArray[np.float64], shared: NDArray[np.float64]) -> 
     Errors that share a part u have the correlation C = D + u u^T with D = 1 - u^2 on its diagonal. With
     v = D^-1/2 u the rows are multiplied by
 
-        C^-1/2 = (1 - (1 - 1 / sqrt(1 + v^T v)) / (v^T v) v v^T) D^-1/2
+        R = (1 - (1 - 1 / sqrt(1 + v^T v)) / (v^T v) v v^T) D^-1/2,   R C R^T = 1
 
     Args:
         rows: (..., tendons, n)

@@ -55,9 +55,9 @@ AXES = {
 }
 """Axes of every tensor, see `checked_tensors`, in the words of the docstrings of `SensorModel` and its parts."""
 BENDING_AXES = {"bending": "6", "bending_covariance": "6, 6"}
+"""Axes of the tensors that are there if a strip was bent in the recordings."""
 LEAST_SCALE = 1e-6
 """Least scale of an input of the curve, in dR/R: no ADC resolves so little."""
-"""Axes of the tensors that are there if a strip was bent in the recordings."""
 
 SmallSigma = Annotated[float, Interval(ge=0, le=10)]
 """Standard deviation of a gain, whose mean is 1, or of an offset of dR/R."""

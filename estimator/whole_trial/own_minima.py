@@ -1,4 +1,7 @@
-"""The local minima of frames' own factors: the search of `FrameSearch`, in many frames at once."""
+"""The local minima of frames' own factors: the search of `FrameSearch`, in many frames at once.
+
+Several explanations of one frame count as so many frames.
+"""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -47,7 +47,7 @@ class ClockCounts:
     """Rows that did not arrive, by the gaps in the board's row counter."""
     dropped_rows: int = 0
     """Rows that were left out because they came late, came twice, did not follow the row before, or would be earlier
-    than those before a restart."""
+    than those before a restart by more than a second."""
     restarts: int = 0
     """How often the board has restarted."""
     host_steps: int = 0

@@ -260,7 +260,7 @@ class FrontEnd:
         strain = np.where(self._mode == Mode.BENDING, bent.value, stretched.value)
         variance = (1 - probability) * (stretched.sigma**2 + (stretched.value - strain) ** 2)
         variance += probability * (bent.sigma**2 + (bent.value - strain) ** 2)
-        return _Strain(strain, np.sqrt(variance), np.sqrt(1 - probability) * stretched.model_sigma)
+        return _Strain(strain, np.sqrt(variance), (1 - probability) * stretched.model_sigma)
 
     def _flags(self, flags: NDArray[np.int64], probability: NDArray[np.float64], t_s: float) -> NDArray[np.int64]:
         """Return the flags with ambiguous modes, warm-up and misfit at rest added."""

@@ -118,6 +118,9 @@ class Winding:
         if modes is not None:
             sigma_m = np.hypot(modes.sigma_m, natural.sigma_m)
             modes = replace(modes, length_m=modes.length_m + string_m, sigma_m=sigma_m)
+        error = lengths.model_error
+        if error is not None:
+            error = replace(error, tared_length_m=error.tared_length_m + string_m)
         return replace(
             lengths,
             length_m=np.where(unknown, np.nan, lengths.length_m + string_m),
@@ -125,6 +128,7 @@ class Winding:
             rest_sigma_m=np.where(unknown, 0.0, lengths.rest_sigma_m),
             flags=lengths.flags | np.where(unknown, int(Flag.MISSING), 0),
             modes=modes,
+            model_error=error,
         )
 
     def counts(self) -> dict[str, int]:

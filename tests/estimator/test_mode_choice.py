@@ -9,7 +9,7 @@ from tensegraph import Flag, Mode, Settings
 from tensegraph.estimator.graph import GraphBuilder
 from tensegraph.estimator.mode_choice import ModeChoice
 from tensegraph.estimator.smoother import LiveSmoother
-from tensegraph.models.values.readings import ModeReadings
+from tensegraph.models.values.readings import ModelError, ModeReadings
 
 TENDON = 13
 
@@ -34,11 +34,14 @@ def test_the_shape_decides(true_mode: Mode, structure, balanced, lengths_of) -> 
     smoother = LiveSmoother(structure, balanced, Settings())
     for t in np.arange(0, 1, 0.02):
         frame = uncertain(lengths_of(structure, balanced.node_position_m, t), true_mode, 0.010, 0.5)
+        frame = replace(frame, model_error=ModelError(np.full(24, 1e-4), frame.length_m, np.full(24, 0.01)))
         shape = smoother.update(frame)
     true_m = structure.tendon_length_m(balanced.node_position_m)[TENDON]
     assert shape.lengths.length_m[TENDON] == pytest.approx(true_m, abs=0.001)
     assert shape.lengths.mode[TENDON] == int(true_mode)
     assert shape.lengths.sigma_m[TENDON] < 0.003
+    stretched = 2e-4 if true_mode is Mode.STRETCHING else 0.0  # with certainty, where it was with even odds
+    assert shape.lengths.model_error.sigma_m[TENDON] == pytest.approx(stretched, abs=2e-5)
 
 
 def test_without_evidence_both_modes_count(structure, balanced, lengths_of) -> None:

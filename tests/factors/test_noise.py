@@ -65,6 +65,7 @@ def test_what_errors_share_by_hand() -> None:
     expected = own * np.array([0, np.tanh(1), -np.tanh(1), 1, 0])
     assert lengths.shared == pytest.approx(expected)
     assert lengths.scaled(3.0).shared == pytest.approx(expected)
+    assert measured([0.3], ModelError(np.array([1.0]), np.array([0.18]), np.array([0.01]))).shared == MOST_SHARED
     left_out = lengths.without(np.arange(5) == 1)
     assert left_out.shared == pytest.approx(np.where(np.arange(5) == 1, 0, expected))
 

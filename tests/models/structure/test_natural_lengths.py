@@ -10,6 +10,7 @@ from tensegraph import Flag, InputError
 from tensegraph.models.structure.natural_lengths import MAX_SILENCE_S, UNKNOWN_SHARE, Motors, Winding, strip_length_m
 from tensegraph.models.values.readings import (
     Mode,
+    ModelError,
     ModeReadings,
     NaturalLengthReading,
     RestLengths,
@@ -51,6 +52,17 @@ class TestLengths:
         assert lengths.modes.sigma_m[:, WOUND] == pytest.approx(0.0005)
         assert lengths.natural.length_m == pytest.approx([0.1, 0.1, 0.09, 0.1])
         assert lengths.natural.sigma_m == pytest.approx([0, 0, 0.0003, 0])
+
+    def test_what_sensors_share_is_that_of_the_strips(self) -> None:
+        """A motor that winds moves the tared length along: the strip is as long as it was."""
+        error = ModelError(np.full(4, 0.0003), np.full(4, 0.063), np.full(4, 0.006))
+        lengths = replace(strips(0.0), model_error=error)
+        expected = error.shared_m(lengths.length_m)
+        motor = winding()
+        motor.add(row(0.0, 0.09))
+        wound = motor.applied(lengths)
+        assert wound.length_m[WOUND] != lengths.length_m[WOUND]
+        assert wound.model_error.shared_m(wound.length_m) == pytest.approx(expected)
 
     def test_between_two_rows_it_is_on_the_line_at_the_time_that_the_sensors_show(self) -> None:
         motor = winding()
