@@ -116,9 +116,8 @@ def stacked_shared(measured: Sequence[WeightedLengths]) -> NDArray[np.float64] |
     shared = [one.shared for one in measured]
     if all(one is None for one in shared):
         return None
-    return np.array(
-        [np.zeros_like(one.sigma_m) if part is None else part for one, part in zip(measured, shared, strict=True)]
-    )
+    none = np.zeros_like(measured[0].sigma_m)
+    return np.array([none if one is None else one for one in shared])
 
 
 def independent_rows(rows: NDArray[np.float64], shared: NDArray[np.float64]) -> NDArray[np.float64]:

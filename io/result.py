@@ -36,6 +36,8 @@ CONTACTS_FILE = "contacts.csv"
 TRACK_FILE = "track.csv"
 SLIPS_FILE = "slips.csv"
 COVARIANCE_COLUMNS = ("cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2")
+ROUNDED = 1e-6
+"""Negative variance over the greatest one that rounding of a file may make."""
 """The upper triangle, row by row; ten digits, because the inverse for a long, thin ellipsoid loses seven."""
 
 BLOCK_ROWS = 10_000
@@ -144,6 +146,7 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
     covariance_m2 = np.empty((*ellipsoid.shape[:2], 3, 3))
     row, column = np.triu_indices(3)
     covariance_m2[..., row, column] = covariance_m2[..., column, row] = ellipsoid[..., 3:]
+    _check_covariances(directory / "ellipsoids.csv", covariance_m2)
     words = {
         "length_m": number,
         "sigma_m": number,
@@ -165,6 +168,19 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
         loads=_read_loads(directory / LOADS_FILE, structure, t_s),
         contacts=_read_contacts(directory / CONTACTS_FILE, structure, t_s),
     )
+
+
+def _check_covariances(path: Path, covariance_m2: NDArray[np.float64]) -> None:
+    """Raise InputError for (frames, nodes, 3, 3) of which one is the covariance of nothing; nan where there is none."""
+    told = np.isfinite(covariance_m2).all(axis=(-2, -1), keepdims=True)
+    variance_m2 = np.linalg.eigvalsh(np.where(told, covariance_m2, 0.0))
+    wrong = variance_m2[..., 0] < -ROUNDED * variance_m2[..., -1]
+    for frame, node in np.argwhere(wrong)[:1]:
+        raise InputError(
+            f"{path}: row {2 + frame * covariance_m2.shape[1] + node}, columns {COVARIANCE_COLUMNS[0]} to "
+            f"{COVARIANCE_COLUMNS[-1]}: expected a covariance, got one with the variance "
+            f"{variance_m2[frame, node, 0]:.3g} m2 in some direction"
+        )
 
 
 def _read_contacts(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> NDArray[np.float64] | None:

@@ -39,7 +39,7 @@ class NoiseSettings:
     correlation_s: Positive = 2.6
     """Time for which the errors of the lengths last: the correlation time of the network's errors in calibration."""
     robust: Literal["none", "huber", "cauchy"] = "none"
-    """Robust kernel on the tendon lengths, with the constant that gives 95 % efficiency on Gaussian noise. With a kernel
+    """Robust kernel on the tendon lengths, with the constant that gives 95 % efficiency on Gaussian noise. With one,
     the errors of lengths count as independent, and what sensors share is not used."""
 
 

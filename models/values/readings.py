@@ -181,8 +181,8 @@ class ModelError:
     """The error of lengths at one instant that comes from the sensor model, and that all sensors therefore share."""
 
     sigma_m: NDArray[np.float64]
-    """(tendons,) standard deviation of the model's error, for a sensor that is not tared, times the probability that the
-    tendon is stretched: the error of bent tendons is of another model."""
+    """(tendons,) standard deviation of the model's error, for a sensor that is not tared, times the probability that
+    the tendon is stretched: the error of bent tendons is of another model."""
     tared_length_m: NDArray[np.float64]
     """(tendons,) l_0, the length at which each sensor was tared; nan for one that was not."""
     reach_m: NDArray[np.float64]

@@ -72,6 +72,15 @@ class TestResultsAreReadBack:
             read_estimate(path, result.structure)
         assert message in str(error.value)
 
+    def test_what_is_no_covariance_is_refused(self, saved) -> None:
+        result, path = saved
+        rows = (path / "ellipsoids.csv").read_text().splitlines()
+        fields = rows[4].split(",")
+        rows[4] = ",".join([*fields[:5], "-0.4", *fields[6:]])
+        (path / "ellipsoids.csv").write_text("\n".join(rows) + "\n")
+        with pytest.raises(InputError, match=r"ellipsoids\.csv: row 5, columns cxx_m2 to czz_m2: .* variance -0\.4 m2"):
+            read_estimate(path, result.structure)
+
     def test_with_loads(self, saved) -> None:
         result, path = saved
         read = read_estimate(path, result.structure).loads

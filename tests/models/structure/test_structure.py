@@ -40,6 +40,9 @@ REFUSED = {
     "named twice": {"anchors": [0, 1, 1]},
     "expected node numbers": {"anchors": [0.5, 1, 2]},
     "expected 3 finite rows": {"anchor_position_m": [[0, 0, 0], [0.18, 0, np.nan], [0.09, 0.16, 0]]},
+    "tendon 0 is 0.17 m long and joins two anchors 1.8 m apart: expected at most 4 times": {
+        "anchor_position_m": [[0, 0, 0], [1.8, 0, 0], [0.9, 1.6, 0]]
+    },
     "pairs of node": {"rods": [0, 1, 2]},
     "rows of unequal length": {"rods": [[0, 1], [2]]},
 }
