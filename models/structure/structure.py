@@ -179,7 +179,7 @@ class Structure:
 LEAST_HINGE_M = 1e-3
 """Distance between two anchors, over the square root of two, below which they give no direction of a hinge."""
 
-MOST_STRETCH = 4.0
+ANCHORED_STRETCH = 4.0
 """Length over natural length that no strip with a sensor survives, of tendons whose length anchors tell."""
 
 SIX_STRUT_RODS = ((0, 3), (4, 5), (1, 6), (7, 8), (2, 9), (10, 11))
@@ -358,8 +358,9 @@ def _check_sizes(structure: Structure) -> None:
                 "is the unit right?"
             )
     apart_m = structure.tendon_length_m(structure.with_anchors_placed(np.zeros((structure.node_count, 3))))
-    for tendon in np.flatnonzero(structure.joins_anchors & (apart_m > MOST_STRETCH * structure.natural_length_m))[:1]:
+    natural_m = structure.natural_length_m
+    for tendon in np.flatnonzero(structure.joins_anchors & (apart_m > ANCHORED_STRETCH * natural_m))[:1]:
         raise InputError(
-            f"anchor_position_m: tendon {tendon} is {structure.natural_length_m[tendon]:g} m long and joins two anchors "
-            f"{apart_m[tendon]:g} m apart: expected at most {MOST_STRETCH:g} times its length: is the unit right?"
+            f"anchor_position_m: tendon {tendon} is {natural_m[tendon]:g} m long and joins two anchors "
+            f"{apart_m[tendon]:g} m apart: expected at most {ANCHORED_STRETCH:g} times its length: is the unit right?"
         )
