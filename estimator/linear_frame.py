@@ -1,7 +1,7 @@
 """A frame's own factors, linearised at a shape: what lengths, rods, forces and the shape prior say of a small step."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,6 +178,15 @@ class LinearFrame:
         error[..., tendons] = rows[..., 0]
         jacobian[..., tendons, :] = rows[..., 1:]
         return error, jacobian
+
+    def weighted_with(
+        self, by_other: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return `weighted_lengths`, and (..., members, n) the errors' derivatives by n other quantities likewise."""
+        by_both = np.concatenate([self.length_jacobian, by_other], axis=-1)
+        error, by_both = replace(self, length_jacobian=by_both).weighted_lengths
+        size = self.length_jacobian.shape[-1]
+        return error, by_both[..., :size], by_both[..., size:]
 
     def _independent(self, rows: NDArray[np.float64], weight_per_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., free tendons, n) rows of lengths over their sigma as rows whose errors are independent, too."""

@@ -193,12 +193,9 @@ def length_evidence(
         variance = variance - np.diag(lengths.drift.covariance_m2)
         lengths = replace(lengths, drift=None)
     frame = linearised(builder, node_position_m, WeightedLengths(lengths, np.sqrt(variance)))
-    size, rods = len(frame.from_prior_m), len(builder.structure.rods)
     of_tendons = np.zeros((len(frame.length_error_m), len(variance)))
-    of_tendons[rods:] = np.eye(len(variance))[builder.structure.free_tendons]
-    by_both = np.concatenate([frame.length_jacobian, of_tendons], axis=1)
-    error, by_both = replace(frame, length_jacobian=by_both).weighted_lengths
-    by_shape, by_length = by_both[:, :size], by_both[:, size:]
+    of_tendons[len(builder.structure.rods) :] = np.eye(len(variance))[builder.structure.free_tendons]
+    error, by_shape, by_length = frame.weighted_with(of_tendons)
     shape_information, shape_gradient = frame.with_forces()
     crossed = by_length.T @ by_shape
     solved = np.linalg.solve(shape_information, np.column_stack([crossed.T, shape_gradient]))

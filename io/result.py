@@ -36,9 +36,9 @@ CONTACTS_FILE = "contacts.csv"
 TRACK_FILE = "track.csv"
 SLIPS_FILE = "slips.csv"
 COVARIANCE_COLUMNS = ("cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2")
+"""The upper triangle, row by row; ten digits, because the inverse for a long, thin ellipsoid loses seven."""
 ROUNDED = 1e-6
 """Negative variance over the greatest one that rounding of a file may make."""
-"""The upper triangle, row by row; ten digits, because the inverse for a long, thin ellipsoid loses seven."""
 
 BLOCK_ROWS = 10_000
 """Rows of a table that are made at a time, so that a long run does not need much memory for them."""

@@ -10,7 +10,7 @@ for a change that is normally distributed with sigma beforehand (Rao's score wit
 nothing of the change is off by H^-1 A^T d theta.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,10 +44,7 @@ class ChangeEvidence:
 
 def change_evidence(frame: LinearFrame, changes: PossibleChanges) -> ChangeEvidence:
     """Return the evidence of a frame for each of several changes, linearised at the estimate."""
-    size = len(frame.from_prior_m)
-    by_both = np.concatenate([frame.length_jacobian, changes.length_error_m], axis=1)
-    error, by_both = replace(frame, length_jacobian=by_both).weighted_lengths
-    by_shape, by_change = by_both[:, :size], by_both[:, size:]
+    error, by_shape, by_change = frame.weighted_with(changes.length_error_m)
     forces = frame.force_jacobian * frame.force_weight_per_n[:, None]
     forces_by_change = changes.force_n * frame.force_weight_per_n[:, None]
     information, gradient = frame.with_forces()

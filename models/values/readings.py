@@ -258,8 +258,6 @@ class TendonLengths:
     """(tendons,) `Flag` bits."""
     rest_sigma_m: NDArray[np.float64] | float = 0.0
     """(tendons,) the part of sigma_m that comes from the rest shape, to which the sensors were tared."""
-    model_error: ModelError | None = None
-    """The error of the sensor model, which sigma_m contains; None for lengths of which it is not known."""
     lag_s: float = 0.0
     """Time by which the lengths lag behind t_s; an estimator that can wait may use later lengths instead."""
     drift: SensorDrift | None = None
@@ -276,6 +274,8 @@ class TendonLengths:
     """The natural lengths at the instant that the lengths show, `lag_s` before t_s; None where no motor changes any."""
     factors: tuple[NodeFactor, ...] = ()
     """What else says something of the nodes at t_s; the same in all frames of a trial."""
+    model_error: ModelError | None = None
+    """The error of the sensor model, which sigma_m contains; None for lengths of which it is not known."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:
