@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from annotated_types import Interval
 
-from .values.tables import Positive, Probability
+from .values.tables import Positive, PositiveOrInfinite, Probability
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class NoiseSettings:
     """Standard deviation of a length that a trial gives without its sigma."""
     force_n: Positive = 0.1
     """Standard deviation of the balance of forces at a node. Inertia and damping of moving rods stay below it."""
-    shape_prior_m: Positive = 0.06
+    shape_prior_m: PositiveOrInfinite = 0.06
     """Standard deviation of a node about its rest position, per axis and in every frame: a weak prior that keeps the
     variance finite along motions that lengths do not observe. A press moves a node by 7 mm rms; for slack structures,
     which move by 30 mm rms, 0.03 is better."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..values.errors import InputError
-from ..values.tables import Positive
+from ..values.tables import Positive, PositiveOrInfinite
 from .bending import BendingCurve
 from .gauge import StaticGauge
 from .lstm import Lstm, LstmWeights, Scaling, run_lstm
@@ -111,7 +111,7 @@ class TrainedRanges:
     """Least and largest strain."""
     step_s: tuple[float, float]
     """Shortest and longest time step."""
-    strain_rate_per_s: Positive = float("inf")
+    strain_rate_per_s: PositiveOrInfinite = float("inf")
     """Rate of strain, which 99.9 % of the stretched training samples do not exceed."""
 
 

@@ -6,7 +6,7 @@ from dataclasses import fields, is_dataclass
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Interval
-from pydantic import AfterValidator, TypeAdapter, ValidationError
+from pydantic import AfterValidator, AllowInfNan, TypeAdapter, ValidationError
 
 from .errors import InputError
 from .units import check_ranges
@@ -21,10 +21,12 @@ def _not_tiny(value: float) -> float:
     return value
 
 
-Positive = Annotated[float, Gt(0), AfterValidator(_not_tiny)]
-"""A number above zero; it may be infinite."""
-NotNegative = Annotated[float, Ge(0)]
-"""Zero or a positive number."""
+PositiveOrInfinite = Annotated[float, Gt(0), AfterValidator(_not_tiny)]
+"""A number above zero, or infinity."""
+Positive = Annotated[PositiveOrInfinite, AllowInfNan(False)]
+"""A finite number above zero."""
+NotNegative = Annotated[float, Ge(0), AllowInfNan(False)]
+"""Zero or a finite positive number."""
 AtLeastOne = Annotated[int, Ge(1)]
 """A whole number, 1 or greater."""
 Share = Annotated[float, Interval(ge=0, lt=1)]

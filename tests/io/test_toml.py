@@ -1,6 +1,8 @@
 """Settings from TOML, and the lines on which keys stand."""
 
 import tomllib
+from contextlib import suppress
+from dataclasses import asdict
 
 import pytest
 
@@ -23,6 +25,7 @@ class TestSettings:
             ("speed = 1\n", r"speed: is no setting"),
             ("[noise]\nrod_m = -1\n", r"noise.rod_m: .*greater than 0.*got -1"),
             ("[noise]\nrod_m = nan\n", r"noise.rod_m: .*got nan"),
+            ("[noise]\nforce_n = inf\n", r"noise.force_n: .*finite number, got inf"),
             ("[noise]\nrobust = 'hard'\n", r"noise.robust: .*got 'hard'"),
             ("probability = 95\n", r"probability: .*got 95"),
             ("[smoother]\nlag = 1\n", r"smoother.lag: .*got 1"),
@@ -35,6 +38,19 @@ class TestSettings:
         path.write_text(text)
         with pytest.raises(InputError, match=message):
             read_settings(path)
+
+    def test_only_the_prior_of_the_shape_may_be_infinite(self, tmp_path) -> None:
+        """Infinity is no prior; anywhere else it meets another one, and their difference is no number."""
+        path = tmp_path / "config.toml"
+        allowed = []
+        for part, settings in asdict(Settings()).items():
+            numbers = settings if isinstance(settings, dict) else {}
+            for name in [name for name, value in numbers.items() if isinstance(value, float)]:
+                path.write_text(f"[{part}]\n{name} = inf\n")
+                with suppress(InputError):
+                    read_settings(path)
+                    allowed.append(f"{part}.{name}")
+        assert allowed == ["noise.shape_prior_m"]
 
     def test_no_file_means_the_defaults(self, tmp_path) -> None:
         assert read_settings(None) == Settings()
