@@ -3,37 +3,43 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from annotated_types import Interval
+from annotated_types import Ge, Interval
 
 from .values.tables import Positive, PositiveOrInfinite, Probability
+
+SMALLEST_SIGMA = 1e-6
+"""The least standard deviation, a micrometre or a micronewton: a factor that is a million times more certain than the
+others leaves nothing of them in the digits of their sum."""
+Sigma = Annotated[Positive, Ge(SMALLEST_SIGMA)]
+"""The standard deviation of a kind of factor."""
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseSettings:
     """Standard deviation of each kind of factor, per axis or per length."""
 
-    rod_m: Positive = 0.0002
+    rod_m: Sigma = 0.0002
     """Standard deviation of a rod's length."""
-    anchor_m: Positive = 0.0001
+    anchor_m: Sigma = 0.0001
     """Standard deviation of an anchor's position, per axis."""
-    stretching_m: Positive = 0.0002
+    stretching_m: Sigma = 0.0002
     """Standard deviation of the length of a stretched tendon as the distance between its nodes. The variance of the
     reading is added."""
-    bending_m: Positive = 0.001
+    bending_m: Sigma = 0.001
     """Standard deviation of the length of a bent tendon as the distance between its nodes. The variance of the reading
     is added."""
-    ambiguous_m: Positive = 0.001
+    ambiguous_m: Sigma = 0.001
     """The same for a tendon whose mode is uncertain, so that it may be bent. The sigma of its reading covers the
     difference between the modes."""
-    unstated_m: Positive = 0.001
+    unstated_m: Sigma = 0.001
     """Standard deviation of a length that a trial gives without its sigma."""
-    force_n: Positive = 0.1
+    force_n: Sigma = 0.1
     """Standard deviation of the balance of forces at a node. Inertia and damping of moving rods stay below it."""
-    shape_prior_m: PositiveOrInfinite = 0.06
+    shape_prior_m: Annotated[PositiveOrInfinite, Ge(SMALLEST_SIGMA)] = 0.06
     """Standard deviation of a node about its rest position, per axis and in every frame: a weak prior that keeps the
     variance finite along motions that lengths do not observe. A press moves a node by 7 mm rms; for slack structures,
     which move by 30 mm rms, 0.03 is better."""
-    motion_m_per_s15: Positive = 0.3
+    motion_m_per_s15: Sigma = 0.3
     """Square root of the power density of the acceleration: that of a hand which changes its push by 0.7 m/s^2 every
     0.2 s."""
     correlation_s: Positive = 2.6
@@ -87,17 +93,17 @@ class DoubtSettings:
 
     loaded_share: Probability = 0.1
     """Prior probability that a node is loaded, when a few nodes are."""
-    load_n: Positive = 1.5
+    load_n: Sigma = 1.5
     """Standard deviation of the load at a loaded node: that of a finger."""
-    quiet_n: Positive = 0.03
+    quiet_n: Sigma = 0.03
     """Standard deviation of the balance at a node without load, in the comparison of explanations: what the rest step
     leaves, and slow motion."""
     many_share: Probability = 0.1
     """Prior probability that many nodes are loaded at once."""
-    many_loads_n: Positive = 1.0
+    many_loads_n: Sigma = 1.0
     """Standard deviation of the load at each node, when many nodes are loaded. Lengths say little of loads that move
     the structure along its mechanism."""
-    shaken_n: Positive = 5.0
+    shaken_n: Sigma = 5.0
     """The same while the robot is shaken: the force that shakes it, and the inertia of the rods."""
     many_memory_s: Positive = 20.0
     """Time for which many nodes stay loaded, or a few."""

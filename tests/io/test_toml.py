@@ -25,6 +25,7 @@ class TestSettings:
             ("speed = 1\n", r"speed: is no setting"),
             ("[noise]\nrod_m = -1\n", r"noise.rod_m: .*greater than 0.*got -1"),
             ("[noise]\nrod_m = nan\n", r"noise.rod_m: .*got nan"),
+            ("[noise]\nrod_m = 1e-9\n", r"noise.rod_m: .*greater than or equal to 1e-06, got 1e-09"),
             ("[noise]\nforce_n = inf\n", r"noise.force_n: .*finite number, got inf"),
             ("[noise]\nrobust = 'hard'\n", r"noise.robust: .*got 'hard'"),
             ("probability = 95\n", r"probability: .*got 95"),
