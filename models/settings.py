@@ -1,5 +1,6 @@
 """All settings of a run, with their defaults and the source of each default."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any
@@ -15,6 +16,9 @@ from .structure.external_loads import LOAD_THRESHOLD_N
 from .structure.rest_shape import RestSettings
 from .values.errors import InputError
 from .values.tables import Positive, Probability, parse_table
+
+FARTHEST = 1e4
+"""Ratio of a setting to its default, or of the default to it, beyond which it is in another unit, or a typing error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +49,22 @@ class Settings:
                 raise InputError(
                     f"settings.{part.name}: expected {default.__name__}({_example(value)}), got {type(value).__name__}"
                 )
+            _check_scale(part.name, value, default() if is_dataclass(default) else part.default)
+
+
+def _check_scale(name: str, value: object, default: object) -> None:
+    """Check the numbers of a setting, or of a part of them, against their defaults; zero and infinity may be allowed.
+
+    Raises:
+        InputError: with the name of the setting.
+    """
+    if isinstance(value, float) and isinstance(default, float) and default > 0:
+        least, most = default / FARTHEST, default * FARTHEST
+        if 0 < value < least or most < value < math.inf:
+            raise InputError(f"{name}: expected {least:g} to {most:g}, got {value:g}: is the unit right?")
+    elif is_dataclass(default):
+        for part in fields(default):
+            _check_scale(f"{name}.{part.name}", getattr(value, part.name), getattr(default, part.name))
 
 
 def _example(value: object) -> str:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, logit
 
 from ...factors.ground import clearance_jacobian
 from ...models.pose.placed import PlacedShape
@@ -166,9 +167,9 @@ class ContactsByHeight:
         settings = self._settings
         stay = np.exp(-settings.steps_per_s * step_s)
         before = stay * self._probability + (1 - stay) * STANDING_SHARE
-        on_floor = np.exp(-0.5 * (height_m / sigma_m) ** 2) / (np.sqrt(2 * np.pi) * sigma_m)
-        lifted = np.exp(-height_m / settings.lifted_m) / settings.lifted_m
-        after = before * on_floor / (before * on_floor + (1 - before) * lifted)
+        log_on_floor = -0.5 * (height_m / sigma_m) ** 2 - np.log(np.sqrt(2 * np.pi) * sigma_m)
+        log_lifted = -height_m / settings.lifted_m - np.log(settings.lifted_m)
+        after = expit(logit(before) + log_on_floor - log_lifted)
         self._probability = np.clip(after, CERTAIN, 1 - CERTAIN)
         self._standing = self._probability > 0.5 + np.where(self._standing, -HYSTERESIS, HYSTERESIS)
         self._standing[np.argmin(height_m)] = True
