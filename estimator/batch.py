@@ -308,13 +308,12 @@ class BatchOptimizer:
 
 
 def _learning(settings: Settings) -> Settings:
-    """Return the settings of the live pass: few updates of doubt and drift, and the shortest window, of 0.2 s."""
+    """Return the settings of the live pass, with few updates of doubt and drift."""
     doubt, drift = settings.doubt, settings.drift
     return replace(
         settings,
         doubt=replace(doubt, update_every_s=max(doubt.update_every_s, DOUBT_EVERY_S)),
         drift=replace(drift, update_every_s=max(drift.update_every_s, DRIFT_EVERY_S)),
-        smoother=replace(settings.smoother, lag=2),
     )
 
 

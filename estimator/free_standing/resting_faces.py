@@ -345,13 +345,16 @@ def _gain_of_squeeze(load_n: float, M: NDArray[np.float64], e: NDArray[np.float6
 
 
 def _gain(G: NDArray[np.float64], g: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (...,) 1/2 g^T G^-1 g - 1/2 log |G| for many (..., 3, 3) G and (..., 3) g, by G = L D L^T written out."""
-    d0 = G[..., 0, 0]
+    """Return (...,) 1/2 g^T G^-1 g - 1/2 log |G| for many (..., 3, 3) G and (..., 3) g, by G = L D L^T written out.
+
+    G is I plus a covariance, so that no pivot is below 1 but by rounding.
+    """
+    d0 = np.maximum(G[..., 0, 0], 1.0)
     l10, l20 = G[..., 1, 0] / d0, G[..., 2, 0] / d0
-    d1 = G[..., 1, 1] - l10 * G[..., 1, 0]
+    d1 = np.maximum(G[..., 1, 1] - l10 * G[..., 1, 0], 1.0)
     below = G[..., 2, 1] - l20 * G[..., 1, 0]
     l21 = below / d1
-    d2 = G[..., 2, 2] - l20 * G[..., 2, 0] - l21 * below
+    d2 = np.maximum(G[..., 2, 2] - l20 * G[..., 2, 0] - l21 * below, 1.0)
     z0 = g[..., 0]
     z1 = g[..., 1] - l10 * z0
     z2 = g[..., 2] - l20 * z0 - l21 * z1
