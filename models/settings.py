@@ -18,7 +18,8 @@ from .values.errors import InputError
 from .values.tables import Positive, Probability, parse_table
 
 FARTHEST = 1e4
-"""Ratio of a setting to its default, or of the default to it, beyond which it is in another unit, or a typing error."""
+"""Ratio of a setting to its default, or of the default to it, beyond which it is in another unit, or a typing error.
+A share or a probability may be as small as it likes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +60,8 @@ def _check_scale(name: str, value: object, default: object) -> None:
         InputError: with the name of the setting.
     """
     if isinstance(value, float) and isinstance(default, float) and default > 0:
-        least, most = default / FARTHEST, default * FARTHEST
+        is_share = name.endswith(("share", "probability"))
+        least, most = 0.0 if is_share else default / FARTHEST, default * FARTHEST
         if 0 < value < least or most < value < math.inf:
             raise InputError(f"{name}: expected {least:g} to {most:g}, got {value:g}: is the unit right?")
     elif is_dataclass(default):

@@ -16,7 +16,7 @@ from tensegraph.models.structure.rest_shape import RestShape
 class TestUnscentedKalman:
     def test_the_ukf_is_the_kalman_filter_where_all_is_linear(self, structure, rest, lengths_of) -> None:
         """One update by hand from a prior so tight that lengths are straight lines: x + K (z - h), (1 - K H) P."""
-        settings = with_noise(motion_m_per_s15=1e-6)
+        settings = with_noise(motion_m_per_s15=1e-4)
         tight = RestShape(rest.structure, rest.node_position_m, 1e-4 * rest.covariance_m2, "measured")
         settings = replace(settings, noise=replace(settings.noise, anchor_m=1e-6))
         noise = 1e-5 * np.random.default_rng(3).standard_normal(24)
@@ -27,7 +27,7 @@ class TestUnscentedKalman:
         H = np.zeros((39, 36))
         H[:30] = length_jacobian(rest.node_position_m, members).reshape(30, -1)
         H[30:, :9] = np.eye(9)
-        P = tight.covariance_m2 + (1e-12 + (1e-6 * 0.2) ** 2 * 0.02) * np.eye(36)
+        P = tight.covariance_m2 + (1e-12 + (1e-4 * 0.2) ** 2 * 0.02) * np.eye(36)
         tendon = np.full(24, np.hypot(1e-5, NoiseSettings().stretching_m))
         R = np.diag(np.concatenate([np.full(6, NoiseSettings().rod_m), tendon, np.full(9, 1e-6)]) ** 2)
         z = np.concatenate([structure.rod_length_m, structure.tendon_length_m(rest.node_position_m) + noise])
