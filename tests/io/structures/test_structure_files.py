@@ -112,7 +112,21 @@ def test_a_flat_body_of_a_model_gets_a_node_off_its_plane(tmp_path: Path) -> Non
 
 MALFORMED = {
     "robot.yaml: line 4: is no YAML": YAML.replace("foot: [0, 0, 0]", "foot: [0, 0, 0"),
-    "robot.yaml: nodes.top: expected three finite numbers, got [0, 10]": YAML.replace("[0, 10, 0]", "[0, 10]"),
+    "robot.yaml: nodes.top: expected three numbers of a magnitude of at most 1e+15, got [0, 10]": YAML.replace(
+        "[0, 10, 0]", "[0, 10]"
+    ),
+    "robot.yaml: nodes.top: expected three numbers of a magnitude of at most 1e+15, got [0, 1e+200, 0]": YAML.replace(
+        "[0, 10, 0]", "[0, 1.0e+200, 0]"
+    ),
+    "robot.yaml: builders.my_string.stiffness: expected a number from 0 to 1e+15, got 1e+200": YAML.replace(
+        "stiffness: 100", "stiffness: 1.0e+200"
+    ),
+    "robot.yaml: is no YAML: expected whole numbers of 64 bits, got one of 67 bits": YAML.replace(
+        "stiffness: 100", "stiffness: 99999999999999999999"
+    ),
+    "robot.yaml: is no YAML: expected whole numbers of 64 bits, got one of 24000 bits": YAML.replace(
+        "nodes:", f"? 0x{'F' * 6000}\n: 1\nnodes:", 1
+    ),
     "robot.yaml: pair_groups.my_string[1]: there is no node tip": YAML.replace("[top, left]", "[tip, left]"),
     "robot.yaml: pair_groups.my_rod[0]: expected two nodes": YAML.replace("[foot, top]", "[foot, top, left]"),
     "robot.yaml: pair_groups.my_rod: expected a builder of this name": YAML.replace("  my_rod: {", "  rod: {"),
