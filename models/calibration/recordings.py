@@ -82,7 +82,12 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """Recordings for training, validation and test; no sample is used for both training and test."""
+    """Recordings for training, validation and test; no sample is used for both training and test.
+
+    Raises:
+        InputError: when nothing but the start of a recording is left to train on, or when nothing of what is held out
+            can be scored.
+    """
 
     training: Sequence[Recording]
     """Recordings to which the curves and the network are fitted."""
@@ -92,6 +97,20 @@ class Split:
     """Recordings that are only scored."""
     how: str
     """Description of the split in words."""
+
+    def __post_init__(self) -> None:
+        for r in self.training:
+            if not r.settled.any():
+                raise InputError(
+                    f"recording {r.name}: expected more than its first {SETTLING_S:g} s to train on, got "
+                    f"{r.duration_s:g} s: {self.how}"
+                )
+        if self.held_out and not any(r.counted(signed=False).any() for r in self.held_out):
+            names = ", ".join(r.name for r in self.held_out)
+            raise InputError(
+                f"recordings held out: expected stretching later than {SETTLING_S:g} s in one of them, got none in "
+                f"{names}"
+            )
 
     @classmethod
     def by_recordings(cls, recordings: Sequence[Recording]) -> "Split":
