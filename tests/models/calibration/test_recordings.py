@@ -25,9 +25,11 @@ class TestSplit:
 
     def test_nothing_to_train_on_or_to_score_is_refused(self) -> None:
         """The first 10 s are for settling: of 60 s, a tenth ends before; and what only bends has no score."""
-        with pytest.raises(InputError, match="recording a: expected more than its first 10 s to train on, got 5.05 s"):
+        with pytest.raises(
+            InputError, match=r"recording a: expected more than its first 10 s to train on, got 5\.05 s"
+        ):
             Split.by_time([triangle("a", 0.05)], 0.9)
-        with pytest.raises(InputError, match="held out: expected stretching later than 10 s in one of them, .* bend"):
+        with pytest.raises(InputError, match=r"held out: expected stretching later than 10 s in one of them, .* bend"):
             Split.by_name([triangle("a", 0.05), triangle("bend", 0.05, high=-0.2)], ["bend"])
 
     def test_one_recording_is_split_in_time(self) -> None:
