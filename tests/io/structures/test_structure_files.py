@@ -1,5 +1,6 @@
 """Structure files: each format read back, by hand, and what is refused of each."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -140,6 +141,11 @@ MALFORMED = {
     "robot.xml: MuJoCo cannot read it": XML.replace("</tendon>", ""),
     "robot.xml: MuJoCo warns of it: XML contains a 'NaN'": XML.replace('pos="0.3 0 0"', 'pos="0.3 NaN 0"'),
     "robot.xml: site 'n2': expected to be within 10000 m": XML.replace('pos="0 0 0.3"', 'pos="0 1.7e308 0"'),
+    "robot.xml: expected at most 500 copies of a part, got 1e+06": XML.replace(
+        "<worldbody>",
+        '<worldbody><replicate count="1000" offset="0 0 1"><replicate count="1000" offset="1 0 0">'
+        '<body><freejoint/><geom size="1"/></body></replicate></replicate>',
+    ),
     "robot.xml: tendon 't1': expected a spatial tendon from one site to another": XML.replace(
         '<site site="a"/><site site="n1"/>', '<site site="a"/><site site="n1"/><site site="n2"/>'
     ),
@@ -166,3 +172,11 @@ def test_a_malformed_file_is_refused_in_one_line(message: str, tmp_path: Path) -
     assert text.startswith(f"{tmp_path}/")
     assert message.removesuffix("nodes or") in text.removeprefix(f"{tmp_path}/")
     assert "\n" not in text
+
+
+def test_a_model_that_includes_a_pipe_is_refused(tmp_path: Path) -> None:
+    """Reading it would wait for ever."""
+    os.mkfifo(tmp_path / "part.xml")
+    path = written(tmp_path, XML.replace("<worldbody>", '<include file="part.xml"/><worldbody>'), "robot.xml")
+    with pytest.raises(InputError, match=r"part\.xml: expected a file, got a pipe"):
+        read_structure(path)
