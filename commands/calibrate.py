@@ -91,6 +91,7 @@ def calibrate_folder(
     try:
         with terminal.stage("recordings and bending"):
             data = training_data(folder, strip_rig, hold_out)
+            data.split.scored(settings.unified)  # what cannot be scored is refused before the training
             for line in data.folder.left_out:
                 terminal.line(f"left out: {line}")
         losses = _sweep(data, settings, paths, workers, terminal) if sweep else {}

@@ -63,7 +63,7 @@ def _base_path(path: Path, table: Mapping[str, Any]) -> Path | None:
     if EXTENDS not in table:
         return None
     base = table[EXTENDS]
-    if not isinstance(base, str):
+    if not isinstance(base, str) or "\0" in base:
         raise InputError(f"{_place(path, EXTENDS)}: {EXTENDS}: expected the path of a plan, got {base!r}")
     return path.parent / base
 
@@ -95,9 +95,15 @@ def _layers(path: Path) -> list[_Layer]:
 
 def _owner(layers: Sequence[_Layer], key: str) -> _Layer:
     """Return the file from which a dotted key of a plan comes; if none has it, that of the table or list around it."""
+    for layer in layers:
+        if key in layer.table:  # also a key with dots and brackets in its name
+            return layer
     holding: list[tuple[_Layer, Any]] = [(layer, layer.table) for layer in layers]
     for part in key.replace("[", ".[").split("."):
-        name = int(part[1:-1]) if part.startswith("[") else part
+        try:
+            name = int(part[1:-1]) if part.startswith("[") else part
+        except ValueError:  # a bracket in the name of a key
+            break
         inner = [(layer, value[name]) for layer, value in holding if _has(value, name)]
         if not inner:
             break

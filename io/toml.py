@@ -1,5 +1,6 @@
 """Reading TOML files, and finding the line of a key."""
 
+import re
 import tomllib
 from collections import Counter
 from pathlib import Path
@@ -10,18 +11,49 @@ from ..models.values.errors import InputError
 from ..models.values.tables import parse_table, unknown_keys
 from .input_files import LARGEST_TOML_BYTES, check_regular
 
+DEEPEST = 64
+"""Number of tables and lists within one another above which a file is not read on; a plan has four. What walks through
+a table calls itself at each level, and the time that a dotted key takes grows with the square of its parts."""
+_DEEP_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}""")
+INTEGER_BITS = 64
+"""Size of a whole number in TOML, with its sign. Python reads larger ones, but neither computes with them nor shows
+them."""
+
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Return a TOML file's contents.
 
     Raises:
-        InputError: when it is missing or not TOML.
+        InputError: when it is missing or not TOML, or holds more tables within one another, or larger whole numbers,
+            than a file of numbers needs.
     """
     check_regular(path, LARGEST_TOML_BYTES)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        text = path.read_text(encoding="utf-8-sig")
+        if _DEEP_KEY.search(text):
+            raise ValueError(f"expected a key of at most {DEEPEST} parts")
+        table = tomllib.loads(text)
+        _check_values(table)
     except (OSError, ValueError, RecursionError) as error:  # no text, no TOML, or an integer of thousands of digits
         raise InputError(f"{path}: cannot be read as TOML: {error}") from error
+    return table
+
+
+def _check_values(table: dict[str, Any]) -> None:
+    """Raise ValueError for a whole number that is too large, or for values that lie too deep."""
+    left: list[tuple[Any, str, int]] = [(table, "", 0)]
+    while left:
+        value, key, depth = left.pop()
+        if isinstance(value, dict | list):
+            if depth > DEEPEST:
+                raise ValueError(f"{key[:DEEPEST]}...: expected at most {DEEPEST} tables and lists within one another")
+            if isinstance(value, dict):
+                left += [(part, f"{key}.{name}" if key else name, depth + 1) for name, part in value.items()]
+            else:
+                left += [(part, f"{key}[{index}]", depth + 1) for index, part in enumerate(value)]
+        elif isinstance(value, int) and value.bit_length() >= INTEGER_BITS:
+            got = f"one of {value.bit_length()} bits"
+            raise ValueError(f"{key}: expected a whole number of {INTEGER_BITS} bits, with its sign, got {got}")
 
 
 def read_settings(path: Path | None) -> Settings:
@@ -40,6 +72,9 @@ def read_settings(path: Path | None) -> Settings:
 
 LONG_STATEMENT = 1000
 """Number of characters of a statement above which it is not parsed anew with each line, but when its brackets close."""
+MOST_PARSED = 1 << 21
+"""Number of characters that are parsed until the search for lines ends, some two seconds; a text of thousands of lines
+between quotes would be parsed anew with each of them."""
 
 
 def line_of(text: str, key: str) -> int:
@@ -56,11 +91,14 @@ def line_of(text: str, key: str) -> int:
 
 
 def _lines_of_keys(text: str) -> dict[str, int]:
-    """Return the line of every key; a statement is the shortest group of lines that is valid TOML."""
+    """Return the line of every key, as far as they are found before `MOST_PARSED` characters were parsed.
+
+    A statement is the shortest group of lines that is valid TOML.
+    """
     lines: dict[str, int] = {}
     table = ""
     statement: list[str] = []
-    size = open_brackets = 0
+    size = open_brackets = tried = 0
     first = 1
     seen = Counter[str]()
     for number, line in enumerate(text.splitlines(keepends=True), start=1):
@@ -71,6 +109,9 @@ def _lines_of_keys(text: str) -> dict[str, int]:
         open_brackets += line.count("[") - line.count("]")
         if size > LONG_STATEMENT and open_brackets:
             continue
+        tried += size
+        if tried > MOST_PARSED:
+            break
         try:
             parsed: Any = tomllib.loads("".join(statement))
         except tomllib.TOMLDecodeError:

@@ -1,5 +1,6 @@
 """Colours and style of all figures. The colours are Okabe and Ito's, which are told apart by all kinds of eyes."""
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -43,11 +44,16 @@ def add_legend_below(figure: Figure, handles: Sequence[Artist], columns: int) ->
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> None:
-    """Write a PNG, or a PDF, by the name of the file; a `$` in a title is one, as names of trials may have it."""
+    """Write a PNG, or a PDF, by the name of the file.
+
+    Names of trials may have any sign: a `$` in a title is one, and what the font lacks is drawn as a box.
+    """
     for text in (*figure.texts, *(axis.title for axis in figure.axes)):
         text.set_parse_math(False)
     options: dict[str, Any] = {"pil_kwargs": {"compress_level": QUICK}} if path.suffix == ".png" else {}
-    figure.savefig(path, dpi=dpi, **options)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph")
+        figure.savefig(path, dpi=dpi, **options)
 
 
 def within_margins(figure: Figure, *, left: float, right: float, bottom: float, top: float) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -11,9 +12,14 @@ import numpy as np
 from ...models.values.errors import InputError
 from ...models.values.extras import needs_extra
 from ...models.values.units import LARGEST
+from ..input_files import check_regular
 
 NOT_READ = ("option", "visual", "statistic")
 """Elements that say nothing of a structure. Their attributes change with MuJoCo's versions, and so may be unknown."""
+
+MOST_COPIES = 500
+"""Number of copies of one part above which a model is not read: MuJoCo takes seconds for a thousand, and hours for a
+million, which a line of text can ask for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +48,7 @@ def read_model(path: Path) -> MujocoModel:
     """
     with needs_extra("a MuJoCo model", "twin"):
         import mujoco
+    _check_copies(path)
     warnings: list[str] = []
     mujoco.set_mju_user_warning(warnings.append)  # MuJoCo itself writes them to the terminal and into a file
     try:
@@ -57,6 +64,35 @@ def read_model(path: Path) -> MujocoModel:
     found = MujocoModel(path, mujoco, model, data)
     _check_extent(found)
     return found
+
+
+def _check_copies(path: Path) -> None:
+    """Raise InputError for elements that make more copies than a structure has parts, or for a pipe as a file.
+
+    What is no XML, MuJoCo tells.
+    """
+    try:
+        roots = {file: ElementTree.parse(file).getroot() for file in _files(path, path.parent, set())}
+    except (OSError, ElementTree.ParseError, RecursionError, ValueError):
+        return
+    copies = 1.0
+    for root in roots.values():
+        left = [(root, 1.0)]
+        while left:
+            element, outer = left.pop()
+            inner = outer * _copies(element)
+            copies = max(copies, inner)
+            left += [(part, inner) for part in element]
+    if copies > MOST_COPIES:
+        raise InputError(f"{path}: expected at most {MOST_COPIES} copies of a part, got {copies:g}")
+
+
+def _copies(element: ElementTree.Element) -> float:
+    """Return how many copies an element makes of what is in it: the product of its `count`, else 1."""
+    try:
+        return prod(max(float(number), 1.0) for number in element.get("count", "1").split())
+    except ValueError:
+        return 1.0
 
 
 def _check_extent(found: MujocoModel) -> None:
@@ -99,6 +135,8 @@ def _files(path: Path, folder: Path, seen: set[Path]) -> Iterator[Path]:
     for include in ElementTree.parse(path).iter("include"):
         name = include.get("file", "")
         inner = next((base / name for base in (folder, path.parent) if (base / name).is_file()), folder / name)
+        if inner.exists():
+            check_regular(inner)
         yield from _files(inner, folder, seen)
 
 

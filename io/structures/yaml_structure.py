@@ -7,6 +7,7 @@ A tendon's natural length follows from its pretension T, l - T / k, or from `ini
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ import numpy as np
 
 from ...models.values.errors import InputError
 from ...models.values.extras import needs_extra
+from ...models.values.units import LARGEST_NUMBER
+from ..toml import INTEGER_BITS
 
 ROD_WORDS = ("rod", "bar", "strut")
 TENDON_WORDS = ("string", "cable", "actuator", "muscle", "tendon", "spring")
@@ -81,6 +84,7 @@ def _document(path: Path) -> dict[str, Any]:
         import yaml
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
+        size = _size(document, {})
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
     except (yaml.YAMLError, RecursionError, ValueError) as error:
@@ -88,7 +92,7 @@ def _document(path: Path) -> dict[str, Any]:
         place = f"line {mark.line + 1}: " if mark else ""
         reason = " ".join(str(getattr(error, "problem", None) or error).split())
         raise InputError(f"{path}: {place}is no YAML: {reason}") from error
-    if not _size(document, {}) < MOST_VALUES:
+    if not size < MOST_VALUES:
         raise InputError(f"{path}: expected fewer than {MOST_VALUES} values, got aliases that repeat each other")
     if not isinstance(document, dict):
         raise InputError(f"{path}: expected nodes, connections or pair_groups, and builders, got no table")
@@ -99,12 +103,18 @@ def _document(path: Path) -> dict[str, Any]:
 
 
 def _size(value: object, known: dict[int, float]) -> float:
-    """Return the number of values in a document with all aliases written out; infinite for one that holds itself."""
+    """Return the number of keys and values in a document, aliases written out; infinite for one that holds itself.
+
+    Raises:
+        ValueError: for a whole number of more than 64 bits, with which neither NumPy computes nor Python shows it.
+    """
+    if isinstance(value, int) and value.bit_length() >= INTEGER_BITS:
+        raise ValueError(f"expected whole numbers of {INTEGER_BITS} bits, got one of {value.bit_length()} bits")
     if not isinstance(value, dict | list):
         return 1.0
     if id(value) not in known:
         known[id(value)] = np.inf
-        parts = value.values() if isinstance(value, dict) else value
+        parts = chain(value, value.values()) if isinstance(value, dict) else value
         known[id(value)] = 1.0 + sum(_size(part, known) for part in parts)
     return known[id(value)]
 
@@ -132,13 +142,15 @@ def _nodes(path: Path, document: Mapping[str, Any]) -> dict[str, tuple[float, fl
     for name, value in _table(path, document, "nodes").items():
         numbers = value if isinstance(value, list) else []
         if len(numbers) != 3 or not all(_is_number(part) for part in numbers):
-            raise InputError(f"{path}: nodes.{name}: expected three finite numbers, got {value!r:.60}")
+            expected = f"three numbers of a magnitude of at most {LARGEST_NUMBER:g}"
+            raise InputError(f"{path}: nodes.{name}: expected {expected}, got {value!r:.60}")
         nodes[name] = (float(numbers[0]), float(numbers[1]), float(numbers[2]))
     return nodes
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+    """Return whether a value is a number with which can be computed."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_NUMBER
 
 
 def _groups(path: Path, document: Mapping[str, Any], nodes: Mapping[str, Any]) -> Iterator[_Members]:
@@ -183,7 +195,8 @@ def _parameter(path: Path, group: _Members, name: str, default: float | None = N
     if value is None:
         raise InputError(f"{path}: builders.{group.name}.{name}: is missing")
     if not _is_number(value) or value < 0:
-        raise InputError(f"{path}: builders.{group.name}.{name}: expected a number, 0 or above, got {value!r:.60}")
+        expected = f"a number from 0 to {LARGEST_NUMBER:g}"
+        raise InputError(f"{path}: builders.{group.name}.{name}: expected {expected}, got {value!r:.60}")
     return float(value)
 
 

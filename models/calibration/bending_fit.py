@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..sensor.bending import LEAST_BENT, BendingCurve, LagFree
+from ..values.errors import InputError
 from ..values.time_series import correlation_samples
 from .recordings import Recording
 
@@ -38,12 +39,18 @@ def fit_bending(recordings: Sequence[Recording], held_out: Sequence[Recording]) 
 
     It is None when no recording bends, or none bends as far as `LEAST_BENT`. The covariance is
     sigma^2 (X'X)^-1 times the correlation time of the residuals in samples, see `correlation_samples`.
+
+    Raises:
+        InputError: when the resistance of no recording that bends changes.
     """
     bent = [_lag_free_bending(r) for r in recordings if r.stretched_share < 0.5]
     if not bent or min(strain.min() for strain, _ in bent) > LEAST_BENT:
         return None
     x = np.concatenate([strain for strain, _ in bent])
     y = np.concatenate([change for _, change in bent])
+    if not np.ptp(y) > 0:
+        names = ", ".join(r.name for r in recordings if r.stretched_share < 0.5)
+        raise InputError(f"recordings that bend: expected a resistance that changes with strain, got one in {names}")
     basis = np.vander(x, 6)
     coefficients = np.linalg.lstsq(basis, y, rcond=None)[0]
     residual = y - basis @ coefficients
@@ -55,16 +62,21 @@ def fit_bending(recordings: Sequence[Recording], held_out: Sequence[Recording]) 
     if tested:
         test_x = np.concatenate([strain for strain, _ in tested])
         test_y = np.concatenate([change for _, change in tested])
-        held_out_r2 = 1 - float(np.var(test_y - np.polyval(coefficients, test_x)) / np.var(test_y))
-    r2 = 1 - sigma**2 / float(np.var(y))
+        held_out_r2 = _explained_share(test_y, test_y - np.polyval(coefficients, test_x))
     return BendingFit(
         coefficients=coefficients,
         covariance=covariance,
-        r2=r2,
+        r2=_explained_share(y, residual),
         held_out_r2=held_out_r2,
         residual_sigma=sigma,
         lowest_strain=float(x.min()),
     )
+
+
+def _explained_share(values: NDArray[np.float64], residual: NDArray[np.float64]) -> float:
+    """Return the share of the variance of values that a fit with these residuals explains; nan where none varies."""
+    variance = float(np.var(values))
+    return 1 - float(np.var(residual)) / variance if variance > 0 else float("nan")
 
 
 def _lag_free_bending(recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

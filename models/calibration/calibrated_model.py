@@ -99,7 +99,7 @@ def calibrate_model(
         STATIC: StaticEstimator.fit(common, signed),
         POLYNOMIAL: PolynomialEstimator.fit(common, signed),
     }
-    scored = [r for r in split.held_out if signed or (r.strain >= 0).mean() > 0.3]
+    scored = split.scored(signed)
     runs = {name: run_strips(each, scored, trained.gauge, known, signed) for name, each in estimators.items()}
     return Calibration(model, trained, split, bending, runs, (rmse, curve_rmse))
 

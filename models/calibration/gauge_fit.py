@@ -19,6 +19,11 @@ LEAST_SLOPE = 0.3
 bounded."""
 LEAST_GAIN_SIGMA = 0.01
 """Least standard deviation of the gain over sensors, because a single recording shows no spread."""
+LEAST_OFFSET_SIGMA = 0.001
+"""Least standard deviation of the offset over sensors, dR/R: recordings that all start at their natural resistance show
+none, and a strip at rest drifts by this in 24 s."""
+LEAST_RANGE = 0.01
+"""Least range of the strain to which a curve is fitted; tendons of a structure are stretched by several times it."""
 INDEPENDENT = 100
 """Number of samples that count as one independent sample, because errors of the static curve are correlated over
 seconds."""
@@ -34,17 +39,26 @@ def fit_gauge(
     gain 1).
 
     Raises:
-        InputError: when no recording stays stretched.
+        InputError: when no recording stays stretched, or their strain hardly changes.
     """
     gains = {recording.name: np.array([1.0, 0.0]) for recording in recordings}
     settled = {r.name: (r.strain[r.settled], r.change[r.settled]) for r in recordings}
     stretched = [r.name for r in recordings if (settled[r.name][0] >= 0).mean() > 0.9]
     if not stretched:
         raise InputError("no recording of stretching to fit a gauge curve to: expected one with strain >= 0 throughout")
+    strain_range = np.ptp(np.concatenate([settled[name][0] for name in stretched]))
+    if strain_range < LEAST_RANGE:
+        raise InputError(
+            f"recordings of stretching: expected strains over a range of {LEAST_RANGE:g} or more after settling, got "
+            f"{strain_range:.3g}: {', '.join(stretched)}"
+        )
     at_start = [r.change[0] for r in recordings if abs(r.strain[0]) < 1e-9]
     largest_range = max(float(np.ptp(settled[name][1])) for name in stretched)
     # with too few starts at zero strain the spread is not known: a wide prior leaves the offset to each recording
-    offset_sigma = float(np.std(at_start)) if len(at_start) > 2 else 0.1 * largest_range
+    offset_sigma = max(
+        float(np.std(at_start)) if len(at_start) > 2 else 0.1 * largest_range,
+        LEAST_OFFSET_SIGMA,
+    )
     largest_strain = max(float(settled[name][0].max()) for name in stretched)
     gain_sigma = 0.05
     knots = np.array([knot for knot in KNOTS if knot < 0.95 * largest_strain] + [largest_strain])

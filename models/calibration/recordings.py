@@ -82,7 +82,11 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """Recordings for training, validation and test; no sample is used for both training and test."""
+    """Recordings for training, validation and test; no sample is used for both training and test.
+
+    Raises:
+        InputError: when nothing but the start of a recording is left to train on.
+    """
 
     training: Sequence[Recording]
     """Recordings to which the curves and the network are fitted."""
@@ -92,6 +96,29 @@ class Split:
     """Recordings that are only scored."""
     how: str
     """Description of the split in words."""
+
+    def __post_init__(self) -> None:
+        for r in self.training:
+            if not r.settled.any():
+                raise InputError(
+                    f"recording {r.name}: expected more than its first {SETTLING_S:g} s to train on, got "
+                    f"{r.duration_s:g} s: {self.how}"
+                )
+
+    def scored(self, signed: bool) -> list[Recording]:
+        """Return the recordings held out that have a score: signed also those that bend.
+
+        Raises:
+            InputError: when there is none.
+        """
+        found = [r for r in self.held_out if (signed or r.stretched_share > 0.3) and r.counted(signed).any()]
+        if not found:
+            names = ", ".join(r.name for r in self.held_out)
+            kind = "strain" if signed else "stretching"
+            raise InputError(
+                f"recordings held out: expected {kind} later than {SETTLING_S:g} s in one of them, got none in {names}"
+            )
+        return found
 
     @classmethod
     def by_recordings(cls, recordings: Sequence[Recording]) -> "Split":

@@ -198,6 +198,8 @@ def test_tables_are_added_to_and_lists_replaced(below) -> None:
         ("[rest]\nseconds = 4.0", r"below.toml: line 83: load.random\[0\].from_s: .*rest.seconds = 4.0 .*got 2.0"),
         ("[load]\nrandom = [{ from_s = 3.0 }]", r"above.toml: line 3: load.random\[0\].until_s: is missing"),
         ("[hysteresis]\ncreep = 3.0", r"above.toml: line 2: hysteresis.hysteresis: is missing"),
+        ("'load.random[x]' = 1", r"above.toml: line 2: load.random\[x\]: is no key of a plan"),
+        ("'load.random[]' = 1", r"above.toml: line 2: load.random\[\]: is no key of a plan"),
     ],
 )
 def test_a_problem_is_told_of_the_file_it_stands_in(below, added, message) -> None:
@@ -209,6 +211,7 @@ def test_a_problem_is_told_of_the_file_it_stands_in(below, added, message) -> No
     ("edit", "message"),
     [
         ("3", r"below.toml: line 1: extends: expected the path of a plan, got 3"),
+        (r'"a\u0000.toml"', r"below.toml: line 1: extends: expected the path of a plan, got 'a\\x00.toml'"),
         ("'nothing.toml'", r"nothing.toml: no such file"),
         (
             "'above.toml'",

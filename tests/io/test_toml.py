@@ -7,7 +7,7 @@ from dataclasses import asdict
 import pytest
 
 from tensegraph import InputError, Settings
-from tensegraph.io.toml import line_of, read_settings
+from tensegraph.io.toml import MOST_PARSED, line_of, read_settings
 
 
 class TestSettings:
@@ -34,6 +34,11 @@ class TestSettings:
             ("[smoother]\nlag = 1\n", r"smoother.lag: .*got 1"),
             ("probability = \n", r"cannot be read as TOML"),
             ("[frames]\nrate_hz = 0\n", r"frames.rate_hz: .*got 0"),
+            (f"probability = 0x{'F' * 6000}\n", r"probability: expected a whole number of 64 bits.*one of 24000 bits"),
+            (f"[smoother]\nlag = [1, {2**63}]\n", r"smoother.lag\[1\]: expected a whole number of 64 bits"),
+            (".".join("a" * 70) + " = 1\n", r"cannot be read as TOML: expected a key of at most 64 parts"),
+            (".".join("a" * 20000) + " = 1\n", r"cannot be read as TOML: expected a key of at most 64 parts"),
+            ("a = " + "{b.b.b.b = " * 30 + "1" + "}" * 30, r"a.b.b.*: expected at most 64 tables and lists"),
         ],
     )
     def test_what_is_no_setting_is_refused(self, tmp_path, text, message) -> None:
@@ -76,3 +81,13 @@ def test_a_statement_of_thousands_of_lines_is_parsed_a_few_times(monkeypatch) ->
     monkeypatch.setattr("tensegraph.io.toml.tomllib.loads", lambda some: parsed.append(len(some)) or loads(some))
     assert line_of(text, "a.after") == 100_004
     assert sum(parsed) < 3 * len(text)
+
+
+def test_a_text_of_thousands_of_lines_between_quotes_is_parsed_until_a_line_is_not_worth_it(monkeypatch) -> None:
+    """Each of its lines might end the statement; parsing it anew with each takes minutes."""
+    text = "a = 1\nlong = '''\n" + "x\n" * 20_000 + "'''\nafter = 3\n"
+    parsed = []
+    loads = tomllib.loads
+    monkeypatch.setattr("tensegraph.io.toml.tomllib.loads", lambda some: parsed.append(len(some)) or loads(some))
+    assert (line_of(text, "a"), line_of(text, "after")) == (1, 1)
+    assert sum(parsed) <= 2 * MOST_PARSED

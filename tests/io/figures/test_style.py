@@ -5,13 +5,23 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from tensegraph.io.figures.style import panels_over_time, within_margins
+from tensegraph.io.figures.style import panels_over_time, save_figure, within_margins
 
 
 def test_margins_in_inches_become_parts_of_the_figure() -> None:
     """A figure of 10 by 5 inches: 1 inch is a tenth of its width and a fifth of its height."""
     place = within_margins(Figure(figsize=(10, 5)), left=1.0, right=0.5, bottom=1.0, top=0.5)
     assert place == pytest.approx({"left": 0.1, "right": 0.95, "bottom": 0.2, "top": 0.9})
+
+
+@pytest.mark.filterwarnings("error")
+def test_any_name_can_be_a_title(tmp_path) -> None:
+    """No font has a sign for a bell; `$x^{$` would be a formula that does not end."""
+    figure, (axis,) = panels_over_time(1, 1, 1.55, "length [mm]")
+    axis.set_title("bell \a, $x^{$")
+    figure.suptitle("bell \a, $x^{$")
+    save_figure(figure, tmp_path / "any.png")
+    assert (tmp_path / "any.png").stat().st_size > 0
 
 
 @pytest.mark.parametrize(("count", "columns", "timed"), [(1, 1, [0]), (6, 4, [2, 3, 4, 5])])

@@ -1,5 +1,6 @@
 """Structure files: each format read back, by hand, and what is refused of each."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -112,7 +113,21 @@ def test_a_flat_body_of_a_model_gets_a_node_off_its_plane(tmp_path: Path) -> Non
 
 MALFORMED = {
     "robot.yaml: line 4: is no YAML": YAML.replace("foot: [0, 0, 0]", "foot: [0, 0, 0"),
-    "robot.yaml: nodes.top: expected three finite numbers, got [0, 10]": YAML.replace("[0, 10, 0]", "[0, 10]"),
+    "robot.yaml: nodes.top: expected three numbers of a magnitude of at most 1e+15, got [0, 10]": YAML.replace(
+        "[0, 10, 0]", "[0, 10]"
+    ),
+    "robot.yaml: nodes.top: expected three numbers of a magnitude of at most 1e+15, got [0, 1e+200, 0]": YAML.replace(
+        "[0, 10, 0]", "[0, 1.0e+200, 0]"
+    ),
+    "robot.yaml: builders.my_string.stiffness: expected a number from 0 to 1e+15, got 1e+200": YAML.replace(
+        "stiffness: 100", "stiffness: 1.0e+200"
+    ),
+    "robot.yaml: is no YAML: expected whole numbers of 64 bits, got one of 67 bits": YAML.replace(
+        "stiffness: 100", "stiffness: 99999999999999999999"
+    ),
+    "robot.yaml: is no YAML: expected whole numbers of 64 bits, got one of 24000 bits": YAML.replace(
+        "nodes:", f"? 0x{'F' * 6000}\n: 1\nnodes:", 1
+    ),
     "robot.yaml: pair_groups.my_string[1]: there is no node tip": YAML.replace("[top, left]", "[tip, left]"),
     "robot.yaml: pair_groups.my_rod[0]: expected two nodes": YAML.replace("[foot, top]", "[foot, top, left]"),
     "robot.yaml: pair_groups.my_rod: expected a builder of this name": YAML.replace("  my_rod: {", "  rod: {"),
@@ -126,6 +141,11 @@ MALFORMED = {
     "robot.xml: MuJoCo cannot read it": XML.replace("</tendon>", ""),
     "robot.xml: MuJoCo warns of it: XML contains a 'NaN'": XML.replace('pos="0.3 0 0"', 'pos="0.3 NaN 0"'),
     "robot.xml: site 'n2': expected to be within 10000 m": XML.replace('pos="0 0 0.3"', 'pos="0 1.7e308 0"'),
+    "robot.xml: expected at most 500 copies of a part, got 1e+06": XML.replace(
+        "<worldbody>",
+        '<worldbody><replicate count="1000" offset="0 0 1"><replicate count="1000" offset="1 0 0">'
+        '<body><freejoint/><geom size="1"/></body></replicate></replicate>',
+    ),
     "robot.xml: tendon 't1': expected a spatial tendon from one site to another": XML.replace(
         '<site site="a"/><site site="n1"/>', '<site site="a"/><site site="n1"/><site site="n2"/>'
     ),
@@ -152,3 +172,11 @@ def test_a_malformed_file_is_refused_in_one_line(message: str, tmp_path: Path) -
     assert text.startswith(f"{tmp_path}/")
     assert message.removesuffix("nodes or") in text.removeprefix(f"{tmp_path}/")
     assert "\n" not in text
+
+
+def test_a_model_that_includes_a_pipe_is_refused(tmp_path: Path) -> None:
+    """Reading it would wait for ever."""
+    os.mkfifo(tmp_path / "part.xml")
+    path = written(tmp_path, XML.replace("<worldbody>", '<include file="part.xml"/><worldbody>'), "robot.xml")
+    with pytest.raises(InputError, match=r"part\.xml: expected a file, got a pipe"):
+        read_structure(path)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from strips import triangle
+from tensegraph import InputError
 from tensegraph.models.calibration.bending_fit import fit_bending
 from tensegraph.models.calibration.recordings import Recording
 from tensegraph.models.sensor.bending import COEFFICIENTS, FoldedPolynomial
@@ -31,6 +32,15 @@ class TestBendingFit:
         assert fit.r2 > 0.9995
         assert fit.held_out_r2 == pytest.approx(fit.r2, abs=1e-6)
         assert fit.curve().polynomial.x_fold == pytest.approx(FoldedPolynomial().x_fold, abs=0.01)
+
+    def test_a_resistance_that_does_not_change_is_refused(self) -> None:
+        """Where it is held out, the fit explains nothing of it."""
+        stuck = Recording("stuck", self.T_S, self.recording().strain, np.full(len(self.T_S), 700.0))
+        with pytest.raises(InputError, match="a resistance that changes with strain, got one in stuck"):
+            fit_bending([stuck], [])
+        fit = fit_bending([self.recording()], [stuck])
+        assert fit is not None
+        assert np.isnan(fit.held_out_r2)
 
     def test_covariance_is_no_less_than_what_noise_does(self) -> None:
         """Against the spread of the coefficients over 40 noisy recordings."""

@@ -5,7 +5,7 @@ import pytest
 
 from lagging_sensor import lagging_sensor
 from tensegraph import InputError
-from tensegraph.models.calibration.gauge_fit import fit_gauge
+from tensegraph.models.calibration.gauge_fit import LEAST_OFFSET_SIGMA, fit_gauge
 from tensegraph.models.calibration.recordings import Recording
 from tensegraph.models.sensor.bending import BendingCurve
 
@@ -33,3 +33,19 @@ def test_a_sensor_whose_resistance_falls_is_refused() -> None:
     strain = 0.1 - 0.1 * np.cos(t_s)
     with pytest.raises(InputError, match="does not rise with strain"):
         fit_gauge([Recording("falls", t_s, strain, -strain)], BendingCurve())
+
+
+def test_a_strip_that_hardly_moves_is_refused() -> None:
+    t_s = np.arange(0, 60, 0.05)
+    still = Recording("still", t_s, np.full(len(t_s), 0.1), 1e-3 * t_s)
+    with pytest.raises(InputError, match=r"strains over a range of 0\.01 or more after settling, got 0: still"):
+        fit_gauge([still], BendingCurve())
+
+
+def test_recordings_that_start_at_their_natural_resistance_have_an_offset_still() -> None:
+    """Three that show no spread at all."""
+    t_s = np.arange(0, 60, 0.05)
+    strain = 0.1 - 0.1 * np.cos(t_s)
+    gauge, own = fit_gauge([Recording(f"r{k}", t_s, strain, strain) for k in range(3)], BendingCurve())
+    assert gauge.offset_sigma == LEAST_OFFSET_SIGMA
+    np.testing.assert_allclose(own["r1"], [1.0, 0.0], atol=0.02)

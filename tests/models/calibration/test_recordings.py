@@ -23,6 +23,17 @@ class TestSplit:
         assert [r.name for r in split.held_out] == ["s0.05_0", "s0.05_1"]
         assert not {r.name for r in split.training} & {r.name for r in split.held_out}
 
+    def test_nothing_to_train_on_or_to_score_is_refused(self) -> None:
+        """The first 10 s are for settling: of 60 s, a tenth ends before; and what only bends has no score."""
+        with pytest.raises(
+            InputError, match=r"recording a: expected more than its first 10 s to train on, got 5\.05 s"
+        ):
+            Split.by_time([triangle("a", 0.05)], 0.9)
+        split = Split.by_name([triangle("a", 0.05), triangle("bend", 0.05, high=-0.2)], ["bend"])
+        assert [r.name for r in split.scored(signed=True)] == ["bend"]
+        with pytest.raises(InputError, match=r"held out: expected stretching later than 10 s in one of them, .* bend"):
+            split.scored(signed=False)
+
     def test_one_recording_is_split_in_time(self) -> None:
         """70 % of 60 s train and validate, the last 15 % of these validate; no sample does two things."""
         split = Split.by_recordings([triangle("only", 0.05)])
