@@ -228,7 +228,7 @@ def type_text(hint: Any) -> str:
     """Return a type in words, with its bounds."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        return " ".join([type_text(arguments[0]), *(bound_text(bound) for bound in arguments[1:])])
+        return " ".join([type_text(arguments[0]), *filter(None, map(bound_text, arguments[1:]))])
     if origin is Literal:
         return ", ".join(f"`{value!r}`".replace("'", '"') for value in arguments)
     if origin in (Union, UnionType):
@@ -245,9 +245,9 @@ def type_text(hint: Any) -> str:
 
 
 def bound_text(bound: object) -> str:
-    """Return the bounds of a number, as `annotated_types` states them."""
+    """Return the bounds of a number, as `annotated_types` states them; nothing for a check of another kind."""
     stated = [(sign, getattr(bound, name, None)) for name, sign in BOUNDS.items()]
-    return " and ".join(f"{sign}&nbsp;{value}" for sign, value in stated if value is not None) or str(bound)
+    return " and ".join(f"{sign}&nbsp;{value}" for sign, value in stated if value is not None)
 
 
 def default_text(field: "Field[Any]") -> str:
