@@ -70,7 +70,7 @@ ALONE = {
     "gtsam": {"factors", "estimator"},
     "matplotlib": {"io.figures", "plot"},
     "serial": {"io.boards"},
-    "ezc3d": {"io.mocap.c3d_file"},
+    "ezc3d": {"io.mocap.c3d_points"},
     "pandas": {"models.structure.labelled", "models.structure.reconstruction"},
     "pyarrow": {"io.exports"},
     "rerun": {"io.viewer"},

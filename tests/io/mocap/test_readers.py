@@ -144,6 +144,17 @@ def test_what_is_wrong_with_c3d(path_of) -> None:
             read_truth(path, 4)
 
 
+def test_a_c3d_file_that_ends_its_reader_is_refused(path_of) -> None:
+    """Labels of 255 dimensions are a segmentation fault in ezc3d."""
+    path = path_of("take.c3d")
+    content = bytearray(path.read_bytes())
+    dimensions = content.index(b"LABELS") + 9
+    content[dimensions : dimensions + 2] = b"\xff\xff"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="cannot be read as C3D: the reader was ended by signal 11"):
+        read_truth(path, 4)
+
+
 def test_c3d_without_its_library_says_what_to_install(path_of, monkeypatch) -> None:
     path = path_of("take.c3d")
     monkeypatch.setitem(sys.modules, "ezc3d", None)

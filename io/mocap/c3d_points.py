@@ -1,0 +1,32 @@
+"""A program that reads the points of a C3D file: `python c3d_points.py FILE.c3d POINTS.npz`.
+
+ezc3d ends the process that reads some damaged files (signal 11), so that it gets one of its own.
+"""
+
+import sys
+
+import numpy as np
+
+
+def main(file: str, points: str) -> None:
+    """Write points, residuals, labels, units, rate and first frame of a C3D file as arrays."""
+    import ezc3d
+
+    read = ezc3d.c3d(file)
+    about = read["parameters"]["POINT"]
+    np.savez(
+        points,
+        point=read["data"]["points"],
+        residual=read["data"]["meta_points"]["residuals"][0],
+        label=np.array(about["LABELS"]["value"], dtype=np.str_),
+        unit=np.array(about.get("UNITS", {"value": []})["value"], dtype=np.str_),
+        rate_hz=np.array(about["RATE"]["value"], dtype=np.float64),
+        first_frame=read["header"]["points"]["first_frame"],
+    )
+
+
+if __name__ == "__main__":
+    try:
+        main(*sys.argv[1:])
+    except Exception as error:  # ezc3d raises what its C++ throws: OSError, ValueError, RuntimeError and others
+        sys.exit(" ".join(f"{error}".split()))
