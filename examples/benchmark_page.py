@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import front_end_accuracy  # noqa: E402
+import growth  # noqa: E402
 import held_out  # noqa: E402
 import loads_by_regime  # noqa: E402
 import method_comparison  # noqa: E402
@@ -33,6 +34,7 @@ from tensegraph.io.provenance import versions  # noqa: E402
 from tensegraph.models.calibration.recipe import TrainingSettings  # noqa: E402
 
 FIGURE = Path("examples/dead_sensors.png")
+GROWTH_FIGURE = Path("docs/figures/growth.png")
 NOT_MADE = "none"
 """Stands for the source of a part that was never made."""
 PACKAGE = ("commands", "estimator", "factors", "io", "live", "models", "benchmarks")
@@ -76,6 +78,13 @@ def wrong_mechanics(inputs: Inputs) -> list[str]:
         trials = robustness.default_trials(Path(folder))
         list(robustness.dead_sensors_figure(trials, 4, ROOT / FIGURE))
         return list(robustness.wrong_mechanics(trials, ["live", "batch"]))
+
+
+def growth_by_struts() -> list[str]:
+    """Return the table of growth, and draw its figure."""
+    costs = list(growth.costs(growth.FRAMES))
+    growth.draw(costs, ROOT / GROWTH_FIGURE)
+    return list(growth.table(costs))
 
 
 PARTS = [
@@ -160,6 +169,18 @@ PARTS = [
         text="RMSE of lengths on the plan `press`, in millimetres; the motion is the same in all.",
         command="python benchmarks/sensor_worlds.py",
         make=lambda inputs: sensor_worlds.table(sensor_worlds.PLAN.read_text()),
+    ),
+    Part(
+        name="growth",
+        title="Time and memory by the number of struts",
+        text=(
+            f"Towers of three-strut prisms whose tendons are all measured, {growth.FRAMES} frames: CPU time of a frame "
+            "from lengths to shape and covariance, and memory of the whole estimate. The rods of such a tower share "
+            "nodes, so that their forces depend on all of its shape: time grows with the square of the struts.\n\n"
+            f"![CPU time of a frame against the number of struts](figures/{GROWTH_FIGURE.name})"
+        ),
+        command=f"python benchmarks/growth.py --figure {GROWTH_FIGURE}",
+        make=lambda inputs: growth_by_struts(),
     ),
     Part(
         name="time",

@@ -44,7 +44,7 @@ def rest_of(pipeline: Pipeline, what: str) -> RestShape:
     [(LiveSmoother, PLAIN), (LiveSmoother, WHOLE), (UnscentedKalman, PLAIN), (LeastSquares, PLAIN)],
 )
 def test_one_live_frame(benchmark, measured, estimator, what) -> None:
-    """Estimate and covariances of one frame of the example, lag of 5, against a UKF and scipy's least squares."""
+    """Estimate and covariances of one frame of the example against a UKF and scipy's least squares."""
     pipeline, frames = measured
     running, coming = estimator(pipeline.trial.structure, rest_of(pipeline, what), Settings()), iter(frames)
     benchmark.pedantic(running.update, setup=lambda: ((next(coming),), {}), rounds=len(frames))
