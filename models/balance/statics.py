@@ -224,10 +224,10 @@ class Statics:
         pull = self._cable_pull(x, r)
         cables, lead = self._cables.tendons, x.shape[:-2]
         each = np.broadcast_to(x[..., None, :, :], (*lead, len(cables), *x.shape[-2:]))
-        unit, length, stiffness, _ = self._tensions(each)
+        unit, length = self._directions(each)
         pulls = np.any(pull, axis=-2, keepdims=True).swapaxes(-1, -2)
         tension = pulls * np.eye(len(self._elastic))[cables]
-        _, by_pull = self._by_rods(each, np.zeros(x.shape[-2:]), (unit, length, 0 * stiffness, tension))
+        _, by_pull = self._by_rods(each, np.zeros(x.shape[-2:]), (unit, length, np.zeros_like(length), tension))
         return jacobian_without_cables(r, jacobian, pull, by_pull)
 
     def _by_rods(
@@ -333,7 +333,7 @@ class Statics:
 
     def _by_tension(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows, tendons) the rows by a tension of 1 N, before unknown ones are taken out."""
-        unit = self._tensions(node_position_m)[0]
+        unit, _ = self._directions(node_position_m)
         pull = -self._incidence[:, :, None] * unit[..., None, :, :]  # (..., nodes, tendons, 3) per unit of tension
         w, _, w_floating, _ = self._rods(node_position_m)
         across = pull[..., self.nodes, :, :]
@@ -344,12 +344,17 @@ class Statics:
 
     def _tensions(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return unit vectors u, lengths l, stiffnesses kappa and tensions T of all tendons; 0 of stiff cables."""
-        difference = x[..., self._a, :] - x[..., self._b, :]
-        length = np.sqrt(np.einsum("...k,...k->...", difference, difference))
+        unit, length = self._directions(x)
         extension = length - self.mechanics.natural_length_m
         k = self._elastic * self.mechanics.stiffness_n_per_m
         stiffness = np.where(extension > 0, k, self.mechanics.push_back * k)
-        return difference / length[..., None], length, stiffness, stiffness * extension
+        return unit, length, stiffness, stiffness * extension
+
+    def _directions(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return unit vectors u and lengths l of all tendons."""
+        difference = x[..., self._a, :] - x[..., self._b, :]
+        length = np.sqrt(np.einsum("...k,...k->...", difference, difference))
+        return difference / length[..., None], length
 
     def _rods(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return unit vector w and length ell of the rod at each free node, then of each floating rod.

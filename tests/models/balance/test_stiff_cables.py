@@ -66,6 +66,19 @@ def test_jacobians(structure: Structure, x: np.ndarray, check_jacobian) -> None:
                    step=1e-7, tolerance=1e-3)  # fmt: skip
 
 
+def test_frames_of_other_natural_lengths_are_each_as_if_alone() -> None:
+    """Motors wind strips beside stiff cables; all frames at once are what one after another are."""
+    statics = with_cables(SADDLE, SADDLE_M, [4, 9])
+    natural_m = statics.mechanics.natural_length_m + 0.001 * np.arange(3)[:, None] * (np.arange(24) == 7)
+    shapes_m = SADDLE_M + 0.001 * np.arange(3)[:, None, None]
+    together = statics.wound(natural_m).residual_and_jacobian(shapes_m)
+    for k in range(3):
+        for stacked, alone in zip(
+            together, statics.wound(natural_m[k]).residual_and_jacobian(shapes_m[k]), strict=True
+        ):
+            np.testing.assert_allclose(stacked[k], alone, atol=1e-12)
+
+
 def test_whatever_taut_cables_pull_changes_nothing() -> None:
     """In balance with cables of any tension, and out of it with the same cables slack."""
     cables = [12, 13, 14, 15, 16, 17]
