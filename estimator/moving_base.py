@@ -3,7 +3,7 @@
 Lengths do not see where a structure is. An inertial sensor on a rod does: its attitude follows its rate from the rest
 on, Q <- Q exp((w - b) dt), with the bias b of the seconds at rest, and gives the direction Q a of its rod. When this
 and the direction in the estimated shape part by more than sensors and deformation explain, for most of the sensors,
-the base has turned. A base that slides without turning is not seen.
+the base has turned. A base that slides without turning is not seen, nor what it does while the sensors are silent.
 """
 
 from collections.abc import Sequence
@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.imu import ImuArray
+from ..models.pose.imu_gate import ATTITUDE_HOLDS_S
 from ..models.pose.imu_samples import ImuPreintegration
+from ..models.structure.floor import UP
 from ..models.structure.rest_shape import RestShape
-from ..models.structure.shape import Reason, Shape, Status
+from ..models.structure.shape import Reason, Shape
 from ..models.values.aids import Imu, ImuReading
 from ..models.values.rotations import rotation
 
@@ -40,6 +42,7 @@ class MovingBase:
         self._bias = np.zeros((len(imus), 3))
         self._latest_s = np.full(len(imus), np.nan)
         self._start_s = np.nan
+        self._has_turned = False
 
     def observe(self, shape: Shape) -> Shape:
         """Return a shape of one more frame, with doubt and a wide covariance if the base has turned."""
@@ -48,17 +51,40 @@ class MovingBase:
             self._at_rest += readings
             self._start(shape)
             return shape
+        started_anew = set() if self._has_turned else self._start_anew(readings, shape)
         for reading in readings:
+            if reading.imu in started_anew:
+                continue
             step_s = reading.t_s - self._latest_s[reading.imu]
             rate = reading.rate_rad_per_s - self._bias[reading.imu]
             self._turn[reading.imu] = self._turn[reading.imu] @ rotation(rate * step_s)
             self._latest_s[reading.imu] = reading.t_s
-        sigma = np.hypot(APART_RAD, DRIFT_RAD_PER_S * (shape.t_s - self._start_s))
-        if np.median(self._angle(self._turn, shape)) < APART_SIGMA * sigma:
+        heard = shape.t_s - self._latest_s < ATTITUDE_HOLDS_S
+        if heard.any():
+            sigma = np.hypot(APART_RAD, DRIFT_RAD_PER_S * (shape.t_s - self._start_s))
+            self._has_turned = bool(np.median(self._angle(self._turn, shape)[heard]) >= APART_SIGMA * sigma)
+        if not self._has_turned:
             return shape
         covariance = shape.covariance_m2.copy()
         covariance[self._free, self._free] += self._size_m**2
-        return replace(shape, status=Status.DOUBT, doubt=Reason.BASE, covariance_m2=covariance)
+        return replace(shape, covariance_m2=covariance).in_doubt(Reason.BASE)
+
+    def _start_anew(self, readings: list[ImuReading], shape: Shape) -> set[int]:
+        """Take the attitude of sensors that were silent from a shape, and return their numbers.
+
+        How they turned meanwhile is not known.
+        """
+        assert self._turn is not None
+        silent = {one.imu for one in readings if one.t_s - self._latest_s[one.imu] >= ATTITUDE_HOLDS_S}
+        if silent:
+            samples = ImuPreintegration(self._imus.count).mean(shape.t_s, readings)
+            force = np.where(samples.count[:, None] > 0, samples.specific_force_m_per_s2, UP)
+            attitude = self._imus.attitude_at_rest(self._imus.rod_direction(shape.node_position_m), force)
+            for reading in readings:
+                if reading.imu in silent:
+                    self._turn[reading.imu] = attitude[reading.imu]
+                    self._latest_s[reading.imu] = reading.t_s
+        return silent
 
     def _start(self, shape: Shape) -> None:
         """Find biases and attitudes at the end of the rest, if every sensor was read."""

@@ -1,13 +1,17 @@
 """An anchored structure whose base moves all the same."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tensegraph import Status, open_trial, reconstruct
-from tensegraph.models.structure.shape import Reason
+from tensegraph import Settings, Status, open_trial, reconstruct
+from tensegraph.estimator.moving_base import MovingBase
+from tensegraph.estimator.rest_step import rest_shape_of
+from tensegraph.models.structure.shape import Reason, Shape
+from tensegraph.models.values.aids import ImuReading
 from trial_edits import cut
 
 ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
@@ -41,3 +45,43 @@ def test_a_base_that_rolls_is_doubted_within_a_second(told_anchored) -> None:
     assert {result.status[k] for k in np.flatnonzero(doubted)} == {Status.DOUBT}
     free = result.structure.free_nodes
     assert result.node_sigma_m[doubted][:, free].min() > 0.3
+
+
+class TestSilence:
+    """An inertial sensor of a robot that stands still, whose readings are made here."""
+
+    @pytest.fixture
+    def watch(self, told_anchored):
+        """Returns the shape at rest as it is after a time, with a reading unless the rate is nan."""
+        description = told_anchored[0].description
+        rest = rest_shape_of(description, Settings().rest)
+        base = MovingBase(rest, description.imus, description.rest_seconds)
+        at_rest = next(iter(reconstruct(told_anchored[0], "live")))
+        samples = [one for one in told_anchored[0].readings() if isinstance(one, ImuReading) and one.t_s < 1.0]
+        gravity = np.mean([one.specific_force_m_per_s2 for one in samples], axis=0)
+
+        def observed(t_s: float, rate_rad_per_s: float, status: Status = Status.OK) -> Shape:
+            reading = ImuReading(0, t_s, np.array([0.0, rate_rad_per_s, rate_rad_per_s]), gravity)
+            aids = () if np.isnan(rate_rad_per_s) else (reading,)
+            shape = replace(at_rest, t_s=t_s, status=status, doubt=None, node_position_m=rest.node_position_m)
+            return base.observe(replace(shape, lengths=replace(shape.lengths, t_s=t_s, aids=aids)))
+
+        for t_s in np.arange(0, description.rest_seconds + 0.1, 0.02):
+            assert observed(t_s, 0.0).doubt is None
+        self.start_s = t_s
+        return observed
+
+    def test_one_sample_after_it_does_not_turn_the_base(self, watch) -> None:
+        """0.3 rad/s for 3 s would be 52 degrees; the sample tells of the time since the one before it alone."""
+        after_s = self.start_s + 3.0
+        assert watch(after_s, 0.3).doubt is None
+        assert {watch(after_s + t_s, 0.0).doubt for t_s in np.arange(0.02, 1.0, 0.02)} == {None}
+
+    def test_a_base_that_has_turned_is_doubted_through_it(self, watch) -> None:
+        """And a worse status than `doubt` stands."""
+        for t_s in np.arange(0.02, 1.0, 0.02):
+            shape = watch(self.start_s + t_s, 0.5)
+        assert shape.doubt is Reason.BASE
+        assert watch(self.start_s + 2.0, np.nan).doubt is Reason.BASE
+        assert watch(self.start_s + 4.0, 0.0).doubt is Reason.BASE
+        assert watch(self.start_s + 4.02, 0.0, Status.NOT_CONVERGED).status is Status.NOT_CONVERGED
