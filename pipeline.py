@@ -16,7 +16,7 @@ from .estimator.free_standing.estimators import FreeStandingOptimizer, FreeStand
 from .estimator.hanging.hanging_estimators import HangingOptimizer, HangingSmoother
 from .estimator.moving_base import MovingBase
 from .estimator.own_evidence import FactorWatch
-from .estimator.rest_step import rest_step
+from .estimator.rest_step import rest_shape_of
 from .estimator.rest_watch import RestWatch
 from .estimator.smoother import LiveSmoother
 from .factors.tendon import TautCables
@@ -157,16 +157,7 @@ class Pipeline:
     def __init__(self, trial: TrialDescription, settings: Settings, model: AnySensorModel) -> None:
         self.trial = trial
         self.settings = settings
-        rest = rest_step(
-            trial.structure,
-            trial.mechanics,
-            trial.rest_position_m,
-            trial.geometry,
-            settings.rest,
-            trial.floor,
-            trial.near_position_m,
-        )
-        self.rest = replace(rest, at_start=trial.rest_seconds > 0)
+        self.rest = rest_shape_of(trial, settings.rest)
         self.imu_gate = ImuGate(len(trial.imus), trial.rest_seconds)
         self.factors: tuple[NodeFactor, ...] = tuple(factor.factor(trial.structure) for factor in trial.factors)
         if trial.mechanics is not None and len(trial.mechanics.stiff_cables):
@@ -235,9 +226,22 @@ class Pipeline:
             progress: called by methods that optimise over all frames.
 
         Raises:
-            InputError: see `estimator_of`.
+            InputError: see `estimator_of` and `shapes_by`.
         """
-        factory = estimator_of(method)
+        return self.shapes_by(estimator_of(method), method, frames, progress)
+
+    def shapes_by(
+        self,
+        factory: EstimatorFactory,
+        method: str,
+        frames: Iterable[TendonLengths],
+        progress: Progress | None = None,
+    ) -> Iterator[Shape]:
+        """Yield the shape in every frame of lengths, by a method of which it is known what makes its estimator.
+
+        Raises:
+            InputError: for a method that is not for such a structure, or such readings.
+        """
         if self.trial.factors and method not in WITH_FACTORS:
             raise InputError(
                 f"method '{method}': expected one of {', '.join(WITH_FACTORS)}, which use the trial's [[factor]]"

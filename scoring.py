@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .commands.paths import distinct_names
-from .estimator.rest_step import rest_step
+from .estimator.rest_step import rest_shape_of
 from .io.calibration.recording_files import read_rig
 from .io.mocap.truth_file import read_truth
 from .io.trial_directory import Trial, open_trial
@@ -141,11 +141,15 @@ def evaluation_of(
     Raises:
         InputError: when the truth cannot be read, or does not match the estimate.
     """
-    d = trial.description
-    rest_m = rest_step(d.structure, d.mechanics, d.rest_position_m, d.geometry, settings.rest, d.floor).node_position_m
+    rest = rest_shape_of(trial.description, settings.rest)
     known = truth_of_trial(trial, truth, estimate, offset_s)
     return evaluate_estimate(
-        d.structure, rest_m, estimate, known, align=align, load_threshold_n=settings.load_threshold_n
+        trial.description.structure,
+        rest.node_position_m,
+        estimate,
+        known,
+        align=align,
+        load_threshold_n=settings.load_threshold_n,
     )
 
 

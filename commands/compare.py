@@ -10,7 +10,7 @@ from rich.markdown import Markdown
 
 from ..io.figures.comparison_figure import write_comparison_figure, write_spread_figure
 from ..io.measured_trials import measured_by, measured_methods, read_measured, write_measured
-from ..io.provenance import file_hashes, fingerprint
+from ..io.provenance import fingerprint
 from ..io.reports.comparison_tables import as_markdown, write_comparison_csv
 from ..io.reports.progress import StageBar
 from ..io.reports.terminal import Terminal
@@ -21,20 +21,17 @@ from ..models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow, FrameE
 from ..models.evaluation.estimate import Estimate
 from ..models.evaluation.metrics import evaluate
 from ..models.evaluation.truth import Truth
-from ..models.plug_ins import PlugIn
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.values.errors import IndeterminateError, InputError
 from ..models.values.readings import TendonLengths
 from ..pipeline import (
     ESTIMATORS,
-    WITH_FACTORS,
     AnySensorModel,
     EstimatorFactory,
     Pipeline,
     estimator_of,
     estimator_plug_ins,
-    in_one_thread,
 )
 from .many import Many, Workers
 from .origin import chosen_model, made_with, placed_model
@@ -73,7 +70,7 @@ class ComparisonJob:
     estimators: Mapping[str, EstimatorFactory]
     """The methods by name."""
 
-    def fingerprint(self, of_trial: Sequence[PlugIn]) -> str | None:
+    def fingerprint(self, trial: Trial) -> str | None:
         """Return the hash of all that is measured; None with a method of this process, whose code is not known."""
         others = estimator_plug_ins()
         known = {method for method, made in self.estimators.items() if _is_ours(made)} | others.keys()
@@ -81,9 +78,9 @@ class ComparisonJob:
             return None
         return fingerprint(
             {
-                "inputs": file_hashes(self.trial),
+                "inputs": trial.hashes() | trial.truth_hashes(),
                 "settings": asdict(self.settings),
-                "methods": {method: made_with(method, self.model, of_trial) for method in self.estimators},
+                "methods": {method: made_with(method, self.model, trial.plug_ins) for method in self.estimators},
             }
         )
 
@@ -164,7 +161,7 @@ def compare_trial(job: ComparisonJob, terminal: Terminal) -> list[str]:
             written.
     """
     trial = open_trial(job.trial)
-    made_from = job.fingerprint(trial.plug_ins)
+    made_from = job.fingerprint(trial)
     measured = read_measured(job.part, made_from)
     if measured is None:
         with terminal.stage(f"all methods on {trial.name}"):
@@ -211,7 +208,6 @@ class TrialComparison:
     """The lengths of a trial, and its truth."""
 
     def __init__(self, trial: Trial, settings: Settings, model: AnySensorModel, bar: StageBar) -> None:
-        self._settings = settings
         self._bar = bar
         self._truth = _truth_of(trial)
         self._name = trial.path.resolve().name
@@ -226,15 +222,14 @@ class TrialComparison:
     def with_method(self, method: str, factory: EstimatorFactory) -> Measured:
         """Run a method over all frames, and return its result."""
         label = METHODS.get(method, method)
-        if self._pipeline.factors and method not in WITH_FACTORS:
-            return self._without_errors(label, "(uses no [[factor]])")
-        estimator = factory(self._pipeline.rest.structure, self._pipeline.rest, self._settings)
         frames = self._bar.track(label, self._frames, len(self._frames))
         start_s = time.perf_counter()
         try:
-            shapes = list(in_one_thread(estimator.estimate(frames)))
+            shapes = list(self._pipeline.shapes_by(factory, method, frames))
         except IndeterminateError as error:
             return self._without_errors(label, f"gave up at {error}")
+        except InputError as error:  # the method is not for such a trial
+            return self._without_errors(label, f"not run: {error}")
         seconds = time.perf_counter() - start_s
         return self._measured(label, seconds, Estimate.of(Reconstruction.of(self._structure, shapes)))
 

@@ -44,7 +44,7 @@ class EvaluationJob:
         return fingerprint(
             {
                 "result": {"name": self.name} | file_hashes(self.result),
-                "trial": file_hashes(trial.path),
+                "trial": trial.hashes() | trial.truth_hashes(),
                 "truth": sha256_of(self.truth) if self.truth and self.truth.is_file() else None,
                 "align": self.align,
                 "offset_s": self.offset_s,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimator.rest_step import rest_step
+from ..estimator.rest_step import rest_shape_of
 from ..io.reports.terminal import Terminal
 from ..io.result import read_run, settings_of
 from ..io.stored_result import load
@@ -18,7 +18,7 @@ from ..io.viewer.server import ViewerServer
 from ..models.evaluation.estimate import Estimate
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
-from ..models.values.errors import InputError
+from ..models.values.errors import TensegraphError
 from ..models.values.stamped_positions import StampedPositions
 from ..scoring import truth_of_trial
 from .evaluate import trial_of
@@ -78,14 +78,11 @@ def read_viewed(path: Path, name: str, terminal: Terminal) -> ViewedResult:
     rest_m = truth = None
     try:
         trial = trial_of(run, path, None)
-        d = trial.description
-        rest_m = rest_step(
-            d.structure, d.mechanics, d.rest_position_m, d.geometry, settings.rest, d.floor
-        ).node_position_m
+        rest_m = rest_shape_of(trial.description, settings.rest).node_position_m
         if trial.table.truth is not None and result.coordinate_frame != "body":
             known = truth_of_trial(trial, None, Estimate.of(result), None)
             truth = _at_frames(StampedPositions(known.t_s, known.node_position_m), result.t_s)
-    except InputError as error:
+    except TensegraphError as error:
         without = "the truth" if rest_m is not None else "rest shape and truth"
         terminal.line(f"{path}: shown without {without}: {error}")
     return ViewedResult(name, result, settings, rest_m, truth)

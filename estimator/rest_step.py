@@ -36,6 +36,7 @@ from ..models.structure.mechanics import Mechanics
 from ..models.structure.rest_shape import GeometrySigma, RestSettings, RestShape, WrongPart
 from ..models.structure.rigidity import find_rest_shape
 from ..models.structure.structure import Structure
+from ..models.trial_description import TrialDescription
 from ..models.values.errors import IndeterminateError
 from .own_evidence import own_rows
 
@@ -95,6 +96,20 @@ def rest_step(
         wrong=wrong,
     )
     return found if mechanics is None else _balanced(found, problem, minimum, mechanics)
+
+
+def rest_shape_of(trial: TrialDescription, settings: RestSettings) -> RestShape:
+    """Return the rest shape of a trial as its description tells it; see `rest_step`."""
+    rest = rest_step(
+        trial.structure,
+        trial.mechanics,
+        trial.rest_position_m,
+        trial.geometry,
+        settings,
+        trial.floor,
+        trial.near_position_m,
+    )
+    return replace(rest, at_start=trial.rest_seconds > 0)
 
 
 def _known_shape(

@@ -158,6 +158,17 @@ class Trial:
             result[name] = digest.hexdigest()
         return result
 
+    def truth_hashes(self) -> dict[str, str]:
+        """Return the SHA-256 of [truth] in trial.toml, and of each file that it names and that is there."""
+        truth = self.table.truth
+        if truth is None:
+            return {}
+        result = {"[truth]": hashlib.sha256(json.dumps(self.toml["truth"], sort_keys=True).encode()).hexdigest()}
+        for name in (truth.file, truth.loads, truth.contacts):
+            if name is not None and (self.path / name).is_file():
+                result[name] = hashlib.sha256((self.path / name).read_bytes()).hexdigest()
+        return result
+
     def truth(self) -> StampedPositions | None:
         """Return the true positions, if the trial has them. Evaluation only.
 

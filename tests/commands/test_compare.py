@@ -65,6 +65,21 @@ def test_a_trial_without_its_truth_is_refused_and_nothing_is_written(trial_copy,
     assert not (trial.parent / "out").exists()
 
 
+@pytest.mark.parametrize("changed", ["board0.csv", "truth.csv"])
+def test_a_file_in_a_folder_of_the_trial_that_has_changed_is_compared_anew(trial_copy, changed) -> None:
+    trial = trial_copy(rows=40, trial=lambda text: text.replace('file = "', 'file = "raw/'))
+    (trial / "raw").mkdir()
+    for file in trial.glob("*.csv"):
+        file.rename(trial / "raw" / file.name)
+    first, again = (run("compare", trial, "--method", "frame", cwd=trial.parent) for _ in range(2))
+    assert (first.returncode, again.returncode) == (0, 0), first.stderr
+    file = trial / "raw" / changed
+    file.write_text("".join(file.read_text().splitlines(keepends=True)[:31]))
+    changed_result = run("compare", trial, "--method", "frame", cwd=trial.parent)
+    assert changed_result.stdout.splitlines()[1] != first.stdout.splitlines()[1]
+    assert again.stdout.splitlines()[1] == first.stdout.splitlines()[1]
+
+
 class TestComparison:
     def measured(self) -> list[Measured]:
         structure = four_nodes()

@@ -2,14 +2,19 @@
 
 import json
 import shutil
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 
 import tensegraph as tg
 from command_line import run
 from tensegraph.models.calibration.recipe import TrainingSettings
+from trial_edits import cut
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 
@@ -56,6 +61,41 @@ def test_compare_returns_rows(trial_copy) -> None:
     ]
     alone = tg.evaluate(tg.reconstruct(press, "frame"), press)
     assert rows[-1].errors.nodes.rmse_m == pytest.approx(alone.absolute.nodes.rmse_m, rel=1e-9)
+
+
+def test_a_robot_that_rolls_is_compared_by_what_can_follow_it(tmp_path) -> None:
+    """Live and batch as `reconstruct` does it; methods that need anchors are named, and have no numbers."""
+    roll = tmp_path / "roll"
+    shutil.copytree(EXAMPLES / "roll_02", roll)
+    cut(roll, until_s=3.0)
+    rows = {row.method: row for row in tg.compare([roll]) if row.trial == "roll"}
+    assert len(rows) == 7
+    for label, method in (("graph, live", "live"), ("graph, batch", "batch")):
+        alone = tg.evaluate(tg.reconstruct(roll, method), roll)
+        assert rows[label].errors.nodes.rmse_m == pytest.approx(alone.absolute.nodes.rmse_m, rel=1e-9)
+    without = [method for method, row in rows.items() if row.trials == 0]
+    assert without == ["least squares", "UKF", "network alone", "graph, frame by frame"]
+
+
+def test_displacements_are_from_the_rest_shape_of_the_run(tmp_path) -> None:
+    """A tower whose rest shape is not measured is found near the shape that its description gives."""
+    structure, position_m = tg.prism_tower(2, 0.3, 0.15)
+    run("structure", "--new", "tower", "--stages", "2", "--rod", "0.3", "--out", "tower", cwd=tmp_path)
+    length_m = structure.tendon_length_m(position_m)
+    described = tomllib.loads((tmp_path / "tower" / "trial.toml").read_text())
+    for key in ("board", "adc", "sensors"):
+        described.pop(key, None)
+    described |= {"lengths": {"file": "lengths.csv"}, "truth": {"file": "truth.csv"}, "rest": {"seconds": 0.5}}
+    (tmp_path / "tower" / "trial.toml").write_text(tomli_w.dumps(described))
+    for name, columns, values in (
+        ("lengths.csv", [f"l{e}_m" for e in range(len(length_m))], length_m),
+        ("truth.csv", [f"n{n}_{axis}_m" for n in range(len(position_m)) for axis in "xyz"], position_m.ravel()),
+    ):
+        rows = [[0.02 * k, *values] for k in range(40)]
+        header = ",".join(["t_s", *columns])
+        np.savetxt(tmp_path / "tower" / name, rows, delimiter=",", header=header, comments="", fmt="%.6f")
+    evaluation = tg.evaluate(tg.reconstruct(tmp_path / "tower", "live"), tmp_path / "tower")
+    assert evaluation.displacement.nodes.rmse_m < 0.002
 
 
 def test_progress_is_told(done) -> None:
