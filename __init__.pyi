@@ -29,8 +29,8 @@ from .models.values.readings import TendonLengths as TendonLengths
 from .pipeline import reconstruct as reconstruct
 from .pipeline import save as save
 from .pipeline import stream as stream
-from .scoring import calibrate as calibrate
-from .scoring import compare as compare
-from .scoring import evaluate as evaluate
+from .scoring.method_scores import compare as compare
+from .scoring.run_score import evaluate as evaluate
+from .scoring.sensor_calibration import calibrate as calibrate
 
 __version__: str

@@ -104,11 +104,11 @@ def _method(name: str, *, live: bool = False) -> str:
     """
     from .pipeline import ESTIMATORS, estimator_plug_ins
 
-    ours = {"graph": "live" if live else "batch"} | {one: one for one in ESTIMATORS if one not in ("batch", "live")}
-    known = ours | {one: one for one in estimator_plug_ins()}
-    if name not in known:
+    known = [*ESTIMATORS, *estimator_plug_ins()]
+    chosen = "batch" if name == "graph" else name
+    if chosen not in known:
         raise InputError(f"--method {name}: expected one of {', '.join(known)}")
-    return known[name]
+    return "live" if live and chosen == "batch" else chosen
 
 
 def _print_version(asked: bool) -> None:
@@ -139,13 +139,13 @@ def reconstruct(
     method: Annotated[
         str,
         typer.Option(
-            help="graph (factor graph over all frames), frame (factor graph of each frame by itself), least-squares "
-            "(as in the paper), ukf (unscented Kalman filter), network (a recurrent network alone), or an estimator "
-            "of another package."
+            help="batch (factor graph over all frames, also called graph), live (factor graph of the past of each "
+            "frame), frame (factor graph of each frame by itself), least-squares (as in the paper), ukf (unscented "
+            "Kalman filter), network (a recurrent network alone), or an estimator of another package."
         ),
-    ] = "graph",
+    ] = "batch",
     live: Annotated[
-        bool, typer.Option("--live", help="Use only the past of each frame; only the graph method can do otherwise.")
+        bool, typer.Option("--live", help="The same as --method live; only batch uses more than the past.")
     ] = False,
     out: Annotated[
         Path | None,
@@ -358,9 +358,10 @@ def calibrate(
     verbose: Verbose = False,
 ) -> None:
     """Calibrate the sensors from recordings of strips: model file, model card, figures."""
-    from .commands.calibrate import HoldOut, calibrate_folder
+    from .commands.calibrate import calibrate_folder
     from .models.calibration.recipe import TrainingSettings
     from .models.values.tables import parse_table
+    from .scoring.sensor_calibration import HoldOut
 
     options = {"epochs": epochs, "learning_rate": learning_rate, "unified": unified, "seed": seed}
     calibrate_folder(
@@ -492,7 +493,7 @@ def structure(
     from .commands.structures import check_choice, show_structure, start_structure
     from .io.structures.new_trial import BuiltIn
 
-    check_choice(file, unit, new, rod)
+    check_choice(file, unit, new, rod, stages, out or [])
     terminal = _terminal(quiet, verbose)
     if file is not None:
         show_structure(file, unit_m=unit, out=out or [], terminal=terminal)

@@ -55,7 +55,7 @@ from .models.values.readings import (
 from .models.values.threads import one_thread
 
 AnySensorModel = SensorModel | StrainModelFactory
-"""A model file, or what makes the sensor model that another package brings."""
+"""A sensor model, or what makes the one that another package brings."""
 Progress = Callable[[int, float], None]
 """Function that is called after each iteration of an optimisation, with its number from 1 and the error."""
 
@@ -119,7 +119,7 @@ HANGING: dict[str, Callable[[Structure, RestShape, HangingRobot, Settings], Esti
 
 def estimator_plug_ins() -> dict[str, PlugIn]:
     """Return the estimators that other packages bring, by the name of their method."""
-    return plug_ins("estimators", [*ESTIMATORS, "graph"])  # on the command line, `graph` is `batch` or `live`
+    return plug_ins("estimators", [*ESTIMATORS, "graph"])  # on the command line, `graph` is `batch`
 
 
 def estimator_of(method: str) -> EstimatorFactory:

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tensegraph import Settings, open_trial
-from tensegraph.commands.compare import comparison_rows, measure
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.reports.comparison_tables import as_markdown
 from tensegraph.io.reports.terminal import Terminal
+from tensegraph.scoring.method_scores import comparison_rows, measure
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

@@ -1,60 +1,26 @@
 """`calibrate`: makes a sensor model, its card and its figures from a folder of recordings."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.progress import TextColumn
 
 from ..io.calibration.calibration_output import CalibrationPaths, CheckpointFile
-from ..io.calibration.recording_files import RecordingFolder, read_recordings, read_rig
+from ..io.calibration.recording_files import read_rig
 from ..io.figures.calibration_figures import write_calibration_figures, write_sweep_figure
 from ..io.model_file import write_sensor_model
 from ..io.reports.model_card import CalibrationReport
 from ..io.reports.terminal import Terminal
-from ..models.calibration.bending_fit import BendingFit, fit_bending
-from ..models.calibration.calibrated_model import calibrate_model
 from ..models.calibration.recipe import Trained, TrainingSettings
-from ..models.calibration.recordings import Recording, Split
-from ..models.calibration.strip_rig import StripRig
-from ..models.sensor.bending import BendingCurve
-from ..models.values.errors import TensegraphError
+from ..scoring.sensor_calibration import HoldOut, TrainingData, report_of, training_data
 from .many import Many, Workers
 
 SWEEP = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0)
 """Learning rates that are tried."""
 SWEEP_EPOCHS = 40
 """Number of epochs of each of these short trainings."""
-
-
-@dataclass(frozen=True, slots=True)
-class HoldOut:
-    """The choice of recordings that test the model: by name, by time, or else as in `Split.by_recordings`.
-
-    Raises:
-        TensegraphError: when both names and a tail are given.
-    """
-
-    names: tuple[str, ...] = ()
-    """Patterns of the names of whole recordings."""
-    tail: float | None = None
-    """Share of each recording, at its end."""
-
-    def __post_init__(self) -> None:
-        if self.names and self.tail is not None:
-            raise TensegraphError("--hold-out and --hold-out-tail: expected one of them, got both")
-
-    def split(self, recordings: Sequence[Recording]) -> Split:
-        """Return the recordings for training, validation and test."""
-        if self.names:
-            return Split.by_name(recordings, self.names)
-        return Split.by_recordings(recordings) if self.tail is None else Split.by_time(recordings, self.tail)
-
-    def words(self) -> list[str]:
-        """Return the same choice as command-line options."""
-        names = [f"--hold-out '{pattern}'" for pattern in self.names]
-        return names + ([f"--hold-out-tail {self.tail:g}"] if self.tail is not None else [])
 
 
 def calibrate_folder(
@@ -106,28 +72,6 @@ def calibrate_folder(
     terminal.news.print(report.table())
     terminal.news.print(report.verdict())
     terminal.written(f"written to {paths.model}, {paths.card} and {paths.figures}")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TrainingData:
-    """The data of a training."""
-
-    folder: RecordingFolder
-    split: Split
-    bending: BendingFit | None
-    """The fit of bending; None if no recording bends."""
-
-    @property
-    def curve(self) -> BendingCurve:
-        """The fitted curve of bending, or that of the paper if there is no fit."""
-        return self.bending.curve() if self.bending else BendingCurve()
-
-
-def training_data(folder: Path, rig: StripRig, hold_out: HoldOut) -> TrainingData:
-    """Return the recordings of a folder, split, and the fit of bending; see `calibrate_folder`."""
-    found = read_recordings(folder, rig)
-    split = hold_out.split(found.recordings)
-    return TrainingData(found, split, fit_bending([*split.training, *split.validation], split.held_out))
 
 
 def _train(data: TrainingData, settings: TrainingSettings, checkpoint: CheckpointFile, terminal: Terminal) -> Trained:
@@ -187,24 +131,6 @@ def _least_loss(job: _ShortTraining, terminal: Terminal) -> float:
         ).history.best_loss
 
 
-def report_of(
-    data: TrainingData,
-    trained: Trained,
-    settings: TrainingSettings,
-    rig: StripRig,
-    hold_out: HoldOut,
-    start_s: float,
-) -> CalibrationReport:
-    """Return the report of a training that began at a time of `time.perf_counter`."""
-    return CalibrationReport(
-        calibration=calibrate_model(data.split, trained, data.bending, settings),
-        folder=data.folder,
-        rig=rig,
-        command=_command(rig, settings, hold_out),
-        seconds=time.perf_counter() - start_s,
-    )
-
-
 def _write(
     report: CalibrationReport, losses: Mapping[float, float], learning_rate: float, paths: CalibrationPaths
 ) -> None:
@@ -215,13 +141,3 @@ def _write(
             write_sweep_figure(losses, learning_rate, inside.figures / "sweep.png")
         inside.card.write_text(report.card(), encoding="utf-8")
         write_sensor_model(report.model(), inside.model)
-
-
-def _command(rig: StripRig, settings: TrainingSettings, hold_out: HoldOut) -> str:
-    """Return the command that makes the same model again, with placeholders for paths."""
-    words = ["tensegraph calibrate FOLDER --out MODEL"]
-    words += ["--rig RIG.toml"] if rig != StripRig() else []
-    words += hold_out.words()
-    words += ["--unified"] if settings.unified else []
-    words += [f"--epochs {settings.epochs} --learning-rate {settings.learning_rate:g} --seed {settings.seed}"]
-    return " ".join(words)

@@ -18,7 +18,7 @@ from ..io.result import RUN_FILE, read_estimate, read_run, result_directory, set
 from ..io.trial_directory import Trial, open_trial
 from ..models.values.errors import InputError
 from ..models.values.units import LARGEST, beyond
-from ..scoring import evaluation_of
+from ..scoring.run_score import evaluation_of
 from .many import Many, Workers
 from .paths import result_paths
 

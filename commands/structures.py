@@ -1,6 +1,6 @@
 """`structure`: shows, checks and converts a structure, or starts one."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -125,8 +125,15 @@ def _nodes(told: DescribedStructure) -> Table:
     return table
 
 
-def check_choice(file: Path | None, unit_m: float, new: NewStructure | None, rod_m: float | None) -> None:
-    """Refuse a command line that neither names a file nor starts a structure, does both, or has an impossible unit.
+def check_choice(
+    file: Path | None,
+    unit_m: float,
+    new: NewStructure | None,
+    rod_m: float | None,
+    stages: int | None,
+    out: Sequence[Path],
+) -> None:
+    """Refuse a command line that neither names a file nor starts a structure, does both, or tells what is not used.
 
     Raises:
         InputError: when it does.
@@ -136,5 +143,11 @@ def check_choice(file: Path | None, unit_m: float, new: NewStructure | None, rod
         raise InputError(f"expected a structure file, or --new with --rod, got {given}")
     if (new is None) != (rod_m is None):
         raise InputError("--rod: expected with --new, the length of each rod in metres")
+    if new is None and stages is not None:
+        raise InputError(f"--stages: only --new tower has stages, got {file}")
+    if new is not None and unit_m != 1.0:
+        raise InputError(f"--unit: expected none with --new, whose lengths are in metres, got {unit_m:g}")
+    if new is not None and len(out) > 1:
+        raise InputError(f"--out: expected one directory with --new, got {len(out)}")
     if not SMALLEST <= unit_m <= LARGEST["m"]:
         raise InputError(f"--unit: expected metres above 0, at most {LARGEST['m']:g}, got {unit_m:g}")

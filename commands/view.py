@@ -20,7 +20,7 @@ from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.values.errors import TensegraphError
 from ..models.values.stamped_positions import StampedPositions
-from ..scoring import truth_of_trial
+from ..scoring.run_score import truth_of_trial
 from .evaluate import trial_of
 from .paths import distinct_names
 

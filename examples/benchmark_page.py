@@ -37,7 +37,7 @@ FIGURE = Path("examples/dead_sensors.png")
 GROWTH_FIGURE = Path("docs/figures/growth.png")
 NOT_MADE = "none"
 """Stands for the source of a part that was never made."""
-PACKAGE = ("commands", "estimator", "factors", "io", "live", "models", "benchmarks")
+PACKAGE = ("commands", "estimator", "factors", "io", "live", "models", "scoring", "benchmarks")
 MARK = re.compile(r"<!-- part: (\S+), source (\S+) -->\n(.*?)<!-- end of \1 -->\n", re.DOTALL)
 START = """# Benchmarks
 

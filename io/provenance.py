@@ -19,7 +19,7 @@ from .toml import read_toml
 FINGERPRINT = "fingerprint"
 """Key in the TOML file of a result: the hash of all that it was made from."""
 PACKAGE = Path(__file__).parents[1]
-FOLDERS = ("commands", "estimator", "factors", "io", "live", "models")
+FOLDERS = ("commands", "estimator", "factors", "io", "live", "models", "scoring")
 
 
 def versions(solver: str = "gtsam") -> dict[str, str]:

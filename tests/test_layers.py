@@ -59,6 +59,7 @@ MAY_IMPORT = {
     "io": {"models"},
     "pipeline": {"models", "factors", "estimator", "io"},
     "live": {"models", "factors", "estimator", "io", "pipeline"},
+    "scoring": {"models", "factors", "estimator", "io", "pipeline"},
 }
 """Commands and the other modules at the root see everything."""
 
@@ -87,7 +88,7 @@ Check = Callable[[Path], Iterator[str]]
 
 
 def back_arrows_between_folders(root: Path) -> Iterator[str]:
-    """Models, factors, estimator, io, pipeline and live import along the arrows."""
+    """Models, factors, estimator, io, pipeline, live and scoring import along the arrows."""
     known = modules(root)
     for name, path in known.items():
         folder = name.split(".")[0]

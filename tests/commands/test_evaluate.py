@@ -10,9 +10,9 @@ import pytest
 from blank_figures import no_figures
 from command_line import run
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
-from tensegraph.commands.compare import NO_METHOD
 from tensegraph.io.reports.evaluation_tables import ScoredResult
 from tensegraph.models.evaluation.metrics import evaluate
+from tensegraph.scoring.method_scores import NO_METHOD
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 

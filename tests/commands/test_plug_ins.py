@@ -79,7 +79,7 @@ def test_a_method_that_is_none_is_refused_before_any_work(own_parts, tmp_path) -
     refused = run("reconstruct", "nowhere", "--method", "rest", cwd=tmp_path)
     assert refused.returncode == 2
     assert refused.stderr == (
-        "tensegraph: --method rest: expected one of graph, frame, least-squares, ukf, network, rest-held\n"
+        "tensegraph: --method rest: expected one of batch, live, frame, least-squares, ukf, network, rest-held\n"
     )
 
 

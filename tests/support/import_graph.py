@@ -4,7 +4,7 @@ import ast
 from functools import cache
 from pathlib import Path
 
-ROOMS = ("commands", "estimator", "factors", "io", "live", "models")
+ROOMS = ("commands", "estimator", "factors", "io", "live", "models", "scoring")
 """Folders of the repository that are the package; beside them only the modules at its root."""
 
 

@@ -51,7 +51,9 @@ def test_swapped_ports_garbage_and_a_cable_that_was_out(tmp_path, pty_boards) ->
         rows += alone + taken(link, lambda rows: len(of(1, rows)) > 25)
         state = settled(link, lambda state: state.ports[0].connected)
         sent_by = {0: list(zero.sent), 1: list(one.sent)}
-        rows += taken(link, lambda rows: len(of(0, rows)) > 25 and len(of(1, rows)) > 25)  # and those are not on the way
+        rows += taken(
+            link, lambda rows: len(of(0, rows)) > 25 and len(of(1, rows)) > 25
+        )  # and those are not on the way
         link.stop()
         rows += list(link.rows())
         state = link.state
