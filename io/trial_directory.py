@@ -44,9 +44,9 @@ from .aid_files import (
     position_readings,
     range_readings,
 )
-from .bags.lengths_bag import LengthsBag, bag_bytes, is_bag
-from .bags.lengths_reader import ReadLengths, reader_of
 from .csv import CsvFile
+from .length_files.lengths_bag import LengthsBag, bag_bytes, is_bag
+from .length_files.lengths_reader import ReadLengths, reader_of
 from .mocap.truth_file import read_truth
 from .positions import read_contacts, read_forces
 from .structures.structure_file import with_structure_file

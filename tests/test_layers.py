@@ -46,7 +46,7 @@ MODELS_MAY_IMPORT = {
     "models.calibration": BASIS,
     "models.plug_ins": {"models.values"},
     "models.strain_front_end": BASIS,
-    "models.towers": BASIS,
+    "models.ready_structures": BASIS,
     "models.twin": RUNNING,
     "models.evaluation": RUNNING,
     "models.data": set(),
@@ -75,7 +75,7 @@ ALONE = {
     "pandas": {"models.structure.labelled", "models.structure.reconstruction"},
     "pyarrow": {"io.exports"},
     "rerun": {"io.viewer"},
-    "rosbags": {"io.exports", "io.bags"},
+    "rosbags": {"io.exports", "io.length_files"},
     "xarray": {"models.structure.labelled", "models.structure.reconstruction"},
     "typer": {"cli"},
 }

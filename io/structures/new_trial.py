@@ -8,9 +8,9 @@ import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
+from ...models.ready_structures import prism_tower, saddle_tower, six_strut
 from ...models.structure.rigidity import find_rest_shape
-from ...models.structure.structure import Structure, six_strut
-from ...models.towers import prism_tower, saddle_tower
+from ...models.structure.structure import Structure
 from ...models.values.errors import InputError
 from ...models.values.tables import SMALLEST
 from ...models.values.units import LARGEST

@@ -1,6 +1,5 @@
 """The structure: rods connected by tendons, of which some nodes are anchored, or none."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -181,85 +180,6 @@ LEAST_HINGE_M = 1e-3
 
 ANCHORED_STRETCH = 4.0
 """Length over natural length that no strip with a sensor survives, of tendons whose length anchors tell."""
-
-SIX_STRUT_RODS = ((0, 3), (4, 5), (1, 6), (7, 8), (2, 9), (10, 11))
-"""The paper's eq. (6)."""
-
-SIX_STRUT_TENDONS = (
-    *((0, 1), (1, 2), (0, 2), (0, 7), (0, 9), (1, 3), (1, 10), (2, 4), (2, 6), (3, 7), (3, 10), (3, 11)),
-    *((4, 6), (4, 8), (4, 9), (5, 6), (5, 8), (5, 10), (5, 11), (6, 10), (7, 9), (7, 11), (8, 9), (8, 11)),
-)
-"""The paper prints seven of its 24 tendons (0-2 in eq. (5), 3, 4, 22, 23 in eq. (7)). This list is deduced from three
-conditions: it is the graph of the six-strut tensegrity, it has those seven tendons at their places, and it is sorted.
-Only one other list meets them; it swaps nodes 4 and 5."""
-
-SIX_STRUT_TENDON_PER_ROD = np.sqrt(3 / 8)
-"""Tendon length over rod length of the regular six-strut tensegrity (parallel rods half a rod apart)."""
-
-
-def six_strut(rod_length_m: float, *, prestrain: float = 0.08) -> Structure:
-    """Return the paper's structure: six equal rods and 24 equal tendons, anchored at the triangle of nodes 0, 1, 2.
-
-    Args:
-        rod_length_m: length of each rod.
-        prestrain: strain of each tendon at rest; the natural length follows from it.
-    """
-    side_m = float(SIX_STRUT_TENDON_PER_ROD * rod_length_m)
-    return _on_triangle(SIX_STRUT_RODS, SIX_STRUT_TENDONS, rod_length_m, side_m / (1 + prestrain), side_m)
-
-
-def three_strut(rod_length_m: float, base_side_m: float, *, prestrain: float = 0.08) -> Structure:
-    """Return the three-strut prism: base triangle 0, 1, 2 (the anchors), top triangle 3, 4, 5, three side tendons.
-
-    At rest the top triangle, whose side is that of the base, is turned by 150 degrees against the base, and the force
-    per length of a side tendon is sqrt(3) times that of a top tendon (Kenner, Geodesic Math, 1976).
-
-    Args:
-        rod_length_m: length of each rod.
-        base_side_m: side of both triangles.
-        prestrain: strain of the triangles' tendons at rest; that of the side tendons follows for equal stiffness.
-
-    Raises:
-        InputError: when the rods are too short for the triangle.
-    """
-    radius_m = base_side_m / np.sqrt(3)
-    angle = np.deg2rad(np.arange(3) * 120.0)
-    height_squared = rod_length_m**2 - 2 * radius_m**2 * (1 - np.cos(np.deg2rad(150.0)))
-    if height_squared <= 0:
-        raise InputError(
-            f"three_strut: rods of {rod_length_m} m cannot stand on a triangle of side {base_side_m} m: "
-            f"expected rod_length_m > {base_side_m * np.sqrt(2 / 3 * (1 + np.sqrt(3) / 2)):.4g}"
-        )
-    base = radius_m * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    turned = angle + np.deg2rad(150.0)
-    top = np.stack([radius_m * np.cos(turned), radius_m * np.sin(turned), 0 * angle + np.sqrt(height_squared)], axis=1)
-    rods = [(0, 3), (1, 4), (2, 5)]
-    tendons = [(0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5), (0, 5), (1, 3), (2, 4)]
-    rest_length_m = member_length_m(np.concatenate([base, top]), np.array(tendons))
-    stretch_over_length = prestrain / (1 + prestrain) * np.repeat([1.0, np.sqrt(3)], [6, 3])
-    return _on_triangle(rods, tendons, rod_length_m, rest_length_m * (1 - stretch_over_length), base_side_m)
-
-
-def _on_triangle(
-    rods: Sequence[tuple[int, int]],
-    tendons: Sequence[tuple[int, int]],
-    rod_length_m: ArrayLike,
-    natural_length_m: ArrayLike,
-    side_m: float,
-) -> Structure:
-    """Return the structure with nodes 0, 1, 2 anchored to an equilateral triangle in the plane z = 0.
-
-    Node 0 is at the origin and node 1 on the x axis.
-    """
-    triangle = side_m * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, np.sqrt(3) / 2, 0.0]])
-    return Structure(
-        rods=np.array(rods),
-        tendons=np.array(tendons),
-        rod_length_m=np.array(rod_length_m),
-        natural_length_m=np.array(natural_length_m),
-        anchors=np.arange(3),
-        anchor_position_m=triangle,
-    )
 
 
 def _node_pairs(name: str, value: ArrayLike) -> NDArray[np.int64]:

@@ -8,9 +8,9 @@ import pytest
 
 from command_line import run
 from tensegraph import InputError
-from tensegraph.io.bags.lengths_bag import bag_bytes
 from tensegraph.io.csv import CsvFile
 from tensegraph.io.input_files import LONGEST_LINE, check_regular, lines_of
+from tensegraph.io.length_files.lengths_bag import bag_bytes
 from tensegraph.io.mocap.truth_file import read_truth
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.toml import read_toml

@@ -5,7 +5,7 @@ import pytest
 
 from four_nodes import four_nodes
 from tensegraph import InputError, Structure, six_strut, three_strut
-from tensegraph.models.structure.structure import SIX_STRUT_RODS, SIX_STRUT_TENDONS
+from tensegraph.models.ready_structures import SIX_STRUT_RODS, SIX_STRUT_TENDONS
 
 
 def changed(**changes):

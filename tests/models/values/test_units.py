@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tensegraph import InputError
-from tensegraph.models.structure.structure import six_strut
+from tensegraph import InputError, six_strut
 from tensegraph.models.values.units import LARGEST_NUMBER, check_ranges, largest
 
 

@@ -1,4 +1,10 @@
-"""Towers of three-strut prisms: those whose rods share nodes (class 2), and one whose rods do not (class 1)."""
+"""Structures that are ready: the paper's, a prism, and towers of prisms.
+
+Towers of prisms that stand on one another share nodes between rods (class 2); the rods of a saddle tower do not
+(class 1).
+"""
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,8 +14,63 @@ from .structure.lengths import member_length_m
 from .structure.structure import Structure
 from .values.errors import InputError
 
+SIX_STRUT_RODS = ((0, 3), (4, 5), (1, 6), (7, 8), (2, 9), (10, 11))
+"""The paper's eq. (6)."""
+
+SIX_STRUT_TENDONS = (
+    *((0, 1), (1, 2), (0, 2), (0, 7), (0, 9), (1, 3), (1, 10), (2, 4), (2, 6), (3, 7), (3, 10), (3, 11)),
+    *((4, 6), (4, 8), (4, 9), (5, 6), (5, 8), (5, 10), (5, 11), (6, 10), (7, 9), (7, 11), (8, 9), (8, 11)),
+)
+"""The paper prints seven of its 24 tendons (0-2 in eq. (5), 3, 4, 22, 23 in eq. (7)). This list is deduced from three
+conditions: it is the graph of the six-strut tensegrity, it has those seven tendons at their places, and it is sorted.
+Only one other list meets them; it swaps nodes 4 and 5."""
+
+SIX_STRUT_TENDON_PER_ROD = np.sqrt(3 / 8)
+"""Tendon length over rod length of the regular six-strut tensegrity (parallel rods half a rod apart)."""
+
+
 TWIST_RAD = np.deg2rad(150.0)
 """Turn of the upper triangle of a prism against the lower one, at which its tendons balance (Kenner, 1976)."""
+
+
+def six_strut(rod_length_m: float, *, prestrain: float = 0.08) -> Structure:
+    """Return the paper's structure: six equal rods and 24 equal tendons, anchored at the triangle of nodes 0, 1, 2.
+
+    Args:
+        rod_length_m: length of each rod.
+        prestrain: strain of each tendon at rest; the natural length follows from it.
+    """
+    side_m = float(SIX_STRUT_TENDON_PER_ROD * rod_length_m)
+    return Structure(
+        rods=np.array(SIX_STRUT_RODS),
+        tendons=np.array(SIX_STRUT_TENDONS),
+        rod_length_m=np.array(rod_length_m),
+        natural_length_m=np.array(side_m / (1 + prestrain)),
+        anchors=np.arange(3),
+        anchor_position_m=base_triangle_m(side_m),
+    )
+
+
+def three_strut(rod_length_m: float, base_side_m: float, *, prestrain: float = 0.08) -> Structure:
+    """Return the three-strut prism: base triangle 0, 1, 2 (the anchors), top triangle 3, 4, 5, three side tendons.
+
+    It is a `prism_tower` of one stage, whose node 0 is at the origin and whose node 1 is on the x axis.
+
+    Args:
+        rod_length_m: length of each rod.
+        base_side_m: side of both triangles.
+        prestrain: strain of the triangles' tendons at rest; that of the side tendons follows for equal stiffness.
+
+    Raises:
+        InputError: when the rods are too short for the triangle.
+    """
+    prism, _ = prism_tower(1, rod_length_m, base_side_m, prestrain=prestrain)
+    return replace(prism, anchor_position_m=base_triangle_m(base_side_m))
+
+
+def base_triangle_m(side_m: float) -> NDArray[np.float64]:
+    """Return (3, 3) the corners of an equilateral triangle on z = 0: at the origin, on the x axis, and at y > 0."""
+    return side_m * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, np.sqrt(3) / 2, 0.0]])
 
 
 def prism_tower(

@@ -9,7 +9,7 @@ import tomli_w
 import tensegraph as tg
 from command_line import run
 from tensegraph import Flag, InputError
-from tensegraph.io.bags.lengths_bag import LengthsBag
+from tensegraph.io.length_files.lengths_bag import LengthsBag
 
 pytest.importorskip("rosbags")
 

@@ -1,1 +1,0 @@
-"""Measurements from bags of ROS 2, read without ROS."""
