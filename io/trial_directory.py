@@ -32,6 +32,7 @@ from ..models.values.readings import (
     NaturalLengthReading,
     ResistanceReading,
     TendonLengths,
+    is_impossible_length,
 )
 from ..models.values.stamped_positions import StampedPositions
 from .aid_files import (
@@ -51,9 +52,6 @@ from .mocap.truth_file import read_truth
 from .positions import read_contacts, read_forces
 from .structures.structure_file import with_structure_file
 from .toml import read_toml
-
-MOST_STRETCH = 20.0
-"""Ratio of a length to the natural length, or of that to the length, above which no tendon has it."""
 
 STAMP_DECIMALS = 4
 """Decimals of a time in seconds in the tables of a result: times that differ by less are one."""
@@ -290,7 +288,7 @@ class Trial:
             length_m[sensed] = row[1 : 1 + len(sensed)]
             if len(row) > 1 + len(sensed):
                 sigma_m[sensed] = row[1 + len(sensed) :]
-            impossible = (length_m < natural_m / MOST_STRETCH) | (length_m > natural_m * MOST_STRETCH)
+            impossible = is_impossible_length(length_m, natural_m)
             told = np.isfinite(length_m)
             if index == 0 and told.any() and impossible[told].all():
                 raise InputError(

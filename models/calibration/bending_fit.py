@@ -37,27 +37,29 @@ class BendingFit:
 def fit_bending(recordings: Sequence[Recording], held_out: Sequence[Recording]) -> BendingFit | None:
     """Return the polynomial of degree five through the bent samples, corrected for lag.
 
-    It is None when no recording bends, or none bends as far as `LEAST_BENT`. The covariance is
-    sigma^2 (X'X)^-1 times the correlation time of the residuals in samples, see `correlation_samples`.
+    It is None when no recording bends, none bends as far as `LEAST_BENT`, or their samples do not determine it. The
+    covariance is sigma^2 (X'X)^-1 times the correlation time of the residuals in samples, see `correlation_samples`.
 
     Raises:
         InputError: when the resistance of no recording that bends changes.
     """
-    bent = [_lag_free_bending(r) for r in recordings if r.stretched_share < 0.5]
+    bent = _bent_samples(recordings)
     if not bent or min(strain.min() for strain, _ in bent) > LEAST_BENT:
         return None
     x = np.concatenate([strain for strain, _ in bent])
     y = np.concatenate([change for _, change in bent])
     if not np.ptp(y) > 0:
-        names = ", ".join(r.name for r in recordings if r.stretched_share < 0.5)
+        names = ", ".join(r.name for r in recordings if _bends(r))
         raise InputError(f"recordings that bend: expected a resistance that changes with strain, got one in {names}")
     basis = np.vander(x, 6)
+    if np.linalg.matrix_rank(basis) < 6:  # too few samples, or too few strains
+        return None
     coefficients = np.linalg.lstsq(basis, y, rcond=None)[0]
     residual = y - basis @ coefficients
     sigma = float(residual.std())
     correlated = [correlation_samples(change - np.polyval(coefficients, strain)) for strain, change in bent]
     covariance = sigma**2 * np.linalg.inv(basis.T @ basis) * float(np.mean(correlated))
-    tested = [_lag_free_bending(r) for r in held_out if r.stretched_share < 0.5]
+    tested = _bent_samples(held_out)
     held_out_r2 = float("nan")
     if tested:
         test_x = np.concatenate([strain for strain, _ in tested])
@@ -77,6 +79,16 @@ def _explained_share(values: NDArray[np.float64], residual: NDArray[np.float64])
     """Return the share of the variance of values that a fit with these residuals explains; nan where none varies."""
     variance = float(np.var(values))
     return 1 - float(np.var(residual)) / variance if variance > 0 else float("nan")
+
+
+def _bends(recording: Recording) -> bool:
+    return recording.stretched_share < 0.5
+
+
+def _bent_samples(recordings: Sequence[Recording]) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Return the samples of `_lag_free_bending` of the recordings that bend, and have any."""
+    samples = (_lag_free_bending(recording) for recording in recordings if _bends(recording))
+    return [(strain, change) for strain, change in samples if len(strain)]
 
 
 def _lag_free_bending(recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -16,6 +16,7 @@ from ..values.readings import (
     RestLengths,
     SensorDrift,
     TendonLengths,
+    is_impossible_length,
     is_mode_uncertain,
 )
 from ..values.tables import Positive, Probability
@@ -277,14 +278,18 @@ class FrontEnd:
     def _lengths(
         self, frame: ResistanceFrame, strain: _Strain, probability: NDArray[np.float64], flags: NDArray[np.int64]
     ) -> TendonLengths:
-        missing = (flags & NO_LENGTH) != 0
+        length_m = (1 + strain.value) * self._L0
+        impossible = is_impossible_length(length_m, self._L0)
+        flags = flags | np.where(impossible, int(Flag.OUT_OF_RANGE), 0)
+        no_reading = (flags & NO_LENGTH) != 0
+        missing = no_reading | impossible
         rest_sigma_m = np.sqrt(1 - probability) * self._taring.rest_sigma * self._L0
         return TendonLengths(
             t_s=frame.t_s,
-            length_m=np.where(missing, np.nan, (1 + strain.value) * self._L0),
+            length_m=np.where(missing, np.nan, length_m),
             sigma_m=np.where(missing, np.inf, strain.sigma * self._L0),
             mode=self._mode,
-            flags=np.where(missing, frame.flags | (flags & int(Flag.MISFIT)), flags),
+            flags=np.where(no_reading, frame.flags | (flags & int(Flag.MISFIT)), flags),
             rest_sigma_m=np.where(missing, 0.0, rest_sigma_m),
             model_error=ModelError(
                 sigma_m=np.where(missing, 0.0, strain.model_sigma * self._L0),

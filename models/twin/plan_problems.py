@@ -54,6 +54,7 @@ def problems(plan: Plan) -> Iterator[tuple[str, str]]:
     yield from _problems_of_sensors(plan.sensors)
     yield from _problems_of_drift(plan)
     yield from _problems_of_geometry(plan, structure)
+    yield from _problems_of_carried(plan, told)
     yield from problems_of_loads(plan, structure)
     yield from problems_of_motors(plan.motor, structure, plan.rest.seconds, plan.duration_s)
     yield from _problems_of_boards(plan.boards, len(structure.tendons))
@@ -172,6 +173,17 @@ def _problems_of_geometry(plan: Plan, structure: Structure) -> Iterator[tuple[st
         largest_m = LARGEST_HUB * structure.natural_length_m.min()
         if not low <= high <= largest_m:
             yield "geometry_error.hub_radius_m", f"expected [least, most] up to {largest_m:.3g} m, got [{low}, {high}]"
+
+
+def _problems_of_carried(plan: Plan, told: DescribedStructure) -> Iterator[tuple[str, str]]:
+    for number, imu in enumerate(plan.imu):
+        if not 0 <= imu.rod < told.own_rods:
+            yield f"imu[{number}].rod", f"expected a rod from 0 to {told.own_rods - 1}, got {imu.rod}"
+    for number, positions in enumerate(plan.position):
+        for index, node in enumerate(positions.nodes):
+            if not 0 <= node < told.structure.node_count:
+                expected = f"expected a node from 0 to {told.structure.node_count - 1}, got {node}"
+                yield f"position[{number}].nodes[{index}]", expected
 
 
 def _problems_of_boards(boards: BoardPhysics, tendons: int) -> Iterator[tuple[str, str]]:

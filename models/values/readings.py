@@ -11,6 +11,8 @@ from .aids import AidReading
 
 LEAST_PROBABILITY = 1e-3
 """Least probability of a mode that is considered."""
+MOST_STRETCH = 20.0
+"""Ratio of a length to the natural length, or of that to the length, above which no tendon has it."""
 
 
 class Mode(IntEnum):
@@ -28,7 +30,8 @@ class Flag(IntFlag):
     SATURATED = 2
     """The ADC read 0 or full scale, which is a bound on the resistance and not a value."""
     OUT_OF_RANGE = 4
-    """The reading is outside the range on which the sensor model was trained; sigma is widened."""
+    """The reading is outside the range on which the sensor model was trained; sigma is widened, and a length that
+    no tendon has is left out."""
     TOO_FAST = 8
     """The reading changes faster than any on which the sensor model was trained; sigma is widened."""
     WARMING_UP = 16
@@ -208,6 +211,11 @@ class ModeReadings:
     """(2, tendons) standard deviations of these."""
     bending_probability: NDArray[np.float64]
     """(tendons,) probability that the tendon is bent, by its reading alone."""
+
+
+def is_impossible_length(length_m: NDArray[np.float64], natural_length_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return (tendons,) whether no tendon of these natural lengths has such a length; False where it is nan."""
+    return np.asarray((length_m < natural_length_m / MOST_STRETCH) | (length_m > natural_length_m * MOST_STRETCH))
 
 
 def is_mode_uncertain(bending_probability: NDArray[np.float64]) -> NDArray[np.bool_]:

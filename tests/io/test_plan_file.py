@@ -108,6 +108,24 @@ gust_period_s = [2.0, 7.0]
 """
 
 
+IMU = """[[imu]]
+fraction = 0.5
+rate_hz = 100.0
+rate_noise_rad_per_s = 0.001
+force_noise_m_per_s2 = 0.03
+rate_bias_rad_per_s = 0.01
+force_bias_m_per_s2 = 0.1
+misalignment_rad = 0.02
+range_m_per_s2 = 80.0
+"""
+POSITION = """[[position]]
+rate_hz = 50.0
+noise_m = 0.001
+seen_s = 2.0
+hidden_s = 1.0
+"""
+
+
 @pytest.mark.parametrize(
     ("added", "message"),
     [
@@ -119,6 +137,8 @@ gust_period_s = [2.0, 7.0]
         ("[[load.squeeze]]\nat_s = 3.0\nramp_s = 1.0\nhold_s = 1.0\nforce_n = 1.0\nnodes = [3, 3]", r"line {6}: load.sq"),
         ("[[load.hold]]\nat_s = 3.0\nramp_s = 0.0\nforce_n = 1.0\nnodes = [3]\ndirection = [0, 0, 1]", r"line {3}: .*got 0"),
         ("[[load.hold]]\nat_s = 3.0\nramp_s = 1.0\nforce_n = 1.0\nnodes = [3]\ndirection = [0, 0, 0]", r"line {6}: .*zero"),
+        (f"{IMU}rod = 6", r"line {10}: imu\[0\].rod: expected a rod from 0 to 5, got 6"),
+        (f"{POSITION}nodes = [3, 12]", r"line {6}: position\[0\].nodes\[1\]: expected a node from 0 to 11, got 12"),
         ("[ground]\nfriction = -1.0", r"line {2}: ground.friction: .*got -1.0"),
         ("[drift]\nuntil_s = 3.0", r"line {1}: drift.from_s: is missing"),
         (f"{DRIFT}until_s = 1.0", r"line {8}: drift.until_s: expected a time after from_s = 1.0, got 1.0"),

@@ -54,6 +54,16 @@ class TestBendingFit:
     def test_without_bending_there_is_none(self) -> None:
         assert fit_bending([triangle("a", 0.05)], []) is None
 
+    def test_samples_that_do_not_determine_it_are_no_fit(self) -> None:
+        """A recording that has ended before it is scored has no sample, and one of two strains too few."""
+        bent = self.recording()
+        short = Recording("short", bent.t_s[:20], bent.strain[:20], bent.change[:20])
+        assert fit_bending([short], []) is None
+        assert fit_bending([bent, short], [short]) is not None
+        strain = np.where(self.T_S < 100, -0.2, -0.1)
+        steps = Recording("steps", self.T_S, strain, np.polyval(COEFFICIENTS, strain))
+        assert fit_bending([steps], []) is None
+
     def test_a_curve_without_a_fold_inverts_up_to_zero(self) -> None:
         straight = FoldedPolynomial([0, 0, 0, 0, 2.0, 0])
         assert straight.x_fold == 0

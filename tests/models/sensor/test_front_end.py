@@ -123,6 +123,19 @@ class TestFrontEnd:
         assert (beyond.flags & Flag.OUT_OF_RANGE).all()
         assert (beyond.sigma_m > 10 * usual.sigma_m).all()
 
+    def test_a_length_that_no_tendon_has_is_left_out(self, model: SensorModel) -> None:
+        """A resistance near zero would be a strip without length."""
+        end = front_end(model)
+        for k in range(60):
+            end.step(frame(k, 0.08))
+        shorted = [end.step(frame(k, [0.08, y, 0.08, 0.08])) for k, y in enumerate(np.linspace(0.08, -0.99, 50), 60)][
+            -1
+        ]
+        assert np.isnan(shorted.length_m[1])
+        assert np.isinf(shorted.sigma_m[1])
+        assert shorted.flags[1] & Flag.OUT_OF_RANGE
+        assert np.isfinite(shorted.length_m[[0, 2, 3]]).all()
+
     def test_too_fast_is_flagged_and_widened(self, model: SensorModel) -> None:
         end = front_end(model)
         for k in range(60):
