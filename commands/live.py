@@ -45,6 +45,8 @@ class LiveSource:
     """Names of serial ports of a rig; see `Rig.plan`."""
     record: Path | None
     """Trial directory to record into, which must not exist yet."""
+    seconds: float
+    """Duration of the trial, from the start of the taring; may be infinite."""
 
     def __post_init__(self) -> None:
         if sum(given is not None for given in (self.rig, self.replay, self.twin)) != 1:
@@ -65,14 +67,16 @@ class LiveSource:
             if self.rig is not None:
                 operator = OperatorAtTerminal(terminal)
                 rig = Rig.read(self.rig)
-                feed = stack.enter_context(boards_feed(rig, self.ports, self.record, settings, model, operator))
+                feed = stack.enter_context(
+                    boards_feed(rig, self.ports, self.record, settings, model, operator, self.seconds)
+                )
             elif self.replay is not None:
-                feed = stack.enter_context(replay_feed(self.replay, self.speed, self.record))
+                feed = stack.enter_context(replay_feed(self.replay, self.speed, self.record, self.seconds))
             else:
                 assert self.twin is not None
                 with terminal.stages(self.twin.stem, {"simulation": 1.0}) as bar:
                     simulated = partial(bar.reached, "simulation")
-                    feed = stack.enter_context(twin_feed(self.twin, self.speed, self.record, simulated))
+                    feed = stack.enter_context(twin_feed(self.twin, self.speed, self.record, simulated, self.seconds))
             yield feed
 
 
@@ -151,10 +155,9 @@ def show_live(
     config: Path | None,
     model: Path | None,
     outputs: LiveOutputs,
-    seconds: float,
     terminal: Terminal,
 ) -> None:
-    """Estimate until the source ends, `seconds` are over or Ctrl-C, and write the result.
+    """Estimate until the source ends or Ctrl-C, and write the result.
 
     Args:
         source: source of the readings.
@@ -162,7 +165,6 @@ def show_live(
         config: file of settings; defaults if None.
         model: sensor model; the one in the package if None.
         outputs: where shapes go beside the result.
-        seconds: duration; may be infinite.
         terminal: for the panel.
 
     Raises:
@@ -176,7 +178,7 @@ def show_live(
     if source.record is not None:
         check_vacant(source.record)
     with outputs.page(terminal) as server, source.feed(settings, at_rest, terminal) as feed:
-        session = Session(feed, Pipeline(feed.description, settings, sensor_model), seconds)
+        session = Session(feed, Pipeline(feed.description, settings, sensor_model))
         with ExitStack() as stack:
             sinks = [stack.enter_context(sink) for sink in outputs.sinks(session.pipeline, server)]
             run_session(session, feed, path, sinks, terminal, made_with("live", model, feed.plug_ins))

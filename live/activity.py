@@ -13,6 +13,7 @@ from ..models.structure.shape import Shape
 from ..models.values.aids import AidReading, ImuReading
 from ..models.values.readings import BoardReading, TendonLengths
 from .feeds import Source
+from .rig import SILENT_S
 
 LATE_S = 0.1
 """Delay above which frames are skipped up to the newest: five frames at 50 Hz, the same as the lag of the smoother."""
@@ -22,8 +23,6 @@ LATENCIES = 30_000
 """Number of latest frames in the statistics of the latency: ten minutes at 50 Hz."""
 ARRIVALS = 101
 """Number of latest readings of a board or sensor from which its rate is computed: two seconds at 50 Hz."""
-SILENT_S = 1.0
-"""Time after its newest reading from which a board or sensor is shown as silent."""
 
 
 class Arrivals:

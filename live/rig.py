@@ -23,6 +23,8 @@ from ..models.values.readings import BoardReading
 
 PATIENCE_S = 6.0
 """Longest time to wait for boards. An Arduino Mega restarts when its port is opened, and sends hello after 2 s."""
+SILENT_S = 1.0
+"""Time after its newest reading from which a board or sensor counts as silent."""
 TARINGS = 10
 """Largest number of attempts at taring, each of which fails if the structure moves."""
 
@@ -158,7 +160,7 @@ def tare(link: SerialLink, rig: Rig, settings: Settings, model: SensorModel, say
         say: shows a message to the operator.
 
     Raises:
-        TensegraphError: when it does not stand still, or too few readings arrive to judge.
+        TensegraphError: when it does not stand still, the boards fall silent, or too few readings arrive to judge.
     """
     rest_s = rig.description.rest_seconds
     if rest_s == 0:
@@ -176,11 +178,16 @@ def tare(link: SerialLink, rig: Rig, settings: Settings, model: SensorModel, say
 def _rows_and_motion(
     link: SerialLink, origin_s: float, trial: TrialDescription, settings: Settings, model: SensorModel
 ) -> tuple[list[LinkReading], RestMotion]:
-    """Return the readings of the rest, with times from its start `origin_s`, and the motion that rows show."""
+    """Return the readings of the rest, with times from its start `origin_s`, and the motion that rows show.
+
+    Raises:
+        TensegraphError: when the boards fall silent, or too few readings arrive to judge.
+    """
     rows: list[LinkReading] = []
+    newest_s = 0.0
     boards = trial.boards(settings.clock)
     watch = StillnessWatch(model.gauge, trial.natural_resistance_ohm, trial.structure.natural_length_m)
-    for raw in link.rows():
+    for raw in link.rows(origin_s + trial.rest_seconds + SILENT_S):
         if stamp_s(raw) < origin_s:
             continue
         row = rebased(raw, origin_s)
@@ -190,9 +197,13 @@ def _rows_and_motion(
         reading = boards.reading(row)
         if reading is not None:
             watch.add(reading)
-        if row.host_s > trial.rest_seconds:
-            break
-    return rows, watch.motion()
+        newest_s = row.host_s
+        if newest_s > trial.rest_seconds:
+            return rows, watch.motion()
+    raise TensegraphError(
+        f"the boards fell silent {newest_s:.1f} s after the start of the taring, which takes {trial.rest_seconds:g} s: "
+        "see tensegraph ports"
+    )
 
 
 def without_truth(metadata: Mapping[str, Any]) -> dict[str, Any]:
