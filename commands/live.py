@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
-from ..io.model_file import read_sensor_model
 from ..io.publish.ros2_node import check_ros2, ros2_publisher
 from ..io.publish.udp import UdpPublisher, udp_address
 from ..io.reports.terminal import Terminal
@@ -19,11 +18,10 @@ from ..live.feeds import Feed, boards_feed, replay_feed, twin_feed
 from ..live.panel import OperatorAtTerminal, Panel, shown
 from ..live.rig import Rig
 from ..live.session import LiveResult, Session, stopped_by_signals
-from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
 from ..models.structure.shape import Shape
 from ..models.values.errors import TensegraphError
-from ..pipeline import Pipeline
+from ..pipeline import AnySensorModel, Pipeline
 from .origin import chosen_model, made_with
 from .record import report_recording
 
@@ -61,7 +59,7 @@ class LiveSource:
         return named.resolve().name if named else "live"
 
     @contextmanager
-    def feed(self, settings: Settings, model: SensorModel, terminal: Terminal) -> Iterator[Feed]:
+    def feed(self, settings: Settings, model: AnySensorModel, terminal: Terminal) -> Iterator[Feed]:
         """Give the readings; see `boards_feed`, `replay_feed` and `twin_feed`."""
         with ExitStack() as stack:
             if self.rig is not None:
@@ -163,7 +161,7 @@ def show_live(
         source: source of the readings.
         out: result directory; named after the source if None.
         config: file of settings; defaults if None.
-        model: sensor model; the one in the package if None.
+        model: file or name of the sensor model; the one in the package if None.
         outputs: where shapes go beside the result.
         terminal: for the panel.
 
@@ -172,12 +170,11 @@ def show_live(
     """
     settings = read_settings(config)
     sensor_model = chosen_model(model)
-    at_rest = sensor_model if isinstance(sensor_model, SensorModel) else read_sensor_model()  # tells motion from rest
     path = out or Path("results") / source.name
     check_replaceable(path, RUN_FILE)
     if source.record is not None:
         check_vacant(source.record)
-    with outputs.page(terminal) as server, source.feed(settings, at_rest, terminal) as feed:
+    with outputs.page(terminal) as server, source.feed(settings, sensor_model, terminal) as feed:
         session = Session(feed, Pipeline(feed.description, settings, sensor_model))
         with ExitStack() as stack:
             sinks = [stack.enter_context(sink) for sink in outputs.sinks(session.pipeline, server)]

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..io.model_file import read_sensor_model
 from ..io.reports.terminal import Terminal
 from ..io.toml import read_settings
 from ..io.whole import check_vacant
@@ -15,6 +14,7 @@ from ..live.session import stopped_by_signals
 from ..models.values.errors import RecordingError
 from ..models.values.link import LinkState
 from ..models.values.readings import BoardReading
+from .origin import chosen_model
 
 
 def record_boards(
@@ -33,7 +33,8 @@ def record_boards(
         rig: path of the description of the rig.
         out: trial directory, which must not exist yet.
         config: file of settings, of which those of the clocks count; defaults if None.
-        model: sensor model, from which motion during taring is computed; the one in the package if None.
+        model: file or name of the sensor model, from which motion during taring is computed; the one in the package
+            if None.
         ports: see `Rig.plan`.
         seconds: duration from the start of the taring; may be infinite.
         terminal: for the panel.
@@ -48,7 +49,7 @@ def record_boards(
     boards = setup.description.boards(settings.clock)
     activity = Activity.of(len(setup.table.board), len(setup.table.imu))
     operator = OperatorAtTerminal(terminal)
-    with boards_feed(setup, ports, out, settings, read_sensor_model(model), operator, seconds) as feed:
+    with boards_feed(setup, ports, out, settings, chosen_model(model), operator, seconds) as feed:
         panel = Panel(f"recording {out}, Ctrl-C ends it", activity, lambda: boards.counts, feed.state)
         with stopped_by_signals(feed.source), shown(panel, terminal.news):
             for row in feed.rows:

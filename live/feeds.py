@@ -18,7 +18,6 @@ from ..io.provenance import sha256_of, simulation_provenance
 from ..io.replay import Replay
 from ..io.trial_directory import Reading, arrival_s, open_trial
 from ..models.plug_ins import PlugIn
-from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
 from ..models.trial_description import TrialDescription, describe_trial
 from ..models.twin.virtual_trial import simulate as simulate_plan
@@ -26,6 +25,7 @@ from ..models.values.aids import AidReading
 from ..models.values.errors import InputError
 from ..models.values.link import LinkReading, LinkState, rebased, stamp_s
 from ..models.values.readings import BoardReading, NaturalLengthReading
+from ..pipeline import AnySensorModel
 from .rig import Rig, TaringRows, tare, wait_for_boards, without_truth
 
 
@@ -95,7 +95,7 @@ def boards_feed(
     ports: Sequence[str],
     record: Path | None,
     settings: Settings,
-    model: SensorModel,
+    model: AnySensorModel,
     operator: Operator,
     seconds: float = inf,
 ) -> Iterator[Feed]:
@@ -106,7 +106,7 @@ def boards_feed(
         ports: see `Rig.plan`.
         record: trial directory to record into; None for none.
         settings: those of the clocks are used.
-        model: sensor model, from which motion during taring is computed.
+        model: sensor model, from whose gauge motion during taring is computed; see `tare`.
         operator: who is asked not to touch the structure.
         seconds: duration from the start of the taring, after which the rows end even if the boards are silent.
 
