@@ -115,7 +115,7 @@ class Session:
         stopwatch = Stopwatch(self._feed.source)
         frames = newest.select(self.pipeline.lengths(stopwatch.readings(self._counted_rows())))
         for shape in self.pipeline.shapes(stopwatch.frames(frames), "live"):
-            latency = stopwatch.shape(shape.t_s)
+            latency = stopwatch.latency_of_shape(shape.t_s)
             self.latency = latency if newest.started and not self._ended else None
             if self.latency is not None:
                 activity.latency_s.append(latency.latency_s)
