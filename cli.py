@@ -455,10 +455,12 @@ def live(
     """Show and write the shape while it moves, from boards, a trial or a simulation, until Ctrl-C."""
     from .commands.live import LiveOutputs, LiveSource, show_live
 
-    source = LiveSource(rig=rig, replay=replay, twin=twin, speed=speed, ports=tuple(port or ()), record=record)
+    source = LiveSource(
+        rig=rig, replay=replay, twin=twin, speed=speed, ports=tuple(port or ()), record=record, seconds=seconds
+    )
     outputs = LiveOutputs(view, viewer, tuple(publish or ()), publish_remote)
     terminal = _terminal(quiet, verbose)
-    show_live(source, out=out, config=config, model=model, outputs=outputs, seconds=seconds, terminal=terminal)
+    show_live(source, out=out, config=config, model=model, outputs=outputs, terminal=terminal)
 
 
 @app.command(

@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
-from ..io.model_file import read_sensor_model
 from ..io.publish.ros2_node import check_ros2, ros2_publisher
 from ..io.publish.udp import UdpPublisher, udp_address
 from ..io.reports.terminal import Terminal
@@ -19,11 +18,10 @@ from ..live.feeds import Feed, boards_feed, replay_feed, twin_feed
 from ..live.panel import OperatorAtTerminal, Panel, shown
 from ..live.rig import Rig
 from ..live.session import LiveResult, Session, stopped_by_signals
-from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
 from ..models.structure.shape import Shape
 from ..models.values.errors import TensegraphError
-from ..pipeline import Pipeline
+from ..pipeline import AnySensorModel, Pipeline
 from .origin import chosen_model, made_with
 from .record import report_recording
 
@@ -45,6 +43,8 @@ class LiveSource:
     """Names of serial ports of a rig; see `Rig.plan`."""
     record: Path | None
     """Trial directory to record into, which must not exist yet."""
+    seconds: float
+    """Duration of the trial, from the start of the taring; may be infinite."""
 
     def __post_init__(self) -> None:
         if sum(given is not None for given in (self.rig, self.replay, self.twin)) != 1:
@@ -59,20 +59,22 @@ class LiveSource:
         return named.resolve().name if named else "live"
 
     @contextmanager
-    def feed(self, settings: Settings, model: SensorModel, terminal: Terminal) -> Iterator[Feed]:
+    def feed(self, settings: Settings, model: AnySensorModel, terminal: Terminal) -> Iterator[Feed]:
         """Give the readings; see `boards_feed`, `replay_feed` and `twin_feed`."""
         with ExitStack() as stack:
             if self.rig is not None:
                 operator = OperatorAtTerminal(terminal)
                 rig = Rig.read(self.rig)
-                feed = stack.enter_context(boards_feed(rig, self.ports, self.record, settings, model, operator))
+                feed = stack.enter_context(
+                    boards_feed(rig, self.ports, self.record, settings, model, operator, self.seconds)
+                )
             elif self.replay is not None:
-                feed = stack.enter_context(replay_feed(self.replay, self.speed, self.record))
+                feed = stack.enter_context(replay_feed(self.replay, self.speed, self.record, self.seconds))
             else:
                 assert self.twin is not None
                 with terminal.stages(self.twin.stem, {"simulation": 1.0}) as bar:
                     simulated = partial(bar.reached, "simulation")
-                    feed = stack.enter_context(twin_feed(self.twin, self.speed, self.record, simulated))
+                    feed = stack.enter_context(twin_feed(self.twin, self.speed, self.record, simulated, self.seconds))
             yield feed
 
 
@@ -151,18 +153,16 @@ def show_live(
     config: Path | None,
     model: Path | None,
     outputs: LiveOutputs,
-    seconds: float,
     terminal: Terminal,
 ) -> None:
-    """Estimate until the source ends, `seconds` are over or Ctrl-C, and write the result.
+    """Estimate until the source ends or Ctrl-C, and write the result.
 
     Args:
         source: source of the readings.
         out: result directory; named after the source if None.
         config: file of settings; defaults if None.
-        model: sensor model; the one in the package if None.
+        model: file or name of the sensor model; the one in the package if None.
         outputs: where shapes go beside the result.
-        seconds: duration; may be infinite.
         terminal: for the panel.
 
     Raises:
@@ -170,13 +170,12 @@ def show_live(
     """
     settings = read_settings(config)
     sensor_model = chosen_model(model)
-    at_rest = sensor_model if isinstance(sensor_model, SensorModel) else read_sensor_model()  # tells motion from rest
     path = out or Path("results") / source.name
     check_replaceable(path, RUN_FILE)
     if source.record is not None:
         check_vacant(source.record)
-    with outputs.page(terminal) as server, source.feed(settings, at_rest, terminal) as feed:
-        session = Session(feed, Pipeline(feed.description, settings, sensor_model), seconds)
+    with outputs.page(terminal) as server, source.feed(settings, sensor_model, terminal) as feed:
+        session = Session(feed, Pipeline(feed.description, settings, sensor_model))
         with ExitStack() as stack:
             sinks = [stack.enter_context(sink) for sink in outputs.sinks(session.pipeline, server)]
             run_session(session, feed, path, sinks, terminal, made_with("live", model, feed.plug_ins))

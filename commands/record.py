@@ -3,10 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..io.model_file import read_sensor_model
 from ..io.reports.terminal import Terminal
 from ..io.toml import read_settings
-from ..io.trial_directory import arrival_s
 from ..io.whole import check_vacant
 from ..live.activity import Activity
 from ..live.feeds import boards_feed
@@ -16,6 +14,7 @@ from ..live.session import stopped_by_signals
 from ..models.values.errors import RecordingError
 from ..models.values.link import LinkState
 from ..models.values.readings import BoardReading
+from .origin import chosen_model
 
 
 def record_boards(
@@ -34,13 +33,15 @@ def record_boards(
         rig: path of the description of the rig.
         out: trial directory, which must not exist yet.
         config: file of settings, of which those of the clocks count; defaults if None.
-        model: sensor model, from which motion during taring is computed; the one in the package if None.
+        model: file or name of the sensor model, from which motion during taring is computed; the one in the package
+            if None.
         ports: see `Rig.plan`.
-        seconds: duration; may be infinite.
+        seconds: duration from the start of the taring; may be infinite.
         terminal: for the panel.
 
     Raises:
-        TensegraphError: when no board answers, the structure does not stand still, or the recording ended early.
+        TensegraphError: when no board answers, the boards fall silent while the sensors are tared, the structure does
+            not stand still, or the recording ended early.
     """
     check_vacant(out)
     setup = Rig.read(rig)
@@ -48,14 +49,14 @@ def record_boards(
     boards = setup.description.boards(settings.clock)
     activity = Activity.of(len(setup.table.board), len(setup.table.imu))
     operator = OperatorAtTerminal(terminal)
-    with boards_feed(setup, ports, out, settings, read_sensor_model(model), operator) as feed:
+    with boards_feed(setup, ports, out, settings, chosen_model(model), operator, seconds) as feed:
         panel = Panel(f"recording {out}, Ctrl-C ends it", activity, lambda: boards.counts, feed.state)
         with stopped_by_signals(feed.source), shown(panel, terminal.news):
             for row in feed.rows:
                 activity.count(row, feed.source.late_s())
                 if isinstance(row, BoardReading):
                     boards.reading(row)  # updates the counts of the clocks
-                if arrival_s(row) > seconds or feed.state().recording_error:
+                if feed.state().recording_error:
                     feed.source.stop()
     report_recording(out, feed.state(), terminal)
 

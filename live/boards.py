@@ -6,14 +6,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from ..io.model_file import read_sensor_model
 from ..io.trial_directory import Reading
-from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings, checked_settings
 from ..models.structure.shape import Shape
 from ..models.trial_description import TrialDescription
 from ..models.values.errors import TensegraphError
-from ..pipeline import Pipeline
+from ..pipeline import AnySensorModel, Pipeline, sensor_model_of
 
 if TYPE_CHECKING:
     from .feeds import Feed
@@ -34,11 +32,12 @@ class Boards:
         ports: serial ports; those of the rig, or every USB serial port, if none are given.
         record: trial directory to record into, which must not exist yet; nothing is recorded if None.
         settings: the settings of the run; the defaults if None.
-        model: the sensor model; the one that ships with the package if None.
+        model: the sensor model, or the name of one of another package; the one that ships with the package if None.
         say: function that is given each message to the operator.
 
     Raises:
-        TensegraphError: on entry, when the rig cannot be read, no board answers, or the structure does not stand still.
+        TensegraphError: on entry, when the rig or the model cannot be read, no board answers, the boards fall silent
+            while they are tared, or the structure does not stand still.
     """
 
     def __init__(
@@ -48,7 +47,7 @@ class Boards:
         ports: Sequence[str] = (),
         record: str | Path | None = None,
         settings: Settings | None = None,
-        model: SensorModel | None = None,
+        model: AnySensorModel | str | None = None,
         say: Callable[[str], None] = print,
     ) -> None:
         self._rig = Path(rig)
@@ -64,10 +63,8 @@ class Boards:
         from .feeds import boards_feed  # pyserial, which nothing else of the public names needs
         from .rig import Rig
 
-        self._model = self._model or read_sensor_model()
-        feed = boards_feed(
-            Rig.read(self._rig), self._ports, self._record, self._settings, self._model, _Listener(self._say)
-        )
+        self._model = model = sensor_model_of(self._model)
+        feed = boards_feed(Rig.read(self._rig), self._ports, self._record, self._settings, model, _Listener(self._say))
         self._feed = self._open.enter_context(feed)
         return self
 
@@ -79,7 +76,7 @@ class Boards:
 
     def __iter__(self) -> Iterator[Shape]:
         """Yield the shape of every frame as soon as the frame is complete, until `stop`."""
-        pipeline = Pipeline(self.description, self._settings, self._model or read_sensor_model())
+        pipeline = Pipeline(self.description, self._settings, sensor_model_of(self._model))
         return pipeline.estimate(self.readings(), "live")
 
     def readings(self) -> Iterator[Reading]:

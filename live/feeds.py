@@ -3,9 +3,10 @@
 import heapq
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import chain, takewhile
 from math import inf
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,7 +18,6 @@ from ..io.provenance import sha256_of, simulation_provenance
 from ..io.replay import Replay
 from ..io.trial_directory import Reading, arrival_s, open_trial
 from ..models.plug_ins import PlugIn
-from ..models.sensor.sensor_model import SensorModel
 from ..models.settings import Settings
 from ..models.trial_description import TrialDescription, describe_trial
 from ..models.twin.virtual_trial import simulate as simulate_plan
@@ -25,6 +25,7 @@ from ..models.values.aids import AidReading
 from ..models.values.errors import InputError
 from ..models.values.link import LinkReading, LinkState, rebased, stamp_s
 from ..models.values.readings import BoardReading, NaturalLengthReading
+from ..pipeline import AnySensorModel
 from .rig import Rig, TaringRows, tare, wait_for_boards, without_truth
 
 
@@ -90,9 +91,24 @@ class Operator(Protocol):
 
 @contextmanager
 def boards_feed(
-    rig: Rig, ports: Sequence[str], record: Path | None, settings: Settings, model: SensorModel, operator: Operator
+    rig: Rig,
+    ports: Sequence[str],
+    record: Path | None,
+    settings: Settings,
+    model: AnySensorModel,
+    operator: Operator,
+    seconds: float = inf,
 ) -> Iterator[Feed]:
     """Give the rows of the boards of a rig after taring, recorded if a path is given.
+
+    Args:
+        rig: description of structure, sensors and boards.
+        ports: see `Rig.plan`.
+        record: trial directory to record into; None for none.
+        settings: those of the clocks are used.
+        model: sensor model, from whose gauge motion during taring is computed; see `tare`.
+        operator: who is asked not to touch the structure.
+        seconds: duration from the start of the taring, after which the rows end even if the boards are silent.
 
     Raises:
         TensegraphError: when no board answers, or the structure does not stand still.
@@ -108,7 +124,7 @@ def boards_feed(
         taring = tare(link, rig, settings, model, operator.say)
         name = record.resolve().name if record else "live"
         link.begin(taring.origin_s, record, rig.metadata(name, link.state))
-        source = TrialOfBoards(link, taring)
+        source = TrialOfBoards(link, taring, seconds)
         yield Feed(
             source=source,
             rows=source.rows(),
@@ -123,14 +139,16 @@ def boards_feed(
 
 
 @contextmanager
-def replay_feed(path: Path, speed: float, record: Path | None) -> Iterator[Feed]:
+def replay_feed(path: Path, speed: float, record: Path | None, seconds: float = inf) -> Iterator[Feed]:
     """Give the readings of a recorded trial, `speed` times faster than real time, recorded again if a path is given.
+
+    Readings that arrived more than `seconds` after the start of the trial are left out.
 
     Raises:
         InputError: when the trial cannot be read, or the recording cannot be written.
     """
     trial = open_trial(path)
-    source = Replay(trial.readings(), speed)
+    source = Replay(_first(seconds, trial.readings()), speed)
     feed = Feed(
         source=source,
         rows=source.rows(),
@@ -148,7 +166,11 @@ def replay_feed(path: Path, speed: float, record: Path | None) -> Iterator[Feed]
 
 @contextmanager
 def twin_feed(
-    plan: Path, speed: float, record: Path | None, progress: Callable[[float], None] = lambda share: None
+    plan: Path,
+    speed: float,
+    record: Path | None,
+    progress: Callable[[float], None] = lambda share: None,
+    seconds: float = inf,
 ) -> Iterator[Feed]:
     """Give the readings of the simulation of a plan, `speed` times faster than real time, without the truth.
 
@@ -157,13 +179,14 @@ def twin_feed(
         speed: relative to real time.
         record: trial directory to record into; None for none.
         progress: called now and then with the share of the simulation that is done.
+        seconds: readings that arrive later than this are left out.
 
     Raises:
         TensegraphError: when the plan cannot be simulated, or the recording cannot be written.
     """
     parsed = read_plan(plan)
     trial = simulate_plan(parsed, simulation_provenance(plan, parsed.seed), progress)
-    source = Replay(heapq.merge(trial.carried, trial.readings, key=arrival_s), speed)
+    source = Replay(_first(seconds, heapq.merge(trial.carried, trial.readings, key=arrival_s)), speed)
     _, description = describe_trial(without_truth(trial.metadata), str(plan))
     feed = Feed(
         source=source,
@@ -205,24 +228,35 @@ def _recorded_rows(readings: Iterator[Reading], recorder: RecorderThread) -> Ite
         yield reading
 
 
-class TrialOfBoards:
-    """What boards send in a trial, starting with the taring, with times from the origin of the trial."""
+def _first(seconds: float, readings: Iterable[Reading]) -> Iterator[Reading]:
+    """Yield the readings that arrived in the first seconds of a trial."""
+    return takewhile(lambda reading: arrival_s(reading) <= seconds, readings)
 
-    def __init__(self, link: SerialLink, taring: TaringRows) -> None:
+
+class TrialOfBoards:
+    """What boards send in a trial of so many seconds, starting with the taring, with times from the trial's origin."""
+
+    def __init__(self, link: SerialLink, taring: TaringRows, seconds: float) -> None:
         self._link = link
         self._origin_s = taring.origin_s
+        self._end_s = taring.origin_s + seconds
         self._tared = deque(taring.rows)
         self._latest_s = 0.0
         self.tared_until_s = max((stamp_s(row) for row in taring.rows), default=-inf)
         self.stop = link.stop
 
     def rows(self) -> Iterator[LinkReading]:
-        """Yield rows and samples until `stop`."""
+        """Yield rows and samples until `stop`, or until the seconds are over."""
         while self._tared:
             yield self._seen(self._tared.popleft())
-        for raw in self._link.rows():
+        for raw in chain(self._link.rows(self._end_s), self._last_rows()):
             if stamp_s(raw) >= self._origin_s:
                 yield self._seen(rebased(raw, self._origin_s))
+
+    def _last_rows(self) -> Iterator[LinkReading]:
+        """Stop, and yield what had arrived by then, as the recording has it too."""
+        self._link.stop()
+        yield from self._link.rows()
 
     def _seen(self, reading: LinkReading) -> LinkReading:
         """Return a reading, having noted when it arrived, which is told of rows alone."""

@@ -77,7 +77,7 @@ class Stopwatch:
             self._measured_s = time.perf_counter()
             yield frame
 
-    def shape(self, t_s: float) -> Latency:
+    def latency_of_shape(self, t_s: float) -> Latency:
         """Return the latency of the shape at `t_s`, which has just been estimated."""
         began, now = self._began, Clocks.now()
         self._ended = now

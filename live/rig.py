@@ -9,9 +9,11 @@ from typing import Any, Self
 
 from ..io.boards.hub import LinkPlan
 from ..io.boards.process import SerialLink
+from ..io.model_file import read_sensor_model
 from ..io.structures.structure_file import with_structure_file
 from ..io.toml import read_toml
 from ..models.sensor.clock import ClockSettings
+from ..models.sensor.gauge import StaticGauge
 from ..models.sensor.sensor_model import SensorModel
 from ..models.sensor.stillness import SHORTEST_S, RestMotion, StillnessWatch
 from ..models.settings import Settings
@@ -20,9 +22,12 @@ from ..models.trial_tables import TrialTable
 from ..models.values.errors import InputError, TensegraphError
 from ..models.values.link import LinkReading, LinkState, PortState, rebased, stamp_s
 from ..models.values.readings import BoardReading
+from ..pipeline import AnySensorModel
 
 PATIENCE_S = 6.0
 """Longest time to wait for boards. An Arduino Mega restarts when its port is opened, and sends hello after 2 s."""
+SILENT_S = 1.0
+"""Time after its newest reading from which a board or sensor counts as silent."""
 TARINGS = 10
 """Largest number of attempts at taring, each of which fails if the structure moves."""
 
@@ -147,25 +152,28 @@ class TaringRows:
     """Remaining motion of the tendons; None when the rig has no rest."""
 
 
-def tare(link: SerialLink, rig: Rig, settings: Settings, model: SensorModel, say: Callable[[str], None]) -> TaringRows:
+def tare(
+    link: SerialLink, rig: Rig, settings: Settings, model: AnySensorModel, say: Callable[[str], None]
+) -> TaringRows:
     """Wait until the structure has stood still for the rest time of the rig.
 
     Args:
         link: connection to the boards.
         rig: description of the boards.
         settings: those of the clocks are used.
-        model: sensor model, from which motion is computed.
+        model: sensor model, from whose gauge motion is computed.
         say: shows a message to the operator.
 
     Raises:
-        TensegraphError: when it does not stand still, or too few readings arrive to judge.
+        TensegraphError: when it does not stand still, the boards fall silent, or too few readings arrive to judge.
     """
     rest_s = rig.description.rest_seconds
     if rest_s == 0:
         return TaringRows(time.perf_counter(), [], None)
+    gauge = _gauge(model)
     for _ in range(TARINGS):
         origin_s = time.perf_counter()
-        rows, motion = _rows_and_motion(link, origin_s, rig.description, settings, model)
+        rows, motion = _rows_and_motion(link, origin_s, rig.description, settings, gauge)
         if motion.still:
             say(f"tared: {motion}")
             return TaringRows(origin_s, rows, motion)
@@ -173,14 +181,24 @@ def tare(link: SerialLink, rig: Rig, settings: Settings, model: SensorModel, say
     raise TensegraphError(f"the structure did not stand still for {rest_s:g} s: {motion}")
 
 
+def _gauge(model: AnySensorModel) -> StaticGauge:
+    """Return the gauge of a sensor model; for one of another package, which has none, that of the model in ours."""
+    return (model if isinstance(model, SensorModel) else read_sensor_model()).gauge
+
+
 def _rows_and_motion(
-    link: SerialLink, origin_s: float, trial: TrialDescription, settings: Settings, model: SensorModel
+    link: SerialLink, origin_s: float, trial: TrialDescription, settings: Settings, gauge: StaticGauge
 ) -> tuple[list[LinkReading], RestMotion]:
-    """Return the readings of the rest, with times from its start `origin_s`, and the motion that rows show."""
+    """Return the readings of the rest, with times from its start `origin_s`, and the motion that rows show.
+
+    Raises:
+        TensegraphError: when the boards fall silent, or too few readings arrive to judge.
+    """
     rows: list[LinkReading] = []
+    newest_s = 0.0
     boards = trial.boards(settings.clock)
-    watch = StillnessWatch(model.gauge, trial.natural_resistance_ohm, trial.structure.natural_length_m)
-    for raw in link.rows():
+    watch = StillnessWatch(gauge, trial.natural_resistance_ohm, trial.structure.natural_length_m)
+    for raw in link.rows(origin_s + trial.rest_seconds + SILENT_S):
         if stamp_s(raw) < origin_s:
             continue
         row = rebased(raw, origin_s)
@@ -190,9 +208,13 @@ def _rows_and_motion(
         reading = boards.reading(row)
         if reading is not None:
             watch.add(reading)
-        if row.host_s > trial.rest_seconds:
-            break
-    return rows, watch.motion()
+        newest_s = row.host_s
+        if newest_s > trial.rest_seconds:
+            return rows, watch.motion()
+    raise TensegraphError(
+        f"the boards fell silent {newest_s:.1f} s after the start of the taring, which takes {trial.rest_seconds:g} s: "
+        "see tensegraph ports"
+    )
 
 
 def without_truth(metadata: Mapping[str, Any]) -> dict[str, Any]:

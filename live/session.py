@@ -16,7 +16,7 @@ import numpy as np
 
 from ..io.provenance import relative_path, versions
 from ..io.result import result_directory, write_latencies, write_run, write_tables
-from ..io.trial_directory import Reading, arrival_s
+from ..io.trial_directory import Reading
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.shape import Shape
@@ -99,13 +99,12 @@ class LiveResult:
 class Session:
     """Estimates shapes as readings arrive from a source."""
 
-    def __init__(self, feed: Feed, pipeline: Pipeline, seconds: float) -> None:
+    def __init__(self, feed: Feed, pipeline: Pipeline) -> None:
         self.pipeline = pipeline
         self.activity = Activity.of(len(pipeline.trial.tendons_of_board), len(pipeline.trial.imus))
         self.latency: Latency | None = None
         """Latency of the newest shape; None where it has no meaning: while it waited for the taring, or for the end."""
         self._feed = feed
-        self._seconds = seconds
         self._ended = False
 
     def shapes(self) -> Iterator[Shape]:
@@ -116,7 +115,7 @@ class Session:
         stopwatch = Stopwatch(self._feed.source)
         frames = newest.select(self.pipeline.lengths(stopwatch.readings(self._counted_rows())))
         for shape in self.pipeline.shapes(stopwatch.frames(frames), "live"):
-            latency = stopwatch.shape(shape.t_s)
+            latency = stopwatch.latency_of_shape(shape.t_s)
             self.latency = latency if newest.started and not self._ended else None
             if self.latency is not None:
                 activity.latency_s.append(latency.latency_s)
@@ -129,8 +128,6 @@ class Session:
         for reading in self._feed.rows:
             self.activity.count(reading, self._feed.source.late_s())
             yield reading
-            if arrival_s(reading) > self._seconds:
-                self._feed.source.stop()
         self._ended = True
 
     def as_table(self, path: Path) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
+from math import inf
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
@@ -83,10 +84,14 @@ class SerialLink:
         self._skipped_rows = 0
         self._pipe.send(Begin(origin_s, path, metadata or {}))
 
-    def rows(self) -> Iterator[LinkReading]:
+    def rows(self, until_s: float = inf) -> Iterator[LinkReading]:
         """Yield rows, with arrival times of `time.perf_counter`, until all rows that came before `stop` are yielded.
 
         Rows older than `OLDEST_S` are skipped while newer ones wait.
+
+        Args:
+            until_s: time on that clock after which no row is yielded, and nothing is waited for where boards are
+                silent; later rows are kept for the next call.
 
         Raises:
             TensegraphError: when the other process ended by itself.
@@ -95,7 +100,11 @@ class SerialLink:
         while self._rows or not self._ended:
             if not self._rows:
                 self.receive(STATE_S)
+                if not self._rows and time.perf_counter() > until_s:
+                    return
                 continue
+            if stamp_s(self._rows[0]) > until_s:
+                return
             row = self._rows.popleft()
             if self._rows and time.perf_counter() - stamp_s(row) > OLDEST_S:
                 self._skipped_rows += 1

@@ -63,8 +63,9 @@ class StructureDrawing:
         add_legend_below(figure, [*structure_handles(), ellipsoid, *anchors], 3)
 
     def move(self, shape: Shape) -> None:
-        """Show another shape."""
+        """Show another shape, at the same scale."""
         position_mm = 1e3 * shape.node_position_m
+        self._follow(position_mm)
         for line, rod in zip(self._rods, self._structure.rods, strict=True):
             line.set_data_3d(*position_mm[rod].T)
         for e, (line, tendon) in enumerate(zip(self._tendons, self._structure.tendons, strict=True)):
@@ -79,6 +80,17 @@ class StructureDrawing:
                 b = half_axes_mm[(k + 1) % 3]
                 ellipse.set_data_3d(*(position_mm[node] + np.outer(np.cos(angle), a) + np.outer(np.sin(angle), b)).T)
         self.axis.set_title(f"t = {shape.t_s:.2f} s")
+
+    def _follow(self, position_mm: NDArray[np.float64]) -> None:
+        """Shift the cube that is shown along each axis on which one of the (nodes, 3) positions is outside of it.
+
+        The structure is in the middle then, so that one that rolls on is soon found again.
+        """
+        for name, along_mm in zip("xyz", position_mm.T, strict=True):
+            low, high = getattr(self.axis, f"get_{name}lim")()
+            if along_mm.min() < low or along_mm.max() > high:
+                shift_mm = 0.5 * (along_mm.min() + along_mm.max()) - 0.5 * (low + high)
+                getattr(self.axis, f"set_{name}lim")(low + shift_mm, high + shift_mm)
 
 
 def _show(

@@ -12,6 +12,7 @@ import pytest
 import tensegraph as tg
 from command_line import run, run_process
 from installed import SOURCE, install
+from plan_edits import replaced
 from tensegraph.models.plug_ins import PlugInWarning, plug_ins
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -148,6 +149,47 @@ def test_a_sensor_model_is_a_model(own_parts, trial_copy, tmp_path) -> None:
     )
     with pytest.raises(tg.InputError, match="or one of straight, got a path"):
         tg.reconstruct(tmp_path / "press", model="crooked")
+
+
+def test_a_sensor_model_of_another_package_serves_a_rig(own_parts, example, pty_boards, tmp_path) -> None:
+    """By its name in `record` and `tg.Boards` as in `live`; while the sensors are tared, the boards send one code."""
+    text = (example.parent / "rig.toml").read_text()
+    (tmp_path / "rig.toml").write_text(replaced(text, ("seconds = 2.0", "seconds = 1.0")))
+    boards = [pty_boards(name, k) for k, name in enumerate(("zero", "one"))]
+    for board in boards:
+        board.codes = lambda: (512,) * 12
+    ports = [str(board.port) for board in boards]
+    words = [
+        "--rig",
+        "rig.toml",
+        "--model",
+        "straight",
+        "--seconds",
+        1.5,
+        *(w for port in ports for w in ("--port", port)),
+    ]
+    for command in (["record", "--out", "recorded"], ["live", "--out", "live"]):
+        done = run(*command, *words, cwd=tmp_path)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert "tared: tendons changed by 0.0 mm" in done.stdout
+    assert tomllib.loads((tmp_path / "live" / "run.toml").read_text())["plug_ins"]["sensor_models"].keys() == {
+        "straight"
+    }
+    with tg.Boards(tmp_path / "rig.toml", ports=ports, model="straight", say=lambda text: None) as rig:
+        shape = next(iter(rig))
+        rig.stop()
+    assert (shape.lengths.sigma_m[np.isfinite(shape.lengths.sigma_m)] > 0).all()
+
+
+def test_a_rig_s_sensor_model_that_is_none_is_refused(own_parts, example, tmp_path) -> None:
+    rig = example.parent / "rig.toml"
+    refused = run("record", "--rig", rig, "--out", "t", "--model", "crooked", cwd=tmp_path)
+    assert (refused.returncode, refused.stderr) == (
+        2,
+        "tensegraph: --model crooked: no such file: expected one, or one of straight\n",
+    )
+    with pytest.raises(tg.InputError, match="or one of straight, got a path"), tg.Boards(rig, model="crooked"):
+        pass
 
 
 def test_an_exporter_is_a_format(own_parts, done, tmp_path) -> None:

@@ -21,6 +21,23 @@ def test_shapes_come_from_boards_on_ptys_and_are_recorded(tmp_path, rig, pty_boa
     assert tg.open_trial(tmp_path / "recorded").row_count() >= 2 * len(shapes)
 
 
+def test_boards_that_fall_silent_while_they_are_tared(tmp_path, rig, pty_boards, monkeypatch) -> None:
+    """Their cables are out as soon as the taring begins."""
+    monkeypatch.setattr("tensegraph.live.rig.SILENT_S", 0.2)
+    rig.write_text(rig.read_text().replace("seconds = 2.0", "seconds = 1.0"))
+    boards_on_ptys = [pty_boards(name, k) for k, name in enumerate(("zero", "one"))]
+
+    def unplug(said: str) -> None:
+        if said.startswith("taring"):
+            for board in boards_on_ptys:
+                board.unplug()
+
+    boards = tg.Boards(rig, ports=[str(board.port) for board in boards_on_ptys], say=unplug)
+    silent = r"the boards fell silent 0\.\d s after the start of the taring, which takes 1 s: see tensegraph ports"
+    with pytest.raises(tg.TensegraphError, match=silent), boards:
+        pass
+
+
 def test_boards_are_entered_first(rig) -> None:
     with pytest.raises(tg.TensegraphError, match="expected 'with"):
         next(iter(tg.Boards(rig)))

@@ -54,7 +54,7 @@ def latencies(monkeypatch, arrivals_ms: list[float], frames_of_row: int = 1) -> 
     found = []
     for _ in stopwatch.frames(frames()):
         clock.work(5.0, 1.0, others_ms=1.0)
-        found.append(stopwatch.shape(0.0))
+        found.append(stopwatch.latency_of_shape(0.0))
         clock.work(10.0, 10.0)
         stopwatch.output()
     return found

@@ -256,6 +256,33 @@ def test_record_and_ports(tmp_path, rig, pty_boards, typed) -> None:
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+00:00", trial.table.recorded_utc)
 
 
+@pytest.mark.parametrize("verb", ["record", "live"])
+def test_a_run_ends_in_time_although_the_boards_are_silent(tmp_path, rig, pty_boards, typed, verb) -> None:
+    """Both cables are out after some rows, and stay out; the panel says so, and result and recording are whole."""
+    rig.write_text(replaced(rig.read_text(), ("seconds = 2.0", "seconds = 0.0")))
+    boards = [pty_boards("a", 0), pty_boards("b", 1)]
+
+    def unplug() -> None:
+        while not (tmp_path / "t").exists() or rows_on_disk(tmp_path / "t") < 20:
+            time.sleep(0.02)
+        for board in boards:
+            board.unplug()
+
+    threading.Thread(target=unplug, daemon=True).start()
+    ports = [word for board in boards for word in ("--port", board.port)]
+    out = ("--record", "t", "--out", "out") if verb == "live" else ("--out", "t")
+    code, said, error = typed(verb, "--rig", rig, *ports, *out, "--seconds", 3, cwd=tmp_path)
+    assert code == 0, error
+    assert re.search(r"newest reading +│ [12]\d{3} ms ago +│ [12]\d{3} ms ago", said)
+    rows = list(open_trial(tmp_path / "t").readings())
+    assert f"{len(rows)} rows recorded in t" in said
+    assert rows[-1].host_s < 2.5
+    if verb == "live":
+        live = tomllib.loads((tmp_path / "out" / "run.toml").read_text())
+        assert live["frames"] > 0
+        assert live["frames"] + live["skipped_frames"] > 10  # however busy the machine is
+
+
 SENSORS = """
 [[imu]]
 board = 0

@@ -102,6 +102,24 @@ def test_a_burst_at_ten_times_the_rate_is_read_whole(pty_boards) -> None:
         assert (np.diff([seq for _, seq in of(board, rows)]) == 1).all()
 
 
+def test_rows_end_at_a_time_with_and_without_rows(pty_boards) -> None:
+    """The first end comes between rows, and no row is lost there; the second comes while the board is silent."""
+    board = pty_boards("a", 0)
+    with SerialLink(LinkPlan((0,), (12,), (str(board.port),), 500_000)) as link:
+        taken(link, lambda rows: len(rows) > 5)
+        until_s = time.perf_counter() + 0.3
+        early = list(link.rows(until_s))
+        rows = early + taken(link, lambda rows: len(rows) > 5)
+        board.unplug()
+        until_s, last_s = time.perf_counter() + 0.3, until_s
+        list(link.rows(until_s))
+        ended_s = time.perf_counter()
+    assert len(early) > 5
+    assert early[-1].host_s <= last_s
+    assert (np.diff([row.seq for row in rows]) == 1).all()
+    assert until_s < ended_s < until_s + 1.0
+
+
 def test_what_is_too_old_is_skipped_while_newer_rows_wait(monkeypatch, pty_boards) -> None:
     """A reader that stood still for a second and a half, where half a second is too old, goes on with the newest."""
     monkeypatch.setattr("tensegraph.io.boards.process.OLDEST_S", 0.5)
