@@ -26,7 +26,9 @@ millimetre 1000."""
 STIFF_N_PER_M = 5000.0
 """Stiffness from which the tension of a cable does not follow from its length: 0.3 mm are 1.5 N, as much as a press."""
 MOST_OFF = 0.5
-"""Share of its length by which a rod of the measured rest shape may differ from it."""
+"""Share of its length by which a rod may differ from it in the shape where the search for the rest shape starts."""
+MOST_OFF_MEASURED = 0.1
+"""The same in the measured rest shape."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,9 +257,12 @@ def described(tables: StructureFile) -> DescribedStructure:
         for given in (tables.structure.node_position_m, tables.rest.node_position_m)
     )
     structure = tables.structure.structure(tables.body, rest_m if about_m is None else about_m)
-    for name, position_m in (("node_position_m", about_m), ("rest.node_position_m", rest_m)):
+    for name, position_m, most_off in (
+        ("node_position_m", about_m, MOST_OFF),
+        ("rest.node_position_m", rest_m, MOST_OFF_MEASURED),
+    ):
         if position_m is not None:
-            _check_shape(name, position_m, structure)
+            _check_shape(name, position_m, structure, most_off)
     mechanics = tables.mechanics.mechanics(structure, tables.body) if tables.mechanics else None
     if mechanics is not None:
         _check_stiffness(mechanics, structure)
@@ -271,15 +276,15 @@ def described(tables: StructureFile) -> DescribedStructure:
     )
 
 
-def _check_shape(name: str, position_m: NDArray[np.float64], structure: Structure) -> None:
-    """Raise InputError for positions that are no shape of a structure."""
+def _check_shape(name: str, position_m: NDArray[np.float64], structure: Structure, most_off: float) -> None:
+    """Raise InputError for positions that are no shape of a structure, with rods as long as told within a share."""
     if position_m.shape != (structure.node_count, 3) or not np.isfinite(position_m).all():
         raise InputError(
             f"{name}: expected {structure.node_count} finite rows of x, y, z, got shape {position_m.shape}"
         )
     structure.check_unit(name, position_m)
     rod_m = member_length_m(position_m, structure.rods)
-    for rod in np.flatnonzero(np.abs(rod_m - structure.rod_length_m) > MOST_OFF * structure.rod_length_m)[:1]:
+    for rod in np.flatnonzero(np.abs(rod_m - structure.rod_length_m) > most_off * structure.rod_length_m)[:1]:
         told_m = structure.rod_length_m[rod]
         raise InputError(f"{name}: expected rod {rod} to be {told_m:g} m long, got {rod_m[rod]:g} m")
 
