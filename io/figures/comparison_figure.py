@@ -32,9 +32,10 @@ def write_comparison_figure(rows: Sequence[ComparisonRow], published_mm: Mapping
     error.set(ylabel="node RMSE [mm]", title="error (3-D) of the free nodes")
     covered.set(ylabel="within [%]", ylim=(0, 100), title="nodes within their ellipsoid of 95 % (dashed: 95 %)")
     title = "size of these ellipsoids: root of the trace of a node's covariance"
-    sigma.set(ylabel="median sigma [mm]", yscale="log", title=title)
-    duration.set(ylabel="[ms per frame]", yscale="log", title="time from lengths to shapes with covariances")
+    sigma.set(ylabel="median sigma [mm]", title=title)
+    duration.set(ylabel="[ms per frame]", title="time from lengths to shapes with covariances")
     for axis in (sigma, duration):
+        _make_logarithmic(axis)
         axis.yaxis.set_major_formatter(ScalarFormatter())
     duration.set_xticks(np.arange(len(trials)), trials, parse_math=False)
     for axis in (error, covered, sigma, duration):
@@ -67,7 +68,9 @@ def write_spread_figure(rows: Sequence[ComparisonRow], published_mm: Mapping[str
     for axis, (label, scale, value) in zip(axes, panels, strict=True):
         values = [[value(row) for row in single if row.method == method] for method in methods]
         axis.boxplot([[v for v in some if np.isfinite(v)] for some in values], flierprops={"markersize": 3})
-        axis.set(ylabel=label, yscale=scale)
+        axis.set(ylabel=label)
+        if scale == "log":
+            _make_logarithmic(axis)
         add_grid(axis, along="y", which="both")
     _draw_published(axes[0], published_mm)
     axes[1].axhline(95, color=BLACK, ls="--", lw=0.8)
@@ -87,6 +90,12 @@ def _draw_points(axis: Axes, rows: Sequence[ComparisonRow], value: Callable[[Com
     for group in _groups(rows):
         values = [value(row) for row in group.rows]
         axis.plot(group.place, values, ls="", marker="o", color=group.color, label=group.method)
+
+
+def _make_logarithmic(axis: Axes) -> None:
+    """Make the vertical axis logarithmic, where there is anything on it: no method may have been run."""
+    if any(np.isfinite(line.get_ydata()).any() for line in axis.lines):
+        axis.set_yscale("log")
 
 
 def _draw_published(axis: Axes, published_mm: Mapping[str, float]) -> None:

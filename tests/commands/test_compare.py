@@ -2,6 +2,8 @@
 
 import csv
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +15,9 @@ from tensegraph.io.reports.comparison_tables import as_markdown, write_compariso
 from tensegraph.models.evaluation.comparison import FrameErrors, Measured
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.scoring.method_scores import comparison_rows
+from trial_edits import cut
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 
@@ -82,6 +86,15 @@ def test_a_file_in_a_folder_of_the_trial_that_has_changed_is_compared_anew(trial
     file = trial / "raw" / changed
     file.write_text("".join(file.read_text().splitlines(keepends=True)[:31]))
     assert written_ns() > first_ns
+
+
+def test_a_method_that_is_for_no_trial_leaves_a_table_of_the_rest_shape(tmp_path) -> None:
+    trial = tmp_path / "roll"
+    shutil.copytree(EXAMPLES / "roll_02", trial)
+    cut(trial, until_s=1.0)
+    result = run("compare", trial, "--method", "ukf", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "roll, UKF: not run: method 'ukf': expected one of batch, live" in result.stdout
 
 
 class TestComparison:
