@@ -122,6 +122,10 @@ class LagFree:
     def __init__(self, sensors: int) -> None:
         self._rate = SmoothedRate(sensors, SMOOTHING_S)
 
+    def restart(self, chosen: NDArray[np.bool_]) -> None:
+        """Start (sensors,) chosen ones anew: what they read before tells no rate."""
+        self._rate.restart(chosen)
+
     def step(self, change: NDArray[np.float64], step_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (sensors,) lag-free dR/R, and the correction that was added to the given dR/R."""
         rate = self._rate.step(change, step_s)

@@ -69,6 +69,8 @@ class _HeldChange:
     """(tendons,) rate of dR/R; zero after a gap."""
     fresh: NDArray[np.bool_]
     """(tendons,) True for a sensor whose loading history is unknown, because this is its first reading after a gap."""
+    returned: NDArray[np.bool_]
+    """(tendons,) True for a sensor that has a reading again, and had none in the frame before."""
     flags: NDArray[np.int64]
     """(tendons,) `Flag` bits."""
 
@@ -118,6 +120,7 @@ class FrontEnd:
         self._rest_shift = RestShift(self._taring.rest_strain)
         self._change = np.zeros(count)
         self._seen_s = np.full(count, -np.inf)
+        self._was_seen = np.zeros(count, dtype=np.bool_)
         self._warm_s = np.full(count, np.nan)
         self._warm_sigma = np.full(count, settings.warm_up_sigma)
         self._strain_spread = np.zeros(count)
@@ -133,6 +136,8 @@ class FrontEnd:
         frame = without_drift(frame.first(len(self._L0)), drift.common)
         change = self._taring.common_change(frame.t_s, frame.resistance_ohm / self._R0 - 1)  # eq. (8)
         held = self._hold_missing(frame, change)
+        self._lag_free.restart(held.returned)
+        self._extrapolation.restart(held.returned)
         lag_free, lag = self._lag_free.step(held.change, step_s)
         stretched = self._stretched(held, frame.t_s, step_s)  # f_3
         bent = self._bent(lag_free, lag)  # f_4
@@ -228,9 +233,10 @@ class FrontEnd:
         rate = np.where(follows, (change - self._change) / step_s, 0.0)
         self._change = change
         self._seen_s = np.where(seen, frame.t_s, self._seen_s)
+        returned, self._was_seen = seen & ~self._was_seen, seen
         flags = frame.flags | np.where(np.abs(rate) > self._model.ranges.rate_per_s, int(Flag.TOO_FAST), 0)
         in_range = (change <= self._model.ranges.change[1]) & self._bending.in_range(change)
-        return _HeldChange(change, rate, fresh, flags | np.where(in_range, 0, int(Flag.OUT_OF_RANGE)))
+        return _HeldChange(change, rate, fresh, returned, flags | np.where(in_range, 0, int(Flag.OUT_OF_RANGE)))
 
     def _rests(self, t_s: float) -> NDArray[np.bool_]:
         return self._taring.tared & self._taring.is_resting(t_s)

@@ -105,7 +105,7 @@ class ReferenceTendons:
         # one that starts late has had the drift that all have had until then
         self._base.add(np.where(starts, reading - self._found.common, np.nan))
         self._recent.add(np.where(seen & ~starts, reading, np.nan))
-        if np.isnan(self._updated_s) or (not (seen & ~starts).any() and np.isnan(self._recent.value).all()):
+        if np.isnan(self._updated_s) or not (frame.t_s - self._first_s >= BASE_S).any():
             self._updated_s = frame.t_s
             return self._found
         step_s = frame.t_s - self._updated_s

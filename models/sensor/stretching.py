@@ -124,6 +124,10 @@ class Extrapolation:
         self._excess = np.zeros(sensors)
         self._strain_rate = SmoothedRate(sensors, STRAIN_RATE_S)
 
+    def restart(self, chosen: NDArray[np.bool_]) -> None:
+        """Start (sensors,) chosen ones anew: what they read before tells no rate of strain."""
+        self._strain_rate.restart(chosen)
+
     def step(
         self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], strain: NDArray[np.float64], step_s: Floats
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:

@@ -115,6 +115,20 @@ class TestFrontEnd:
         assert back.sigma_m[1] > 1.1 * back.sigma_m[0]
         assert back.flags[0] == 0
 
+    @pytest.mark.parametrize("gap", [20, 105])
+    def test_what_moved_in_a_gap_is_no_rate(self, model: SensorModel, gap: int) -> None:
+        """A step of dR/R within one frame would lag by a tenth of dR/R, and be bent; this one took the whole gap."""
+        end = front_end(model)
+        for k in range(150):
+            taut = end.step(frame(k, 0.12))
+        for k in range(150, 150 + gap):
+            end.step(frame(k, np.nan))
+        back = end.step(frame(150 + gap, 0.05))
+        assert (back.mode == Mode.STRETCHING).all()
+        assert (back.length_m < taut.length_m).all()
+        for k in range(151 + gap, 156 + gap):
+            assert (np.abs(end.step(frame(k, 0.05)).length_m - back.length_m) < 2 * back.sigma_m).all()
+
     def test_readings_beyond_training_are_flagged_and_widened(self, model: SensorModel) -> None:
         end = front_end(model)
         for k in range(60):

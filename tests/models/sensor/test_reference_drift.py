@@ -105,3 +105,19 @@ def test_a_drift_that_begins_after_a_quarter_of_an_hour_is_found_as_soon_as_one_
         found = references.step(ResistanceFrame(t_s, resistance_ohm, np.ones(3), np.zeros(3, dtype=np.int64)))
         assert abs(found.common - drift) < 0.005
     assert found.common == pytest.approx(0.03, abs=min(0.001, 3 * found.common_sigma))
+
+
+def test_a_drift_goes_on_while_its_references_are_silent() -> None:
+    """For 20 s of a drift of 1e-3 /s nothing is read: it is predicted, less certain, and found again at once."""
+    references = ReferenceTendons(np.array([0, 1, 2]), DriftSettings())
+    rng = np.random.default_rng(3)
+    sigma = {}
+    for t_s in np.arange(0, 42, 0.02):
+        ohm = np.round(1500 * np.exp(1e-3 * max(t_s - 2.0, 0.0)) + rng.normal(0, 0.5, 3))
+        ohm = np.full(3, np.nan) if 20 < t_s < 40 else ohm
+        found = references.step(ResistanceFrame(t_s, ohm, np.ones(3), np.zeros(3, dtype=np.int64)))
+        sigma[round(t_s)] = found.common_sigma
+        if t_s > 10:
+            assert abs(found.common - 1e-3 * (t_s - 2.0)) < 4 * found.common_sigma
+    assert sigma[39] > 3 * sigma[20]
+    assert found.common == pytest.approx(0.04, abs=0.002)
