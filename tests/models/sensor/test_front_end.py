@@ -196,7 +196,10 @@ class TestFrontEnd:
         end = front_end(read_sensor_model())
         for k, y in enumerate(path):
             lengths = end.step(frame(k, y))
-            assert np.isfinite(lengths.length_m[0]) == np.isfinite(y)
+            is_left_out = np.isnan(y) or not lengths.usable[0]
+            assert np.isfinite(lengths.length_m[0]) == (not is_left_out)
+            assert not is_left_out or lengths.flags[0] & (Flag.MISSING | Flag.OUT_OF_RANGE)
+            assert is_left_out or 0 < lengths.length_m[0] < 20 * 0.17
             assert not np.isnan(lengths.sigma_m).any()
             assert (lengths.sigma_m > 0).all()
 
