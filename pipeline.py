@@ -28,7 +28,7 @@ from .models.pose.aid_use import AidUse
 from .models.pose.imu_gate import ImuGate
 from .models.pose.position_frames import OwnFrames
 from .models.pose.robot import FreeStandingRobot, HangingRobot
-from .models.sensor.frames import FrameAssembler
+from .models.sensor.frames import FrameAssembler, LengthPauses
 from .models.sensor.front_end import FrontEnd
 from .models.sensor.reference_drift import ReferenceTendons
 from .models.sensor.sensor_model import SensorModel
@@ -181,6 +181,7 @@ class Pipeline:
         wound = [tendon for motors in trial.motors for tendon in motors.tendons]
         references = np.setdiff1d(np.flatnonzero(trial.structure.joins_anchors & trial.structure.is_sensed), wound)
         self._frames = FrameAssembler(natural_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate)
+        self._pauses = LengthPauses(tendons, settings.frames)
         self.front_end = self._front_end(model, ReferenceTendons(np.concatenate([references, strips]), settings.drift))
 
     def _taut_cables(self, mechanics: Mechanics) -> TautCables:
@@ -298,12 +299,15 @@ class Pipeline:
                 self.aid_use.read(reading)
                 aid = self._passed(reading)
                 if aid is not None:
+                    yield from self._in_pause(aid.t_s, aids)
                     insort(aids, aid, key=lambda aid: aid.t_s)  # boards are not synchronous
                 continue
             if isinstance(reading, NaturalLengthReading):
                 self.winding.add(reading)
                 continue
             if isinstance(reading, TendonLengths):
+                yield from self._in_pause(reading.t_s, aids)
+                self._pauses.add(reading.t_s)
                 yield self._with_aids(self.winding.applied(self._with_sigma(reading)), aids)
                 continue
             resistance = self._resistance(reading)  # eq. (1), at its time on the host clock
@@ -311,6 +315,12 @@ class Pipeline:
                 yield self._with_aids(self._of_tendons(frame), aids)
         for frame in self._frames.finish():
             yield self._with_aids(self._of_tendons(frame), aids)
+
+    def _in_pause(self, t_s: float, aids: list[AidReading]) -> Iterator[TendonLengths]:
+        """Yield frames without lengths, where rows of lengths pause, and other sensors follow how a robot moves."""
+        if not self.rest.structure.is_held and self.trial.has_aids:
+            for lengths in self._pauses.until(t_s):
+                yield self._with_aids(self.winding.applied(lengths), aids)
 
     def _passed(self, reading: AidReading) -> AidReading | None:
         """Return a reading of another sensor as the estimators use it; None where it is left out."""

@@ -83,6 +83,11 @@ class TrialDescription:
         return self.robot.floor if isinstance(self.robot, FreeStandingRobot) else None
 
     @property
+    def has_aids(self) -> bool:
+        """Whether other sensors than those of tendons tell how the structure stands: inertial, ranges, positions."""
+        return bool(self.imus or self.beacon_position_m or self.own_frames or self.world_positions)
+
+    @property
     def board_of_tendon(self) -> NDArray[np.int64] | None:
         """(tendons,) number of the board that reads each sensor, -1 for none; None where no boards are told."""
         if not self.tendons_of_board:

@@ -17,7 +17,7 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
-from ..values.readings import Flag, ResistanceFrame, ResistanceReading
+from ..values.readings import Flag, Mode, ResistanceFrame, ResistanceReading, TendonLengths
 from ..values.tables import Positive
 from .gate import GateSettings, ReadingGate
 
@@ -210,3 +210,37 @@ class FrameAssembler:
                 frame.flags[source.tendon] = mean.flags
         self._next += 1
         return frame
+
+
+class LengthPauses:
+    """Makes frames without lengths where rows of lengths pause and other sensors go on, as a silent board's are.
+
+    What other sensors read in a pause is used at its time. All at once, after a pause in which a robot tipped, they
+    would be linearised at a shape that is turned by radians.
+    """
+
+    def __init__(self, tendons: int, frames: FrameSettings) -> None:
+        self._tendons = tendons
+        self._step_s = 1 / frames.rate_hz
+        self._max_gap_s = frames.max_gap_s
+        self._longest_s = min(LONGEST_SILENCE_S, MOST_SILENT_FRAMES / frames.rate_hz)
+        self._row_s = np.nan
+        self._frame_s = np.nan
+
+    def add(self, row_s: float) -> None:
+        """Take note of a row of lengths."""
+        self._row_s = self._frame_s = row_s
+
+    def until(self, t_s: float) -> Iterator[TendonLengths]:
+        """Yield the frames of a pause before a time at which something is read; none in one that is bridged."""
+        if not self._max_gap_s < t_s - self._row_s <= self._longest_s:
+            return
+        while self._frame_s + 1.5 * self._step_s <= t_s:
+            self._frame_s += self._step_s
+            yield TendonLengths(
+                t_s=self._frame_s,
+                length_m=np.full(self._tendons, np.nan),
+                sigma_m=np.full(self._tendons, np.inf),
+                mode=np.full(self._tendons, int(Mode.STRETCHING)),
+                flags=np.full(self._tendons, int(Flag.MISSING)),
+            )
