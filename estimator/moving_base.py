@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..factors.imu import ImuArray
 from ..models.pose.imu_gate import ATTITUDE_HOLDS_S
-from ..models.pose.imu_samples import ImuPreintegration
+from ..models.pose.imu_samples import ImuPreintegration, ImuSamples
 from ..models.structure.floor import UP
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.shape import Reason, Shape
@@ -53,9 +53,9 @@ class MovingBase:
             return shape
         started_anew = set() if self._has_turned else self._start_anew(readings, shape)
         for reading in readings:
-            if reading.imu in started_anew:
-                continue
             step_s = reading.t_s - self._latest_s[reading.imu]
+            if reading.imu in started_anew or np.isnan(step_s):
+                continue
             rate = reading.rate_rad_per_s - self._bias[reading.imu]
             self._turn[reading.imu] = self._turn[reading.imu] @ rotation(rate * step_s)
             self._latest_s[reading.imu] = reading.t_s
@@ -70,16 +70,14 @@ class MovingBase:
         return replace(shape, covariance_m2=covariance).in_doubt(Reason.BASE)
 
     def _start_anew(self, readings: list[ImuReading], shape: Shape) -> set[int]:
-        """Take the attitude of sensors that were silent from a shape, and return their numbers.
+        """Take the attitude of sensors that were silent, or were not read yet, from a shape; return their numbers.
 
         How they turned meanwhile is not known.
         """
         assert self._turn is not None
-        silent = {one.imu for one in readings if one.t_s - self._latest_s[one.imu] >= ATTITUDE_HOLDS_S}
+        silent = {one.imu for one in readings if not one.t_s - self._latest_s[one.imu] < ATTITUDE_HOLDS_S}
         if silent:
-            samples = ImuPreintegration(self._imus.count).mean(shape.t_s, readings)
-            force = np.where(samples.count[:, None] > 0, samples.specific_force_m_per_s2, UP)
-            attitude = self._imus.attitude_at_rest(self._imus.rod_direction(shape.node_position_m), force)
+            attitude = self._attitude(ImuPreintegration(self._imus.count).mean(shape.t_s, readings), shape)
             for reading in readings:
                 if reading.imu in silent:
                     self._turn[reading.imu] = attitude[reading.imu]
@@ -87,18 +85,23 @@ class MovingBase:
         return silent
 
     def _start(self, shape: Shape) -> None:
-        """Find biases and attitudes at the end of the rest, if every sensor was read."""
-        samples = ImuPreintegration(self._imus.count).mean(shape.t_s, self._at_rest)
-        if shape.t_s < self._rest_seconds or not samples.count.all():
+        """Find biases and attitudes at the end of the rest; a sensor that was not read then starts when it is."""
+        if np.isnan(self._start_s):
+            self._start_s = shape.t_s
+        if shape.t_s - self._start_s < self._rest_seconds:
             return
         self._start_s = shape.t_s
+        samples = ImuPreintegration(self._imus.count).mean(shape.t_s, self._at_rest)
         self._bias = samples.rate_rad_per_s
-        self._turn = self._imus.attitude_at_rest(
-            self._imus.rod_direction(shape.node_position_m), samples.specific_force_m_per_s2
-        )
+        self._turn = self._attitude(samples, shape)
         for reading in self._at_rest:
             self._latest_s[reading.imu] = reading.t_s
         self._at_rest = []
+
+    def _attitude(self, samples: ImuSamples, shape: Shape) -> NDArray[np.float64]:
+        """Return (imus, 3, 3) how the sensors that were read are turned, from their specific force and a shape."""
+        force = np.where(samples.count[:, None] > 0, samples.specific_force_m_per_s2, UP)
+        return self._imus.attitude_at_rest(self._imus.rod_direction(shape.node_position_m), force)
 
     def _angle(self, turn: NDArray[np.float64], shape: Shape) -> NDArray[np.float64]:
         """Return (imus,) the angles between the directions of the rods by the sensors and in a shape."""

@@ -85,3 +85,19 @@ class TestSilence:
         assert watch(self.start_s + 2.0, np.nan).doubt is Reason.BASE
         assert watch(self.start_s + 4.0, 0.0).doubt is Reason.BASE
         assert watch(self.start_s + 4.02, 0.0, Status.NOT_CONVERGED).status is Status.NOT_CONVERGED
+
+    def test_one_of_two_that_is_silent_does_not_hide_the_other(self, told_anchored) -> None:
+        """The clock of the trial may start anywhere; the silent one was to be on another rod."""
+        description = told_anchored[0].description
+        rest = rest_shape_of(description, Settings().rest)
+        other = replace(description.imus[0], rod=(description.imus[0].rod + 1) % 6)
+        base = MovingBase(rest, [description.imus[0], other], description.rest_seconds)
+        at_rest = next(iter(reconstruct(told_anchored[0], "live")))
+        samples = [one for one in told_anchored[0].readings() if isinstance(one, ImuReading) and one.t_s < 1.0]
+        gravity = np.mean([one.specific_force_m_per_s2 for one in samples], axis=0)
+        for t_s in np.arange(0, description.rest_seconds + 1.5, 0.02):
+            turning = t_s > description.rest_seconds + 0.2
+            reading = ImuReading(0, 1e9 + t_s, np.array([0.0, 0.5, 0.5]) * turning, gravity)
+            shape = replace(at_rest, t_s=1e9 + t_s, doubt=None, node_position_m=rest.node_position_m)
+            shape = base.observe(replace(shape, lengths=replace(shape.lengths, aids=(reading,))))
+        assert shape.doubt is Reason.BASE
