@@ -1,10 +1,12 @@
 """A free-standing structure: ten seconds in which a robot with one inertial sensor is tipped onto other faces."""
 
 import shutil
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 
 from tensegraph import InputError, open_trial, reconstruct
 from tensegraph.models.evaluation.estimate import Estimate
@@ -70,6 +72,20 @@ def without(folder: Path, *tables: str, until_s: float = np.inf) -> Path:
     kept = [part for part in parts if not part.lstrip("[").startswith(tables)]
     (folder / "trial.toml").write_text("\n[".join(kept))
     return folder
+
+
+@pytest.mark.parametrize("method", ["live", "batch"])
+def test_without_a_floor_gravity_has_no_direction(method, tmp_path) -> None:
+    """A rest shape that is told upside down gives the same shapes upside down."""
+    upright = without(tmp_path / "upright", "ground", "imu", until_s=3.0)
+    turned = tmp_path / "turned"
+    shutil.copytree(upright, turned)
+    told = tomllib.loads((turned / "trial.toml").read_text())
+    over = np.array([1.0, -1.0, -1.0])
+    told["rest"]["node_position_m"] = (over * np.array(told["rest"]["node_position_m"])).tolist()
+    (turned / "trial.toml").write_text(tomli_w.dumps(told))
+    one, other = (reconstruct(trial, method).node_position_m for trial in (upright, turned))
+    np.testing.assert_allclose(other, over * one, atol=1e-5)
 
 
 def test_without_a_floor_the_shape_is_described_in_body_coordinates(tmp_path) -> None:
