@@ -274,9 +274,7 @@ class BatchOptimizer:
             [self._assessed_frames(trial, position_m, around[part]) for part in parts(len(around), STACKED)]
         )
         if assessment.loads is not None and frames_per_push:
-            averaged_n = gaussian_filter1d(
-                assessment.loads.force_n, frames_per_push, axis=0, mode="nearest", truncate=FILTER_REACH
-            )
+            averaged_n = averaged_forces(assessment.loads.force_n, trial.t_s[around], frames_per_push)
             assessment = replace(assessment, loads=replace(assessment.loads, force_n=averaged_n))
         first = window.start - int(around[0])
         return assessment[first : first + window.stop - window.start]
@@ -305,6 +303,18 @@ class BatchOptimizer:
         position_m = assessment.node_position_m[searched - window.start]
         found = second_shapes(self._builder.structure, self._settings.branch, factors, position_m)
         return dict(zip(searched.tolist(), found, strict=True))
+
+
+def averaged_forces(
+    force_n: NDArray[np.float64], t_s: NDArray[np.float64], frames_per_push: float
+) -> NDArray[np.float64]:
+    """Return (frames, nodes, 3) forces averaged over the time in which a push builds up, not across gaps."""
+    stretches = np.split(force_n, np.flatnonzero(np.diff(t_s) > PUSH_S) + 1)
+    averaged = [
+        gaussian_filter1d(stretch, frames_per_push, axis=0, mode="nearest", truncate=FILTER_REACH)
+        for stretch in stretches
+    ]
+    return np.concatenate(averaged)
 
 
 def _learning(settings: Settings) -> Settings:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from tensegraph import Settings
-from tensegraph.estimator.batch import BatchOptimizer
+from tensegraph.estimator.batch import BatchOptimizer, averaged_forces
 
 
 def test_batch_takes_lengths_without_their_lag(structure, rest, lengths_of) -> None:
@@ -21,3 +21,10 @@ def test_batch_takes_lengths_without_their_lag(structure, rest, lengths_of) -> N
 
 def test_no_frames_give_no_shapes(structure, balanced) -> None:
     assert list(BatchOptimizer(structure, balanced, Settings()).estimate([])) == []
+
+
+def test_loads_are_averaged_up_to_a_gap_and_not_across_it() -> None:
+    """No load before a gap of a second, 3 N after it."""
+    t_s = np.concatenate([np.arange(0, 1, 0.02), np.arange(2, 3, 0.02)])
+    force_n = np.repeat([0.0, 3.0], 50)[:, None, None] * np.ones((1, 2, 3))
+    np.testing.assert_allclose(averaged_forces(force_n, t_s, 6.0), force_n, atol=1e-12)
