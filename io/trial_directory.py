@@ -215,6 +215,7 @@ class Trial:
             t_s=positions.t_s,
             node_position_m=positions.node_position_m,
             rest_seconds=self.description.rest_seconds,
+            start_s=next((arrival_s(reading) for reading in self.readings()), None),
             faults=self.faults(),
             loads=loads,
             contacts=self.true_contacts(),

@@ -92,4 +92,11 @@ def truth_of_trial(trial: Trial, path: Path | None, estimate: Estimate, offset_s
         )
         return replace(trial.truth_of(positions, trial.true_loads()), capture=capture)
     positions = StampedPositions(recorded.t_s + (offset_s or 0.0), recorded.node_position_m)
-    return trial.truth_of(positions, trial.true_loads())
+    truth = trial.truth_of(positions, trial.true_loads())
+    if path is not None or not offset_s:
+        return truth
+    return replace(
+        truth,
+        loads=truth.loads.shifted(offset_s) if truth.loads else None,
+        contacts=truth.contacts.shifted(offset_s) if truth.contacts else None,
+    )

@@ -51,7 +51,7 @@ def write_followed_figure(
     t_s: NDArray[np.float64],
     estimated_m: NDArray[np.float64],
     true_m: NDArray[np.float64],
-    contacts: tuple[NDArray[np.float64], NDArray[np.bool_]] | None,
+    contacts: tuple[NDArray[np.float64], NDArray[np.float64]] | None,
     title: str,
     path: Path,
 ) -> None:
@@ -70,7 +70,7 @@ def write_followed_figure(
     track.plot(*(1e3 * estimated_m.mean(axis=1)[:, :2]).T, color=BLUE, lw=1.2)
     if contacts is not None:
         _draw_bars(bars, t_s, contacts[0], 0.05, 0.4, BLUE)
-        _draw_bars(bars, t_s, contacts[1].astype(np.float64), 0.45, 0.4, BLACK)
+        _draw_bars(bars, t_s, np.nan_to_num(contacts[1]), 0.45, 0.4, BLACK)
     figure.suptitle(f"{title}: track of the centroid from above, and nodes on the floor")
     handles = [Line2D([], [], color=BLUE, lw=3, label="estimated"), Line2D([], [], color=BLACK, lw=3, label="true")]
     add_legend_below(figure, handles, 2)

@@ -75,6 +75,8 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
         ("worst node", f"{e.worst_node}: RMSE {worst_mm:.2f} mm"),
         ("first good shape (5 mm)", "none" if e.first_good_s is None else f"after {e.first_good_s:.2f} s"),
     ]
+    if e.in_body:
+        rows.append(("truth laid onto each frame", "the shape is in body coordinates; errors are of the shape alone"))
     if e.rotation_deg is not None:
         rows.append(("truth aligned", f"turned by {e.rotation_deg:.2f} degrees"))
     rows += _anchor_facts(e.anchors_apart_m, e.structure)

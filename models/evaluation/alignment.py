@@ -4,6 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ..values.rotations import best_rotation
+
 MAX_HOLE = 3.0
 """Longest time step of the truth, in units of its median time step, within which it is interpolated."""
 
@@ -43,3 +45,19 @@ def rigid_alignment(points_m: NDArray[np.float64], onto_m: NDArray[np.float64]) 
     onto_m = onto_m[known]
     rotation, _ = Rotation.align_vectors(onto_m - onto_m.mean(axis=0), points_m - points_m.mean(axis=0))
     return rotation, onto_m.mean(axis=0) - rotation.apply(points_m.mean(axis=0))
+
+
+def laid_on_each_frame(points_m: NDArray[np.float64], onto_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (frames, points, 3) points, those of each frame by the rigid motion that brings them nearest to others.
+
+    Args:
+        points_m: (frames, points, 3) the points; a frame with a nan is nan then.
+        onto_m: (frames, points, 3) the others.
+    """
+    laid_m = np.full_like(points_m, np.nan)
+    known = np.isfinite(points_m).all(axis=(1, 2))
+    x, y = points_m[known], onto_m[known]
+    x_middle, y_middle = x.mean(axis=1, keepdims=True), y.mean(axis=1, keepdims=True)
+    turn = best_rotation(x - x_middle, y - y_middle)
+    laid_m[known] = (x - x_middle) @ np.swapaxes(turn, 1, 2) + y_middle
+    return laid_m

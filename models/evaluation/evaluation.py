@@ -191,8 +191,8 @@ class ComparedFrames:
     """(frames, free nodes, 3); None when loads were not estimated, or true loads are not known."""
     true_load_n: NDArray[np.float64] | None
     """(frames, free nodes, 3) observable part of the true loads; None when they are not known."""
-    contacts: tuple[NDArray[np.float64], NDArray[np.bool_]] | None = None
-    """(frames, nodes) estimated probabilities and true contacts; None where they are not known."""
+    contacts: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+    """(frames, nodes) estimated probabilities, and true contacts as `TrueContacts.at` tells them; None without them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -231,7 +231,9 @@ class Evaluation:
     false_alarm_share: float
     """Share of the readings (frame, tendon) without a fault that were flagged as faulty or left out."""
     pose: PoseScore | None
-    """None for a structure with three anchors or more."""
+    """None for a structure with three anchors or more, or in body coordinates."""
+    in_body: bool
+    """Whether the shape is described in body coordinates, so that the truth was laid onto each frame."""
     capture: CaptureFit | None
     """How motion capture was laid onto the estimate; None for a truth on the host's clock."""
     structure: Structure

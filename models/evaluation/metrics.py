@@ -1,5 +1,7 @@
 """Errors of an estimate against the truth. An estimator must not import this module, because it must not use truth."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +13,7 @@ from ..structure.shape import node_sigma_m
 from ..structure.structure import Structure
 from ..values.errors import InputError
 from ..values.readings import Flag, Mode
-from .alignment import interpolated, rigid_alignment
+from .alignment import interpolated, laid_on_each_frame, rigid_alignment
 from .consistency import consistency, coverage, normalised_error_squared
 from .estimate import Estimate
 from .evaluation import ComparedFrames, Errors, Evaluation, Regime, ShapeErrors
@@ -40,7 +42,9 @@ def evaluate(
         structure: the structure whose shape was estimated.
         rest_position_m: (nodes, 3) the rest shape from which the estimate started.
         estimate: shapes in the coordinate frame of the anchors.
-        truth: true shapes in the same coordinate frame, unless they are to be aligned.
+        truth: true shapes in the same coordinate frame, unless they are to be aligned. Where the shape is described in
+            body coordinates, because nothing tells where it is, the truth is laid onto each frame by its best rigid
+            motion, and all errors are of the shape alone.
         align: whether to rotate and translate the truth by one rigid motion, the best fit over all frames and free
             nodes. True loads are not rotated.
         load_threshold_n: load above which a node counts as loaded.
@@ -49,6 +53,9 @@ def evaluate(
         InputError: when the truth covers no frame of the estimate, or is in another unit.
     """
     true_m = _true_positions(structure, estimate.t_s, truth.t_s, truth.node_position_m)
+    in_body = structure.is_free_standing and estimate.contacts is None
+    if in_body:  # in which nobody knows the directions of true loads
+        true_m, truth = laid_on_each_frame(true_m, estimate.node_position_m), replace(truth, loads=None)
     free = structure.free_nodes
     known = np.asarray(np.isfinite(true_m[:, free]).all(axis=-1).any(axis=-1))
     rotation_deg = None
@@ -58,10 +65,11 @@ def evaluate(
         )
         true_m = true_m @ rotation.as_matrix().T + shift_m
         rotation_deg = float(np.rad2deg(rotation.magnitude()))
-    rest = (estimate.t_s <= estimate.t_s[0] + truth.rest_seconds) & (truth.rest_seconds > 0)
+    start_s = estimate.t_s[0] if truth.start_s is None else truth.start_s
+    rest = (estimate.t_s <= start_s + truth.rest_seconds) & (truth.rest_seconds > 0)
     rest_error_m = rest_position_m - mean_over_frames(true_m[rest])
     compared = compare_frames(structure, estimate, true_m, known, truth)
-    pose = None if structure.is_held else score_pose(compared, rest_position_m)
+    pose = None if structure.is_held or in_body else score_pose(compared, rest_position_m)
     node_rmse_m = np.sqrt(mean_over_frames((compared.node_error_m**2).sum(axis=-1)))
     node_height_rmse_m = np.sqrt(mean_over_frames(compared.node_error_m[..., 2] ** 2))
     good = np.flatnonzero(compared.frame_error_m <= GOOD_M)
@@ -82,9 +90,10 @@ def evaluate(
         loads=score_loads(compared, load_threshold_n),
         first_good_s=float(compared.t_s[good[0]] - compared.t_s[0]) if len(good) else None,
         wrong_branch_frames=int(compared.wrong_branch.sum()) if structure.is_square else None,
-        faults=tuple(score_fault(fault, estimate) for fault in truth.faults),
+        faults=tuple(score_fault(fault, estimate) for fault in truth.faults if fault.during(estimate.t_s).any()),
         false_alarm_share=false_alarm_share(truth.faults, estimate),
         pose=pose,
+        in_body=in_body,
         capture=truth.capture,
         structure=structure,
         compared=compared,
@@ -183,7 +192,9 @@ def regimes(compared: ComparedFrames, slack: NDArray[np.bool_], load_threshold_n
     masks = {"slack": slack}
     if compared.true_load_n is not None:
         loaded = (np.linalg.norm(compared.true_load_n, axis=-1) > load_threshold_n).any(axis=1)
-        masks = {"quiet": ~loaded, "loaded": loaded} | masks
+        known = np.asarray(np.isfinite(compared.true_load_n).all(axis=-1))
+        quiet = ~loaded & known[:, known.any(axis=0)].all(axis=1)  # of nodes whose loads are measured at all
+        masks = {"quiet": quiet, "loaded": loaded} | masks
     return tuple(
         Regime(
             name=name,

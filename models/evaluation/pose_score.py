@@ -33,8 +33,10 @@ def score_pose(compared: ComparedFrames, rest_position_m: NDArray[np.float64]) -
     still = _still(compared.t_s[known], truth)
     contacts = None
     if compared.contacts is not None:
-        told, true = compared.contacts
-        contacts = _score_contacts(told[known] > 0.5, true[known], still)
+        told, true = (values[known] for values in compared.contacts)
+        compared_too = np.isfinite(true).all(axis=1)
+        if compared_too.any():
+            contacts = _score_contacts(told[compared_too] > 0.5, true[compared_too] > 0.5, still[compared_too])
     x, truth = _centred(x), _centred(truth)
     rest = np.broadcast_to(rest_position_m - rest_position_m.mean(axis=0), x.shape)
     return PoseScore(

@@ -1,6 +1,6 @@
 """The truth with which an estimate is compared: positions, loads and faults. No estimator may use it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,10 @@ class TrueLoads:
     force_n: NDArray[np.float64]
     """(times, nodes, 3) in the anchors' frame; nan where it was not measured."""
 
+    def shifted(self, offset_s: float) -> "TrueLoads":
+        """Return the same loads, later by a time."""
+        return replace(self, t_s=self.t_s + offset_s)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueContacts:
@@ -48,11 +52,18 @@ class TrueContacts:
     standing: NDArray[np.bool_]
     """(times, nodes)"""
 
-    def at(self, t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return (frames, nodes) the contacts at the nearest known times."""
+    def at(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (frames, nodes) 1 for a contact at the nearest known time, 0 for none; nan outside of these times."""
         after = np.clip(np.searchsorted(self.t_s, t_s), 1, len(self.t_s) - 1)
-        nearest = np.where(t_s - self.t_s[after - 1] < self.t_s[after] - t_s, after - 1, after)
-        return np.asarray(self.standing[nearest])
+        before_s, after_s = t_s - self.t_s[after - 1], self.t_s[after] - t_s
+        nearest = np.where(before_s < after_s, after - 1, after)
+        longest_s = self.t_s[after] - self.t_s[after - 1]
+        known = np.minimum(np.abs(before_s), np.abs(after_s)) <= longest_s
+        return np.where(known[:, None], self.standing[nearest], np.nan)
+
+    def shifted(self, offset_s: float) -> "TrueContacts":
+        """Return the same contacts, later by a time."""
+        return replace(self, t_s=self.t_s + offset_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +105,9 @@ class Truth:
     node_position_m: NDArray[np.float64]
     """(times, nodes, 3); nan where a node was not measured."""
     rest_seconds: float = 0.0
-    """How long the structure stood at its rest shape, from the first frame of the estimate on."""
+    """How long the structure stood at its rest shape, from the start of the trial on."""
+    start_s: float | None = None
+    """When the trial starts, on the host clock; with the first frame of the estimate if None."""
     faults: tuple[Fault, ...] = ()
     loads: TrueLoads | None = None
     contacts: TrueContacts | None = None

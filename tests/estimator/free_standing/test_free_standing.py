@@ -9,6 +9,7 @@ import pytest
 import tomli_w
 
 from tensegraph import InputError, open_trial, reconstruct
+from tensegraph import evaluate as tg_evaluate
 from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.structure.shape import Reason
@@ -90,10 +91,15 @@ def test_without_a_floor_gravity_has_no_direction(method, tmp_path) -> None:
 
 def test_without_a_floor_the_shape_is_described_in_body_coordinates(tmp_path) -> None:
     """Held in a hand: the frame is that of the rest shape, and the covariance is that of the shape alone."""
-    body = reconstruct(without(tmp_path / "hand", "ground", "imu", until_s=5.0), "live")
+    trial = open_trial(without(tmp_path / "hand", "ground", "imu", until_s=5.0))
+    body = reconstruct(trial, "live")
     assert body.contacts is None
     assert np.abs(body.centroid_m - body.centroid_m[0]).max() < 0.005
     assert np.median(body.node_sigma_m) < 0.004
+    score = tg_evaluate(body, trial)  # of the shape alone: the robot has tipped, and nothing tells it
+    assert score.in_body
+    assert score.absolute.nodes.rmse_m < 0.003
+    assert score.pose is None
 
 
 @pytest.mark.parametrize("until_s", [5.5, pytest.param(9.0, marks=pytest.mark.long)], ids=["one tip", "two tips"])

@@ -9,7 +9,7 @@ from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
 from tensegraph import Flag, InputError, Reconstruction, Settings, Structure
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.models.evaluation.metrics import branch, evaluate, node_rmse_m, slack_frames
-from tensegraph.models.evaluation.truth import TrueLoads, Truth
+from tensegraph.models.evaluation.truth import Fault, TrueContacts, TrueLoads, Truth
 from tensegraph.models.values.readings import Mode
 
 
@@ -115,6 +115,26 @@ class TestFrames:
         assert c.nees[0] == np.inf
 
 
+def test_a_part_without_the_rest_has_no_displacements_and_no_faults_of_before() -> None:
+    """The trial starts 1 s before the estimate, and rests for half a second."""
+    estimate = estimate_of(four_nodes(), moved([[3, 0, 0]] * 5))
+    faults = tuple(Fault("stuck", "tendon 3", np.array([3]), *span) for span in ((-0.9, -0.5), (-0.9, 0.04)))
+    whole, part = (
+        evaluate(four_nodes(), TRUE_M, estimate, truth_of(5, rest_seconds=0.5, start_s=start_s, faults=faults))
+        for start_s in (0.0, -1.0)
+    )
+    assert whole.displacement is not None
+    assert part.displacement is None
+    assert part.absolute == whole.absolute
+    assert [fault.from_s for fault in part.faults] == [-0.9]
+
+
+def test_contacts_are_known_between_their_times_alone() -> None:
+    contacts = TrueContacts(np.array([1.0, 1.1, 1.2]), np.array([[True], [False], [True]]))
+    np.testing.assert_array_equal(contacts.at(np.array([0.5, 1.0, 1.09, 1.29, 2.0]))[:, 0], [np.nan, 1, 0, 1, np.nan])
+    np.testing.assert_array_equal(contacts.shifted(5.0).at(np.array([6.0]))[:, 0], [1])
+
+
 def replace_tendons(structure: Structure, tendons) -> Structure:
     return Structure(
         structure.rods, np.array(tendons), np.array(0.12), np.array(0.1), structure.anchors, TRUE_M[:3].copy()
@@ -137,6 +157,14 @@ class TestRegimes:
         assert (quiet.coverage_95, loaded.coverage_95) == (0, 1)
         assert (quiet.node_rmse_m, slack.node_rmse_m) == pytest.approx((0.003, 0.002))
         assert loaded.node_rmse_m == pytest.approx(np.sqrt(2.5) / 1e3)
+
+    def test_frames_without_known_loads_are_not_quiet(self) -> None:
+        """Loads are known in the first frame alone; those of the node on the anchors never are."""
+        true_n = np.full((3, 4, 3), np.nan)
+        true_n[0, 3] = 0.0
+        truth = truth_of(3, loads=TrueLoads(np.arange(3) / 50, true_n))
+        regimes = evaluate(four_nodes(), TRUE_M, estimate_of(four_nodes(), moved([[3, 0, 0]] * 3)), truth).regimes
+        assert {regime.name: regime.frames for regime in regimes} == {"quiet": 1, "loaded": 0, "slack": 0}
 
     def test_without_known_loads_only_slack(self, result) -> None:
         (slack,) = result.regimes
