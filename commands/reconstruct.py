@@ -397,7 +397,7 @@ def slip_line(slides: Sequence[Slip]) -> str:
 def flagged_sensors(r: Reconstruction) -> list[str]:
     """Return one line for each group of sensors with the same flags: tendons, flags, first times, frames left out."""
     tendons: dict[str, list[str]] = {}
-    for e in np.flatnonzero((r.flags & SENSOR_FLAGS).any(axis=0)):
+    for e in np.flatnonzero((r.flags & SENSOR_FLAGS).any(axis=0) & r.structure.is_sensed):
         seen = {flag: np.flatnonzero(r.flags[:, e] & flag) for flag in SENSOR_FLAGS}
         parts = [
             f"{flag.names()} from {r.t_s[frames[0]]:.2f} s"

@@ -165,6 +165,7 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
         mode=mode.astype(np.int64),
         flags=flags.astype(np.int64),
         innovation_sigma_m=innovation_sigma_m,
+        is_sensed=structure.is_sensed,
         loads=_read_loads(directory / LOADS_FILE, structure, t_s),
         contacts=_read_contacts(directory / CONTACTS_FILE, structure, t_s),
     )

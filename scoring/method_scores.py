@@ -172,6 +172,7 @@ def rest_shape_estimate(pipeline: Pipeline, frames: Sequence[TendonLengths]) -> 
         mode=np.array([frame.mode for frame in frames]),
         flags=np.array([frame.flags for frame in frames]),
         innovation_sigma_m=np.full(sigma_m.shape, np.nan),
+        is_sensed=pipeline.rest.structure.is_sensed,
     )
 
 

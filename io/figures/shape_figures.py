@@ -152,7 +152,7 @@ def _piece_starts(frames: int) -> NDArray[np.int64]:
 def write_drift_figure(
     r: Reconstruction, drift: NDArray[np.float64], sigma: NDArray[np.float64], title: str, path: Path
 ) -> None:
-    """Draw the drift of each sensor over time, with its 95 % band; reference tendons are red.
+    """Draw the drift of each sensor over time, with its 95 % band; those of tendons between anchors are red.
 
     Args:
         r: all frames.
@@ -163,8 +163,8 @@ def write_drift_figure(
     """
     figure = Figure(figsize=(8, 4.5))
     axis = figure.subplots(gridspec_kw=within_margins(figure, left=0.75, right=0.15, bottom=0.85, top=0.4))
-    for e in range(drift.shape[1]):
-        color = BLUE if r.structure.is_free_tendon[e] else RED
+    for e in r.structure.sensed_tendons:
+        color = RED if r.structure.joins_anchors[e] else BLUE
         percent = 100 * drift[:, e]
         half = 100 * BAND * sigma[:, e]
         axis.fill_between(r.t_s, percent - half, percent + half, color=color, alpha=0.03, lw=0)
@@ -173,7 +173,7 @@ def write_drift_figure(
     axis.set_ylabel("drift of resistance [%]")
     axis.set_title(f"{title}: drift of the sensors, with 95 % bands")
     handles = [Line2D([], [], color=BLUE, label="sensor")]
-    if not r.structure.is_free_tendon.all():
+    if (r.structure.joins_anchors & r.structure.is_sensed).any():
         handles.append(Line2D([], [], color=RED, label="sensor of a tendon between anchors, the reference"))
     add_legend_below(figure, handles, 2)
     add_grid(axis)

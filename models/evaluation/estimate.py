@@ -29,6 +29,8 @@ class Estimate:
     """(frames, tendons) `Flag` bits."""
     innovation_sigma_m: NDArray[np.float64]
     """(frames, tendons) sigma of measured minus predicted length; nan for a method without covariance."""
+    is_sensed: NDArray[np.bool_]
+    """(tendons,) True for tendons with a sensor."""
     loads: ExternalLoads | None = None
     """Estimated loads in all frames; None for a method without loads."""
     contacts: NDArray[np.float64] | None = None
@@ -46,6 +48,7 @@ class Estimate:
             mode=reconstruction.mode,
             flags=reconstruction.flags,
             innovation_sigma_m=reconstruction.innovation_sigma_m,
+            is_sensed=reconstruction.structure.is_sensed,
             loads=reconstruction.loads,
             contacts=reconstruction.contacts,
         )

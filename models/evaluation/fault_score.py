@@ -12,8 +12,9 @@ from .truth import Fault
 
 
 def named_as_fault(estimate: Estimate) -> NDArray[np.bool_]:
-    """Return (frames, tendons) where a flag describes a fault of the sensor, or the length was left out."""
-    return np.asarray(((estimate.flags & ~int(MOMENTARY)) != 0) | ~np.isfinite(estimate.sigma_m))
+    """Return (frames, tendons) where a flag describes a fault of a sensor, or its length was left out."""
+    named = ((estimate.flags & ~int(MOMENTARY)) != 0) | ~np.isfinite(estimate.sigma_m)
+    return np.asarray(named & estimate.is_sensed)
 
 
 def score_fault(fault: Fault, estimate: Estimate) -> FaultScore:
@@ -36,7 +37,7 @@ def score_fault(fault: Fault, estimate: Estimate) -> FaultScore:
 
 def false_alarm_share(faults: Iterable[Fault], estimate: Estimate) -> float:
     """Return the share of the readings without a fault that are flagged as faulty or left out."""
-    healthy = np.ones(estimate.flags.shape, dtype=np.bool_)
+    healthy = np.broadcast_to(estimate.is_sensed, estimate.flags.shape).copy()
     for fault in faults:
         healthy[np.ix_(fault.during(estimate.t_s), fault.tendons)] = False
     return float(np.mean(named_as_fault(estimate)[healthy])) if healthy.any() else np.nan

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from command_line import run
-from tensegraph.commands.reconstruct import load_rows, rest_balance, slip_line
+from tensegraph.commands.reconstruct import flagged_sensors, load_rows, rest_balance, slip_line
 from tensegraph.models.structure.mechanics import Mechanics
+from tensegraph.models.values.readings import Flag
 from tensegraph.models.values.slip import Slip
 
 
@@ -210,3 +211,11 @@ def test_a_span_is_a_part_of_the_whole(trial_copy) -> None:
     none = run(*words, "none", "--from", 7, cwd=path.parent)
     assert (none.returncode, none.stderr.count("\n")) == (2, 1)
     assert "--from and --to: expected a span within 0.00 to 1.2" in none.stderr
+
+
+def test_a_tendon_without_a_sensor_is_not_flagged(loaded) -> None:
+    shapes = replace(loaded, structure=replace(loaded.structure, unsensed=[5, 11]))
+    shapes.flags[:, [5, 11]] = int(Flag.MISSING)
+    assert flagged_sensors(shapes) == []
+    shapes.flags[50:, 7] = int(Flag.MISSING)
+    assert flagged_sensors(shapes) == ["tendon 7: left out of 50 frames from 1.00 s"]

@@ -30,6 +30,7 @@ def estimate_of(structure, position_m, variance_m2=(1e-6, 4e-6, 4e-6), t_s=None,
         mode=np.full((count, tendons), int(Mode.STRETCHING)),
         flags=np.zeros((count, tendons), dtype=np.int64) if flags is None else flags,
         innovation_sigma_m=0.5 * sigma_m,
+        is_sensed=structure.is_sensed,
     )
 
 

@@ -10,6 +10,7 @@ from tensegraph.io.figures.shape_figures import (
     draw_length,
     mean_of_pieces,
     nodes_of_interest,
+    write_drift_figure,
     write_lengths_figure,
     write_shape_figure,
 )
@@ -90,3 +91,20 @@ def test_the_track_of_one_frame_is_drawn(loaded, tmp_path) -> None:
     first = replace(loaded[0.0:0.01], contacts=np.full((1, loaded.structure.node_count), 0.5))
     write_track_figure(first, 0.95, "one frame", tmp_path / "track.png")
     assert (tmp_path / "track.png").stat().st_size > 10_000
+
+
+def test_tendons_without_a_sensor_are_not_in_the_figure_of_drift(loaded, tmp_path, monkeypatch) -> None:
+    """Those between anchors and one other have none: the legend has one kind of sensor."""
+    saved: list[Figure] = []
+    monkeypatch.setattr("tensegraph.io.figures.shape_figures.save_figure", lambda figure, path: saved.append(figure))
+    free = np.flatnonzero(~loaded.structure.joins_anchors)
+    between = np.flatnonzero(loaded.structure.joins_anchors)
+    drift = np.zeros((len(loaded), 24))
+    shapes = replace(loaded, structure=replace(loaded.structure, unsensed=[*between, free[0]]))
+    write_drift_figure(shapes, drift, drift + 0.001, "toy", tmp_path / "drift.png")
+    write_drift_figure(loaded, drift, drift + 0.001, "toy", tmp_path / "drift.png")
+    without, every = saved
+    assert len(without.axes[0].lines) == 24 - len(between) - 1
+    assert [text.get_text() for text in without.legends[0].texts] == ["sensor"]
+    assert len(every.axes[0].lines) == 24
+    assert len(every.legends[0].texts) == 2

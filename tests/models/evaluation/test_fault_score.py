@@ -53,3 +53,12 @@ class TestFaults:
         """Of 10 x 4 readings 4 are in the fault; of the 36 others 2 are named, one only warms up."""
         flags = self.flags((4, 2, Flag.STUCK), (4, 1, Flag.OUTLIER), (8, 2, Flag.STUCK), (0, 0, Flag.WARMING_UP))
         assert false_alarm_share([self.FAULT], self.estimate(flags)) == pytest.approx(2 / 36)
+
+    def test_a_tendon_without_a_sensor_gives_no_alarm(self) -> None:
+        """Tendon 2 has none, and so no reading; of the 10 x 3 readings one is named."""
+        structure = replace(four_nodes(), unsensed=[2])
+        flags = self.flags(*((frame, 2, Flag.MISSING) for frame in range(10)), (4, 1, Flag.OUTLIER))
+        estimate = estimate_of(structure, np.repeat(TRUE_M[None], 10, axis=0), flags=flags)
+        estimate.sigma_m[:, 2] = np.inf
+        assert false_alarm_share([], estimate) == pytest.approx(1 / 30)
+        assert score_fault(self.FAULT, estimate).named == 0
