@@ -96,7 +96,7 @@ class Hub:
             try:
                 recorder = RecorderThread(Recorder(command.path, command.metadata, with_boot=True))
                 recording.enter_context(recorder)
-            except InputError as error:
+            except (InputError, OSError) as error:
                 self._recording_error = str(error)
         with self._changed:
             self._origin_s = command.origin_s

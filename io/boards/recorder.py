@@ -63,13 +63,15 @@ class Recorder:
         self._files = ExitStack()
         kinds = {kind: metadata.get(kind, ()) for kind in ("board", "imu", "range", "position", "motor")}
         self._motor_of = {e: number for number, motor in enumerate(kinds["motor"]) for e in motor["tendons"]}
-        with written_whole(path) as (inside,):
-            inside.mkdir()
-            (inside / "trial.toml").write_text(_commented(metadata), encoding="utf-8", newline="\n")
-            for kind, tables in kinds.items():
-                for table in tables:
-                    (inside / table["file"]).write_bytes(self._header(kind, table))
         try:
+            with written_whole(path) as (inside,):
+                inside.mkdir()
+                (inside / "trial.toml").write_text(_commented(metadata), encoding="utf-8", newline="\n")
+                for kind, tables in kinds.items():
+                    for table in tables:
+                        file = inside / table["file"]
+                        file.parent.mkdir(parents=True, exist_ok=True)
+                        file.write_bytes(self._header(kind, table))
             self._opened = {kind: [self._open(table["file"]) for table in tables] for kind, tables in kinds.items()}
         except OSError as error:
             self._files.close()

@@ -4,8 +4,9 @@ import multiprocessing
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 
-from tensegraph.io.boards.hub import Hub, LinkPlan
+from tensegraph.io.boards.hub import Begin, Hub, LinkPlan
 from tensegraph.io.boards.port import PortReader
 from tensegraph.io.boards.protocol import Row
 
@@ -53,3 +54,20 @@ def test_a_board_may_be_heard_while_the_state_is_reported() -> None:
 
 def take(hub: Hub, reader: PortReader, board: int) -> None:
     hub.take(reader, [Row(board_id=board, boot=0, seq=0, device_us=0, codes=(512,))], time.perf_counter())
+
+
+def test_a_recording_that_cannot_begin_does_not_end_the_reading(tmp_path, monkeypatch) -> None:
+    """Whatever error of the system it is: the state tells it, and rows are still handed on."""
+
+    def refused(*_, **__):
+        raise PermissionError(13, "Permission denied", "trial")
+
+    monkeypatch.setattr("tensegraph.io.boards.hub.Recorder", refused)
+    hub = Hub(LinkPlan((0,), (1,), ("absent",), 500_000))
+    hub.look_for_ports()
+    with ExitStack() as recording:
+        hub.begin(Begin(0.0, tmp_path / "trial", {}), recording)
+        take(hub, next(iter(hub._readers.values())), 0)
+    hub.stop_reading()
+    assert "Permission denied" in hub._state().recording_error
+    assert len(hub._outgoing) == 1

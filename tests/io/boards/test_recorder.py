@@ -1,6 +1,7 @@
 """The writer of trials: what it writes is what the reader reads, and nothing is written over."""
 
 import tomllib
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -69,3 +70,24 @@ def test_readings_of_every_other_sensor_are_recorded_in_its_file(tmp_path) -> No
             recorder.add(reading)
     read = [reading for reading in open_trial(tmp_path / "trial").readings() if isinstance(reading, AidReading)]
     assert [repr(reading) for reading in read] == [repr(reading) for reading in added]
+
+
+def test_files_may_be_in_folders_of_the_trial(tmp_path) -> None:
+    """One of a board, one of an inertial sensor; what is read back are the rows that were added."""
+    trial = open_trial(ROLL)
+    boards = [board | {"file": f"data/{board['file']}"} for board in trial.toml["board"]]
+    tables = {"board": boards, "imu": [trial.toml["imu"][0] | {"file": "more/data/imu0.csv"}]}
+    with Recorder(tmp_path / "trial", trial.toml | tables) as recorder:
+        added = list(islice(trial.readings(), 50))
+        for reading in added:
+            recorder.add(reading)
+    assert (tmp_path / "trial" / "data" / "board0.csv").is_file()
+    assert [repr(reading) for reading in open_trial(tmp_path / "trial").readings()] == list(map(repr, added))
+
+
+def test_a_file_in_the_place_of_a_folder_is_said(tmp_path, example) -> None:
+    toml = open_trial(example).toml
+    boards = [board | {"file": f"trial.toml/{board['file']}"} for board in toml["board"]]
+    with pytest.raises(InputError, match=r"one: cannot be written: "):
+        Recorder(tmp_path / "one", toml | {"board": boards})
+    assert list(tmp_path.iterdir()) == []
