@@ -48,7 +48,7 @@ def write_film(result: Reconstruction, probability: float, path: Path) -> None:
 
 def film_times_s(t_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (pictures,) times of a film of a run with frames at (frames,) times."""
-    return np.arange(t_s[0], t_s[-1] + 1e-9, 1 / FRAMES_PER_S)
+    return np.asarray(np.minimum(np.arange(t_s[0], t_s[-1] + 1e-9, 1 / FRAMES_PER_S), t_s[-1]))
 
 
 def _pictures(result: Reconstruction, probability: float) -> Iterator[NDArray[np.uint8]]:

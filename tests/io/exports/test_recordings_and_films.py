@@ -2,12 +2,14 @@
 
 import subprocess
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import tensegraph as tg
+from tensegraph.io.figures.film import film_times_s
 
 
 @pytest.fixture(scope="module")
@@ -104,3 +106,13 @@ def test_a_film_has_a_picture_for_each_of_its_times(short_run, tmp_path, name) -
     assert len(pictures) == 7
     assert (pictures[0] > 200).mean() > 0.5  # a light ground
     assert np.abs(pictures[-1] - pictures[0]).max() > 50  # the time in the title, at least
+
+
+def test_no_picture_is_after_the_end_of_the_run() -> None:
+    """Every 0.08 s, up to 0.42 s, which steps from 0.02 s reach only after rounding; for runs of all lengths."""
+    assert film_times_s(np.array([0.02, 0.42])).tolist() == pytest.approx([0.02, 0.1, 0.18, 0.26, 0.34, 0.42])
+    for first, last in product(range(5), range(5, 200)):
+        t_s = np.array([first, last]) / 50
+        times_s = film_times_s(t_s)
+        assert t_s[0] == times_s[0] <= times_s[-1] <= t_s[-1]
+        assert len(times_s) == 1 + (last - first) // 4
