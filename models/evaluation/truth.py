@@ -149,7 +149,8 @@ def marked_nodes(truth: TruthTable, structure: Structure, where: str) -> tuple[M
     """Return which marker of a motion capture is which node, as a trial tells it, for evaluation only.
 
     Raises:
-        InputError: for a node that does not exist, or a marker beyond a node whose rod has no marker at its other end.
+        InputError: for a node that does not exist, or a marker beyond a node that is on no rod, or whose rod has no
+            marker at its other end.
     """
     nodes = {marker.node for marker in truth.markers.values()}
     other = {int(a): int(b) for rod in structure.rods for a, b in (rod, rod[::-1])}
@@ -157,6 +158,8 @@ def marked_nodes(truth: TruthTable, structure: Structure, where: str) -> tuple[M
         here = f"{where}: truth.markers.{name}"
         if not 0 <= marker.node < structure.node_count:
             raise InputError(f"{here}.node: expected a node from 0 to {structure.node_count - 1}, got {marker.node}")
+        if marker.beyond_m and marker.node not in other:
+            raise InputError(f"{here}.beyond_m: expected a node of a rod, whose direction it tells, got {marker.node}")
         if marker.beyond_m and other[marker.node] not in nodes:
             raise InputError(
                 f"{here}.beyond_m: expected a marker at node {other[marker.node]} too: it tells the rod's direction"

@@ -1,5 +1,7 @@
 """Markers laid onto an estimate: which is which node, when, and where."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -115,13 +117,19 @@ def test_a_marker_beyond_its_node_by_hand(example_structure) -> None:
 
 
 def test_the_table_of_markers(example_structure) -> None:
-    def nodes(**markers):
-        return marked_nodes(parse_table(TruthTable, {"file": "a.csv", "markers": markers}, "t"), example_structure, "t")
+    def nodes(structure=example_structure, **markers):
+        return marked_nodes(parse_table(TruthTable, {"file": "a.csv", "markers": markers}, "t"), structure, "t")
 
     assert nodes(a={"node": 0, "beyond_m": 0.01}, b={"node": 3}) == (MarkedNode("a", 0, 0.01), MarkedNode("b", 3))
     with pytest.raises(InputError, match=r"t: truth.markers.a.node: expected a node from 0 to 11, got 12"):
         nodes(a={"node": 12})
     with pytest.raises(InputError, match=r"t: truth.markers.a.beyond_m: expected a marker at node 3 too"):
         nodes(a={"node": 0, "beyond_m": 0.01})
+    without_a_rod = replace(
+        example_structure, rods=example_structure.rods[1:], rod_length_m=example_structure.rod_length_m[1:]
+    )
+    assert nodes(without_a_rod, a={"node": 0}) == (MarkedNode("a", 0),)
+    with pytest.raises(InputError, match=r"t: truth.markers.a.beyond_m: expected a node of a rod, .*, got 0"):
+        nodes(without_a_rod, a={"node": 0, "beyond_m": 0.01}, b={"node": 3})
     table = {"file": "a.csv", "markers": {"a": {"node": 0, "colour": 1}}}
     assert list(unknown_keys(TruthTable, table)) == ["markers.a.colour"]
