@@ -87,7 +87,7 @@ def aid_row(reading: AidReading | NaturalLengthReading) -> str:
         case RangeReading():
             cells = [str(reading.pair[1]), str(reading.node), f"{reading.range_m:.3f}"]
         case NaturalLengthReading():
-            cells = [str(reading.tendon), f"{reading.natural_length_m:.5f}", f"{reading.sigma_m:.5f}"]
+            cells = [str(reading.tendon), f"{reading.natural_length_m:.5f}", f"{reading.sigma_m:.6g}"]
         case PositionReading():
             cells = [str(reading.node), *(f"{value:.5f}" for value in reading.position_m)]
     return ",".join([f"{reading.t_s:.{DECIMALS}f}", *cells])

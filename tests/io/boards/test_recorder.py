@@ -10,6 +10,7 @@ import pytest
 from tensegraph import BoardReading, InputError, open_trial
 from tensegraph.io.boards.recorder import Recorder
 from tensegraph.models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
+from tensegraph.models.values.readings import NaturalLengthReading
 
 ROLL = Path(__file__).parents[3] / "examples" / "roll_02"
 
@@ -91,3 +92,15 @@ def test_a_file_in_the_place_of_a_folder_is_said(tmp_path, example) -> None:
     with pytest.raises(InputError, match=r"one: cannot be written: "):
         Recorder(tmp_path / "one", toml | {"board": boards})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_sigma_of_micrometres_is_not_rounded_to_zero(tmp_path, example) -> None:
+    """Of a motor's natural lengths, which are refused without a sigma."""
+    motor = {"file": "lengths.csv", "tendons": [3], "strip_length_m": 0.1}
+    added = [NaturalLengthReading(0.1, 3, 0.125, 4e-6), NaturalLengthReading(0.2, 3, 0.125, 0.00123456)]
+    trial = open_trial(example)
+    with Recorder(tmp_path / "trial", trial.toml | {"motor": [motor]}) as recorder:
+        for reading in (next(iter(trial.readings())), *added):
+            recorder.add(reading)
+    read = [row for row in open_trial(tmp_path / "trial").readings() if isinstance(row, NaturalLengthReading)]
+    assert read == added
