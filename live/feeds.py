@@ -142,7 +142,7 @@ def boards_feed(
 def replay_feed(path: Path, speed: float, record: Path | None, seconds: float = inf) -> Iterator[Feed]:
     """Give the readings of a recorded trial, `speed` times faster than real time, recorded again if a path is given.
 
-    Readings that arrived more than `seconds` after the start of the trial are left out.
+    Readings that arrived more than `seconds` after the first one are left out.
 
     Raises:
         InputError: when the trial cannot be read, or the recording cannot be written.
@@ -179,7 +179,7 @@ def twin_feed(
         speed: relative to real time.
         record: trial directory to record into; None for none.
         progress: called now and then with the share of the simulation that is done.
-        seconds: readings that arrive later than this are left out.
+        seconds: readings that arrive later than this after the first one are left out.
 
     Raises:
         TensegraphError: when the plan cannot be simulated, or the recording cannot be written.
@@ -229,8 +229,13 @@ def _recorded_rows(readings: Iterator[Reading], recorder: RecorderThread) -> Ite
 
 
 def _first(seconds: float, readings: Iterable[Reading]) -> Iterator[Reading]:
-    """Yield the readings that arrived in the first seconds of a trial."""
-    return takewhile(lambda reading: arrival_s(reading) <= seconds, readings)
+    """Yield the readings that arrived at most so many seconds after the first one, whose stamp may be any."""
+    readings = iter(readings)
+    first = next(readings, None)
+    if first is None:
+        return
+    end_s = arrival_s(first) + seconds
+    yield from chain([first], takewhile(lambda reading: arrival_s(reading) <= end_s, readings))
 
 
 class TrialOfBoards:

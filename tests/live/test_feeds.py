@@ -4,6 +4,7 @@ import pytest
 import tomli_w
 
 import tensegraph
+from tensegraph.live.feeds import replay_feed
 from tensegraph.live.rig import Rig
 from tensegraph.models.sensor.clock import ClockSettings
 from tensegraph.models.values.link import LinkState
@@ -50,3 +51,19 @@ def test_a_rig_s_sensors_are_told_by_board_and_number(rig) -> None:
     assert [table["file"] for table in recorded["imu"]] == ["imu0.csv", "hand.csv"]
     rig.write_text(tomli_w.dumps(recorded))
     assert Rig.read(rig).plan((), ClockSettings()).imus == ((1, 2), (0, 0))
+
+
+def test_the_seconds_of_a_replay_count_from_its_first_reading(trial_copy) -> None:
+    """The example, and the same whose host's clock started a day before: one second of rows at 50 Hz of two boards."""
+
+    def a_day_later(text: str) -> str:
+        header, *rows = text.splitlines()
+        stamped = [row.split(",", 1) for row in rows]
+        return "\n".join([header, *(f"{float(host_s) + 86_400:.6f},{rest}" for host_s, rest in stamped), ""])
+
+    later = trial_copy(name="later", board0=a_day_later, board1=a_day_later)
+    for path in (trial_copy(), later):
+        with replay_feed(path, 1e6, None, seconds=1.0) as feed:
+            host_s = [reading.host_s for reading in feed.rows]
+        assert len(host_s) == pytest.approx(100, abs=4)
+        assert host_s[-1] - host_s[0] <= 1.0
