@@ -266,6 +266,11 @@ class Pipeline:
         """Return what looks wrongly told of other sensors than tendons, by the sensor."""
         return self.imu_gate.warnings() | self.aid_use.lines()
 
+    def aid_counts(self) -> dict[str, int]:
+        """Return how many readings of other sensors were left out, and how many frames had none; none that is zero."""
+        counts = self.imu_gate.counts() | self.winding.counts() | self.own_frames.counts()
+        return {name: n for name, n in counts.items() if n}
+
     @property
     def rest_in_doubt(self) -> bool:
         """Whether at least half of the sensors, or of the lengths, do not fit the rest shape."""

@@ -209,6 +209,7 @@ def run_session(
         feed.state,
         lambda: pipeline.front_end.exchanged,
         pipeline.aid_warnings,
+        pipeline.aid_counts,
     )
     with LiveResult(path, pipeline.trial.structure, pipeline.settings) as result:
         with stopped_by_signals(feed.source), shown(panel, terminal.news):

@@ -30,6 +30,7 @@ class Panel:
         state: Callable[[], LinkState],
         exchanged: Callable[[], Sequence[tuple[int, int]]] = tuple,
         aid_warnings: Callable[[], Mapping[str, str]] = dict,
+        aid_counts: Callable[[], Mapping[str, int]] = dict,
     ) -> None:
         self._title = title
         self._activity = activity
@@ -37,6 +38,7 @@ class Panel:
         self._state = state
         self._exchanged = exchanged
         self._aid_warnings = aid_warnings
+        self._aid_counts = aid_counts
 
     def __rich__(self) -> RenderableType:
         activity = self._activity
@@ -46,7 +48,7 @@ class Panel:
             parts.append(_boards(activity, self._clocks(), state))
         if activity.imus:
             parts.append(_imus(activity, state))
-        parts.append(_summary(activity, state))
+        parts.append(_summary(activity, state, self._aid_counts()))
         complaints = _complaints(activity, state)
         complaints += [
             f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel" for a, b in self._exchanged()
@@ -131,7 +133,7 @@ def _age(age_s: float) -> str:
     return f"{1e3 * age_s:.0f} ms ago" if age_s < 10 else f"{age_s:.0f} s ago"
 
 
-def _summary(activity: Activity, state: LinkState) -> Table:
+def _summary(activity: Activity, state: LinkState, aid_counts: Mapping[str, int]) -> Table:
     table = Table(show_header=False)
     table.add_row("time", f"{time.perf_counter() - activity.started_s:.0f} s")
     if state.recorded_rows:
@@ -148,6 +150,8 @@ def _summary(activity: Activity, state: LinkState) -> Table:
         table.add_row("flagged", _flagged(activity.shape.lengths.flags) or "none")
     if activity.skipped_frames or state.skipped_rows:
         table.add_row("skipped", f"{activity.skipped_frames} frames, {state.skipped_rows} rows")
+    for name, count in aid_counts.items():
+        table.add_row(name, str(count))
     return table
 
 

@@ -141,6 +141,7 @@ class Session:
         median_ms, p99_ms = p.latency_ms()
         boards = self.pipeline.boards
         normal = p.shape.floor_normal if p.shape else None
+        rows = self.pipeline.aid_counts() | self.pipeline.factor_watch.counts()
         return {
             "trial": self._feed.name,
             **({"trial_path": relative_path(path, self._feed.trial)} if self._feed.trial else {}),
@@ -160,7 +161,7 @@ class Session:
             "taring": self._feed.taring,
             "latency": {"median_ms": round(median_ms, 3), "p99_ms": round(p99_ms, 3)} if p.latency_s else {},
             **self.pipeline.own_frames.as_table(),
-            **({"rows": self.pipeline.factor_watch.counts()} if self.pipeline.factors else {}),
+            "rows": {name: n for name, n in rows.items() if n},
             "settings": asdict(self.pipeline.settings),
         }
 

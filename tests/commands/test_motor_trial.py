@@ -1,5 +1,7 @@
 """A trial with motors as a user makes and reads it, on a prism whose upper triangle is wound."""
 
+import re
+import tomllib
 from shutil import copytree
 
 import pytest
@@ -102,3 +104,24 @@ def test_a_motor_on_a_stiff_cable_is_refused_in_one_line(trial, tmp_path) -> Non
     assert refused.returncode == 2
     assert "motor[0].tendons: expected no stiff cable, got tendon 3" in refused.stderr
     assert len(refused.stderr.splitlines()) == 1
+
+
+def test_rows_that_are_missing_are_counted_live_as_offline(trial, tmp_path) -> None:
+    """No row of the motors from 2 to 3.5 s: each tendon is without its natural length from 0.5 s after the last row."""
+    gap = tmp_path / "gap"
+    copytree(trial.path, gap)
+    header, *rows = (gap / "natural_length0.csv").read_text().splitlines(keepends=True)
+    kept = [row for row in rows if not 2.0 < float(row.split(",")[0]) < 3.5]
+    (gap / "natural_length0.csv").write_text("".join([header, *kept]))
+    offline = run("reconstruct", gap, "--live", "--figures", "none", "--out", "offline", cwd=tmp_path)
+    live = run("live", "--replay", gap, "--speed", 1000, "--out", "live", cwd=tmp_path)
+    told = []
+    for done in (offline, live):
+        assert done.returncode == 0, done.stderr
+        rows = tomllib.loads((tmp_path / done.args[-1] / "run.toml").read_text())["rows"]
+        told.append({name: n for name, n in rows.items() if "motor" in name})
+        for tendon in (3, 4, 5):
+            name = f"motor of tendon {tendon}: frames without its rows"
+            assert rows[name] == pytest.approx(50, abs=2)
+            assert re.search(rf"{name} +│ {rows[name]}", done.stdout)
+    assert told[0] == told[1]
