@@ -7,7 +7,7 @@ import gc
 import signal
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, astuple, fields
+from dataclasses import asdict, astuple, fields, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -64,8 +64,12 @@ class LiveResult:
             self._write_chunk()
         if self._frames % self._draw_every == 0:
             self._drawn.append(shape)
+        else:
+            self._drawn[-1] = _with_slips_of(self._drawn[-1], shape)
         self._frames += 1
         if len(self._drawn) > FIGURE_FRAMES:
+            for k in range(1, len(self._drawn), 2):
+                self._drawn[k - 1] = _with_slips_of(self._drawn[k - 1], self._drawn[k])
             del self._drawn[1::2]
             self._draw_every *= 2
 
@@ -94,6 +98,11 @@ class LiveResult:
             columns = [field.name for field in fields(Latency)]
             write_latencies(columns, np.array([astuple(latency) for latency in self._latencies]), self._directory)
             self._latencies.clear()
+
+
+def _with_slips_of(drawn: Shape, dropped: Shape) -> Shape:
+    """Return a shape that figures show, with the slips of one after it that they do not, at their own times."""
+    return replace(drawn, slips=(*drawn.slips, *dropped.slips)) if dropped.slips else drawn
 
 
 class Session:

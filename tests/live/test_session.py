@@ -1,13 +1,16 @@
 """A live session skips frames when it is late."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tensegraph import TendonLengths
+from tensegraph import Reconstruction, Settings, TendonLengths
 from tensegraph.live.activity import Activity, NewestFrames
+from tensegraph.live.session import LiveResult
 from tensegraph.models.values.aids import ImuReading
+from tensegraph.models.values.slip import Slip
 
 
 class Backlog:
@@ -76,3 +79,21 @@ def test_a_board_whose_readings_wait_is_not_silent() -> None:
     assert not arrivals[0].is_silent()
     assert arrivals[1].rate_hz() == 0
     assert arrivals[1].is_silent()
+
+
+def test_a_long_session_draws_every_slip(loaded, tmp_path, monkeypatch) -> None:
+    """Of 100 frames at most 10 are drawn; the slips of all are, in order and at their own times, as in slips.csv."""
+    monkeypatch.setattr("tensegraph.live.session.FIGURE_FRAMES", 10)
+    drawn: list[Reconstruction] = []
+    monkeypatch.setattr("tensegraph.io.figures.shape_figures.write_figures", lambda r, *_: drawn.append(r))
+    slipping = {k: Slip(k / 50, 5, np.array([0.003, 0.0, 0.0]), 0.001) for k in (0, 1, 2, 17, 33, 64, 98, 99)}
+    with LiveResult(tmp_path / "long", loaded.structure, Settings()) as result:
+        for k, shape in enumerate(loaded):
+            contacts = np.ones(loaded.structure.node_count)
+            result.add(replace(shape, contacts=contacts, slips=(slipping[k],) if k in slipping else ()))
+        result.finish("toy", {})
+    (figures,) = drawn
+    assert len(figures) <= 10
+    assert [slip for frame in figures.slips for slip in frame] == list(slipping.values())
+    written = np.genfromtxt(tmp_path / "long" / "slips.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(written["t_s"], [slip.t_s for slip in slipping.values()])
