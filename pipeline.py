@@ -21,7 +21,7 @@ from .estimator.rest_watch import RestWatch
 from .estimator.smoother import LiveSmoother
 from .factors.tendon import TautCables
 from .io.model_file import read_sensor_model
-from .io.result import result_directory, write_run, write_tables
+from .io.result import floor_table, result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
 from .models.plug_ins import PlugIn, plug_ins
 from .models.pose.aid_use import AidUse
@@ -482,7 +482,7 @@ def write_result(
     Args:
         reconstruction: the shapes to write.
         path: path of the directory.
-        run: the content of run.toml.
+        run: the content of run.toml, without what the reconstruction tells.
         settings: the settings of the run.
         title: of the figures.
         figures: their format; None draws none.
@@ -499,4 +499,4 @@ def write_result(
 
             write_figures(reconstruction, settings, title, directory, figures)
             written("figures")
-        write_run(run, reconstruction.structure, directory)
+        write_run({**run, **floor_table(reconstruction.floor_normal)}, reconstruction.structure, directory)

@@ -289,7 +289,6 @@ class Run:
             path: result directory, to which the path of the trial is relative.
             inputs: see `Trial.hashes`.
         """
-        normal = self.reconstruction.floor_normal
         return {
             "trial": self.trial.name,
             "trial_path": relative_path(path, self.trial.path),
@@ -297,7 +296,6 @@ class Run:
             "rest_shape": self.pipeline.rest.source,
             "wrong_geometry": self.pipeline.rest.wrong or "none",
             "frames": len(self.reconstruction),
-            **({"floor_normal": asdict(normal)} if normal else {}),
             "versions": versions(),
             "inputs": inputs,
             "rows": self._rows_not_plain(),

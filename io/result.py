@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
@@ -16,6 +17,7 @@ from ..models.balance.observable_loads import observable_loads
 from ..models.evaluation.estimate import Estimate
 from ..models.settings import Settings
 from ..models.structure.external_loads import ExternalLoads
+from ..models.structure.floor import EstimatedNormal
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.structure import Structure
 from ..models.values.errors import InputError
@@ -29,7 +31,7 @@ from .whole import check_replaceable, written_whole
 
 RUN_FILE = "run.toml"
 LOADS_FILE = "estimated_loads.csv"
-RUN_TABLES = ("structure", "settings", "inputs", "versions")
+RUN_TABLES = ("structure", "settings", "inputs", "versions", "floor_normal")
 """The tables of run.toml that are read again."""
 DRIFT_FILE = "sensor_drift.csv"
 CONTACTS_FILE = "contacts.csv"
@@ -98,6 +100,11 @@ def write_run(run: Mapping[str, Any], structure: Structure, directory: Path) -> 
         table["structure"]["unsensed"] = structure.unsensed.tolist()
     text = f"{tomli_w.dumps(run)}\n{tomlkit.item(table).as_string()}"
     (directory / RUN_FILE).write_text(text, encoding="utf-8")
+
+
+def floor_table(normal: EstimatedNormal | None) -> dict[str, Any]:
+    """Return the table `[floor_normal]` of run.toml; nothing where the normal is told exactly, or there is no floor."""
+    return {} if normal is None else {"floor_normal": asdict(normal)}
 
 
 def read_run(directory: Path) -> dict[str, Any]:

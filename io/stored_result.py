@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.evaluation.estimate import Estimate
+from ..models.structure.floor import EstimatedNormal
 from ..models.structure.reconstruction import Propagated, Reconstruction
 from ..models.structure.shape import Covariances, OtherShape, Reason, Status
 from ..models.structure.structure import Structure
@@ -65,6 +66,7 @@ def load(path: str | Path) -> Reconstruction:
         drift_sigma=drift_sigma,
         contacts=estimate.contacts,
         slips=_slips(path / SLIPS_FILE, estimate.t_s, structure.node_count),
+        floor_normal=_floor_normal(path, run),
         propagated=Propagated(
             estimate.innovation_sigma_m, frames.mechanism_sigma_m, _centroid_covariance_m2(path, estimate)
         ),
@@ -81,6 +83,12 @@ def _structure(path: Path, run: dict[str, Any]) -> Structure:
     if not isinstance(run.get("trial_path"), str):
         raise InputError(f"{path / RUN_FILE}: structure: is missing: expected a result of this version: save it again")
     return open_trial(path / run["trial_path"]).description.structure
+
+
+def _floor_normal(path: Path, run: dict[str, Any]) -> EstimatedNormal | None:
+    if "floor_normal" not in run:
+        return None
+    return parse_table(EstimatedNormal, run["floor_normal"], f"{path / RUN_FILE}: floor_normal")
 
 
 class _FramesTable:

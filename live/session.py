@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..io.provenance import relative_path, versions
-from ..io.result import result_directory, write_latencies, write_run, write_tables
+from ..io.result import floor_table, result_directory, write_latencies, write_run, write_tables
 from ..io.trial_directory import Reading
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
@@ -149,7 +149,6 @@ class Session:
         state = self._feed.state()
         median_ms, p99_ms = p.latency_ms()
         boards = self.pipeline.boards
-        normal = p.shape.floor_normal if p.shape else None
         rows = self.pipeline.aid_counts() | self.pipeline.factor_watch.counts()
         return {
             "trial": self._feed.name,
@@ -161,7 +160,7 @@ class Session:
             "skipped_frames": p.skipped_frames,
             "skipped_rows": state.skipped_rows,
             "recorded_rows": state.recorded_rows,
-            **({"floor_normal": asdict(normal)} if normal else {}),
+            **floor_table(p.shape.floor_normal if p.shape else None),
             "versions": versions(),
             "inputs": dict(self._feed.inputs),
             "boards": [asdict(counts) for counts in boards.counts] if boards else [],

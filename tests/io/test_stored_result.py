@@ -8,6 +8,7 @@ import pytest
 
 import tensegraph as tg
 from tensegraph.models.structure.external_loads import ExternalLoads
+from tensegraph.models.structure.floor import EstimatedNormal
 from tensegraph.models.structure.shape import OtherShape, Reason
 from tensegraph.models.values.slip import Slip
 
@@ -86,6 +87,17 @@ class TestLoad:
         assert (found.node, found.sigma_m, found.way_m.tolist()) == (7, 0.002, [0.003, 0.0, -0.004])
         tg.save(read, tmp_path / "again", figures=None)
         assert (tmp_path / "again" / "slips.csv").read_bytes() == (tmp_path / "run" / "slips.csv").read_bytes()
+
+    def test_the_normal_of_a_floor(self, kept, tmp_path) -> None:
+        normal = EstimatedNormal((0.06, 0.0, 0.998), 0.004)
+        tg.save(replace(kept, floor_normal=normal), tmp_path / "run", figures=None)
+        tg.save(tg.load(tmp_path / "run"), tmp_path / "again", figures=None)
+        read = tg.load(tmp_path / "again").floor_normal
+        assert (read.direction, read.sigma_rad) == (normal.direction, normal.sigma_rad)
+        run = tmp_path / "run" / "run.toml"
+        run.write_text(run.read_text().replace("sigma_rad = 0.004", 'sigma_rad = "small"'))
+        with pytest.raises(tg.InputError, match=r"run\.toml: floor_normal: sigma_rad: .* got 'small'"):
+            tg.load(tmp_path / "run")
 
     @pytest.mark.parametrize("row", ["0.0001,7", "0.0,12", "0.0,0.5"])
     def test_a_slip_that_cannot_be_is_refused(self, kept, row, tmp_path) -> None:
