@@ -210,6 +210,7 @@ def run_session(
         lambda: pipeline.front_end.exchanged,
         pipeline.aid_warnings,
         pipeline.aid_counts,
+        pipeline.trial.structure.unsensed.tolist(),
     )
     with LiveResult(path, pipeline.trial.structure, pipeline.settings) as result:
         with stopped_by_signals(feed.source), shown(panel, terminal.news):

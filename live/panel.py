@@ -31,6 +31,7 @@ class Panel:
         exchanged: Callable[[], Sequence[tuple[int, int]]] = tuple,
         aid_warnings: Callable[[], Mapping[str, str]] = dict,
         aid_counts: Callable[[], Mapping[str, int]] = dict,
+        unsensed: Sequence[int] = (),
     ) -> None:
         self._title = title
         self._activity = activity
@@ -39,6 +40,7 @@ class Panel:
         self._exchanged = exchanged
         self._aid_warnings = aid_warnings
         self._aid_counts = aid_counts
+        self._unsensed = unsensed
 
     def __rich__(self) -> RenderableType:
         activity = self._activity
@@ -48,7 +50,7 @@ class Panel:
             parts.append(_boards(activity, self._clocks(), state))
         if activity.imus:
             parts.append(_imus(activity, state))
-        parts.append(_summary(activity, state, self._aid_counts()))
+        parts.append(_summary(activity, state, self._aid_counts(), self._unsensed))
         complaints = _complaints(activity, state)
         complaints += [
             f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel" for a, b in self._exchanged()
@@ -133,7 +135,7 @@ def _age(age_s: float) -> str:
     return f"{1e3 * age_s:.0f} ms ago" if age_s < 10 else f"{age_s:.0f} s ago"
 
 
-def _summary(activity: Activity, state: LinkState, aid_counts: Mapping[str, int]) -> Table:
+def _summary(activity: Activity, state: LinkState, aid_counts: Mapping[str, int], unsensed: Sequence[int]) -> Table:
     table = Table(show_header=False)
     table.add_row("time", f"{time.perf_counter() - activity.started_s:.0f} s")
     if state.recorded_rows:
@@ -147,7 +149,7 @@ def _summary(activity: Activity, state: LinkState, aid_counts: Mapping[str, int]
         table.add_row("largest sigma", f"{1e3 * sigma_m.max():.1f} mm, node {int(np.argmax(sigma_m))}")
         if activity.shape.doubt is not None:
             table.add_row(f"doubt {activity.shape.doubt}", activity.shape.doubt.advice)
-        table.add_row("flagged", _flagged(activity.shape.lengths.flags) or "none")
+        table.add_row("flagged", _flagged(activity.shape.lengths.flags, unsensed) or "none")
     if activity.skipped_frames or state.skipped_rows:
         table.add_row("skipped", f"{activity.skipped_frames} frames, {state.skipped_rows} rows")
     for name, count in aid_counts.items():
@@ -155,9 +157,9 @@ def _summary(activity: Activity, state: LinkState, aid_counts: Mapping[str, int]
     return table
 
 
-def _flagged(flags: NDArray[np.int64]) -> str:
+def _flagged(flags: NDArray[np.int64], unsensed: Sequence[int]) -> str:
     """Return the sensors that are flagged now, grouped by flag."""
     kinds: dict[str, list[str]] = {}
-    for tendon in np.flatnonzero(flags & SENSOR_FLAGS):
+    for tendon in np.setdiff1d(np.flatnonzero(flags & SENSOR_FLAGS), unsensed):
         kinds.setdefault(Flag(int(flags[tendon]) & SENSOR_FLAGS).names(), []).append(str(tendon))
     return "; ".join(f"{', '.join(tendons)}: {kind}" for kind, tendons in kinds.items())
