@@ -49,15 +49,14 @@ def record_boards(
     boards = setup.description.boards(settings.clock)
     activity = Activity.of(len(setup.table.board), len(setup.table.imu))
     operator = OperatorAtTerminal(terminal)
-    with boards_feed(setup, ports, out, settings, chosen_model(model), operator, seconds) as feed:
+    sensor_model = chosen_model(model)
+    with boards_feed(setup, ports, out, settings, sensor_model, operator, seconds, only_records=True) as feed:
         panel = Panel(f"recording {out}, Ctrl-C ends it", activity, lambda: boards.counts, feed.state)
         with stopped_by_signals(feed.source), shown(panel, terminal.news):
             for row in feed.rows:
                 activity.count(row, feed.source.late_s())
                 if isinstance(row, BoardReading):
                     boards.reading(row)  # updates the counts of the clocks
-                if feed.state().recording_error:
-                    feed.source.stop()
     report_recording(out, feed.state(), terminal)
 
 

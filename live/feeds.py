@@ -98,6 +98,8 @@ def boards_feed(
     model: AnySensorModel,
     operator: Operator,
     seconds: float = inf,
+    *,
+    only_records: bool = False,
 ) -> Iterator[Feed]:
     """Give the rows of the boards of a rig after taring, recorded if a path is given.
 
@@ -109,6 +111,7 @@ def boards_feed(
         model: sensor model, from whose gauge motion during taring is computed; see `tare`.
         operator: who is asked not to touch the structure.
         seconds: duration from the start of the taring, after which the rows end even if the boards are silent.
+        only_records: whether the rows end when the recording does.
 
     Raises:
         TensegraphError: when no board answers, or the structure does not stand still.
@@ -123,7 +126,7 @@ def boards_feed(
             operator.ask_for_rest(rig.description.rest_seconds)
         taring = tare(link, rig, settings, model, operator.say)
         name = record.resolve().name if record else "live"
-        link.begin(taring.origin_s, record, rig.metadata(name, link.state))
+        link.begin(taring.origin_s, record, rig.metadata(name, link.state), only_records=only_records)
         source = TrialOfBoards(link, taring, seconds)
         yield Feed(
             source=source,

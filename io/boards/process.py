@@ -44,7 +44,7 @@ class SerialLink:
         self._state = LinkState()
         self._skipped_rows = 0
         self._rows: deque[LinkReading] = deque()
-        self._reads = self._ended = self._stopping = False
+        self._reads = self._ended = self._stopping = self._only_records = False
         context = multiprocessing.get_context("spawn")  # gtsam's threads do not survive a fork
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(plan, theirs), daemon=True)
@@ -76,12 +76,21 @@ class SerialLink:
         while not self._reads:
             self.receive(STATE_S)
 
-    def begin(self, origin_s: float, path: Path | None = None, metadata: Mapping[str, Any] | None = None) -> None:
+    def begin(
+        self,
+        origin_s: float,
+        path: Path | None = None,
+        metadata: Mapping[str, Any] | None = None,
+        *,
+        only_records: bool = False,
+    ) -> None:
         """Begin a trial with the first row from `origin_s` on; record it if a path is given.
 
-        If the recording cannot be written or ends early, `state` contains the error.
+        If the recording cannot be written or ends early, `state` contains the error; where rows are wanted for the
+        recording alone, reading stops then.
         """
         self._skipped_rows = 0
+        self._only_records = only_records
         self._pipe.send(Begin(origin_s, path, metadata or {}))
 
     def rows(self, until_s: float = inf) -> Iterator[LinkReading]:
@@ -140,6 +149,8 @@ class SerialLink:
                 if isinstance(message, LinkState):
                     self._state = message
                     self._reads = True
+                    if self._only_records and message.recording_error:
+                        self.stop()
                 elif message is None:
                     self._ended = True
                 else:

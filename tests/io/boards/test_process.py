@@ -155,3 +155,21 @@ def test_an_estimator_that_sleeps_skips_and_a_recorder_never(tmp_path, example, 
         seqs = [row.seq for row in open_trial(tmp_path / "trial").readings() if row.board == board]
         assert (np.diff(seqs) == 1).all()
         assert len(seqs) > 2900
+
+
+def test_reading_for_a_recording_ends_with_it_though_the_boards_are_silent(tmp_path, pty_boards) -> None:
+    """The trial stands there already, and the cable is out; rows that are wanted for themselves go on."""
+    board = pty_boards("a", 0)
+    with SerialLink(LinkPlan((0,), (12,), (str(board.port),), 500_000)) as link:
+        taken(link, lambda rows: len(rows) > 5)
+        board.unplug()
+        link.begin(time.perf_counter(), tmp_path)
+        assert list(link.rows(time.perf_counter() + 1.0)) == []
+        assert "exists: expected a new name" in link.state.recording_error
+        board.plug()
+        taken(link, lambda rows: len(rows) > 5)
+        board.unplug()
+        link.begin(time.perf_counter(), tmp_path, only_records=True)
+        begun_s = time.monotonic()
+        list(link.rows(time.perf_counter() + 60.0))
+        assert time.monotonic() - begun_s < 10.0
