@@ -24,7 +24,8 @@ def score_fault(fault: Fault, estimate: Estimate) -> FaultScore:
     detected = np.asarray(named.any(axis=0))
     delay_s = None
     if len(detected) and detected.all():
-        delay_s = float((estimate.t_s[during][named.argmax(axis=0)] - fault.from_s).max())
+        begun_s = max(fault.from_s, float(estimate.t_s[0]))
+        delay_s = float((estimate.t_s[during][named.argmax(axis=0)] - begun_s).max())
     return FaultScore(
         kind=fault.kind,
         where=fault.where,
