@@ -129,7 +129,7 @@ class FreeStandingSmoother:
         looked = (not measured or one_direction) and self._looks(shape)
         by_faces = not measured or (one_direction and self._contradicts(lengths.t_s))
         stands = self._faces.standing if self._faces and by_faces else None
-        if self._stable and not measured and lengths.t_s >= self._robot.rest_seconds:
+        if self._stable and not measured and lengths.t_s >= self._robot.rest_until_s:
             stands = self._stable.observe(shape)
         step = self._poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands)
         if measured and self._faces:

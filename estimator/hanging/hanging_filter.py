@@ -51,7 +51,9 @@ class HangingFilter(PoseFilter):
     """Time in which hands may turn it in any way."""
 
     def __init__(self, rest: RestShape, robot: HangingRobot, settings: Settings) -> None:
-        in_the_air = FreeStandingRobot(NO_FLOOR, robot.imus, robot.range_pairs, robot.rest_seconds, robot.own_frames)
+        in_the_air = FreeStandingRobot(
+            NO_FLOOR, robot.imus, robot.range_pairs, robot.rest_seconds, robot.own_frames, robot.first_frame_s
+        )
         unknown = replace(
             settings.pose,
             motion_m_per_s=ANY_MOTION_M_PER_S,
