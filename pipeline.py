@@ -4,6 +4,7 @@ from bisect import bisect_right, insort
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from inspect import signature
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -27,6 +28,7 @@ from .models.plug_ins import PlugIn, plug_ins
 from .models.pose.aid_use import AidUse
 from .models.pose.imu_gate import ImuGate
 from .models.pose.position_frames import OwnFrames
+from .models.pose.rest_clock import RestClock
 from .models.pose.robot import FreeStandingRobot, HangingRobot
 from .models.sensor.frames import FrameAssembler, LengthPauses
 from .models.sensor.front_end import FrontEnd
@@ -151,6 +153,16 @@ def _estimated(estimator: Any, frames: Iterable[TendonLengths], progress: Progre
     return shapes
 
 
+def _estimated_from_rest(
+    estimator_from: Callable[[float], Estimator], frames: Iterable[TendonLengths], progress: Progress | None
+) -> Iterator[Shape]:
+    """Yield the shapes of an estimator that is made when the first frame arrives, from its t_s; none without frames."""
+    later = iter(frames)
+    first = next(later, None)
+    if first is not None:
+        yield from _estimated(estimator_from(first.t_s), chain([first], later), progress)
+
+
 class Pipeline:
     """The processing from the readings of one trial to its shapes, set up once from the trial's description."""
 
@@ -158,14 +170,15 @@ class Pipeline:
         self.trial = trial
         self.settings = settings
         self.rest = rest_shape_of(trial, settings.rest)
-        self.imu_gate = ImuGate(len(trial.imus), trial.rest_seconds)
+        rest_clock = RestClock(trial.rest_seconds)
+        self.imu_gate = ImuGate(len(trial.imus), rest_clock)  # which counts the frames for the clock
         self.factors: tuple[NodeFactor, ...] = tuple(factor.factor(trial.structure) for factor in trial.factors)
         if trial.mechanics is not None and len(trial.mechanics.stiff_cables):
             self.factors += (self._taut_cables(trial.mechanics),)
         self.factor_watch = FactorWatch()
         is_told = trial.source == "lengths" and trial.rest_seconds > 0 and trial.rest_position_m is not None
         self._rest_watch = RestWatch(self.rest.lengths(trial.rest_seconds)) if is_told else None
-        self.own_frames = OwnFrames(self.rest, trial.own_frames, trial.rest_seconds, settings.pose.position_m)
+        self.own_frames = OwnFrames(self.rest, trial.own_frames, rest_clock, settings.pose.position_m)
         held = self.rest.structure.is_held
         ranges, positions = len(trial.beacon_position_m), trial.world_positions
         self.aid_use = AidUse(self.rest.node_position_m, ranges, positions, is_held=held)
@@ -256,7 +269,7 @@ class Pipeline:
         self, frames: Iterable[TendonLengths], method: str, factory: EstimatorFactory, progress: Progress | None
     ) -> Iterator[Shape]:
         if not self.rest.structure.is_held:
-            return _estimated(self._not_held(method), frames, progress)
+            return _estimated_from_rest(self._not_held(method), frames, progress)
         shapes = _estimated(factory(self.rest.structure, self.rest, self.settings), frames, progress)
         if self.trial.imus and self.trial.rest_seconds > 0:
             return map(MovingBase(self.rest, self.trial.imus, self.trial.rest_seconds).observe, shapes)
@@ -284,17 +297,20 @@ class Pipeline:
         moved = getattr(self.front_end, "moved_at_rest", False)
         return shape.in_doubt(Reason.REST) if moved or self.rest_in_doubt else shape
 
-    def _not_held(self, method: str) -> Estimator:
-        """Return the estimator of a structure that hangs, stands on a floor, or is described in body coordinates."""
+    def _not_held(self, method: str) -> Callable[[float], Estimator]:
+        """Return what makes the estimator of a structure that hangs, stands on a floor, or has body coordinates alone.
+
+        Its argument is t_s of the first frame, from which the rest counts.
+        """
         structure, rest, settings, robot = self.rest.structure, self.rest, self.settings, self.trial.robot
         if method not in FREE_STANDING:
             fewer = "without anchors" if structure.is_free_standing else "with one or two anchors"
             raise InputError(f"method '{method}': expected one of {', '.join(FREE_STANDING)} for a structure {fewer}")
         if isinstance(robot, HangingRobot):
-            return HANGING[method](structure, rest, robot, settings)
+            return lambda first_s: HANGING[method](structure, rest, robot.begun(first_s), settings)
         if robot is None:
-            return ESTIMATORS[method](structure, rest, settings)
-        return FREE_STANDING[method](structure, rest, robot, settings)
+            return lambda first_s: ESTIMATORS[method](structure, rest, settings)
+        return lambda first_s: FREE_STANDING[method](structure, rest, robot.begun(first_s), settings)
 
     def lengths(self, readings: Iterable[Reading]) -> Iterator[TendonLengths]:
         """Yield the lengths of all tendons in every frame."""

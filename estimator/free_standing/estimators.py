@@ -66,6 +66,8 @@ class _Kept:
     """Whether lengths changed as if the structure tipped, see `LengthChange.may_have_tipped`."""
     contradicted_positions: tuple[int, ...]
     """The nodes of positions that were left out."""
+    measured_up: NDArray[np.float64] | None
+    """(3,) the floor's normal in body axes, while sensors tell how the structure is turned; None while they do not."""
     doubts_positions: bool
     """See `PoseFilter.doubts_positions`."""
 
@@ -129,7 +131,7 @@ class FreeStandingSmoother:
         looked = (not measured or one_direction) and self._looks(shape)
         by_faces = not measured or (one_direction and self._contradicts(lengths.t_s))
         stands = self._faces.standing if self._faces and by_faces else None
-        if self._stable and not measured and lengths.t_s >= self._robot.rest_seconds:
+        if self._stable and not measured and lengths.t_s >= self._robot.rest_until_s:
             stands = self._stable.observe(shape)
         step = self._poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands)
         if measured and self._faces:
@@ -138,12 +140,16 @@ class FreeStandingSmoother:
             else:
                 self._faces.stand_on(step.standing.nodes)
                 self._look = None
+        measured_up = step.state.turn.T @ self._poses.floor.normal if measured else None
+        if measured_up is not None and self._stable:
+            self._stable.turned_to(measured_up)
         self._last_m, self._last_s = shape.node_position_m, shape.t_s
         self._stand_on(step.state, step.covariance, step.standing)
         if self.kept is not None:
             probability = self._faces.probability if self._faces and looked else None
             left_out, doubts = shape.contradicted_positions, self._poses.doubts_positions
-            self.kept.append(_Kept(step.standing, stands is not None, probability, self._may_tip, left_out, doubts))
+            by_faces = stands is not None
+            self.kept.append(_Kept(step.standing, by_faces, probability, self._may_tip, left_out, measured_up, doubts))
         return shape, step
 
     @property
@@ -299,9 +305,7 @@ class FreeStandingOptimizer:
         kept = live.kept
         faces = resting_faces(self._structure, self._rest, self._robot, self._settings)
         if faces is None:
-            stable = StableFace(self._robot.floor)
-            told = [stable.observe(shape) for shape in shapes]
-            return [stands if one.by_faces else None for stands, one in zip(told, kept, strict=True)]
+            return self._contacts_by_shape(kept, shapes)
         contacts: list[Standing | None] = [None] * len(frames)
         looked = [k for k, one in enumerate(kept) if one.faces is not None]
         if not looked:
@@ -316,6 +320,19 @@ class FreeStandingOptimizer:
             for k in range(stretch[0], end):
                 nearest = np.argmin(np.abs(np.array(stretch) - k))
                 contacts[k] = smoothed_faces[int(nearest)] if kept[k].by_faces else None
+        return contacts
+
+    def _contacts_by_shape(self, kept: Sequence[_Kept], shapes: Sequence[Shape]) -> list[Standing | None]:
+        """Return which nodes stand by the shape alone, where neither sensors nor forces tell it; None elsewhere."""
+        stable = StableFace(self._robot.floor)
+        contacts: list[Standing | None] = []
+        for shape, one in zip(shapes, kept, strict=True):
+            if one.measured_up is not None:
+                stable.turned_to(one.measured_up)
+                contacts.append(None)
+                continue
+            stands = stable.observe(shape)
+            contacts.append(stands if one.by_faces else None)
         return contacts
 
     def _poses(

@@ -43,15 +43,15 @@ TRUST_MEMORY_S = 0.5
 class ImuTrust:
     """Follows which sensors to trust, frame by frame."""
 
-    def __init__(self, imus: int, rest_seconds: float, settings: PoseSettings) -> None:
+    def __init__(self, imus: int, rest_until_s: float, settings: PoseSettings) -> None:
         self.is_trusted = np.ones(imus, dtype=np.bool_)
         """(imus,)"""
         self.is_lost = np.zeros(imus, dtype=np.bool_)
         """(imus,) sensors that were silent, and are not taken on again yet."""
         self._heard_s = np.full(imus, -np.inf)
         self._apart = np.zeros(imus)
-        self._agreement = ImuAgreement(imus, rest_seconds, settings)
-        self._rest_seconds = rest_seconds
+        self._agreement = ImuAgreement(imus, rest_until_s, settings)
+        self._rest_until_s = rest_until_s
         tilt = settings.force_bias_m_per_s2 / GRAVITY_M_PER_S2
         self._most_apart_at_rest = CONTRADICTS_SIGMA * np.hypot(tilt, settings.misalignment_rad)
 
@@ -111,7 +111,7 @@ class ImuTrust:
         slow, apart = move_slowly(samples), _apart(imus, placed.arm_m, samples)
         weight = low_pass_weight(step_s, TRUST_MEMORY_S)
         self._apart += np.where(slow & ~self.is_lost, weight * (np.nan_to_num(apart) - self._apart), 0.0)
-        most_apart = self._most_apart_at_rest if t_s < self._rest_seconds else MOST_APART
+        most_apart = self._most_apart_at_rest if t_s < self._rest_until_s else MOST_APART
         self.is_trusted = self.is_trusted & (self._apart < most_apart)
 
 

@@ -62,7 +62,7 @@ class PoseFilter:
         self._model = PoseModel(rest, robot, settings, motion)
         self._imus = self._model.imus
         self._floor = robot.floor
-        self._rest_seconds = robot.rest_seconds
+        self._rest_until_s = robot.rest_until_s
         self.state = state_at_rest(rest.node_position_m, robot)
         self.covariance = covariance_at_rest(self.state, robot.floor, settings)
         self._standing = robot.floor.carries_at_rest(rest.node_position_m)
@@ -73,8 +73,8 @@ class PoseFilter:
         self._body_before_m = rest.node_position_m - self.centre_m
         self._last_s = np.nan
         self._located_s = -np.inf
-        self._trust = ImuTrust(self._imus.count, robot.rest_seconds, settings)
-        self._position_trust = PositionTrust(rest, robot.rest_seconds, settings.position_m)
+        self._trust = ImuTrust(self._imus.count, robot.rest_until_s, settings)
+        self._position_trust = PositionTrust(rest, robot.rest_until_s, settings.position_m)
         self._seen_s = -np.inf
         self._has_jumped = False
         self._flies = False
@@ -241,7 +241,7 @@ class PoseFilter:
 
     def _strays(self, t_s: float, found: Sequence[Slip]) -> bool:
         """Return whether the robot is further from where a foot or a reading held it last than it is long."""
-        is_located = t_s - self._located_s < LOCATED_S or t_s < self._rest_seconds
+        is_located = t_s - self._located_s < LOCATED_S or t_s < self._rest_until_s
         if is_located or (self._standing & ~self._slide_watch.slides).any():
             self._held_m = self.state.position_m
         way_m = [float(np.linalg.norm(self.state.position_m - self._held_m)), *(slip.distance_m for slip in found)]
@@ -249,7 +249,7 @@ class PoseFilter:
 
     def _is_blind(self, frame: Frame) -> bool:
         """Return whether the floor alone tells where the robot is, and so nothing where it heads."""
-        is_told = frame.samples is not None or bool(frame.aids) or frame.t_s < self._rest_seconds
+        is_told = frame.samples is not None or bool(frame.aids) or frame.t_s < self._rest_until_s
         return not is_told and bool(self._standing.any())
 
     def _contacts_of(self, predicted: Prediction, frame: Frame, standing: Standing | None) -> Standing:
@@ -274,7 +274,7 @@ class PoseFilter:
 
     def _is_weightless(self, predicted: Prediction, frame: Frame) -> bool:
         """Return whether inertial sensors feel that nothing carries the robot: it bounces, or falls."""
-        if not self._is_felt(frame) or frame.t_s < self._rest_seconds:
+        if not self._is_felt(frame) or frame.t_s < self._rest_until_s:
             return False
         gained = predicted.placed.state.velocity_m_per_s - self.state.velocity_m_per_s
         force_m_per_s2 = gained / frame.step_s + GRAVITY_M_PER_S2 * UP
@@ -288,7 +288,7 @@ class PoseFilter:
         """Return which nodes stand, and whether they can carry the robot, where no positions tell its pose."""
         if not self._standing.any():
             standing = self._contacts.lift()
-        if frame.samples is None or frame.positions or frame.t_s < self._rest_seconds:
+        if frame.samples is None or frame.positions or frame.t_s < self._rest_until_s:
             return standing
         placed = PlacedShape(self.state, frame.body_m, frame.body_covariance_m2)
         of_state = self.covariance
@@ -299,7 +299,7 @@ class PoseFilter:
     def _watched_rise(self, frame: Frame) -> None:
         """Take the robot off the floor where inertial sensors say that it has risen from it."""
         placed = PlacedShape(self.state, frame.body_m, frame.body_covariance_m2)
-        if frame.samples is None or frame.t_s < self._rest_seconds or not self._standing.any():
+        if frame.samples is None or frame.t_s < self._rest_until_s or not self._standing.any():
             self._rise_watch.forget()
             return
         rise = self._rise_watch.observe(frame.t_s, frame.step_s, placed, self.covariance, frame.samples)

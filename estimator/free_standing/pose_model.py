@@ -50,7 +50,8 @@ class PoseModel:
         self.settings = settings
         self.floor = robot.floor
         """As told."""
-        self.rest_seconds = robot.rest_seconds
+        self.rest_until_s = robot.rest_until_s
+        """Time until which the robot rests, on the clock of the frames."""
         self.imus = ImuArray(robot.imus, rest.structure.rods)
         self.centre_m: NDArray[np.float64] = rest.node_position_m.mean(axis=0)
         """(3,) c, the origin of body coordinates."""
@@ -118,7 +119,7 @@ class PoseModel:
             rows.append(self._position_rows(placed, frame))
         if frame.ranges:
             rows.append(range_rows(placed, frame.ranges, self._number_of_pair, predicted.covariance, settings.range_m))
-        if frame.t_s < self.rest_seconds:
+        if frame.t_s < self.rest_until_s:
             rows.append(rest_rows(placed.state, self.centre_m))
         return rows
 

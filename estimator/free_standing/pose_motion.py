@@ -59,7 +59,7 @@ class PoseMotion:
 
         Args:
             before: the state before.
-            step_s: the time step.
+            step_s: the time step; of a long gap, what the pose is known for, while samples last for all of it.
             samples: of the inertial sensors in this step; None without such sensors.
             arms_m: two arrays (nodes, 3) of the nodes in body coordinates, before and after the step.
         """
@@ -97,7 +97,9 @@ class PoseMotion:
     ) -> PoseState:
         """Return the state with sensors and body turned as the sensors say."""
         settings, at = self._settings, before.layout
-        w = (samples.rate_rad_per_s - before.rate_bias_rad_per_s) * step_s
+        lasted_s = np.where(np.isnan(samples.lasted_s), step_s, samples.lasted_s)
+        turning_s = float(lasted_s.max())
+        w = (samples.rate_rad_per_s - before.rate_bias_rad_per_s) * lasted_s[:, None]
         imu_turn = before.imu_turn @ rotation(w)
         middle = 0.5 * (before.imu_turn + imu_turn)
         d = self._imus.direction(replace(before, imu_turn=middle))
@@ -117,21 +119,21 @@ class PoseMotion:
         turn = rotation(phi)
         F[at.turn, at.turn] = turn
         F[at.turn, at.rate] = by_rate
-        put_blocks(F, at.of_imus(at.imu_turn), at.of_imus(at.rate_bias), -step_s * middle)
-        F[at.turn, at.rate_bias] = _side_by_side(-step_s * by_imu @ middle)
+        put_blocks(F, at.of_imus(at.imu_turn), at.of_imus(at.rate_bias), -lasted_s[:, None, None] * middle)
+        F[at.turn, at.rate_bias] = _side_by_side(-lasted_s[:, None, None] * by_imu @ middle)
         F[at.turn, at.imu_turn] = _side_by_side(-by_imu @ cross_matrix(turned))
-        F[at.rate] = F[at.turn] / step_s
+        F[at.rate] = F[at.turn] / turning_s
         F[at.rate, at.turn] = 0.0
         noise[at.turn, at.turn] = C
-        noise[at.turn, at.rate] = noise[at.rate, at.turn] = C / step_s
-        noise[at.rate, at.rate] = C / step_s**2 + density * step_s / 3 * EYE
+        noise[at.turn, at.rate] = noise[at.rate, at.turn] = C / turning_s
+        noise[at.rate, at.rate] = C / turning_s**2 + density * step_s / 3 * EYE
         unseen = np.where(samples.count > 0, 0.0, density * step_s**3)
-        white = settings.rate_rad_per_s**2 * step_s**2 / np.maximum(samples.count, 1)
+        white = settings.rate_rad_per_s**2 * lasted_s**2 / np.maximum(samples.count, 1)
         scale = (settings.rate_scale * np.linalg.norm(w, axis=1)) ** 2
         _add_diagonal(noise, at.imu_turn, np.repeat(white + scale + unseen, 3))
-        _add_diagonal(noise, at.rate_bias, settings.rate_bias_rad_per_s15**2 * step_s)
-        _add_diagonal(noise, at.force_bias, settings.force_bias_m_per_s25**2 * step_s)
-        return replace(before, turn=turn @ before.turn, rate_rad_per_s=phi / step_s, imu_turn=imu_turn)
+        _add_diagonal(noise, at.rate_bias, settings.rate_bias_rad_per_s15**2 * turning_s)
+        _add_diagonal(noise, at.force_bias, settings.force_bias_m_per_s25**2 * turning_s)
+        return replace(before, turn=turn @ before.turn, rate_rad_per_s=phi / turning_s, imu_turn=imu_turn)
 
     def _moved(self, state: PoseState, step_s: float, F: NDArray[np.float64], noise: NDArray[np.float64]) -> PoseState:
         """Return the state with the centroid moved at its present velocity, which decays."""

@@ -33,6 +33,10 @@ class StableFace:
     def __init__(self, floor: Floor) -> None:
         self._up = floor.normal  # the axes of the body are those of the world at rest
 
+    def turned_to(self, up: NDArray[np.float64]) -> None:
+        """Take it as known how the structure is turned in one more frame: (3,) the floor's normal, in body axes."""
+        self._up = up
+
     def observe(self, shape: Shape) -> Standing:
         """Return which nodes stand in one more frame.
 

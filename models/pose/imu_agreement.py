@@ -41,12 +41,12 @@ def has_size_of_gravity(size_m_per_s2: NDArray[np.float64]) -> NDArray[np.bool_]
 class ImuAgreement:
     """Follows the agreement of each sensor, frame by frame."""
 
-    def __init__(self, imus: int, rest_seconds: float, settings: PoseSettings) -> None:
+    def __init__(self, imus: int, rest_until_s: float, settings: PoseSettings) -> None:
         self.has_size = np.ones(imus, dtype=np.bool_)
         """(imus,) whether the specific force had the size of gravity when it was quiet last."""
         self.moves_as_told = np.ones(imus, dtype=np.bool_)
         """(imus,) whether gravity has always turned as the rates say, and the velocity been that of a robot."""
-        self._rest_seconds = rest_seconds
+        self._rest_until_s = rest_until_s
         self._settings = settings
         self._last_s = np.nan
         self._rested = np.zeros(imus, dtype=np.int64)
@@ -73,7 +73,7 @@ class ImuAgreement:
         """
         step_s = t_s - self._last_s if np.isfinite(self._last_s) else 0.0
         self._last_s = t_s
-        at_rest = is_heard & (t_s < self._rest_seconds)
+        at_rest = is_heard & (t_s < self._rest_until_s)
         self._rested += at_rest
         self._bias += np.where(at_rest, 1 / np.maximum(self._rested, 1), 0.0)[:, None] * (rate - self._bias)
         is_steady = self._is_steady(force, is_heard, step_s)

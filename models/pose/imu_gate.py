@@ -8,6 +8,7 @@ import numpy as np
 from ..structure.floor import GRAVITY_M_PER_S2
 from ..values.aids import ImuReading
 from .imu_agreement import has_size_of_gravity
+from .rest_clock import RestClock
 
 MOST_RATE_RAD_PER_S = 70.0
 """Rate beyond the range of every small sensor: 4000 degrees per second."""
@@ -22,8 +23,9 @@ ATTITUDE_HOLDS_S = 0.2
 class ImuGate:
     """Decides which samples to use, and counts the others and the frames without any."""
 
-    def __init__(self, imus: int, rest_seconds: float) -> None:
-        self._rest_seconds = rest_seconds
+    def __init__(self, imus: int, rest_clock: RestClock) -> None:
+        """Begin; `rest_clock` is told the frames that are counted here."""
+        self._rest_clock = rest_clock
         self._samples = np.zeros(imus, dtype=np.int64)
         self._rested = np.zeros(imus, dtype=np.int64)
         self._force_at_rest = np.zeros((imus, 3))
@@ -38,7 +40,8 @@ class ImuGate:
         self._newest_s = np.full(imus, np.nan)
 
     def count_frame(self, t_s: float) -> None:
-        """Count in one more frame which sensors are silent."""
+        """Count in one more frame which sensors are silent; from the first one on the rest lasts."""
+        self._rest_clock.count_frame(t_s)
         self._newest_s = np.where(np.isnan(self._newest_s), t_s, self._newest_s)
         self.silent_frames += t_s - self._newest_s > ATTITUDE_HOLDS_S
 
@@ -49,7 +52,7 @@ class ImuGate:
         self._last[reading.imu] = rate + force
         self._newest_s[reading.imu] = reading.t_s
         self._samples[reading.imu] += 1
-        if reading.t_s < self._rest_seconds:
+        if self._rest_clock.is_at_rest(reading.t_s):
             self._rested[reading.imu] += 1
             self._force_at_rest[reading.imu] += reading.specific_force_m_per_s2
         self._same[reading.imu] = self._same[reading.imu] + 1 if same else 0

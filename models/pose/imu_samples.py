@@ -32,6 +32,9 @@ class ImuSamples:
     """(imus, 3)"""
     count: NDArray[np.int64]
     """(imus,) number of samples; where it is 0, the rate is that of the newest sample, and the force is nan."""
+    lasted_s: NDArray[np.float64]
+    """(imus,) the time of which they are the means: all since the frame before, however long. It is nan in the first
+    frame and of a sensor that was silent in this time."""
 
     @property
     def excess_m_per_s2(self) -> NDArray[np.float64]:
@@ -76,5 +79,7 @@ class ImuPreintegration:
         # a robot is moved without the force of a silent sensor, which is then not made up for
         force = np.where((is_read & self._was_read)[:, None], mean[:, 1], own[:, 1])
         rate = np.where(is_read[:, None], mean[:, 0], self._newest[:, 0])
+        is_whole = is_read & goes_on & (t_s - self._newest_s < ATTITUDE_HOLDS_S)
+        lasted_s = np.where(is_whole, t_s - self._frame_s, np.nan)
         self._frame_s, self._was_read = t_s, is_read
-        return ImuSamples(rate, np.where(is_read[:, None], force, np.nan), count)
+        return ImuSamples(rate, np.where(is_read[:, None], force, np.nan), count, lasted_s)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from ..structure.rest_shape import RestShape
 from ..values.aids import OwnFrame, PositionReading
 from ..values.rotations import best_rotation, cross_matrix
+from .rest_clock import RestClock
 
 LEAST_NODES = 3
 """Number of nodes that tell a frame."""
@@ -77,9 +78,9 @@ class FrameFit:
 class OwnFrames:
     """Places positions of such recordings in the world, from the end of the rest on."""
 
-    def __init__(self, rest: RestShape, recordings: Sequence[int], rest_seconds: float, sigma_m: float) -> None:
+    def __init__(self, rest: RestShape, recordings: Sequence[int], rest_clock: RestClock, sigma_m: float) -> None:
         self._rest = rest
-        self._rest_seconds = rest_seconds
+        self._rest_clock = rest_clock
         self._sigma_m = sigma_m
         self._at_rest: dict[int, dict[int, list[NDArray[np.float64]]]] = {k: defaultdict(list) for k in recordings}
         self._fits: dict[int, FrameFit] = {}
@@ -94,7 +95,7 @@ class OwnFrames:
         """Return a position in the world; None at rest, where it tells the frame, and where the frame is not known."""
         if reading.recording not in self._at_rest:
             return reading
-        if reading.t_s < self._rest_seconds:
+        if self._rest_clock.is_at_rest(reading.t_s):
             self._at_rest[reading.recording][reading.node].append(reading.position_m)
             return None
         if reading.recording not in self._fits:

@@ -91,16 +91,16 @@ class _Capture:
 class PositionTrust:
     """Follows which positions to trust, frame by frame."""
 
-    def __init__(self, rest: RestShape, rest_seconds: float, sigma_m: float) -> None:
+    def __init__(self, rest: RestShape, rest_until_s: float, sigma_m: float) -> None:
         """Prepare for a robot that stands at its rest shape at the start.
 
         Args:
             rest: the rest shape, in the world.
-            rest_seconds: how long it stands there.
+            rest_until_s: until when it stands there, on the clock of the frames.
             sigma_m: standard deviation of a position, per axis.
         """
         self._rest = rest
-        self._rest_seconds = rest_seconds
+        self._rest_until_s = rest_until_s
         self._sigma_m = sigma_m
         self._at_rest: dict[int, dict[int, _AtRest]] = defaultdict(lambda: defaultdict(_AtRest))
         self._recordings: dict[int, _Capture] = {}
@@ -144,7 +144,7 @@ class PositionTrust:
     ) -> list[bool]:
         """Return which positions of one instant and recording are used; arguments as those of `trusted`."""
         number, t_s = readings[0].recording, readings[0].t_s
-        if t_s < self._rest_seconds and readings[0].frame is None:
+        if t_s < self._rest_until_s and readings[0].frame is None:
             used = believed_at_rest(readings, self._rest.node_position_m, self._rest.covariance_m2, self._sigma_m)
             for reading, is_used in zip(readings, used, strict=True):
                 self._at_rest[number][reading.node].observe(agrees=is_used)
@@ -154,7 +154,7 @@ class PositionTrust:
             return [False] * len(readings)
         if number not in self._recordings:
             is_astray = readings[0].frame is None and number not in self._at_rest
-            self._recordings[number] = _Capture(self._rest_seconds, is_astray)
+            self._recordings[number] = _Capture(self._rest_until_s, is_astray)
         recording = self._recordings[number]
         x, shape_m2 = expected.node_position_m, expected.shape_covariance_m2
         unseen_s = step_s if recording.is_astray else max(t_s - recording.seen_s, step_s)

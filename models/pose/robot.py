@@ -1,9 +1,10 @@
 """What a robot that is not held stands on or hangs from, and what it carries beside its tendons."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..structure.floor import Floor
 from ..values.aids import Imu
+from .rest_clock import rest_until_s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -15,9 +16,20 @@ class FreeStandingRobot:
     range_pairs: tuple[tuple[int, int, int], ...]
     """The pairs of beacon and node between which ranges may be measured, see `RangeReading.pair`."""
     rest_seconds: float
-    """How long it stands at its rest shape at the start."""
+    """How long it stands at its rest shape, from the first frame on."""
     own_frames: int = 0
     """Number of recordings of positions in frames of their own."""
+    first_frame_s: float = 0.0
+    """t_s of the first frame, which is known when it arrives, see `begun`."""
+
+    @property
+    def rest_until_s(self) -> float:
+        """Time until which it stands at its rest shape, on the clock of the frames."""
+        return rest_until_s(self.first_frame_s, self.rest_seconds)
+
+    def begun(self, first_frame_s: float) -> "FreeStandingRobot":
+        """Return the robot with the time of its first frame."""
+        return replace(self, first_frame_s=first_frame_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,8 +40,14 @@ class HangingRobot:
     range_pairs: tuple[tuple[int, int, int], ...]
     """See `FreeStandingRobot`."""
     rest_seconds: float
-    """How long it hangs at its rest shape at the start."""
+    """How long it hangs at its rest shape, from the first frame on."""
     anchor_m: float
     """Standard deviation of an anchor's position, per axis."""
     own_frames: int = 0
     """See `FreeStandingRobot`."""
+    first_frame_s: float = 0.0
+    """See `FreeStandingRobot`."""
+
+    def begun(self, first_frame_s: float) -> "HangingRobot":
+        """Return the robot with the time of its first frame."""
+        return replace(self, first_frame_s=first_frame_s)

@@ -10,6 +10,14 @@ def cut(trial: Path, until_s: float) -> None:
         file.write_text("".join([header, *(row for row in rows if float(row.split(",")[0]) < until_s)]))
 
 
+def shifted(trial: Path, by_s: float) -> None:
+    """Shift the stamps of a trial's readings, truth and loads, the first column of each file."""
+    for file in trial.glob("*.csv"):
+        header, *rows = file.read_text().splitlines(keepends=True)
+        later = (f"{float(t_s) + by_s:.6f},{rest}" for t_s, rest in (row.split(",", 1) for row in rows))
+        file.write_text("".join([header, *later]))
+
+
 def lines(edit):
     """An edit of a file's list of lines."""
     return lambda text: "".join(edit(text.splitlines(keepends=True)))

@@ -98,7 +98,7 @@ class SlideWatch:
         if (self._slid & ~self.slides).any():  # their new footholds are those of the next watch
             self._unheld = None
             return predicted, before.state
-        if frame.samples is None or frame.t_s < model.rest_seconds:
+        if frame.samples is None or frame.t_s < model.rest_until_s:
             return predicted, before.state
         if self._unheld is None or frame.t_s - self._unheld.since_s > WATCH_S:
             self._unheld = UnheldPose(frame.before_s, before)

@@ -175,3 +175,16 @@ def test_without_mechanics_contacts_are_told_by_heights(tmp_path) -> None:
         trial.truth_of(trial.truth()),
     ).pose
     assert pose.still_tilt_rms_deg < 3.0
+
+
+@pytest.mark.parametrize("method", ["live", pytest.param("batch", marks=pytest.mark.long)])
+def test_without_mechanics_it_rests_on_the_face_that_its_sensor_told_last(method, tmp_path) -> None:
+    """The sensor ends after a tip onto another face: the robot was put back onto its first one, 0.3 m wrong."""
+    path = without(tmp_path / "ends", "mechanics", until_s=10.3)
+    samples = (path / "imu0.csv").read_text().splitlines(keepends=True)
+    (path / "imu0.csv").write_text("".join(samples[:1000]))
+    trial = open_trial(path)
+    result = reconstruct(trial, method)
+    last = np.searchsorted(trial.truth().t_s, result.t_s[-1] - 1e-6)
+    apart_m = result.node_position_m[-1] - trial.truth().node_position_m[last]
+    assert np.sqrt(np.mean(np.sum(apart_m**2, axis=1))) < 0.05

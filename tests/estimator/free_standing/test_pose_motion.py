@@ -24,7 +24,7 @@ def samples_of(state, rate_rad_per_s: np.ndarray) -> ImuSamples:
     """Return the samples of sensors that turn at a rate, given in the world, and are accelerated a little."""
     in_sensor = np.einsum("iba,b->ia", state.imu_turn, rate_rad_per_s) + state.rate_bias_rad_per_s
     force = np.einsum("iba,b->ia", state.imu_turn, 9.81 * UP + np.array([0.3, -0.2, 0.1]))
-    return ImuSamples(in_sensor, force + state.force_bias_m_per_s2, np.array([2, 2]))
+    return ImuSamples(in_sensor, force + state.force_bias_m_per_s2, np.array([2, 2]), np.full(2, STEP_S))
 
 
 @pytest.mark.parametrize("with_imus", [False, True])
@@ -62,12 +62,24 @@ def test_two_sensors_turn_the_body_as_they_turn() -> None:
     assert after.rate_rad_per_s == pytest.approx(rate, abs=0.05)
 
 
+def test_sensors_that_were_read_through_a_gap_turn_the_body_for_all_of_it() -> None:
+    """Three seconds at 0.5 rad/s, of which the pose is known for one: the body has turned by 1.5 rad about the axis."""
+    rate = np.array([0.3, 0.0, 0.4])
+    state = any_state(imus=2, pairs=0)
+    samples = replace(samples_of(state, rate), lasted_s=np.full(2, 3.0))
+    motion = PoseMotion(IMUS, PoseSettings(turn_rad_per_s=5.0, spin_rad_per_s=7.0))
+    after = motion.after(state, 1.0, samples, (BODY_M, BODY_M)).state
+    assert after.turn == pytest.approx(rotation(rate * 3.0) @ state.turn, abs=0.02)
+    assert after.imu_turn == pytest.approx(rotation(rate * 3.0) @ state.imu_turn, abs=1e-9)
+    assert after.rate_rad_per_s == pytest.approx(rate, abs=0.01)
+
+
 @pytest.mark.parametrize("misalignment_rad", [0.0, 0.02, 0.1, 0.2, 0.3, 3.0])
 def test_the_noise_is_a_covariance(misalignment_rad) -> None:
     """However far absurd readings have turned the sensors on their rods, and where little else is known of a turn."""
     state = replace(any_state(imus=1, pairs=0), misalignment=np.full((1, 2), misalignment_rad))
     one = ImuArray([Imu(0, 0.5, np.array([0.0, 0, 1]))], RODS)
-    samples = ImuSamples(np.array([[-6.0, 0, 0]]), np.array([[0, 0, 9.81]]), np.array([2]))
+    samples = ImuSamples(np.array([[-6.0, 0, 0]]), np.array([[0, 0, 9.81]]), np.array([2]), np.full(1, STEP_S))
     motion = PoseMotion(one, PoseSettings(turn_rad_per_s=5.0, spin_rad_per_s=7.0))
     noise = motion.after(state, STEP_S, samples, (BODY_M, BODY_M)).noise
     assert noise == pytest.approx(noise.T)

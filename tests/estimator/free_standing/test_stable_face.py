@@ -63,3 +63,12 @@ def test_the_face_beyond_an_edge_is_as_likely_as_the_centre_of_mass_is_outside(s
 def test_a_flat_shape_does_not_stop_it() -> None:
     """An absurd estimate, all nodes on the floor, is no hull; some three nodes are told."""
     assert len(nodes(StableFace(FLOOR).observe(shape([[0.1, 0.1, 0.0], [0.2, 0.2, 0.0]])))) == 3
+
+
+def test_the_face_that_sensors_have_told_is_kept() -> None:
+    """Turned onto the face beyond the edge 0 1 by hand, while its shape stays: it rests there when sensors end."""
+    face, upright = StableFace(FLOOR), shape([[0.1, 0.1, 0.2]])
+    assert nodes(face.observe(upright)) == [0, 1, 2]
+    inward = np.cross([0.3, 0, 0], [0.1, 0.1, 0.2])
+    face.turned_to(-inward / np.linalg.norm(inward) * np.sign(inward @ [0, -1, 0]))
+    assert nodes(face.observe(upright)) == [0, 1, 3]

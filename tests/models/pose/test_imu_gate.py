@@ -1,8 +1,10 @@
 """Samples of inertial sensors that are absurd, or stuck."""
 
 import numpy as np
+import pytest
 
 from tensegraph.models.pose.imu_gate import ImuGate
+from tensegraph.models.pose.rest_clock import RestClock
 from tensegraph.models.values.aids import ImuReading
 
 
@@ -11,7 +13,7 @@ def sample(k: int, rate: float = 0.1, force: float = 9.8) -> ImuReading:
 
 
 def test_what_no_sensor_can_measure_is_left_out() -> None:
-    gate = ImuGate(1, 0.0)
+    gate = ImuGate(1, RestClock(0.0))
     passed = [gate.passes(reading) for reading in (sample(0), sample(1, rate=900), sample(2, force=-5000), sample(3))]
     assert passed == [True, False, False, True]
     assert gate.counts()["imu 0: absurd samples"] == 2
@@ -19,7 +21,7 @@ def test_what_no_sensor_can_measure_is_left_out() -> None:
 
 def test_a_sensor_that_repeats_itself_is_stuck_until_it_moves() -> None:
     """Four equal samples may be chance; the fifth and all that follow are left out."""
-    gate = ImuGate(1, 0.0)
+    gate = ImuGate(1, RestClock(0.0))
     passed = [gate.passes(sample(k)) for k in range(8)]
     assert passed == [True] * 4 + [False] * 4
     assert gate.passes(sample(9, rate=0.2))
@@ -28,7 +30,7 @@ def test_a_sensor_that_repeats_itself_is_stuck_until_it_moves() -> None:
 
 def test_frames_without_samples_are_counted() -> None:
     """By hand: silent for more than 0.2 s in the frames of 0.3, 0.4 and 0.5 s; another sensor never says anything."""
-    gate = ImuGate(2, 0.0)
+    gate = ImuGate(2, RestClock(0.0))
     for k in range(8):
         if k not in (1, 2, 3, 4, 5):
             gate.passes(ImuReading(0, 0.1 * k, np.zeros(3), np.full(3, float(k))))
@@ -39,7 +41,7 @@ def test_frames_without_samples_are_counted() -> None:
 
 def test_of_a_sensor_that_is_mostly_absurd_nothing_is_used() -> None:
     """By hand: two of the first three samples are absurd, and three of six are not most."""
-    gate = ImuGate(1, 0.0)
+    gate = ImuGate(1, RestClock(0.0))
     absurd = [True, False, True, False, False, True]
     passed = [gate.passes(sample(k, rate=0.1 + k, force=9810.0 if wrong else 9.8)) for k, wrong in enumerate(absurd)]
     assert passed == [False, True, False, True, True, False]
@@ -48,9 +50,13 @@ def test_of_a_sensor_that_is_mostly_absurd_nothing_is_used() -> None:
     assert gate.warnings() == {"imu 0": "most samples are absurd, and none is used: unit?"}
 
 
-def test_a_unit_that_is_told_wrongly_is_named() -> None:
-    gate = ImuGate(2, 0.05)
+@pytest.mark.parametrize("first_s", [0.0, 100.0])
+def test_a_unit_that_is_told_wrongly_is_named(first_s) -> None:
+    """At rest alone, which lasts for 0.05 s from the first frame on: later a robot may be accelerated."""
+    gate = ImuGate(2, RestClock(0.05))
     for k in range(10):
-        gate.passes(ImuReading(0, 0.01 * k, np.full(3, float(k)), np.array([0, 0.6, 0.8])))
-        gate.passes(ImuReading(1, 0.01 * k, np.full(3, float(k)), np.array([0, 6.0, 8.0])))
+        t_s, moves = first_s + 0.01 * k, 1.0 if k < 5 else 3.0
+        gate.passes(ImuReading(0, t_s, np.full(3, float(k)), np.array([0, 0.6, 0.8])))
+        gate.passes(ImuReading(1, t_s, np.full(3, float(k)), moves * np.array([0, 6.0, 8.0])))
+        gate.count_frame(t_s)
     assert gate.warnings() == {"imu 0": "specific force at rest: expected 9.81 m/s^2, got 1: unit?"}

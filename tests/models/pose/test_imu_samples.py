@@ -75,3 +75,13 @@ def test_after_a_long_silence_only_the_own_samples_count() -> None:
     means.mean(later_s - STEP_S, [])
     found = means.mean(later_s, [reading(later_s - 0.01, 1), reading(later_s, 3)])
     assert found.rate_rad_per_s[0, 2] == pytest.approx(2)
+
+
+def test_samples_last_for_all_of_a_gap_in_which_they_were_read() -> None:
+    """A second between two frames: of one sensor samples throughout it, of the others at its end or beginning alone."""
+    means = ImuPreintegration(3)
+    first = means.mean(0.02, [reading(0.01, 1, imu) for imu in range(3)])
+    assert np.isnan(first.lasted_s).all()
+    throughout = [reading(t_s, 1, 0) for t_s in np.arange(0.02, 1.02, 0.01)]
+    found = means.mean(1.02, sorted([*throughout, reading(1.01, 1, 1), reading(0.02, 1, 2)], key=lambda one: one.t_s))
+    assert found.lasted_s == pytest.approx([1.0, np.nan, np.nan], nan_ok=True)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tensegraph.models.pose.position_frames import OwnFrames, fitted_frame
+from tensegraph.models.pose.rest_clock import RestClock
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.values.aids import PositionReading
 from tensegraph.models.values.rotations import rotation
@@ -17,6 +18,13 @@ REST_S = 1.0
 
 def in_frame(world_m: np.ndarray) -> np.ndarray:
     return (world_m - ORIGIN_M) @ TURN
+
+
+def own_frames(rest: RestShape) -> OwnFrames:
+    """Return the frame of recording 1 of a robot that begins to rest at t = 0."""
+    clock = RestClock(REST_S)
+    clock.count_frame(0.0)
+    return OwnFrames(rest, (1,), clock, 5e-4)
 
 
 def at_rest(own: OwnFrames, rest: RestShape, nodes=SEEN, markers=SEEN) -> None:
@@ -62,7 +70,7 @@ def test_the_covariance_of_a_placed_position_is_that_of_fits_to_wrong_readings(b
 
 def test_positions_are_placed_from_the_end_of_the_rest_on(balanced) -> None:
     """Those of other recordings are in the world already; one wild reading at rest changes nothing."""
-    own = OwnFrames(balanced, (1,), REST_S, 5e-4)
+    own = own_frames(balanced)
     at_rest(own, balanced)
     own.placed(PositionReading(0.99, 4, np.array([9.0, 9.0, 9.0]), 1))
     later_m = np.array([0.5, -0.3, 0.2])
@@ -96,7 +104,7 @@ UNKNOWN = {
 def test_a_frame_that_is_not_known_is_said_and_its_positions_are_counted(message, balanced) -> None:
     nodes, markers, is_line = UNKNOWN[message]
     rest = on_one_line(balanced) if is_line else balanced
-    own = OwnFrames(rest, (1,), REST_S, 5e-4)
+    own = own_frames(rest)
     at_rest(own, rest, nodes, markers)
     for t_s in (1.1, 1.2, 1.3):
         assert own.placed(PositionReading(t_s, 2, np.zeros(3), 1)) is None
