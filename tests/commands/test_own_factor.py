@@ -121,7 +121,7 @@ def test_methods_that_use_no_factor_say_so(own_parts, trial_copy, tmp_path) -> N
     )
     done = run("compare", "press", "--method", "least-squares", "--method", "live", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "uses no [[factor]]" in done.stdout
+    assert "least squares: not run: method 'least-squares': expected one of batch, live, frame" in done.stdout
     with (tmp_path / "results/comparison/comparison.csv").open() as file:
         nodes_rmse_m = {row["method"]: row["nodes_rmse_m"] for row in csv.DictReader(file) if row["trial"] == "press"}
     assert nodes_rmse_m["graph, live"] not in ("", "nan")
