@@ -64,6 +64,8 @@ class HangingFilter(PoseFilter):
         super().__init__(rest, in_the_air, settings.pose, unknown)
         self._anchor_m = robot.anchor_m
         self._structure = rest.structure
+        self._rest = rest
+        self._rod_of_imu = np.array([imu.rod for imu in robot.imus], dtype=np.int64)
         count = rest.structure.node_count
         mass_kg = rest.mechanics.node_mass_kg(rest.structure) if rest.mechanics else np.zeros(count)
         self._suspension = Suspension.of(rest.structure, mass_kg)
@@ -81,7 +83,6 @@ class HangingFilter(PoseFilter):
         self.is_contradicted = False
         """Whether torques contradicted the pose in the last frame, or it may have spun unseen: it may be wrong."""
         self._has_spun = False
-        self._spins_unseen = self._suspension.is_ball and are_parallel([imu.rod for imu in robot.imus], rest)
 
     def hanging(self, node_position_m: NDArray[np.float64]) -> Hanging:
         """Return how a shape of (nodes, 3) body coordinates hangs without hands."""
@@ -109,9 +110,13 @@ class HangingFilter(PoseFilter):
         if self._hands is not None:
             torque = self._torque_rows(placed, self._hands, step_s)
             rows.append(limited(torque, covariance))
-            self._has_spun |= self._spins_unseen and self._swing.seen_rad > FAST_RAD
+            self._has_spun |= self._swing.seen_rad > FAST_RAD and self._spins_unseen()
             self.is_contradicted = self._has_spun or bool(contradicted(torque, covariance).any())
         return rows
+
+    def _spins_unseen(self) -> bool:
+        """Return whether the inertial sensors in use, all on parallel rods, do not tell how a body on a ball spins."""
+        return self._suspension.is_ball and are_parallel(self._rod_of_imu[self._trust.is_used].tolist(), self._rest)
 
     def _measured_rad_per_s(self) -> float:
         """Return the largest rate that trusted inertial sensors have measured in the frame before; 0 without any."""
