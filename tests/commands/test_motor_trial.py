@@ -1,16 +1,21 @@
 """A trial with motors as a user makes and reads it, on a prism whose upper triangle is wound."""
 
+from dataclasses import replace
 from shutil import copytree
 
+import numpy as np
 import pytest
 
 from command_line import run
 from plan_edits import PLANS, replaced
-from tensegraph import Status, Trial, open_trial, reconstruct, simulate
+from tensegraph import Settings, Status, Trial, open_trial, reconstruct, simulate
+from tensegraph.factors.tendon import TautCables
+from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.trial_directory import arrival_s
 from tensegraph.live.feeds import replay_feed, twin_feed
 from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.values.readings import NaturalLengthReading
+from tensegraph.pipeline import Pipeline
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -102,3 +107,21 @@ def test_a_motor_on_a_stiff_cable_is_refused_in_one_line(trial, tmp_path) -> Non
     assert refused.returncode == 2
     assert "motor[0].tendons: expected no stiff cable, got tendon 3" in refused.stderr
     assert len(refused.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("has_motors", [True, False])
+def test_beside_motors_cables_are_slack_by_their_lengths_alone(has_motors, trial) -> None:
+    """The tension that a cable has with the natural lengths of the rest says nothing once a motor has wound others."""
+    told = trial.description
+    assert told.mechanics is not None
+    is_cable = np.arange(len(told.structure.tendons)) == 7
+    mechanics = replace(
+        told.mechanics,
+        stiffness_n_per_m=np.where(is_cable, 2e4, 400.0),
+        push_back=np.where(is_cable, 0.0, 0.1),
+        stiff_cables=np.flatnonzero(is_cable),
+    )
+    told = replace(told, mechanics=mechanics, motors=told.motors if has_motors else ())
+    (cables,) = Pipeline(told, Settings(), read_sensor_model()).factors
+    assert isinstance(cables, TautCables)
+    assert (cables.statics is None) == has_motors
