@@ -208,7 +208,8 @@ class Pipeline:
                 raise InputError(f"motor[{number}].tendons: expected no stiff cable, got tendon {tendon}")
         structure = self.rest.structure
         tared = self.rest.mechanics or mechanics
-        return TautCables.of(structure, tared, is_held=structure.is_held)
+        by_forces = structure.is_held and not self.trial.motors  # which change what the cables pull
+        return TautCables.of(structure, tared, by_forces=by_forces)
 
     def _front_end(self, model: AnySensorModel, references: ReferenceTendons) -> FrontEnd | StrainFrontEnd:
         trial, settings = self.trial, self.settings

@@ -138,7 +138,7 @@ def write_score(score: ScoredResult, path: Path, made_from: str) -> None:
         write_heights_figure(score.evaluation, score.title(), directory / "heights.png")
         write_errors_figure(score.evaluation, score.title(), directory / "errors.png")
         frames = score.evaluation.compared
-        if score.evaluation.pose:
+        if score.evaluation.pose and not score.evaluation.in_body:
             write_followed_figure(
                 frames.t_s, frames.estimated_m, frames.true_m, frames.contacts, score.title(), directory / "track.png"
             )

@@ -253,7 +253,7 @@ class _RestProblem:
         """Return the residuals of taut cables over their sigma, and their Jacobian; no rows without stiff cables."""
         if self.nominal is None or not len(self.nominal.stiff_cables):
             return np.zeros(0), np.zeros((0, self.coordinates))
-        return own_rows([TautCables.of(self.structure, self.nominal, is_held=False)], 0.0, position_m)
+        return own_rows([TautCables.of(self.structure, self.nominal, by_forces=False)], 0.0, position_m)
 
     @property
     def _carried(self) -> NDArray[np.int64]:

@@ -77,13 +77,14 @@ class TautCables:
     sigma_m: NDArray[np.float64]
     """(stiff cables,)"""
     statics: Statics | None
-    """The balance of forces, which tells whether they pull; None where the force of the floor or of a hand decides."""
+    """The balance of forces with the natural lengths of the rest, which tells whether they pull; None where the force
+    of the floor, of a hand or of a motor decides."""
 
     @classmethod
-    def of(cls, structure: Structure, mechanics: Mechanics, *, is_held: bool) -> "TautCables":
-        """Return those of a structure; `is_held` where weight and tendons are all that pulls without a load."""
+    def of(cls, structure: Structure, mechanics: Mechanics, *, by_forces: bool) -> "TautCables":
+        """Return those of a structure; `by_forces` where weight and tendons, as at rest, pull alone without a load."""
         cables = mechanics.stiff_cables
-        statics = Statics(structure, mechanics) if is_held else None
+        statics = Statics(structure, mechanics) if by_forces else None
         return cls(structure.tendons[cables], structure.natural_length_m[cables], mechanics.cable_sigma_m, statics)
 
     def __str__(self) -> str:

@@ -24,7 +24,7 @@ MISSED_RAD = 0.3
 """Heading that the shortest turn misses, above which the pose before it was wrong."""
 ANY_HEADING_RAD = np.pi / np.sqrt(3)
 """Standard deviation of the turn when no node has stayed: the robot has rolled over several faces, and heads anywhere.
-Its centroid has rolled by its height times the angle or further, which is the standard deviation per axis then."""
+Its centroid has rolled by its height above the floor times the angle or further: the standard deviation per axis."""
 
 
 def has_landed(placed: PlacedShape, floor: Floor, nodes: NDArray[np.bool_]) -> bool:
@@ -59,7 +59,7 @@ def tipped(
     turned_rad, moved_m = LANDING_RAD_PER_RAD05 * np.sqrt(angle), LANDING_M_PER_RAD05 * np.sqrt(angle)
     if not stayed.any():
         rolled_m = np.zeros(3)
-        turned_rad, moved_m = ANY_HEADING_RAD, angle * float(floor.clearance_m(pivot_m) + floor.height_m)
+        turned_rad, moved_m = ANY_HEADING_RAD, angle * float(floor.clearance_m(pivot_m) + settings.cap_radius_m)
     state = replace(
         placed.state,
         turn=turn @ placed.state.turn,

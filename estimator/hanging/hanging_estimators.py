@@ -54,7 +54,7 @@ class HangingSmoother:
         """Yield a shape in the world for each frame, as soon as the frame arrives."""
         for lengths in frames:
             shape, step = self.update(lengths)
-            yield hung_in_world(shape, self._rest, step.state, step.covariance, self.doubt_of(step))
+            yield hung_in_world(shape, self._rest, step.state, step.covariance, step, self.doubt_of(step))
 
     def update(self, lengths: TendonLengths) -> tuple[Shape, PoseStep]:
         """Return the shape in one more frame, in body coordinates, and its pose."""
@@ -123,14 +123,14 @@ class HangingOptimizer:
         assert live.kept is not None, "the live pass keeps the torques"
         supports = [
             weight_of(self._structure, self._rest, shape.node_position_m, state, covariance)
-            for shape, (state, covariance) in zip(shapes, self._poses(frames, shapes, live.kept), strict=True)
+            for shape, (state, covariance, _) in zip(shapes, self._poses(frames, shapes, live.kept), strict=True)
         ]
         shapes = [shape.without_covariance() for shape in shapes]
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
         poses = self._poses(frames, shapes, live.kept)
-        for shape, (state, covariance), doubt in zip(shapes, poses, doubts, strict=True):
-            yield hung_in_world(shape, self._rest, state, covariance, doubt)
+        for shape, (state, covariance, step), doubt in zip(shapes, poses, doubts, strict=True):
+            yield hung_in_world(shape, self._rest, state, covariance, step, doubt)
 
     def _live(self, frames: Sequence[TendonLengths]) -> tuple[HangingSmoother, list[Shape], list[Reason | None]]:
         """Return the live estimator after all frames, with what it has kept of them, its shapes and its doubts."""
@@ -146,13 +146,13 @@ class HangingOptimizer:
 
     def _poses(
         self, frames: Sequence[TendonLengths], shapes: Sequence[Shape], hands: Sequence[HandTorque | None]
-    ) -> list[tuple[PoseState, NDArray[np.float64]]]:
-        """Return the state of the pose and its covariance in each frame."""
+    ) -> list[tuple[PoseState, NDArray[np.float64], PoseStep]]:
+        """Return the state of the pose, its covariance and the filter's step in each frame."""
         poses = HangingFilter(self._rest, self._robot, self._settings)
         steps = [
             poses.hang(shape, hand, lengths.aids) for lengths, shape, hand in zip(frames, shapes, hands, strict=True)
         ]
-        return smoothed(steps)
+        return [(state, covariance, step) for (state, covariance), step in zip(smoothed(steps), steps, strict=True)]
 
 
 def weight_of(
@@ -168,7 +168,12 @@ def weight_of(
 
 
 def hung_in_world(
-    shape: Shape, rest: RestShape, state: PoseState, covariance: NDArray[np.float64], doubt: Reason | None
+    shape: Shape,
+    rest: RestShape,
+    state: PoseState,
+    covariance: NDArray[np.float64],
+    step: PoseStep,
+    doubt: Reason | None,
 ) -> Shape:
     """Return a shape of body coordinates in the world.
 
@@ -177,6 +182,7 @@ def hung_in_world(
         rest: the rest shape, whose centroid is the origin of the pose.
         state: the pose.
         covariance: (size, size) of its errors.
+        step: of the filter, which tells which ranges are not used.
         doubt: what the pose tells against the model.
     """
     placed = PlacedShape(state, shape.node_position_m - rest.node_position_m.mean(axis=0), shape.covariance_m2)
@@ -188,4 +194,5 @@ def hung_in_world(
         node_position_m=placed.node_position_m,
         covariance_m2=turned_covariance_m2(placed, covariance, pivot_m),
         loads=shape.loads.turned(state.turn) if shape.loads else None,
+        outlying_ranges=step.outlying_ranges,
     )

@@ -83,7 +83,7 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
     rows += _capture_facts(e.capture, e.structure) if e.capture else []
     if e.wrong_branch_frames is not None:
         rows.append(("on the wrong branch", f"{e.wrong_branch_frames} frames"))
-    rows += _pose_facts(e.pose) if e.pose else []
+    rows += _pose_facts(e.pose, in_body=e.in_body) if e.pose else []
     rows += _consistency_facts(e.consistency)
     rows += _load_facts(e)
     rows += [(f"fault: {fault.kind}, {fault.where}", _seen(fault)) for fault in e.faults]
@@ -118,12 +118,16 @@ def _capture_facts(c: CaptureFit, structure: Structure) -> list[tuple[str, str]]
     return [("clock of the capture", told), ("markers = nodes", f"{fit}: {markers}{ignored}")]
 
 
-def _pose_facts(p: PoseScore) -> list[tuple[str, str]]:
+def _pose_facts(p: PoseScore, *, in_body: bool) -> list[tuple[str, str]]:
     rows = [
         (
             "shape alone (best rigid fit)",
             f"RMSE {1e3 * p.shape_rmse_m:.2f} mm, {p.shape_rmse_m / p.held_rmse_m:.2f} of holding the rest shape",
-        ),
+        )
+    ]
+    if in_body:
+        return rows
+    rows += [
         ("shape and tilt (best turn about z)", f"RMSE {1e3 * p.level_rmse_m:.2f} mm"),
         (
             "tilt",

@@ -231,7 +231,7 @@ class Evaluation:
     false_alarm_share: float
     """Share of the readings (frame, tendon) without a fault that were flagged as faulty or left out."""
     pose: PoseScore | None
-    """None for a structure with three anchors or more, or in body coordinates."""
+    """None for a structure with three anchors or more."""
     in_body: bool
     """Whether the shape is described in body coordinates, so that the truth was laid onto each frame."""
     capture: CaptureFit | None

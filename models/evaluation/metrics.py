@@ -69,7 +69,7 @@ def evaluate(
     rest = (estimate.t_s <= start_s + truth.rest_seconds) & (truth.rest_seconds > 0)
     rest_error_m = rest_position_m - mean_over_frames(true_m[rest])
     compared = compare_frames(structure, estimate, true_m, known, truth)
-    pose = None if structure.is_held or in_body else score_pose(compared, rest_position_m)
+    pose = None if structure.is_held else score_pose(compared, rest_position_m, in_body=in_body)
     node_rmse_m = np.sqrt(mean_over_frames((compared.node_error_m**2).sum(axis=-1)))
     node_height_rmse_m = np.sqrt(mean_over_frames(compared.node_error_m[..., 2] ** 2))
     good = np.flatnonzero(compared.frame_error_m <= GOOD_M)

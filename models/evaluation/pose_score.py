@@ -1,5 +1,7 @@
 """How well a free-standing structure is followed: its shape, how it is turned, its track, and its contacts."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
@@ -14,12 +16,15 @@ STILL_S = 0.2
 """Time over which this speed is averaged."""
 
 
-def score_pose(compared: ComparedFrames, rest_position_m: NDArray[np.float64]) -> PoseScore | None:
+def score_pose(
+    compared: ComparedFrames, rest_position_m: NDArray[np.float64], *, in_body: bool = False
+) -> PoseScore | None:
     """Return the score of a free-standing structure; None when no frame has the true positions of all nodes.
 
     Args:
         compared: the compared frames.
         rest_position_m: (nodes, 3) the rest shape.
+        in_body: whether the truth was laid onto each frame: then all but the shape is nan.
     """
     known = np.isfinite(compared.true_m).all(axis=(1, 2))
     if not known.any():
@@ -39,7 +44,7 @@ def score_pose(compared: ComparedFrames, rest_position_m: NDArray[np.float64]) -
             contacts = _score_contacts(told[compared_too] > 0.5, true[compared_too] > 0.5, still[compared_too])
     x, truth = _centred(x), _centred(truth)
     rest = np.broadcast_to(rest_position_m - rest_position_m.mean(axis=0), x.shape)
-    return PoseScore(
+    score = PoseScore(
         shape_rmse_m=_rms(x @ np.swapaxes(turn, 1, 2) - truth),
         held_rmse_m=_rms(rest @ np.swapaxes(best_rotation(rest, truth), 1, 2) - truth),
         level_rmse_m=_rms(x @ np.swapaxes(_level_rotation(x, truth), 1, 2) - truth),
@@ -51,6 +56,10 @@ def score_pose(compared: ComparedFrames, rest_position_m: NDArray[np.float64]) -
         centroid_rmse_m=float(np.sqrt(np.mean(np.sum(error_m**2, axis=1)))),
         contacts=contacts,
     )
+    if not in_body:
+        return score
+    of_pose = ("level_rmse_m", "tilt_rms_deg", "still_tilt_rms_deg", "heading_error_deg", "path_m", "drift_share")
+    return replace(score, **dict.fromkeys((*of_pose, "centroid_rmse_m"), np.nan))
 
 
 def _centred(x: NDArray[np.float64]) -> NDArray[np.float64]:

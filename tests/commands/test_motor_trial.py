@@ -2,17 +2,22 @@
 
 import re
 import tomllib
+from dataclasses import replace
 from shutil import copytree
 
+import numpy as np
 import pytest
 
 from command_line import run
 from plan_edits import PLANS, replaced
-from tensegraph import Status, Trial, open_trial, reconstruct, simulate
+from tensegraph import Settings, Status, Trial, open_trial, reconstruct, simulate
+from tensegraph.factors.tendon import TautCables
+from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.trial_directory import arrival_s
 from tensegraph.live.feeds import replay_feed, twin_feed
 from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.values.readings import NaturalLengthReading
+from tensegraph.pipeline import Pipeline
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -125,3 +130,21 @@ def test_rows_that_are_missing_are_counted_live_as_offline(trial, tmp_path) -> N
             assert rows[name] == pytest.approx(50, abs=2)
             assert re.search(rf"{name} +│ {rows[name]}", done.stdout)
     assert told[0] == told[1]
+
+
+@pytest.mark.parametrize("has_motors", [True, False])
+def test_beside_motors_cables_are_slack_by_their_lengths_alone(has_motors, trial) -> None:
+    """The tension that a cable has with the natural lengths of the rest says nothing once a motor has wound others."""
+    told = trial.description
+    assert told.mechanics is not None
+    is_cable = np.arange(len(told.structure.tendons)) == 7
+    mechanics = replace(
+        told.mechanics,
+        stiffness_n_per_m=np.where(is_cable, 2e4, 400.0),
+        push_back=np.where(is_cable, 0.0, 0.1),
+        stiff_cables=np.flatnonzero(is_cable),
+    )
+    told = replace(told, mechanics=mechanics, motors=told.motors if has_motors else ())
+    (cables,) = Pipeline(told, Settings(), read_sensor_model()).factors
+    assert isinstance(cables, TautCables)
+    assert (cables.statics is None) == has_motors

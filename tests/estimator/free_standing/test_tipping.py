@@ -94,6 +94,16 @@ def test_a_robot_that_has_rolled_over_several_faces_heads_anywhere() -> None:
     assert FLOOR.normal @ turn @ FLOOR.normal == pytest.approx(ANY_HEADING_RAD**2, rel=1e-3)
 
 
+@pytest.mark.parametrize("floor_m", [0.0, 1.0, -0.3])
+def test_it_has_rolled_by_its_height_above_the_floor_wherever_the_floor_is(floor_m) -> None:
+    """By hand: a centroid 0.2 m above the centres of caps of 10 mm rolls by 0.21 m times the angle, per axis."""
+    state = replace(STATE, position_m=np.array([0.4, -0.7, floor_m + 0.21]))
+    turn, nothing = rotation(np.array([0.9, 0.0, 0.0])), np.zeros(12, dtype=np.bool_)
+    after = tipped(prediction(state), turn, state.position_m, nothing, Floor(floor_m + 0.01, UP), PoseSettings())
+    place = STATE.layout.position
+    assert after.covariance[place, place] == pytest.approx((0.21 * 0.9) ** 2 * np.eye(3), abs=1e-5)
+
+
 def test_what_the_floor_tells_says_nothing_of_the_heading() -> None:
     """Feet are 20 mm from where they stood: linearised there, they would tell the heading."""
     nodes = np.flatnonzero(STANDS)

@@ -14,6 +14,7 @@ from tensegraph.estimator.hanging.hanging_filter import HangingFilter
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.structure.shape import Shape, Status
 from tensegraph.pipeline import Pipeline
+from trial_edits import cut
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -120,3 +121,21 @@ def test_after_a_gap_of_months_it_may_be_turned_in_any_way_about_its_anchors(hin
         step = poses.hang(Shape(t_s, x, 1e-8 * np.eye(x.size), Status.OK, lengths), None, ())
     assert np.linalg.eigvalsh(step.covariance).min() > 0
     assert 0.1 < np.sqrt(np.trace(step.covariance[3:6, 3:6])) < 2.0
+
+
+@pytest.mark.parametrize("method", ["live", "batch"])
+@pytest.mark.parametrize(("unit", "warnings"), [(1.0, set()), (1000.0, {"range 0"})])
+def test_ranges_of_which_none_is_used_are_named(method, unit, warnings, hinge, tmp_path) -> None:
+    """The range of a node at rest, in metres and in millimetres."""
+    table = '[[range]]\nfile = "range.csv"\nbeacon_position_m = [[2.0, 0.0, 0.5]]\n'
+    path = told(hinge, tmp_path, lambda text: f"{text}\n{table}")
+    cut(path, 1.5)
+    rest_m = open_trial(hinge / "hinge_01").description.rest_position_m
+    range_m = unit * float(np.linalg.norm(rest_m[8] - [2.0, 0.0, 0.5]))
+    rows = [f"{t_s:.2f},0,8,{range_m:.4f}" for t_s in np.arange(0.05, 1.5, 0.1)]
+    (path / "range.csv").write_text("\n".join(["t_s,beacon,node,range_m", *rows, ""]))
+    trial = open_trial(path)
+    pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
+    shapes = list(pipeline.estimate(trial.readings(), method))
+    assert pipeline.aid_warnings().keys() == warnings
+    assert sum(len(shape.outlying_ranges) for shape in shapes) == (len(rows) if warnings else 0)

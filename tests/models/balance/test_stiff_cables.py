@@ -100,6 +100,6 @@ def test_rows_of_lengths_by_hand() -> None:
     natural_m[6:9] += [-0.002, 0.001, (SLACK + 1) * sigma_m]
     told = Structure(SADDLE.rods, SADDLE.tendons, SADDLE.rod_length_m, natural_m, SADDLE.anchors,
                      SADDLE.anchor_position_m)  # fmt: skip
-    rows = TautCables.of(told, statics.mechanics, is_held=False).rows(np.zeros(()), SADDLE_M)
+    rows = TautCables.of(told, statics.mechanics, by_forces=False).rows(np.zeros(()), SADDLE_M)
     np.testing.assert_allclose(rows.residual, [0.002, -0.001, np.nan], atol=1e-12)
     np.testing.assert_allclose(rows.sigma, [sigma_m, sigma_m, np.inf])
