@@ -58,8 +58,16 @@ def score_pose(
     )
     if not in_body:
         return score
-    of_pose = ("level_rmse_m", "tilt_rms_deg", "still_tilt_rms_deg", "heading_error_deg", "path_m", "drift_share")
-    return replace(score, **dict.fromkeys((*of_pose, "centroid_rmse_m"), np.nan))
+    return replace(
+        score,
+        level_rmse_m=np.nan,
+        tilt_rms_deg=np.nan,
+        still_tilt_rms_deg=np.nan,
+        heading_error_deg=np.nan,
+        path_m=np.nan,
+        drift_share=np.nan,
+        centroid_rmse_m=np.nan,
+    )
 
 
 def _centred(x: NDArray[np.float64]) -> NDArray[np.float64]:
