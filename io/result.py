@@ -18,7 +18,7 @@ from ..models.evaluation.estimate import Estimate
 from ..models.settings import Settings
 from ..models.structure.external_loads import ExternalLoads
 from ..models.structure.floor import EstimatedNormal
-from ..models.structure.reconstruction import Reconstruction
+from ..models.structure.reconstruction import Reconstruction, coordinate_frame_of
 from ..models.structure.structure import Structure
 from ..models.values.errors import InputError
 from ..models.values.readings import Flag, Mode
@@ -163,6 +163,7 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
     }
     lengths = read_blocks(directory / "lengths.csv", "tendon", tendons, t_s, list(words), words)
     length_m, sigma_m, innovation_sigma_m, mode, flags = np.moveaxis(lengths, -1, 0)
+    contacts = _read_contacts(directory / CONTACTS_FILE, structure, t_s)
     return Estimate(
         t_s=t_s,
         node_position_m=positions.node_position_m,
@@ -174,7 +175,8 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
         innovation_sigma_m=innovation_sigma_m,
         is_sensed=structure.is_sensed,
         loads=_read_loads(directory / LOADS_FILE, structure, t_s),
-        contacts=_read_contacts(directory / CONTACTS_FILE, structure, t_s),
+        contacts=contacts,
+        coordinate_frame=coordinate_frame_of(structure, has_floor=contacts is not None),
     )
 
 

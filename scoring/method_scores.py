@@ -13,7 +13,7 @@ from ..models.evaluation.estimate import Estimate
 from ..models.evaluation.metrics import evaluate
 from ..models.evaluation.truth import Truth
 from ..models.settings import Settings, checked_settings
-from ..models.structure.reconstruction import Reconstruction
+from ..models.structure.reconstruction import Reconstruction, coordinate_frame_of
 from ..models.values.errors import IndeterminateError, InputError
 from ..models.values.readings import TendonLengths
 from ..pipeline import (
@@ -173,6 +173,7 @@ def rest_shape_estimate(pipeline: Pipeline, frames: Sequence[TendonLengths]) -> 
         flags=np.array([frame.flags for frame in frames]),
         innovation_sigma_m=np.full(sigma_m.shape, np.nan),
         is_sensed=pipeline.rest.structure.is_sensed,
+        coordinate_frame=coordinate_frame_of(pipeline.rest.structure, has_floor=pipeline.trial.floor is not None),
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..structure.external_loads import ExternalLoads
-from ..structure.reconstruction import Reconstruction
+from ..structure.reconstruction import CoordinateFrame, Reconstruction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +35,8 @@ class Estimate:
     """Estimated loads in all frames; None for a method without loads."""
     contacts: NDArray[np.float64] | None = None
     """(frames, nodes) probability that the floor carries each node; None where there is no floor."""
+    coordinate_frame: CoordinateFrame = "anchors"
+    """In which the shapes are described."""
 
     @classmethod
     def of(cls, reconstruction: Reconstruction) -> "Estimate":
@@ -51,4 +53,5 @@ class Estimate:
             is_sensed=reconstruction.structure.is_sensed,
             loads=reconstruction.loads,
             contacts=reconstruction.contacts,
+            coordinate_frame=reconstruction.coordinate_frame,
         )

@@ -41,7 +41,7 @@ def evaluate(
     Args:
         structure: the structure whose shape was estimated.
         rest_position_m: (nodes, 3) the rest shape from which the estimate started.
-        estimate: shapes in the coordinate frame of the anchors.
+        estimate: shapes in the coordinate frame that it tells.
         truth: true shapes in the same coordinate frame, unless they are to be aligned. Where the shape is described in
             body coordinates, because nothing tells where it is, the truth is laid onto each frame by its best rigid
             motion, and all errors are of the shape alone.
@@ -53,7 +53,7 @@ def evaluate(
         InputError: when the truth covers no frame of the estimate, or is in another unit.
     """
     true_m = _true_positions(structure, estimate.t_s, truth.t_s, truth.node_position_m)
-    in_body = structure.is_free_standing and estimate.contacts is None
+    in_body = estimate.coordinate_frame == "body"
     if in_body:  # in which nobody knows the directions of true loads
         true_m, truth = laid_on_each_frame(true_m, estimate.node_position_m), replace(truth, loads=None)
     free = structure.free_nodes

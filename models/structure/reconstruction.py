@@ -27,8 +27,17 @@ if TYPE_CHECKING:
     import xarray
 
 
+CoordinateFrame = Literal["anchors", "world", "body"]
+"""That of the anchors, the world with its floor, or that of the rest shape of a structure that is held in a hand."""
 BLOCK_FRAMES = 1000
 """Frames whose matrices are made at a time, so that those of half an hour do not take gigabytes."""
+
+
+def coordinate_frame_of(structure: Structure, *, has_floor: bool) -> CoordinateFrame:
+    """Return in which frame the shapes of a structure are described."""
+    if not structure.is_free_standing:
+        return "anchors"
+    return "world" if has_floor else "body"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -263,11 +272,9 @@ class Reconstruction:
         return f"<table><caption>Reconstruction</caption>{''.join(rows)}</table>"
 
     @property
-    def coordinate_frame(self) -> Literal["anchors", "world", "body"]:
-        """That of the anchors, the world with its floor, or that of the rest shape for a structure held in a hand."""
-        if not self.structure.is_free_standing:
-            return "anchors"
-        return "body" if self.contacts is None else "world"
+    def coordinate_frame(self) -> CoordinateFrame:
+        """See `coordinate_frame_of`."""
+        return coordinate_frame_of(self.structure, has_floor=self.contacts is not None)
 
     def arrays(self, probability: float = 0.95) -> dict[str, NDArray[Any]]:
         """Return all quantities of the run by name, see `QUANTITIES`.
