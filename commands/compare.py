@@ -16,10 +16,7 @@ from ..io.trial_directory import Trial, open_trial
 from ..io.whole import check_replaceable, check_writable, written_whole
 from ..models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow, comparison_row
 from ..models.settings import Settings
-from ..pipeline import (
-    EstimatorFactory,
-    estimator_plug_ins,
-)
+from ..pipeline import EstimatorFactory, estimator_plug_ins
 from ..scoring.method_scores import estimators_of, measure
 from .many import Many, Workers
 from .origin import chosen_model, made_with, placed_model

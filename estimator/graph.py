@@ -16,7 +16,7 @@ from ..factors.rod import rod_factors
 from ..factors.shape_prior import shape_prior_factors
 from ..factors.tendon import correlated_tendon_rows, tendon_factors
 from ..models.balance.statics import Statics
-from ..models.balance.support import Support, weightless
+from ..models.balance.support import Support
 from ..models.estimation import NoiseSettings
 from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.rest_shape import RestShape
@@ -88,8 +88,6 @@ class GraphBuilder:
         self.node_count = structure.node_count
         self._free = structure.free_nodes.tolist()
         self.statics = Statics(structure, rest.mechanics) if rest.mechanics else None
-        if self.statics is not None and rest.mechanics is not None and structure.is_free_standing:
-            self.statics = self.statics.supported(weightless(rest.mechanics.node_mass_kg(structure)))
         self.fixed_motions = motions_left(structure, rest.node_position_m).T
         """(motions, 3 nodes) rigid motions that the anchors leave, and that are fixed; no rows with three anchors."""
         self._near_m = np.full_like(rest.node_position_m, np.inf)

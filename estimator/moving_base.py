@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..factors.imu import ImuArray
 from ..models.pose.imu_gate import ATTITUDE_HOLDS_S
 from ..models.pose.imu_samples import ImuPreintegration, ImuSamples
+from ..models.pose.rest_clock import RestClock
 from ..models.structure.floor import UP
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.shape import Reason, Shape
@@ -36,7 +37,7 @@ class MovingBase:
         self._imus = ImuArray(imus, rest.structure.rods)
         self._size_m = float(rest.structure.rod_length_m.mean())
         self._free = rest.structure.free_coordinates
-        self._rest_seconds = rest_seconds
+        self._rest_clock = RestClock(rest_seconds)
         self._at_rest: list[ImuReading] = []
         self._turn: NDArray[np.float64] | None = None
         self._bias = np.zeros((len(imus), 3))
@@ -86,9 +87,8 @@ class MovingBase:
 
     def _start(self, shape: Shape) -> None:
         """Find biases and attitudes at the end of the rest; a sensor that was not read then starts when it is."""
-        if np.isnan(self._start_s):
-            self._start_s = shape.t_s
-        if shape.t_s - self._start_s < self._rest_seconds:
+        self._rest_clock.count_frame(shape.t_s)
+        if self._rest_clock.is_at_rest(shape.t_s):
             return
         self._start_s = shape.t_s
         samples = ImuPreintegration(self._imus.count).mean(shape.t_s, self._at_rest)

@@ -29,7 +29,7 @@ from scipy.optimize import least_squares
 
 from ..factors.tendon import TautCables
 from ..models.balance.statics import Statics
-from ..models.balance.support import Support, hung_up, standing, weightless
+from ..models.balance.support import Support, in_the_air, standing
 from ..models.structure.floor import UP, Floor
 from ..models.structure.lengths import length_jacobian, member_length_m
 from ..models.structure.mechanics import Mechanics
@@ -341,8 +341,7 @@ def _support(
     if mechanics is None:
         return None
     if floor is None:
-        hangs_free = structure.is_free_standing
-        return (weightless if hangs_free else hung_up)(mechanics.node_mass_kg(structure))
+        return in_the_air(structure, mechanics.node_mass_kg(structure))
     carried = floor.carries_at_rest(node_position_m).astype(np.float64)
     return standing(mechanics.node_mass_kg(structure), node_position_m, UP, 0.0, carried)
 

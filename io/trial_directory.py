@@ -147,25 +147,18 @@ class Trial:
 
     def hashes(self) -> dict[str, str]:
         """Return the SHA-256 of every input: files of measurements, and trial.toml without [truth]."""
-        inputs = json.dumps({key: value for key, value in self.toml.items() if key != "truth"}, sort_keys=True)
-        result = {"trial.toml": hashlib.sha256(inputs.encode()).hexdigest()}
-        for name in self.files():
-            digest = hashlib.sha256()
-            for part in bag_bytes(self.path / name):
-                digest.update(part)
-            result[name] = digest.hexdigest()
-        return result
+        inputs = {key: value for key, value in self.toml.items() if key != "truth"}
+        return {"trial.toml": _sha256_of_table(inputs)} | {name: _sha256_of(self.path / name) for name in self.files()}
 
     def truth_hashes(self) -> dict[str, str]:
         """Return the SHA-256 of [truth] in trial.toml, and of each file that it names and that is there."""
         truth = self.table.truth
         if truth is None:
             return {}
-        result = {"[truth]": hashlib.sha256(json.dumps(self.toml["truth"], sort_keys=True).encode()).hexdigest()}
-        for name in (truth.file, truth.loads, truth.contacts):
-            if name is not None and (self.path / name).is_file():
-                result[name] = hashlib.sha256((self.path / name).read_bytes()).hexdigest()
-        return result
+        named = [name for name in (truth.file, truth.loads, truth.contacts) if name and (self.path / name).is_file()]
+        return {"[truth]": _sha256_of_table(self.toml["truth"])} | {
+            name: _sha256_of(self.path / name) for name in named
+        }
 
     def truth(self) -> StampedPositions | None:
         """Return the true positions, if the trial has them. Evaluation only.
@@ -350,6 +343,18 @@ class Trial:
                 yield row
             else:
                 self.dropped_rows += 1
+
+
+def _sha256_of_table(table: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()
+
+
+def _sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file, or of all files of a bag."""
+    digest = hashlib.sha256()
+    for part in bag_bytes(path):
+        digest.update(part)
+    return digest.hexdigest()
 
 
 def arrival_s(reading: Reading) -> float:

@@ -27,7 +27,7 @@ from ..structure.mechanics import Mechanics
 from ..structure.structure import Structure
 from .joined_rods import JoinedRods
 from .stiff_cables import StiffCables, jacobian_without_cables, without_cables
-from .support import Support, hung_up
+from .support import Support, in_the_air
 
 SURELY_SLACK = 4.0
 """Number of standard deviations by which a cable that is slack for certain is shorter than its natural length."""
@@ -53,7 +53,7 @@ class Statics:
         self._incidence[self._a, tendons] = 1.0
         self._incidence[self._b, tendons] = -1.0
         self._elastic = np.where(np.isin(tendons, mechanics.stiff_cables), 0.0, 1.0)
-        self._stand_on(hung_up(mechanics.node_mass_kg(structure)))
+        self._stand_on(in_the_air(structure, mechanics.node_mass_kg(structure)))
         self.nodes = structure.free_nodes
         self.joined = JoinedRods(structure)
         single = structure.rods[~self.joined.is_joined]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..structure.floor import GRAVITY_M_PER_S2
+from ..structure.structure import Structure
 
 LEAST_N = 1e-6
 """Least weight of a structure, so that one without mass can stand, too."""
@@ -41,6 +42,11 @@ def weightless(node_mass_kg: NDArray[np.float64]) -> Support:
     """Return the support of a structure that may be turned and carried in any way: a force of unknown direction."""
     variance = (node_mass_kg * GRAVITY_M_PER_S2) ** 2 / 3
     return Support(np.zeros((len(node_mass_kg), 3)), variance[:, None, None] * np.eye(3))
+
+
+def in_the_air(structure: Structure, node_mass_kg: NDArray[np.float64]) -> Support:
+    """Return the support of a structure without a floor: where nothing anchors it, gravity may be in any direction."""
+    return (weightless if structure.is_free_standing else hung_up)(node_mass_kg)
 
 
 def standing(

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from ..values.rotations import best_rotation, rotation_vector
+from .alignment import laid_on_each_frame
 from .evaluation import ComparedFrames, ContactScore, PoseScore
 from .statistics import of_known
 
@@ -43,10 +44,10 @@ def score_pose(
         if compared_too.any():
             contacts = _score_contacts(told[compared_too] > 0.5, true[compared_too] > 0.5, still[compared_too])
     x, truth = _centred(x), _centred(truth)
-    rest = np.broadcast_to(rest_position_m - rest_position_m.mean(axis=0), x.shape)
+    rest = np.broadcast_to(rest_position_m, x.shape)
     score = PoseScore(
-        shape_rmse_m=_rms(x @ np.swapaxes(turn, 1, 2) - truth),
-        held_rmse_m=_rms(rest @ np.swapaxes(best_rotation(rest, truth), 1, 2) - truth),
+        shape_rmse_m=_rms(laid_on_each_frame(x, truth) - truth),
+        held_rmse_m=_rms(laid_on_each_frame(rest, truth) - truth),
         level_rmse_m=_rms(x @ np.swapaxes(_level_rotation(x, truth), 1, 2) - truth),
         tilt_rms_deg=float(np.sqrt(np.mean(tilt_deg**2))),
         still_tilt_rms_deg=float(np.sqrt(of_known(np.mean, tilt_deg[still] ** 2))),

@@ -21,6 +21,11 @@ from ..values.readings import Flag, Mode, ResistanceFrame, ResistanceReading, Te
 from ..values.tables import Positive
 from .gate import GateSettings, ReadingGate
 
+LONGEST_SILENCE_S = 60.0
+"""Time without any reading after which no frames are made until the next one: nothing is known by then of the shape."""
+MOST_SILENT_FRAMES = 3000
+"""The same as a number of frames, a minute at 50 Hz, so that two rows far apart cannot make frames by the million."""
+
 
 @dataclass(frozen=True, slots=True)
 class FrameSettings:
@@ -32,11 +37,10 @@ class FrameSettings:
     """Longest time between two readings that is bridged, and longest time to wait for a silent board. After it the
     board's sensors are missing."""
 
-
-LONGEST_SILENCE_S = 60.0
-"""Time without any reading after which no frames are made until the next one: nothing is known by then of the shape."""
-MOST_SILENT_FRAMES = 3000
-"""The same as a number of frames, a minute at 50 Hz, so that two rows far apart cannot make frames by the million."""
+    @property
+    def longest_silence_s(self) -> float:
+        """Time without any reading after which no frames are made until the next one."""
+        return min(LONGEST_SILENCE_S, MOST_SILENT_FRAMES / self.rate_hz)
 
 
 class _Source:
@@ -160,7 +164,6 @@ class FrameAssembler:
         self._natural_ohm = natural_ohm
         self._settings = frames
         self._gate = gate
-        self._longest_silence_s = min(LONGEST_SILENCE_S, MOST_SILENT_FRAMES / frames.rate_hz)
         self._sources: list[_Source | None] = [None] * sources
         self._next: int | None = None
         self._last_s = -np.inf
@@ -168,7 +171,7 @@ class FrameAssembler:
 
     def add(self, reading: ResistanceReading) -> Iterator[ResistanceFrame]:
         """Add one reading, and yield the frames that are complete with it."""
-        if self._next is not None and reading.t_s - self._last_s > self._longest_silence_s:
+        if self._next is not None and reading.t_s - self._last_s > self._settings.longest_silence_s:
             yield from self.finish()
             self._next = round(reading.t_s * self._settings.rate_hz)
         self._last_s = max(reading.t_s, self._last_s)
@@ -221,9 +224,8 @@ class LengthPauses:
 
     def __init__(self, tendons: int, frames: FrameSettings) -> None:
         self._tendons = tendons
+        self._settings = frames
         self._step_s = 1 / frames.rate_hz
-        self._max_gap_s = frames.max_gap_s
-        self._longest_s = min(LONGEST_SILENCE_S, MOST_SILENT_FRAMES / frames.rate_hz)
         self._row_s = np.nan
         self._frame_s = np.nan
 
@@ -233,7 +235,7 @@ class LengthPauses:
 
     def until(self, t_s: float) -> Iterator[TendonLengths]:
         """Yield the frames of a pause before a time at which something is read; none in one that is bridged."""
-        if not self._max_gap_s < t_s - self._row_s <= self._longest_s:
+        if not self._settings.max_gap_s < t_s - self._row_s <= self._settings.longest_silence_s:
             return
         while self._frame_s + 1.5 * self._step_s <= t_s:
             self._frame_s += self._step_s
