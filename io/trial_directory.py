@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..models.estimation import SMALLEST_SIGMA
 from ..models.evaluation.truth import (
     Fault,
     MarkedNode,
@@ -289,7 +290,7 @@ class Trial:
                     f"{rows.place(0)}: expected lengths like the natural ones, "
                     f"{np.median(natural_m):.3g} m, got {np.median(length_m[told]):.3g} m: is the unit right?"
                 )
-            possible = ~impossible & ~(sigma_m <= 0)
+            possible = ~impossible & ~(sigma_m < SMALLEST_SIGMA)
             mode = np.where(length_m < natural_m, int(Mode.BENDING), int(Mode.STRETCHING))
             flags = np.where(np.isnan(length_m), int(Flag.MISSING), np.where(possible, 0, int(Flag.OUT_OF_RANGE)))
             yield TendonLengths(

@@ -154,15 +154,15 @@ def test_readings_that_are_not_of_the_rest_shape_are_in_doubt(trial_copy) -> Non
     assert Reason.REST in result.doubts
 
 
-def test_lengths_without_sigma_with_gaps_and_with_stamps_that_go_back(trial_copy) -> None:
+def test_lengths_with_few_sigmas_with_gaps_and_with_stamps_that_go_back(trial_copy) -> None:
     path = trial_copy(rows=5)
-    header = ",".join(["t_s", *(f"l{e}_m" for e in range(24))])
+    header = ",".join(["t_s", *(f"l{e}_m" for e in range(24)), "s3_m"])
     good = ",".join(["0.184"] * 24)
     rows = [
-        f"0.00,{good}",
-        f"0.02,{good.replace('0.184', '', 1)}",
-        f"0.01,{good}",
-        f"0.05,{good.replace('0.184', '-1', 1)}",
+        f"0.00,{good},",
+        f"0.02,{good.replace('0.184', '', 1)},0.001",
+        f"0.01,{good},",
+        f"0.05,{good.replace('0.184', '-1', 1)},4e-7",
     ]
     (path / "lengths.csv").write_text("\n".join([header, *rows, ""]))
     text = (path / "trial.toml").read_text()
@@ -172,6 +172,7 @@ def test_lengths_without_sigma_with_gaps_and_with_stamps_that_go_back(trial_copy
     assert result.t_s.tolist() == [0.0, 0.02, 0.05]
     assert trial.dropped_rows == 1
     assert result.flags[:, 0].tolist() == [0, Flag.MISSING, Flag.OUT_OF_RANGE]
+    assert result.flags[:, 3].tolist() == [0, 0, Flag.OUT_OF_RANGE]
     np.testing.assert_allclose(result.sigma_m[0], Settings().noise.unstated_m)
 
 

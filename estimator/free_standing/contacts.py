@@ -105,6 +105,20 @@ class Standing:
         alternatives = sum(p for p, other in self.others if not np.any(nodes & ~other))
         return alternatives + (1 - sum(p for p, _ in self.others) if not np.any(nodes & ~self.nodes) else 0.0)
 
+    def other_face(self, log_ratio: float) -> tuple[float, NDArray[np.bool_]] | None:
+        """Return the likeliest other face, unless the log probability ratio of what stands to it is above a limit.
+
+        Returns:
+            The log ratio, and (nodes,) which nodes would stand; None where there is no such face.
+        """
+        faces = [(p, nodes) for p, nodes in self.others if nodes.sum() > 2]
+        if not faces:
+            return None
+        p, nodes = max(faces, key=lambda face: face[0])
+        here = max(1 - sum(p for p, _ in self.others), CERTAIN)
+        ratio = float(np.log(here / p))
+        return (ratio, nodes) if ratio < log_ratio else None
+
 
 def nothing_stands(nodes: int) -> Standing:
     """Return that none of some nodes stands."""

@@ -118,7 +118,9 @@ class FreeStandingSmoother:
         """Yield a shape in the world for each frame, as soon as the frame arrives."""
         for lengths in frames:
             shape, step = self.update(lengths)
-            yield in_world(shape, self._rest, self._robot.floor, step.state, step.covariance, step)
+            yield in_world(
+                shape, self._rest, self._robot.floor, step.state, step.covariance, step, self._settings.branch
+            )
 
     def update(self, lengths: TendonLengths) -> tuple[Shape, PoseStep]:
         """Return the shape in one more frame, in body coordinates, and its pose."""
@@ -288,7 +290,7 @@ class FreeStandingOptimizer:
             if kept.doubts_positions:
                 shape = shape.in_doubt(Reason.POSITIONS)
             step = replace(step, contradicted_imus=step.contradicted_imus | contradicted)
-            yield in_world(shape, self._rest, self._robot.floor, state, covariance, step)
+            yield in_world(shape, self._rest, self._robot.floor, state, covariance, step, self._settings.branch)
 
     def _live(self, frames: Sequence[TendonLengths]) -> tuple[FreeStandingSmoother, list[Shape]]:
         """Return the live estimator after all frames, with what it has kept of them, and its shapes."""

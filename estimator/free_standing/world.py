@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.balance.support import Support, standing, weightless
+from ...models.estimation import BranchSettings
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import UP, Floor
 from ...models.structure.rest_shape import RestShape
-from ...models.structure.shape import Reason, Shape
+from ...models.structure.shape import OtherShape, Reason, Shape
 from ...models.structure.structure import Structure
+from .contacts import Standing
 from .pose_smoother import PoseStep
 from .tipping import tipping
 
@@ -39,10 +41,12 @@ def in_world(
     state: PoseState,
     covariance: NDArray[np.float64],
     step: PoseStep,
+    settings: BranchSettings,
 ) -> Shape:
     """Return a shape of body coordinates in the world.
 
-    Where other nodes may stand, the covariance includes where the nodes would be then.
+    Where other nodes may stand, the covariance includes where the nodes would be then. The shape on another face that
+    is about as probable is told beside it.
 
     Args:
         shape: in body coordinates.
@@ -51,6 +55,7 @@ def in_world(
         state: the pose.
         covariance: (size, size) of its errors.
         step: of the filter, which tells which nodes stand.
+        settings: when a second shape is told.
     """
     stands = step.standing
     placed = PlacedShape(state, shape.node_position_m - rest.node_position_m.mean(axis=0), shape.covariance_m2)
@@ -58,9 +63,11 @@ def in_world(
     total = placed.total_covariance_m2(covariance)
     tilted = floor.tilted(state.floor_tilt)
     for probability, nodes in stands.others:
-        turn, pivot_m = tipping(x, nodes, nodes & stands.nodes, tilted.normal)
-        away_m = ((x - pivot_m) @ (turn.T - np.eye(3))).ravel()
+        away_m = (_standing_on(x, nodes, stands, tilted) - x).ravel()
         total += probability * np.outer(away_m, away_m)
+    if other := stands.other_face(settings.log_ratio):
+        log_ratio, nodes = other
+        shape = shape.with_other(OtherShape(_standing_on(x, nodes, stands, tilted), log_ratio))
     if stands.contradicted:
         shape = shape.in_doubt(Reason.CONTACTS)
     if step.contradicted_imus.any():
@@ -79,3 +86,11 @@ def in_world(
         outlying_ranges=step.outlying_ranges,
         floor_normal=floor.estimated(state.floor_tilt, covariance[state.layout.floor_tilt, state.layout.floor_tilt]),
     )
+
+
+def _standing_on(
+    node_position_m: NDArray[np.float64], nodes: NDArray[np.bool_], stands: Standing, floor: Floor
+) -> NDArray[np.float64]:
+    """Return (nodes, 3) where a structure that stands on some nodes would be if it stood on others."""
+    turn, pivot_m = tipping(node_position_m, nodes, nodes & stands.nodes, floor.normal)
+    return pivot_m + (node_position_m - pivot_m) @ turn.T

@@ -43,7 +43,7 @@ class Status(StrEnum):
 ADVICE = {
     Status.OK: "every tendon was measured",
     Status.PARTIAL: "some tendons were left out, see lengths.csv: mend the sensors named there",
-    Status.TWO_SHAPES: "another shape explains the readings about as well, see other_shape.csv: decide by what you saw",
+    Status.TWO_SHAPES: "another shape or resting face fits about as well, see other_shape.csv: decide by what you saw",
     Status.DOUBT: "the readings fit another explanation better than the model, see the column doubt in status.csv",
     Status.PRIOR_ONLY: "no tendon was measured: the shape is carried on from the frames before and the rest shape",
     Status.NOT_CONVERGED: "the optimiser stopped before its minimum: take this frame with care, or raise noise.*",
@@ -141,7 +141,7 @@ def ellipsoids(covariance_m2: NDArray[np.float64], probability: float) -> Ellips
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OtherShape:
-    """A second shape, on the other side of det J = 0, that explains a frame about as well."""
+    """A second shape that explains a frame about as well: across det J = 0, or the same one on another resting face."""
 
     node_position_m: NDArray[np.float64]
     """(nodes, 3)"""

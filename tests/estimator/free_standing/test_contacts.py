@@ -60,6 +60,16 @@ def test_the_probability_of_nodes_is_that_of_the_faces_that_have_them() -> None:
     assert standing.probability_of(np.isin(np.arange(12), [0, 4])) == 0.0
 
 
+def test_the_likeliest_other_face_is_told_where_it_is_about_as_probable() -> None:
+    """Of 0 1 2 with 0.6, the edge 0 1 with 0.2, 0 1 3 with 0.15 and 0 2 4 with 0.05: 0 1 3, by a log ratio of log 4."""
+    sets = [np.isin(np.arange(12), nodes) for nodes in ([0, 1, 2], [0, 1], [0, 1, 3], [0, 2, 4])]
+    standing = Standing(sets[0], np.zeros(12), tuple(zip((0.2, 0.15, 0.05), sets[1:], strict=True)))
+    log_ratio, nodes = standing.other_face(3.0)
+    assert abs(log_ratio - np.log(4)) < 1e-12
+    np.testing.assert_array_equal(nodes, sets[2])
+    assert standing.other_face(1.3) is None
+
+
 @pytest.mark.parametrize(
     ("height_m", "sinks_m_per_s", "lands"),
     [(0.015, 0.0, True), (0.025, 0.0, False), (0.0, -0.15, True), (0.0, -0.25, False), (-0.1, 0.0, True)],

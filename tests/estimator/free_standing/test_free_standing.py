@@ -12,7 +12,8 @@ from tensegraph import InputError, open_trial, reconstruct
 from tensegraph import evaluate as tg_evaluate
 from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
-from tensegraph.models.structure.shape import Reason
+from tensegraph.models.structure.lengths import member_length_m
+from tensegraph.models.structure.shape import Reason, Status
 from trial_edits import cut
 
 ROLL = Path(__file__).parents[3] / "examples" / "roll_02"
@@ -113,6 +114,25 @@ def test_without_any_aid_it_is_followed_too(until_s, tmp_path) -> None:
     assert pose.contacts.still_precision > 0.95
     assert pose.still_tilt_rms_deg < 2.0
     assert pose.drift_share < 0.06
+
+
+@pytest.mark.parametrize("until_s", [3.7, pytest.param(8.0, marks=pytest.mark.long)], ids=["one tip", "two tips"])
+def test_another_resting_face_is_told_as_a_second_shape(until_s, tmp_path) -> None:
+    """Live, without any aid, which face it rests on is not sure in a tip: the same shape on two faces is told."""
+    trial = open_trial(without(tmp_path / "bare", "imu", until_s=until_s))
+    found = reconstruct(trial, "live")
+    told = [k for k, status in enumerate(found.status) if status == Status.TWO_SHAPES and found.t_s[k] > until_s - 0.3]
+    assert len(told) > 5
+    one_m = found.node_position_m[told]
+    other_m = np.array([found.others[k].node_position_m for k in told])
+    tendons = trial.description.structure.tendons
+    np.testing.assert_allclose(member_length_m(one_m, tendons), member_length_m(other_m, tendons), atol=1e-9)
+    if until_s > 4:
+        truth = trial.truth()
+        true_m = truth.node_position_m[np.searchsorted(truth.t_s, found.t_s[told])]
+        error_m = [np.linalg.norm(x - true_m, axis=2).mean(axis=1) for x in (one_m, other_m)]
+        assert error_m[0].max() > 0.1
+        assert np.minimum(*error_m).max() < 0.025
 
 
 @pytest.mark.parametrize("method", ["frame", "least-squares", "ukf"])
