@@ -2,7 +2,8 @@
 
 Anchors are where they are told. How the structure is turned is told by inertial sensors, and by the torque of the
 weight, which balances that of hands about each axis of the suspension. Errors of this balance last, so that it is used
-as far as the structure is known less exactly, and never makes it known better than the balance is.
+as far as the structure is known less exactly, and never makes it known better than the balance is. A weak hand is not
+seen by the balance of forces: where inertial sensors tell another turn than the torque, they are right.
 """
 
 from collections.abc import Sequence
@@ -109,14 +110,20 @@ class HangingFilter(PoseFilter):
         self.is_contradicted = False
         if self._hands is not None:
             torque = self._torque_rows(placed, self._hands, step_s)
-            rows.append(limited(torque, covariance))
+            against = contradicted(torque, covariance)
+            in_full = against & (not self._trust.is_used.any())  # what sensors tell, a hand unseen does not change
+            rows.append(limited(torque, covariance, in_full))
             self._has_spun |= self._swing.seen_rad > FAST_RAD and self._spins_unseen()
-            self.is_contradicted = self._has_spun or bool(contradicted(torque, covariance).any())
+            self.is_contradicted = self._has_spun or (bool(against.any()) and not self._turn_is_measured())
         return rows
 
     def _spins_unseen(self) -> bool:
         """Return whether the inertial sensors in use, all on parallel rods, do not tell how a body on a ball spins."""
         return self._suspension.is_ball and are_parallel(self._rod_of_imu[self._trust.is_used].tolist(), self._rest)
+
+    def _turn_is_measured(self) -> bool:
+        """Return whether the inertial sensors in use tell all of how the structure is turned but its heading."""
+        return bool(self._trust.is_used.any()) and not self._spins_unseen()
 
     def _measured_rad_per_s(self) -> float:
         """Return the largest rate that trusted inertial sensors have measured in the frame before; 0 without any."""
@@ -138,17 +145,15 @@ class HangingFilter(PoseFilter):
         return torque_rows(placed, self._suspension, lever_m, hands.lever_m, of_lever + of_hands + of_swing)
 
 
-def limited(rows: Rows, covariance: NDArray[np.float64]) -> Rows:
+def limited(rows: Rows, covariance: NDArray[np.float64], in_full: NDArray[np.bool_]) -> Rows:
     """Return rows that leave what they measure as uncertain as they are, if it was more, and else say nothing.
-
-    Where they contradict the state, it is less certain than its covariance tells, and they count in full.
 
     Args:
         rows: whose errors last from frame to frame.
         covariance: (size, size) of the errors of the state, before these rows.
+        in_full: (rows,) which of them count in full: the state is less certain than its covariance tells.
     """
     known = np.einsum("ri,ij,rj->r", rows.jacobian, covariance, rows.jacobian)
-    in_full = contradicted(rows, covariance)
     tells = in_full | (known > 1.001 * rows.variance)
     share = np.where(in_full, 1.0, 1 - rows.variance / known)[tells]
     return Rows(rows.error[tells], rows.jacobian[tells], rows.variance[tells] / share)

@@ -31,16 +31,19 @@ def hung(balanced) -> RestShape:
 
 
 class Hung:
-    """The filter of a structure that is at rest, and then spins about the vertical, with sensors on some rods."""
+    """The filter of a structure that is at rest, and then turns at some rate for some time, with sensors on some rods."""
 
-    def __init__(self, hung: RestShape, rods: tuple[int, ...], spins_rad_per_s: float) -> None:
+    def __init__(
+        self, hung: RestShape, rods: tuple[int, ...], rate_rad_per_s: np.ndarray, turns_s: float = np.inf
+    ) -> None:
         x = hung.node_position_m
         a, b = x[hung.structure.rods[list(rods)]].swapaxes(0, 1)
         along = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
         aside = np.cross(along, [0.3, 0.5, 0.81])
         aside /= np.linalg.norm(aside, axis=1, keepdims=True)
         self._mounted = np.stack([aside, np.cross(along, aside), along], axis=2)
-        self._spins_rad_per_s = spins_rad_per_s
+        self._rate_rad_per_s = rate_rad_per_s
+        self._turns_s = turns_s
         self._x = x
         self._read_s = -0.5 * STEP_S
         imus = tuple(Imu(rod, 0.5, ALONG) for rod in rods)
@@ -50,9 +53,11 @@ class Hung:
         """Return one more frame, with two samples in each 20 ms of some sensors."""
         aids = []
         while self._read_s <= t_s + 1e-9:
-            rate = self._spins_rad_per_s * UP * (self._read_s > SPINS_S)
-            aids += [  # a turn about the vertical leaves gravity as it is
-                ImuReading(i, self._read_s, self._mounted[i].T @ rate, GRAVITY_M_PER_S2 * self._mounted[i].T @ UP)
+            since_s = max(self._read_s - SPINS_S, 0.0)
+            rate = self._rate_rad_per_s * (0 < since_s < self._turns_s)
+            up = rotation(self._rate_rad_per_s * min(since_s, self._turns_s)).T @ UP
+            aids += [  # the axis is the same in body and world
+                ImuReading(i, self._read_s, self._mounted[i].T @ rate, GRAVITY_M_PER_S2 * self._mounted[i].T @ up)
                 for i in imus
             ]
             self._read_s += 0.5 * STEP_S
@@ -62,7 +67,7 @@ class Hung:
 
 def spins_unseen(hung: RestShape, rods: tuple[int, ...], left: tuple[int, ...]) -> bool:
     """Return whether a spin is in doubt; `left` are the numbers of the sensors that do not end before it."""
-    robot = Hung(hung, rods, 5.0)
+    robot = Hung(hung, rods, 5.0 * UP)
     for frame in range(80):
         t_s = frame * STEP_S
         robot.hang(t_s, tuple(range(len(rods))) if t_s < ENDS_S else left, NO_HANDS)
@@ -78,8 +83,18 @@ def test_a_spin_that_the_sensors_in_use_do_not_tell_is_in_doubt(hung) -> None:
 
 def test_it_turns_for_all_of_a_gap_in_which_its_sensors_were_read(hung) -> None:
     """Three seconds without a frame, at 0.5 rad/s: by hand, 1.5 rad about the vertical, where it was 0.5."""
-    robot = Hung(hung, (4, 0), 0.5)
+    robot = Hung(hung, (4, 0), 0.5 * UP)
     for frame in range(51):
         robot.hang(frame * STEP_S, (0, 1), None)
     step = robot.hang(4.0, (0, 1), None)
     assert step.state.turn == pytest.approx(rotation(np.array([0.0, 0.0, 1.5])), abs=0.03)
+
+
+def test_sensors_tell_how_a_hand_that_nobody_sees_holds_it_aside(hung) -> None:
+    """Turned by 0.5 rad in 1 s, and held there for 4 s, while the balance of forces tells of no hand."""
+    robot = Hung(hung, (4, 0), np.array([0.0, 0.5, 0.0]), turns_s=1.0)
+    for frame in range(301):
+        step = robot.hang(frame * STEP_S, (0, 1), NO_HANDS)
+        assert not robot.poses.is_contradicted
+    assert step.state.turn == pytest.approx(rotation(np.array([0.0, 0.5, 0.0])), abs=0.01)
+    assert np.abs(step.state.rate_bias_rad_per_s).max() < 1e-3
