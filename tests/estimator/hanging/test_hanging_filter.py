@@ -31,7 +31,7 @@ def hung(balanced) -> RestShape:
 
 
 class Hung:
-    """The filter of a structure that is at rest, and then turns at some rate for some time, with sensors on some rods."""
+    """The filter of a structure that rests, and then turns at some rate for some time, with sensors on some rods."""
 
     def __init__(
         self, hung: RestShape, rods: tuple[int, ...], rate_rad_per_s: np.ndarray, turns_s: float = np.inf
