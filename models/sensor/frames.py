@@ -38,6 +38,9 @@ LONGEST_SILENCE_S = 60.0
 MOST_SILENT_FRAMES = 3000
 """The same as a number of frames, a minute at 50 Hz, so that two rows far apart cannot make frames by the million."""
 
+STAMP_ERROR_S = 1e-6
+"""Error of a difference of two stamps: readings at 10 Hz are 0.1 s apart, which no binary fraction is exactly."""
+
 
 class _Source:
     """The recent readings of the sensors of one source (a board or a file), which are read together."""
@@ -129,7 +132,8 @@ def _mean_weights(t_s: list[float], from_s: float, until_s: float, max_gap_s: fl
     after = bisect_left(t_s, middle_s)
     before_s = t_s[after - 1] if after > 0 else t_s[0]
     after_s = t_s[after] if after < len(t_s) else t_s[-1]
-    if after_s - before_s > max_gap_s or max(before_s - middle_s, middle_s - after_s) > max_gap_s:
+    gap_s = max(after_s - before_s, before_s - middle_s, middle_s - after_s)
+    if gap_s > max_gap_s + STAMP_ERROR_S:
         return np.zeros(len(t_s))
     inside = t_s[bisect_right(t_s, from_s) : bisect_left(t_s, until_s)]
     points = sorted({from_s, *inside, until_s})
