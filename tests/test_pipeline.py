@@ -1,11 +1,13 @@
 """The loop on trials that are not as they should be, and on other sources than boards."""
 
+from dataclasses import replace
 from itertools import takewhile
 
 import numpy as np
 import pytest
 
 from tensegraph import Flag, InputError, Reconstruction, Settings, Status, open_trial
+from tensegraph.models.sensor.frames import FrameSettings
 from tensegraph.models.structure.shape import Reason
 from tensegraph.pipeline import Pipeline, reconstruct, stream
 from trial_edits import cell, lines
@@ -144,6 +146,16 @@ def test_lengths_stand_in_for_counts(trial_copy, plain) -> None:
         "\n".join([header.replace("l0_m,", "").replace("l23_m", "l23_m,l0_m"), *rows, ""])
     )
     assert all(doubt is not None for doubt in reconstruct(path, "live").doubts[20:])  # each tendon has its neighbour's
+
+
+@pytest.mark.parametrize("rate_hz", [2.0, 200.0])
+def test_a_rate_of_frames_that_the_sensor_model_was_not_trained_at_is_refused(example, rate_hz: float) -> None:
+    settings = replace(Settings(), frames=FrameSettings(rate_hz=rate_hz))
+    trial = open_trial(example).description
+    with pytest.raises(InputError, match=rf"frames\.rate_hz: expected 10 to 100, .*, got {rate_hz:g}$"):
+        list(stream([], trial, settings=settings))
+    lengths = replace(trial, source="lengths", natural_resistance_ohm=np.empty(0))
+    assert not list(stream([], lengths, settings=settings))
 
 
 def test_readings_that_are_not_of_the_rest_shape_are_in_doubt(trial_copy) -> None:

@@ -27,7 +27,8 @@ class FrameSettings:
     """The output rate, and the longest gap between readings that is bridged."""
 
     rate_hz: Annotated[float, Interval(ge=0.1, le=1000)] = 50.0
-    """Frames per second. The times of the frames are whole multiples of the period on the host clock."""
+    """Frames per second. The times of the frames are whole multiples of the period on the host clock. A sensor model is
+    for the rates at which it was trained, the one that ships for 10 to 100 Hz."""
     max_gap_s: Positive = 0.1
     """Longest time between two readings that is bridged, and longest time to wait for a silent board. After it the
     board's sensors are missing."""
