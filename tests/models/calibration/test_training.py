@@ -218,3 +218,10 @@ def test_a_training_of_few_updates_ends(split, epochs: int) -> None:
     """Ten updates, of two epochs here, are where the rise of torch's one-cycle schedule has no length."""
     few = replace(TINY, epochs=epochs, steps=250)
     assert len(fit(split, few).history.training_loss) == epochs
+
+
+@pytest.mark.parametrize(("rate_hz", "step_s"), [(1.0, (0.01, 2.0)), (20.0, (0.01, 0.1)), (500.0, (0.0004, 0.1))])
+def test_a_model_is_for_frames_whatever_the_rate_of_the_rig(rate_hz: float, step_s: tuple[float, float]) -> None:
+    recordings = [lagging_sensor(f"s{k}", k, seconds=60.0, rate_hz=rate_hz) for k in range(2)]
+    trained = fit(Split.by_time(recordings, 0.3), replace(TINY, epochs=1))
+    assert trained.step_s == step_s
