@@ -44,6 +44,18 @@ class TestRig:
         first_second = np.mean([1 + 0.001 * k for k in range(1, 12)])
         assert recording.change[9] == pytest.approx(1.010 / first_second - 1)
 
+    @pytest.mark.parametrize(("together", "refused"), [(1, False), (2, True), (20, True)])
+    def test_stamps_in_bursts_are_refused(self, tmp_path, together: int, refused: bool) -> None:
+        """A computer reads a serial port every so often, and stamps what has come since."""
+        stamps = [0.1 * (k // together * together) + 1e-4 * (k % together) for k in range(400)]
+        rows = "t_s,strain,resistance_ohm\n" + "".join(f"{t:.4f},0.1,100\n" for t in stamps)
+        told = self.folder(tmp_path, "natural_resistance_ohm = 50.0\n", rows)
+        if refused:
+            with pytest.raises(InputError, match=r"a\.csv: expected stamps .*, got bursts: .* their mean is 0\."):
+                read_recording(*told)
+        else:
+            assert len(read_recording(*told).t_s) == 400
+
     def test_mean_of_pairs_takes_an_alternating_source_out(self, tmp_path) -> None:
         rows = "t_s,strain,resistance_ohm\n" + "".join(f"{0.1 * k},0.1,{100 + (-1) ** k}\n" for k in range(400))
         rig = 'average = 2\nnatural_resistance_ohm = 50.0\n[units]\nstrain = "%"\n'
