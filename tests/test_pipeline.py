@@ -128,6 +128,18 @@ def test_resistance_stands_in_for_counts(trial_copy, plain) -> None:
     assert error.max() < 0.003
 
 
+def test_resistances_with_stamps_in_milliseconds_are_refused(trial_copy) -> None:
+    """Each row would be followed by a thousand frames without a reading."""
+    path = trial_copy(rows=30)
+    as_resistance(path, open_trial(path))
+    header, *rows = (path / "resistance.csv").read_text().splitlines()
+    cells = [row.split(",", 1) for row in rows]
+    text = "\n".join([header, *(f"{1e3 * float(t_s):.3f},{rest}" for t_s, rest in cells), ""])
+    (path / "resistance.csv").write_text(text)
+    with pytest.raises(InputError, match=r"resistance\.csv: column t_s: .* at most 0\.5 s apart, got 20 s .*unit right"):
+        reconstruct(path, "live")
+
+
 def test_lengths_stand_in_for_counts(trial_copy, plain) -> None:
     path = trial_copy(rows=150)
     header = ",".join(["t_s", *(f"l{e}_m" for e in range(24)), *(f"s{e}_m" for e in range(24))])
