@@ -136,7 +136,7 @@ def test_resistances_with_stamps_in_milliseconds_are_refused(trial_copy) -> None
     cells = [row.split(",", 1) for row in rows]
     text = "\n".join([header, *(f"{1e3 * float(t_s):.3f},{rest}" for t_s, rest in cells), ""])
     (path / "resistance.csv").write_text(text)
-    with pytest.raises(InputError, match=r"resistance\.csv: column t_s: .* at most 0\.5 s apart, got 20 s .*unit right"):
+    with pytest.raises(InputError, match=r"resistance\.csv: column t_s: .* at most 0\.5 s apart, got 20 s "):
         reconstruct(path, "live")
 
 

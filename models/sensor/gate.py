@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from ..values.readings import Flag
 from ..values.tables import AtLeastOne, Positive, Probability
 
-
 SHORTEST_JUMP_S = 0.01
 """Shortest time in which a tendon is taken to move: noise alone changes readings at 1000 Hz by more than
 `GateSettings.max_rate_per_s` allows in one step."""
