@@ -56,6 +56,13 @@ class TestRig:
         else:
             assert len(read_recording(*told).t_s) == 400
 
+    def test_a_start_of_hardly_any_rows_is_refused(self, tmp_path) -> None:
+        """Milliseconds that are taken for seconds, or a pause after the first row."""
+        for stamps in (50.0 * np.arange(400), np.append(0.0, 20 + 0.1 * np.arange(400))):
+            rows = "t_s,strain,resistance_ohm\n" + "".join(f"{t:.2f},0.1,100\n" for t in stamps)
+            with pytest.raises(InputError, match=r"a\.csv: expected 5 rows or more in the first 10 s, got 1: is the unit"):
+                read_recording(*self.folder(tmp_path, "natural_resistance_ohm = 50.0\n", rows))
+
     def test_mean_of_pairs_takes_an_alternating_source_out(self, tmp_path) -> None:
         rows = "t_s,strain,resistance_ohm\n" + "".join(f"{0.1 * k},0.1,{100 + (-1) ** k}\n" for k in range(400))
         rig = 'average = 2\nnatural_resistance_ohm = 50.0\n[units]\nstrain = "%"\n'
