@@ -135,10 +135,11 @@ class TestCalibrationRecordings:
         return folder / name
 
     def test_are_read(self, tmp_path) -> None:
-        self.write(tmp_path, "# natural_resistance_ohm = 100\nt_s,strain,resistance_ohm\n0.0,0.0,100\n40,0.1,112\n")
+        rows = "".join(f"{10 * k},{0.025 * k},{100 + 3 * k}\n" for k in (0, 0.1, 0.3, 0.5, 0.7, 4))
+        self.write(tmp_path, f"# natural_resistance_ohm = 100\nt_s,strain,resistance_ohm\n{rows}")
         (recording,) = read_recordings(tmp_path, StripRig()).recordings
         assert recording.name == "a"
-        np.testing.assert_allclose(recording.change, [0, 0.12])
+        np.testing.assert_allclose(recording.change, [0, 0.003, 0.009, 0.015, 0.021, 0.12])
 
     @pytest.mark.parametrize(
         ("text", "message"),
