@@ -3,6 +3,7 @@
 import hashlib
 import io
 import json
+import pickle
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -56,8 +57,8 @@ def train(
         bending: the curve of bent strips.
         settings: the settings of the training.
         progress: called after each epoch with its number and mean loss.
-        checkpoint: the storage of the unfinished training, from which it continues. A state of other data or settings
-            is not used.
+        checkpoint: the storage of the unfinished training, from which it continues. A state of other data or settings,
+            or what is none, is not used.
 
     Raises:
         InputError: when there is nothing to train on.
@@ -294,8 +295,11 @@ class _Training:
     def _resume(self, saved: bytes | None) -> None:
         if saved is None:
             return
-        state = torch.load(io.BytesIO(saved), weights_only=True)
-        if state["fingerprint"] != self._fingerprint:
+        try:
+            state = torch.load(io.BytesIO(saved), weights_only=True)
+        except (pickle.UnpicklingError, RuntimeError, EOFError, LookupError, ValueError):  # another file, or half
+            return
+        if not isinstance(state, dict) or state.get("fingerprint") != self._fingerprint:
             return
         self._network.load_state_dict(state["network"])
         self._optimizer.load_state_dict(state["optimizer"])

@@ -189,6 +189,17 @@ def test_a_checkpoint_of_other_settings_is_not_used(split) -> None:
     assert seen[0] == 1
 
 
+@pytest.mark.parametrize("saved", [b"", b"notes", b"PK\x03\x04", b"\x80\x02.", b"N."])
+def test_what_is_no_checkpoint_is_not_used(split, saved: bytes) -> None:
+    kept, seen = Kept(), []
+    kept.save(saved)
+    once = replace(TINY, epochs=1)
+    fit(split, once, progress=lambda now, loss: seen.append(now), checkpoint=kept)
+    assert seen == [1]
+    fit(split, once, progress=lambda now, loss: seen.append(now), checkpoint=kept)  # which has replaced it
+    assert seen == [1]
+
+
 def test_training_stops_when_validation_gets_no_better(split) -> None:
     impatient = replace(TINY, epochs=100, learning_rate=0.05, patience=10)
     history = fit(split, impatient).history
