@@ -139,8 +139,8 @@ def _check_stamps(path: Path, t_s: NDArray[np.float64]) -> None:
     at_start = int((t_s - t_s[0] < SETTLING_S).sum())
     if at_start < FEWEST_ROWS:
         raise InputError(
-            f"{path}: expected {FEWEST_ROWS} rows or more in the first {SETTLING_S:g} s, got {at_start}: is the unit of "
-            "time right?"
+            f"{path}: expected {FEWEST_ROWS} rows or more in the first {SETTLING_S:g} s, got {at_start}: "
+            "is the unit of time right?"
         )
     steps_s = np.diff(t_s)
     if np.quantile(steps_s, BURST_SHARE) < BURST_RATIO * steps_s.mean():

@@ -60,7 +60,7 @@ class TestRig:
         """Milliseconds that are taken for seconds, or a pause after the first row."""
         for stamps in (50.0 * np.arange(400), np.append(0.0, 20 + 0.1 * np.arange(400))):
             rows = "t_s,strain,resistance_ohm\n" + "".join(f"{t:.2f},0.1,100\n" for t in stamps)
-            with pytest.raises(InputError, match=r"a\.csv: expected 5 rows or more in the first 10 s, got 1: is the unit"):
+            with pytest.raises(InputError, match=r"a\.csv: expected 5 rows or more in the first 10 s, got 1: "):
                 read_recording(*self.folder(tmp_path, "natural_resistance_ohm = 50.0\n", rows))
 
     def test_mean_of_pairs_takes_an_alternating_source_out(self, tmp_path) -> None:
