@@ -217,6 +217,8 @@ class Pipeline:
         rest = self.winding.strips(self.rest.lengths(trial.rest_seconds)) if trial.rest_seconds > 0 else None
         if not isinstance(model, SensorModel):
             return StrainFrontEnd(model, natural_ohm, natural_m, rest)
+        if trial.source != "lengths":
+            model.check_rate(settings.frames.rate_hz)
         return FrontEnd(
             model=model,
             natural_resistance_ohm=natural_ohm,

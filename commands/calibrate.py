@@ -10,7 +10,7 @@ from rich.progress import TextColumn
 from ..io.calibration.calibration_output import CalibrationPaths, CheckpointFile
 from ..io.calibration.recording_files import read_rig
 from ..io.figures.calibration_figures import write_calibration_figures, write_sweep_figure
-from ..io.model_file import write_sensor_model
+from ..io.model_file import read_sensor_model, write_sensor_model
 from ..io.reports.model_card import CalibrationReport
 from ..io.reports.terminal import Terminal
 from ..models.calibration.recipe import Trained, TrainingSettings
@@ -141,3 +141,4 @@ def _write(
             write_sweep_figure(losses, learning_rate, inside.figures / "sweep.png")
         inside.card.write_text(report.card(), encoding="utf-8")
         write_sensor_model(report.model(), inside.model)
+        read_sensor_model(inside.model)  # a model that no command would take is not written

@@ -5,6 +5,7 @@ import heapq
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,11 @@ STAMP_DECIMALS = 4
 """Decimals of a time in seconds in the tables of a result: times that differ by less are one."""
 LONGEST_STEP_S = 600.0
 """Time from the first row to the second above which stamps are not in seconds."""
+LONGEST_READING_STEP_S = 0.5
+"""Time between all of the first rows of resistance above which stamps are not in seconds, or tell nothing: each sensor
+would begin anew with each row, see `FrontEndSettings.settle_after_s`."""
+FIRST_ROWS = 6
+"""Number of these rows."""
 
 Reading = BoardReading | ResistanceReading | TendonLengths | AidReading | NaturalLengthReading
 """One measurement of a trial: a row of counts, a reading of resistance, lengths, or what another sensor or a motor
@@ -261,7 +267,15 @@ class Trial:
         tendons = self.description.structure.sensed_tendons
         columns = [f"r{e}_ohm" for e in tendons]
         file = self._csv(self.table.resistance.file, ["t_s", *columns], blank=columns)
-        for row in self._forward(file):
+        rows = self._forward(file)
+        first = list(islice(rows, FIRST_ROWS))
+        step_s = float(np.min(np.diff([row[0] for row in first]), initial=np.inf))
+        if len(first) == FIRST_ROWS and step_s > LONGEST_READING_STEP_S:
+            raise InputError(
+                f"{file.path}: column t_s: expected rows at most {LONGEST_READING_STEP_S:g} s apart, got {step_s:g} s "
+                f"and more between the first {FIRST_ROWS}: is the unit right?"
+            )
+        for row in chain(first, rows):
             resistance_ohm = np.array(row[1:])
             possible = ~(resistance_ohm <= 0)
             yield ResistanceReading(

@@ -1,11 +1,13 @@
 """The loop on trials that are not as they should be, and on other sources than boards."""
 
+from dataclasses import replace
 from itertools import takewhile
 
 import numpy as np
 import pytest
 
 from tensegraph import Flag, InputError, Reconstruction, Settings, Status, open_trial
+from tensegraph.models.sensor.frames import FrameSettings
 from tensegraph.models.structure.shape import Reason
 from tensegraph.pipeline import Pipeline, reconstruct, stream
 from trial_edits import cell, lines
@@ -126,6 +128,18 @@ def test_resistance_stands_in_for_counts(trial_copy, plain) -> None:
     assert error.max() < 0.003
 
 
+def test_resistances_with_stamps_in_milliseconds_are_refused(trial_copy) -> None:
+    """Each row would be followed by a thousand frames without a reading."""
+    path = trial_copy(rows=30)
+    as_resistance(path, open_trial(path))
+    header, *rows = (path / "resistance.csv").read_text().splitlines()
+    cells = [row.split(",", 1) for row in rows]
+    text = "\n".join([header, *(f"{1e3 * float(t_s):.3f},{rest}" for t_s, rest in cells), ""])
+    (path / "resistance.csv").write_text(text)
+    with pytest.raises(InputError, match=r"resistance\.csv: column t_s: .* at most 0\.5 s apart, got 20 s "):
+        reconstruct(path, "live")
+
+
 def test_lengths_stand_in_for_counts(trial_copy, plain) -> None:
     path = trial_copy(rows=150)
     header = ",".join(["t_s", *(f"l{e}_m" for e in range(24)), *(f"s{e}_m" for e in range(24))])
@@ -144,6 +158,16 @@ def test_lengths_stand_in_for_counts(trial_copy, plain) -> None:
         "\n".join([header.replace("l0_m,", "").replace("l23_m", "l23_m,l0_m"), *rows, ""])
     )
     assert all(doubt is not None for doubt in reconstruct(path, "live").doubts[20:])  # each tendon has its neighbour's
+
+
+@pytest.mark.parametrize("rate_hz", [2.0, 200.0])
+def test_a_rate_of_frames_that_the_sensor_model_was_not_trained_at_is_refused(example, rate_hz: float) -> None:
+    settings = replace(Settings(), frames=FrameSettings(rate_hz=rate_hz))
+    trial = open_trial(example).description
+    with pytest.raises(InputError, match=rf"frames\.rate_hz: expected 10 to 100, .*, got {rate_hz:g}$"):
+        list(stream([], trial, settings=settings))
+    lengths = replace(trial, source="lengths", natural_resistance_ohm=np.empty(0))
+    assert not list(stream([], lengths, settings=settings))
 
 
 def test_readings_that_are_not_of_the_rest_shape_are_in_doubt(trial_copy) -> None:

@@ -16,6 +16,13 @@ from ...models.values.tables import parse_table, unknown_keys
 from ..csv import CsvFile
 from ..toml import read_toml
 
+FEWEST_ROWS = 5
+"""Least number of rows in the first 10 s of a recording, in which its strip is tared."""
+BURST_SHARE = 0.1
+"""Share of the steps between stamps that are short in a recording whose stamps come in bursts."""
+BURST_RATIO = 0.1
+"""Ratio of a short step to the mean one; at the rig of `examples/cb_silicone_rig.toml` it is 0.7."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordingFolder:
@@ -99,6 +106,7 @@ def read_recording(path: Path, rig: StripRig) -> Recording:
     if duration_s < 3 * SETTLING_S:
         raise InputError(f"{path}: expected at least {3 * SETTLING_S:g} s of resistance and strain, got {duration_s:g}")
     t_s = t_s[both]
+    _check_stamps(path, t_s)
     strain = strain[both]
     resistance_ohm = resistance_ohm[both]
     natural_ohm = header_ohm or rig.natural_resistance_ohm
@@ -124,6 +132,22 @@ def _rows_in_time(file: CsvFile, first_row: int) -> NDArray[np.float64]:
             where = f"{file.path}: row {row + 1 + first_row}, column {file.columns[column]}"
             raise InputError(f"{where}: expected a later stamp than {rows[row, column]}, got {rows[row + 1, column]}")
     return rows
+
+
+def _check_stamps(path: Path, t_s: NDArray[np.float64]) -> None:
+    """Raise InputError for hardly any rows at the start, or stamps in bursts, as of a computer that reads a buffer."""
+    at_start = int((t_s - t_s[0] < SETTLING_S).sum())
+    if at_start < FEWEST_ROWS:
+        raise InputError(
+            f"{path}: expected {FEWEST_ROWS} rows or more in the first {SETTLING_S:g} s, got {at_start}: "
+            "is the unit of time right?"
+        )
+    steps_s = np.diff(t_s)
+    if np.quantile(steps_s, BURST_SHARE) < BURST_RATIO * steps_s.mean():
+        raise InputError(
+            f"{path}: expected stamps of when each resistance was measured, got bursts: a tenth of the steps is below "
+            f"{np.quantile(steps_s, BURST_SHARE):.2g} s, their mean is {steps_s.mean():.2g} s"
+        )
 
 
 def _header_resistance(path: Path, pairs: dict[str, str]) -> float:

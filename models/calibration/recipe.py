@@ -44,7 +44,7 @@ class TrainingSettings:
     """Epochs without a better validation loss after which the training stops."""
     relative_step: tuple[float, float] = (0.2, 2.0)
     """Range of time steps relative to that of the recordings, drawn uniformly in their logarithm: for recordings of
-    20 Hz this is 100 to 10 Hz."""
+    20 Hz this is 100 to 10 Hz. For others it is widened, so that it contains these rates of frames."""
     noise: tuple[float, float] = (0.0, 0.002)
     """Range of the standard deviation of the relative white noise that is added to the resistance: up to that of a
     10-bit divider."""

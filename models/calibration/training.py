@@ -3,6 +3,7 @@
 import hashlib
 import io
 import json
+import pickle
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -28,10 +29,12 @@ from .torch_network import (
     scaled_gaussian_loss,
 )
 
-CHECKPOINT_VERSION = 2
+CHECKPOINT_VERSION = 3
 """Version of the names in a checkpoint; a checkpoint of another version is not used."""
 WARM_UP = 0.1
 """Share of the updates in which the learning rate rises, of the one-cycle schedule."""
+FRAME_STEP_S = (0.01, 0.1)
+"""Time steps at which every model is trained: those of frames at 100 to 10 Hz."""
 FEWEST_UPDATES = 20
 """Shortest one-cycle schedule: with half as many its rise has no length, and torch divides by it."""
 
@@ -54,8 +57,8 @@ def train(
         bending: the curve of bent strips.
         settings: the settings of the training.
         progress: called after each epoch with its number and mean loss.
-        checkpoint: the storage of the unfinished training, from which it continues. A state of other data or settings
-            is not used.
+        checkpoint: the storage of the unfinished training, from which it continues. A state of other data or settings,
+            or what is none, is not used.
 
     Raises:
         InputError: when there is nothing to train on.
@@ -292,8 +295,11 @@ class _Training:
     def _resume(self, saved: bytes | None) -> None:
         if saved is None:
             return
-        state = torch.load(io.BytesIO(saved), weights_only=True)
-        if state["fingerprint"] != self._fingerprint:
+        try:
+            state = torch.load(io.BytesIO(saved), weights_only=True)
+        except (pickle.UnpicklingError, RuntimeError, EOFError, LookupError, ValueError):  # another file, or half
+            return
+        if not isinstance(state, dict) or state.get("fingerprint") != self._fingerprint:
             return
         self._network.load_state_dict(state["network"])
         self._optimizer.load_state_dict(state["optimizer"])
@@ -328,9 +334,13 @@ def _scaling(recordings: Sequence[Recording]) -> Scaling:
 
 
 def _step_range(recordings: Sequence[Recording], relative: tuple[float, float]) -> tuple[float, float]:
-    """Return the range of time steps, given relative to that of the recordings, rounded to two digits."""
+    """Return the range of time steps, given relative to that of the recordings, rounded to two digits.
+
+    It contains `FRAME_STEP_S`, at whatever rate the rig reads its strips.
+    """
     step_s = float(np.median([np.median(np.diff(r.t_s)) for r in recordings]))
-    return float(f"{relative[0] * step_s:.2g}"), float(f"{relative[1] * step_s:.2g}")
+    shortest_s, longest_s = (float(f"{ratio * step_s:.2g}") for ratio in relative)
+    return min(shortest_s, FRAME_STEP_S[0]), max(longest_s, FRAME_STEP_S[1])
 
 
 def _fingerprint(split: Split, settings: TrainingSettings) -> str:

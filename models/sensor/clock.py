@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..values.errors import InputError
 from ..values.readings import BoardReading
 from ..values.tables import NotNegative, Positive
 
@@ -18,6 +19,10 @@ WRAP_US = 1 << 32
 SEQ_WRAP = 1 << 16
 ROW_PERIOD_TOLERANCE = 0.1
 HOST_TOLERANCE_S = 1.0
+UNIT_SPAN_S = 10.0
+"""Time on the host's clock after which a board's clock is compared with it."""
+SLOWEST_CLOCK = 0.1
+"""Ratio of a board's clock to the host's below which it does not count microseconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +69,7 @@ class BoardClock:
         self._suspect: BoardReading | None = None
         self._row_period_s = np.nan
         self._device_s = 0.0
+        self._compared_s = np.zeros(2)
         self._host_s = -np.inf
         self._time_s = -np.inf
         self.counts = ClockCounts()
@@ -99,6 +105,19 @@ class BoardClock:
             return None
         self._time_s = max(time_s, self._time_s + 1e-6)
         return self._time_s
+
+    def check_unit(self, board: int) -> None:
+        """Check that the clock of the board with this number counts microseconds.
+
+        Raises:
+            InputError: when it is much slower, as one that counts milliseconds.
+        """
+        board_s, host_s = self._compared_s
+        if host_s > UNIT_SPAN_S and board_s < SLOWEST_CLOCK * host_s:
+            raise InputError(
+                f"board {board}: device_us: went on by {board_s:.3g} s in {host_s:.3g} s on the host's clock: "
+                "is the unit right?"
+            )
 
     def time_of_stamp_s(self, device_us: int, boot: int) -> float | None:
         """Return when something else was measured that the board stamped shortly before or after its newest row.
@@ -137,6 +156,8 @@ class BoardClock:
         self.counts.host_steps += int(row.host_s < last.host_s)
         self._row_period_s = device_s / rows
         self._device_s += device_s
+        host_s = min(max(row.host_s - last.host_s, 0.0), HOST_TOLERANCE_S)
+        self._compared_s += np.array([device_s, host_s])
 
 
 def _steps(row: BoardReading, last: BoardReading) -> tuple[int, float]:

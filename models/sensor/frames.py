@@ -32,7 +32,8 @@ class FrameSettings:
     """The output rate, and the longest gap between readings that is bridged."""
 
     rate_hz: Annotated[float, Interval(ge=0.1, le=1000)] = 50.0
-    """Frames per second. The times of the frames are whole multiples of the period on the host clock."""
+    """Frames per second. The times of the frames are whole multiples of the period on the host clock. A sensor model is
+    for the rates at which it was trained, the one that ships for 10 to 100 Hz."""
     max_gap_s: Positive = 0.1
     """Longest time between two readings that is bridged, and longest time to wait for a silent board. After it the
     board's sensors are missing."""
@@ -41,6 +42,9 @@ class FrameSettings:
     def longest_silence_s(self) -> float:
         """Time without any reading after which no frames are made until the next one."""
         return min(LONGEST_SILENCE_S, MOST_SILENT_FRAMES / self.rate_hz)
+
+STAMP_ERROR_S = 1e-6
+"""Error of a difference of two stamps: readings at 10 Hz are 0.1 s apart, which no binary fraction is exactly."""
 
 
 class _Source:
@@ -133,7 +137,8 @@ def _mean_weights(t_s: list[float], from_s: float, until_s: float, max_gap_s: fl
     after = bisect_left(t_s, middle_s)
     before_s = t_s[after - 1] if after > 0 else t_s[0]
     after_s = t_s[after] if after < len(t_s) else t_s[-1]
-    if after_s - before_s > max_gap_s or max(before_s - middle_s, middle_s - after_s) > max_gap_s:
+    gap_s = max(after_s - before_s, before_s - middle_s, middle_s - after_s)
+    if gap_s > max_gap_s + STAMP_ERROR_S:
         return np.zeros(len(t_s))
     inside = t_s[bisect_right(t_s, from_s) : bisect_left(t_s, until_s)]
     points = sorted({from_s, *inside, until_s})

@@ -8,6 +8,10 @@ from numpy.typing import NDArray
 from ..values.readings import Flag
 from ..values.tables import AtLeastOne, Positive, Probability
 
+SHORTEST_JUMP_S = 0.01
+"""Shortest time in which a tendon is taken to move: noise alone changes readings at 1000 Hz by more than
+`GateSettings.max_rate_per_s` allows in one step."""
+
 
 @dataclass(frozen=True, slots=True)
 class GateSettings:
@@ -59,7 +63,8 @@ class ReadingGate:
 
     def _outliers(self, t_s: float, value: NDArray[np.float64], sigma: NDArray[np.float64]) -> NDArray[np.bool_]:
         finite = np.isfinite(value)
-        largest_change = self._settings.max_rate_per_s * (t_s - self._accepted_s) + 8 * sigma
+        since_s = np.maximum(t_s - self._accepted_s, SHORTEST_JUMP_S)
+        largest_change = self._settings.max_rate_per_s * since_s + 8 * sigma
         jumped = finite & (np.abs(value - self._accepted) > largest_change)
         repeated = jumped & (np.abs(value - self._rejected) <= largest_change)
         self._rejections = np.where(

@@ -9,7 +9,9 @@ start; their rates are forgotten within `memory_s`, and each sensor has a random
 How fast sensors drift is not known beforehand. One Kalman filter runs for each pair (s_c, s_o), zero among them, and is
 weighted by the likelihood of its predictions. A pair lasts for `regime_s` and is then any, by its prior probability: a
 drift may begin after hours without one. Reference tendons that drift alike are evidence
-of a common drift, those that drift apart of own drifts; a reading that jumps is evidence of neither and is not used.
+of a common drift, those that drift apart of own drifts; a reading that jumps is evidence of neither and is not used. A
+reference that stays where it jumped, as after a contact that slipped, begins anew there, with the drift found until
+then.
 """
 
 from dataclasses import dataclass, replace
@@ -90,6 +92,8 @@ class ReferenceTendons:
         self._base = _Mean(len(tendons))
         self._recent = _Mean(len(tendons))
         self._first_s = np.full(len(tendons), np.nan)
+        self._jumped_s = np.zeros(len(tendons))
+        self._begun = False
         self._updated_s = np.nan
         none = np.zeros(len(tendons))
         self._found = ReferenceDrift(0.0, 0.0, 0.0, none, none)
@@ -102,20 +106,31 @@ class ReferenceTendons:
         seen = np.isfinite(reading)
         self._first_s = np.where(seen & np.isnan(self._first_s), frame.t_s, self._first_s)
         starts = seen & (frame.t_s - self._first_s < BASE_S)
-        # one that starts late has had the drift that all have had until then
-        self._base.add(np.where(starts, reading - self._found.common, np.nan))
+        # one that starts late, or anew, has had the drift until then
+        self._base.add(np.where(starts, reading - self._found.common - self._found.own, np.nan))
         self._recent.add(np.where(seen & ~starts, reading, np.nan))
-        if np.isnan(self._updated_s) or not (frame.t_s - self._first_s >= BASE_S).any():
+        self._begun |= bool((frame.t_s - self._first_s >= BASE_S).any())
+        if np.isnan(self._updated_s) or not self._begun:
             self._updated_s = frame.t_s
             return self._found
         step_s = frame.t_s - self._updated_s
         if step_s >= self._settings.update_every_s:
             self._predict(step_s)
-            self._update(self._recent.value - self._base.value, step_s)
+            drift = self._recent.value - self._base.value
+            used = self._update(drift, step_s)
+            self._begin_anew(np.isfinite(drift) & ~used, np.isfinite(drift) & used, step_s)
             self._recent = _Mean(len(self.tendons))
             self._updated_s = frame.t_s
             self._found = self._mixture()
         return self._found
+
+    def _begin_anew(self, jumped: NDArray[np.bool_], used: NDArray[np.bool_], step_s: float) -> None:
+        """Begin anew with the (references,) whose readings have been where they `jumped` for `BASE_S`."""
+        self._jumped_s = np.where(used, 0.0, self._jumped_s + np.where(jumped, step_s, 0.0))
+        anew = self._jumped_s >= BASE_S
+        self._base.clear(anew)
+        self._first_s[anew] = np.nan
+        self._jumped_s[anew] = 0.0
 
     def _predict(self, step_s: float) -> None:
         parts = self._rate_variance.shape[1]
@@ -129,14 +144,16 @@ class ReferenceTendons:
         stay = np.exp(-step_s / self._settings.regime_s)
         self._weight = stay * self._weight + (1 - stay) * self._prior
 
-    def _update(self, drift: NDArray[np.float64], step_s: float) -> None:
+    def _update(self, drift: NDArray[np.float64], step_s: float) -> NDArray[np.bool_]:
+        """Use the (references,) drift of the readings, nan where there are none; return which of them were used."""
         noise = self._settings.reading_sigma**2 * max(0.5 / step_s, 1.0)
         innovation = drift - self._mean @ self._reads.T
         spread = np.einsum("rj,hjk,rk->hr", self._reads, self._covariance, self._reads) + noise
         with np.errstate(invalid="ignore"):
-            seen = np.flatnonzero((innovation**2 < JUMP_SIGMA**2 * spread).any(axis=0))
+            used = np.asarray((innovation**2 < JUMP_SIGMA**2 * spread).any(axis=0))
+        seen = np.flatnonzero(used)
         if not len(seen):
-            return
+            return used
         reads = self._reads[seen]
         innovation = innovation[:, seen]
         crossed = self._covariance @ reads.T
@@ -150,6 +167,7 @@ class ReferenceTendons:
         left = np.eye(self._mean.shape[1]) - gain @ reads  # Joseph's form stays symmetric and positive for hours
         covariance = left @ self._covariance @ np.swapaxes(left, 1, 2) + noise * gain @ np.swapaxes(gain, 1, 2)
         self._covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
+        return used
 
     def _mixture(self) -> ReferenceDrift:
         weight = self._weight
@@ -172,6 +190,10 @@ class _Mean:
     def __init__(self, count: int) -> None:
         self._sum = np.zeros(count)
         self._count = np.zeros(count)
+
+    def clear(self, chosen: NDArray[np.bool_]) -> None:
+        """Forget the readings of the (count,) chosen references."""
+        self._sum[chosen] = self._count[chosen] = 0.0
 
     def add(self, value: NDArray[np.float64]) -> None:
         """Add one reading of each reference."""

@@ -26,8 +26,14 @@ class CountConverter:
         return [clock.counts for clock in self._clocks]
 
     def reading(self, row: BoardReading) -> ResistanceReading | None:
-        """Return the reading of a row; None for a row that came late or twice or does not follow the one before."""
-        t_s = self._clocks[row.board].time_s(row)
+        """Return the reading of a row; None for a row that came late or twice or does not follow the one before.
+
+        Raises:
+            InputError: when the board's clock does not count microseconds.
+        """
+        clock = self._clocks[row.board]
+        t_s = clock.time_s(row)
+        clock.check_unit(row.board)
         if t_s is None:
             return None
         possible = (row.counts >= 0) & (row.counts < self._divider.codes)

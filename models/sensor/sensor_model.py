@@ -101,7 +101,7 @@ class SigmaScale:
 
 @dataclass(frozen=True, slots=True)
 class TrainedRanges:
-    """The ranges of the training data; outside of them sigma grows and readings are flagged."""
+    """The ranges of the training data; outside of those of dR/R and rates sigma grows and readings are flagged."""
 
     change: tuple[float, float]
     """Least and largest dR/R."""
@@ -110,7 +110,7 @@ class TrainedRanges:
     strain: tuple[float, float]
     """Least and largest strain."""
     step_s: tuple[float, float]
-    """Shortest and longest time step."""
+    """Shortest and longest time step; frames at other rates are refused."""
     strain_rate_per_s: PositiveOrInfinite = float("inf")
     """Rate of strain, which 99.9 % of the stretched training samples do not exceed."""
 
@@ -167,6 +167,19 @@ class SensorModel:
         except ValueError as error:
             raise InputError(f"its curve's parts do not fit together ({error})") from error
         self.bending_curve("strain")
+
+    def check_rate(self, rate_hz: float) -> None:
+        """Check that the network was trained at time steps like those of frames at a rate.
+
+        Raises:
+            InputError: when it was not: at 2 Hz, for one, lengths would be wrong by several sigmas.
+        """
+        shortest_s, longest_s = self.ranges.step_s
+        if not shortest_s <= 1 / rate_hz <= longest_s:
+            raise InputError(
+                f"frames.rate_hz: expected {1 / longest_s:.3g} to {1 / shortest_s:.3g}, at which the sensor model was "
+                f"trained, got {rate_hz:g}"
+            )
 
     @property
     def gauge(self) -> StaticGauge:

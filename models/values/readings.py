@@ -73,8 +73,9 @@ MOMENTARY = Flag.TOO_FAST | Flag.WARMING_UP | Flag.AMBIGUOUS | Flag.SHAKEN
 """Flags that describe one moment of a healthy sensor."""
 SENSOR_FLAGS = ~MOMENTARY
 """Flags that describe a fault of the sensor."""
-LEFT_OUT = Flag.MISSING | Flag.OUTLIER | Flag.IMPLAUSIBLE | Flag.MISFIT
-"""Flags with which a length is left out of the estimate."""
+LEFT_OUT = Flag.MISSING | Flag.IMPLAUSIBLE | Flag.MISFIT
+"""Flags with which a length is left out of the estimate. Of a frame with an `OUTLIER` other readings tell the length,
+unless it is `MISSING`, too."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

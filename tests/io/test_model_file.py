@@ -87,6 +87,16 @@ class TestModelFile:
             read_sensor_model(tmp_path / "m")
 
     @pytest.mark.parametrize(
+        ("name", "factor"),
+        [("curve_coefficients", 2.2), ("curve_factor", 30.0), ("strain_knots", 0.25)],
+    )
+    def test_what_few_recordings_leave_uncertain_is_sound(self, tmp_path, name, factor) -> None:
+        """Strips that are seldom stretched far, or not all of which stay stretched, give such curves."""
+        tensors, metadata = stored(SHIPPED)
+        save_file(tensors | {name: factor * tensors[name]}, tmp_path / "m", {"tensegraph": json.dumps(metadata)})
+        assert read_sensor_model(tmp_path / "m").unified is False
+
+    @pytest.mark.parametrize(
         ("key", "value", "message"),
         [
             ("memory_s", [2.0, -1.0, 50.0], r"metadata: memory_s\[1\]: .*greater than 0, got -1"),

@@ -44,6 +44,25 @@ class TestRig:
         first_second = np.mean([1 + 0.001 * k for k in range(1, 12)])
         assert recording.change[9] == pytest.approx(1.010 / first_second - 1)
 
+    @pytest.mark.parametrize(("together", "refused"), [(1, False), (2, True), (20, True)])
+    def test_stamps_in_bursts_are_refused(self, tmp_path, together: int, refused: bool) -> None:
+        """A computer reads a serial port every so often, and stamps what has come since."""
+        stamps = [0.1 * (k // together * together) + 1e-4 * (k % together) for k in range(400)]
+        rows = "t_s,strain,resistance_ohm\n" + "".join(f"{t:.4f},0.1,100\n" for t in stamps)
+        told = self.folder(tmp_path, "natural_resistance_ohm = 50.0\n", rows)
+        if refused:
+            with pytest.raises(InputError, match=r"a\.csv: expected stamps .*, got bursts: .* their mean is 0\."):
+                read_recording(*told)
+        else:
+            assert len(read_recording(*told).t_s) == 400
+
+    def test_a_start_of_hardly_any_rows_is_refused(self, tmp_path) -> None:
+        """Milliseconds that are taken for seconds, or a pause after the first row."""
+        for stamps in (50.0 * np.arange(400), np.append(0.0, 20 + 0.1 * np.arange(400))):
+            rows = "t_s,strain,resistance_ohm\n" + "".join(f"{t:.2f},0.1,100\n" for t in stamps)
+            with pytest.raises(InputError, match=r"a\.csv: expected 5 rows or more in the first 10 s, got 1: "):
+                read_recording(*self.folder(tmp_path, "natural_resistance_ohm = 50.0\n", rows))
+
     def test_mean_of_pairs_takes_an_alternating_source_out(self, tmp_path) -> None:
         rows = "t_s,strain,resistance_ohm\n" + "".join(f"{0.1 * k},0.1,{100 + (-1) ** k}\n" for k in range(400))
         rig = 'average = 2\nnatural_resistance_ohm = 50.0\n[units]\nstrain = "%"\n'
@@ -116,10 +135,11 @@ class TestCalibrationRecordings:
         return folder / name
 
     def test_are_read(self, tmp_path) -> None:
-        self.write(tmp_path, "# natural_resistance_ohm = 100\nt_s,strain,resistance_ohm\n0.0,0.0,100\n40,0.1,112\n")
+        rows = "".join(f"{10 * k},{0.025 * k},{100 + 3 * k}\n" for k in (0, 0.1, 0.3, 0.5, 0.7, 4))
+        self.write(tmp_path, f"# natural_resistance_ohm = 100\nt_s,strain,resistance_ohm\n{rows}")
         (recording,) = read_recordings(tmp_path, StripRig()).recordings
         assert recording.name == "a"
-        np.testing.assert_allclose(recording.change, [0, 0.12])
+        np.testing.assert_allclose(recording.change, [0, 0.003, 0.009, 0.015, 0.021, 0.12])
 
     @pytest.mark.parametrize(
         ("text", "message"),

@@ -189,6 +189,17 @@ def test_a_checkpoint_of_other_settings_is_not_used(split) -> None:
     assert seen[0] == 1
 
 
+@pytest.mark.parametrize("saved", [b"", b"notes", b"PK\x03\x04", b"\x80\x02.", b"N."])
+def test_what_is_no_checkpoint_is_not_used(split, saved: bytes) -> None:
+    kept, seen = Kept(), []
+    kept.save(saved)
+    once = replace(TINY, epochs=1)
+    fit(split, once, progress=lambda now, loss: seen.append(now), checkpoint=kept)
+    assert seen == [1]
+    fit(split, once, progress=lambda now, loss: seen.append(now), checkpoint=kept)  # which has replaced it
+    assert seen == [1]
+
+
 def test_training_stops_when_validation_gets_no_better(split) -> None:
     impatient = replace(TINY, epochs=100, learning_rate=0.05, patience=10)
     history = fit(split, impatient).history
@@ -218,3 +229,10 @@ def test_a_training_of_few_updates_ends(split, epochs: int) -> None:
     """Ten updates, of two epochs here, are where the rise of torch's one-cycle schedule has no length."""
     few = replace(TINY, epochs=epochs, steps=250)
     assert len(fit(split, few).history.training_loss) == epochs
+
+
+@pytest.mark.parametrize(("rate_hz", "step_s"), [(1.0, (0.01, 2.0)), (20.0, (0.01, 0.1)), (500.0, (0.0004, 0.1))])
+def test_a_model_is_for_frames_whatever_the_rate_of_the_rig(rate_hz: float, step_s: tuple[float, float]) -> None:
+    recordings = [lagging_sensor(f"s{k}", k, seconds=60.0, rate_hz=rate_hz) for k in range(2)]
+    trained = fit(Split.by_time(recordings, 0.3), replace(TINY, epochs=1))
+    assert trained.step_s == step_s

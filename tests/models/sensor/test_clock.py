@@ -1,9 +1,11 @@
 """A board's clock laid onto the host's, from past rows only."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from tensegraph import BoardReading
+from tensegraph import BoardReading, InputError
 from tensegraph.models.sensor.clock import BoardClock, ClockSettings, _LowerLine
 
 COUNTS = np.full(2, 500)
@@ -34,6 +36,19 @@ class TestClock:
         clock = BoardClock(ClockSettings())
         error_s = np.array([clock.time_s(row) for row in readings]) - true_s
         assert np.abs(error_s[1000:]).max() < 0.002
+
+    def test_milliseconds_are_no_microseconds(self) -> None:
+        """Nor is a clock refused for a silent minute, or for a host whose clock is set an hour ahead."""
+        clocks = BoardClock(ClockSettings()), BoardClock(ClockSettings())
+        silent = [row for row in rows(6000)[0] if not 30 < row.host_s < 90]
+        silent[1000:] = [replace(row, host_s=row.host_s + 3600) for row in silent[1000:]]
+        for row in silent:
+            clocks[0].time_s(row)
+            clocks[0].check_unit(0)
+        for row in rows(600)[0]:
+            clocks[1].time_s(replace(row, device_us=row.device_us // 1000))
+        with pytest.raises(InputError, match=r"board 1: device_us: went on by 0\.01\d* s in 1\d s .* unit right"):
+            clocks[1].check_unit(1)
 
     def test_is_causal(self) -> None:
         """The time of a row does not depend on later rows."""

@@ -64,6 +64,14 @@ class TestFrames:
         assert got[2.2].flags[0] & Flag.MISSING
         assert got[3.0].resistance_ohm[0] == pytest.approx(151)
 
+    @pytest.mark.parametrize("start_s", [0.0, 1e5, 1.7e9])
+    def test_readings_as_far_apart_as_the_longest_gap_are_bridged(self, start_s: float) -> None:
+        """Most differences of stamps at 10 Hz are a rounding error above 0.1 s, or below."""
+        frames = assembler()
+        got = [f for k in range(200) for f in frames.add(reading(start_s + k / 10, 1.0))]
+        assert len(got) > 980
+        assert all(np.isfinite(f.resistance_ohm).all() for f in got)
+
     def test_a_silent_board_is_not_waited_for(self) -> None:
         frames, got = assembler(2), []
         for k in range(200):

@@ -24,6 +24,14 @@ class TestGate:
         assert np.flatnonzero(np.isnan(believed)).tolist() == [50]
         assert flags[50] == Flag.OUTLIER
 
+    def test_noise_of_fast_readings_is_no_spike(self) -> None:
+        """Readings at 1000 Hz of a converter whose own error is not known, with the noise of sensors at rest."""
+        gate, rng = ReadingGate(GateSettings(), 1), np.random.default_rng(0)
+        for k in range(1000):
+            value = np.array([0.1 + 0.0022 * rng.standard_normal() + 0.5 * (k == 500)])
+            _, flags = gate.check(0.001 * k, value, np.zeros(1), np.zeros(1, dtype=np.int64))
+            assert bool(flags[0] & Flag.OUTLIER) == (k == 500)
+
     def test_a_step_that_stays_is_believed_at_the_third_reading(self) -> None:
         values = np.where(np.arange(100) < 50, 0.1, 0.9) + 0.001 * np.random.default_rng(0).standard_normal(100)
         believed, _ = self.run(values)

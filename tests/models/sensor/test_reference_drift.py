@@ -66,6 +66,13 @@ def test_still_references_say_nothing_and_one_that_jumps_is_passed_over(jump: fl
     assert all(drift.own_rate_per_s == 0 for drift in found)
 
 
+def test_a_reference_that_stays_where_it_jumped_begins_anew_there() -> None:
+    """The contact of one of three slips at 20 s; by two minutes the wider predictions would contain its jump."""
+    found, mean = reference_readings([2e-4, 2e-4, 2e-4], seconds=120.0, jump=0.26)
+    assert abs(found[-1].common - mean[-1]) < 3 * found[-1].common_sigma < 0.02
+    assert found[-1].own_rate_per_s == 0
+
+
 def test_no_reference_no_drift() -> None:
     references = ReferenceTendons(np.empty(0, dtype=np.int64), DriftSettings())
     frame = ResistanceFrame(0.0, np.ones(3), np.ones(3), np.zeros(3, dtype=np.int64))
