@@ -168,6 +168,7 @@ def show_live(
     Raises:
         TensegraphError: when the source cannot be read, or the result or the recording cannot be written.
     """
+    terminal.outlive_the_screen()
     settings = read_settings(config)
     sensor_model = chosen_model(model)
     path = out or Path("results") / source.name

@@ -402,6 +402,27 @@ def test_a_closed_terminal_or_a_termination_leaves_a_whole_trial(tmp_path, rig, 
     assert len(rows) > 50
 
 
+@pytest.mark.parametrize("screen", ["terminal", "pipe"])
+def test_a_screen_that_is_gone_takes_no_result_with_it(tmp_path, trial_copy, screen) -> None:
+    """A window is closed, of which shell and system both tell; or Ctrl-C ends `tee`, which had shown the output."""
+    ours, theirs = os.openpty() if screen == "terminal" else os.pipe()
+    command = [sys.executable, undrawn_command.__file__, "live", "--replay", trial_copy(rows=150), "--out", "out"]
+    environment = os.environ | {"COLUMNS": "120", "MPLBACKEND": "agg"}
+    process = subprocess.Popen(
+        list(map(str, command)), cwd=tmp_path, env=environment, stdout=theirs, stderr=subprocess.PIPE, text=True
+    )
+    os.close(theirs)
+    until_it_estimates(process, tmp_path)
+    os.close(ours)
+    for number in (signal.SIGHUP, signal.SIGHUP) if screen == "terminal" else (signal.SIGINT,):
+        process.send_signal(number)
+        time.sleep(0.1)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 0, error
+    assert not error
+    assert tomllib.loads((tmp_path / "out" / "run.toml").read_text())["frames"] > 0
+
+
 def check_all_rows(trial: Path, boards: list) -> None:
     """Every row that a port took between the first and the last that is recorded is recorded once."""
     rows = list(open_trial(trial).readings())
