@@ -20,7 +20,7 @@ from ..live.rig import Rig
 from ..live.session import LiveResult, Session, stopped_by_signals
 from ..models.settings import Settings
 from ..models.structure.shape import Shape
-from ..models.values.errors import TensegraphError
+from ..models.values.errors import InputError, TensegraphError
 from ..pipeline import AnySensorModel, Pipeline
 from .origin import chosen_model, made_with
 from .record import report_recording
@@ -175,6 +175,9 @@ def show_live(
     check_replaceable(path, RUN_FILE)
     if source.record is not None:
         check_vacant(source.record)
+        record = source.record.resolve()
+        if path.resolve() in (record, *record.parents) and not (path / RUN_FILE).exists():
+            raise InputError(f"{path}: expected another place for the result than for the recording: add --out")
     with outputs.page(terminal) as server, source.feed(settings, sensor_model, terminal) as feed:
         session = Session(feed, Pipeline(feed.description, settings, sensor_model))
         with ExitStack() as stack:

@@ -364,6 +364,8 @@ REFUSED = [
     (["live", "--rig", "rig.toml", "--speed", "2"], "--speed goes with --replay and --twin, --port with --rig"),
     (["live", "--replay", "nothing"], "nothing/trial.toml: no such file"),
     (["live", "--replay", "trial", "--record", "trial"], "trial: exists: expected a new name for the trial"),
+    (["live", "--replay", "trial", "--record", "results/x"], "results/x: expected another place for the result than"),
+    (["live", "--replay", "trial", "--record", "x/trial", "--out", "x"], "x: expected another place for the result"),
     (["live", "--replay", "trial", "--out", "trial"], "trial: exists and is no earlier result"),
     (["live", "--replay", "trial", "--view", "--out", "x"], "no window can be opened"),
     (["record", "--rig", "rig.toml", "--out", "trial"], "trial: exists: expected a new name for the trial"),
