@@ -59,6 +59,7 @@ class BoardClock:
 
     def __init__(self, settings: ClockSettings) -> None:
         self._line = _LowerLine(settings)
+        self._window_s = settings.window_s
         self._minimum_delay_s = settings.minimum_delay_s
         self._last: BoardReading | None = None
         self._suspect: BoardReading | None = None
@@ -137,6 +138,8 @@ class BoardClock:
         self.counts.host_steps += int(row.host_s < last.host_s)
         self._row_period_s = device_s / rows
         self._device_s += device_s
+        if device_s > self._window_s and row.host_s > self._host_s:
+            self._line.clear()  # no point of it is left; in a long gap, a rate from a few seconds may err by seconds
 
 
 def _steps(row: BoardReading, last: BoardReading) -> tuple[int, float]:
