@@ -33,8 +33,11 @@ class PortAnswer:
 
 
 def usb_ports() -> dict[str, str]:
-    """Return the serial ports that are USB devices, with the system's description."""
-    return {port.device: port.description or "" for port in list_ports.comports() if port.vid is not None}
+    """Return the serial ports that are USB devices, with the system's description; none while one is unplugged."""
+    try:
+        return {port.device: port.description or "" for port in list_ports.comports() if port.vid is not None}
+    except _PORT_ERRORS:  # the files that describe the device went while they were read
+        return {}
 
 
 def ask(port: str, description: str, baud: int, seconds: float) -> PortAnswer:
