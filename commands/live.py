@@ -216,7 +216,7 @@ def run_session(
         pipeline.aid_counts,
         pipeline.trial.structure.unsensed.tolist(),
     )
-    with LiveResult(path, pipeline.trial.structure, pipeline.settings) as result:
+    with LiveResult(path, pipeline.trial.structure, pipeline.settings, terminal.error) as result:
         with stopped_by_signals(feed.source), shown(panel, terminal.news):
             for shape in session.shapes():
                 if session.latency is not None:

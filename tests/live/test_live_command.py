@@ -492,6 +492,25 @@ def test_a_full_disk_ends_a_recording_from_boards(tmp_path, rig, pty_boards) -> 
         assert (np.diff([row.seq for row in rows if row.board == board]) == 1).all()
 
 
+def test_a_disk_that_is_full_of_the_result_ends_no_session(tmp_path, trial_copy) -> None:
+    """No file may grow beyond 40 kB, as tables do within a second: all rows come, and are recorded."""
+    command = [sys.executable, undrawn_command.__file__, "live", "--replay", trial_copy(rows=150), "--record", "again"]
+    ended = subprocess.run(
+        [*map(str, command), "--out", "out"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000)),
+    )
+    full = "tensegraph: out: cannot be written: File too large"
+    assert ended.stderr.splitlines() == [f"{full}; the session goes on", full]
+    assert ended.returncode == 2
+    assert not list(tmp_path.glob("*out*"))
+    assert len(list(open_trial(tmp_path / "again").readings())) == 300
+
+
 def test_settings_of_record_are_checked(tmp_path, rig, typed) -> None:
     (tmp_path / "settings.toml").write_text("[clock]\nwindow = 30.0\n")
     code, _, error = typed("record", "--rig", rig, "--out", "t", "--config", "settings.toml", cwd=tmp_path)
