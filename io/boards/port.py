@@ -13,6 +13,8 @@ from .protocol import Decoder, Message, Row
 
 RETRY_S = 0.25
 """Time between two attempts to open a port."""
+UNREADABLE = "sends what cannot be read: are baud rate and form of its rows right?"
+"""What is told of a port with bytes and no message."""
 POLL_S = 0.1
 """Longest time that a read waits for a byte before it checks whether it should stop."""
 
@@ -29,7 +31,7 @@ class PortAnswer:
     """The hello message; None if the board sends only rows, as in the line protocol."""
     channels: int | None = None
     error: str = ""
-    """Reason why the port could not be opened; empty if it could."""
+    """Reason why no board is known: the port could not be opened, or sends `UNREADABLE`; empty if it is silent."""
 
 
 def usb_ports() -> dict[str, str]:
@@ -64,11 +66,10 @@ def ask(port: str, description: str, baud: int, seconds: float) -> PortAnswer:
                         row = message
     except _PORT_ERRORS as error:
         return PortAnswer(port, description, error=_reason(error))
-    return (
-        PortAnswer(port=port, description=description, board_id=row.board_id, hello=None, channels=len(row.codes))
-        if row
-        else PortAnswer(port, description)
-    )
+    if row:
+        return PortAnswer(port=port, description=description, board_id=row.board_id, channels=len(row.codes))
+    damaged = decoder.counts.garbage + decoder.counts.bad_crc
+    return PortAnswer(port, description, error=UNREADABLE if damaged else "")
 
 
 class PortReader(threading.Thread):

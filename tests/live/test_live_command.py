@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 import tomllib
+import tty
 from pathlib import Path
 
 import numpy as np
@@ -254,6 +255,31 @@ def test_record_and_ports(tmp_path, rig, pty_boards, typed) -> None:
     assert len(list(trial.readings())) == rows > 90
     assert trial.name == "first"
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+00:00", trial.table.recorded_utc)
+
+
+@pytest.mark.parametrize("verb", ["ports", "record"])
+def test_a_sketch_whose_lines_cannot_be_read_is_not_called_silent(tmp_path, rig, typed, verb) -> None:
+    """It puts blanks between its numbers."""
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    port, ended = os.ttyname(theirs), threading.Event()
+
+    def send() -> None:
+        while not ended.wait(0.02):
+            os.write(ours, b"0, 1, 20000, 512, 513\n")
+
+    sketch = threading.Thread(target=send, daemon=True)
+    sketch.start()
+    arguments = ("ports", port) if verb == "ports" else ("record", "--rig", rig, "--port", port, "--out", "t")
+    code, said, error = typed(*arguments, cwd=tmp_path)
+    ended.set()
+    sketch.join()
+    os.close(ours)
+    os.close(theirs)
+    assert code == (0 if verb == "ports" else 2)
+    words = " ".join((said + error).replace("│", " ").split())
+    assert "sends what cannot be" in words
+    assert "silent" not in words
 
 
 @pytest.mark.parametrize("verb", ["record", "live"])
