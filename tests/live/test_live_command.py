@@ -140,7 +140,10 @@ def test_a_twin_s_trial_comes_live(tmp_path, example, typed, monkeypatch) -> Non
 
 
 def test_a_twin_rolls_with_its_inertial_sensors(tmp_path, typed, monkeypatch) -> None:
-    """A push after the rest: what is recorded of it is a trial with both sensors, in which the robot turns."""
+    """A push after the rest: what is recorded of it is a trial with both sensors, in which the robot turns.
+
+    The recording gives the same shapes, to the last digit.
+    """
     monkeypatch.setattr("tensegraph.live.activity.LATE_S", np.inf)
     edits = (
         ("duration_s = 24.0", "duration_s = 1.8"),
@@ -163,6 +166,10 @@ def test_a_twin_rolls_with_its_inertial_sensors(tmp_path, typed, monkeypatch) ->
     assert len(rates) == 358
     assert np.linalg.norm(rates, axis=1).max() > 0.5
     assert (tmp_path / "out" / "track.csv").read_text().count("\n") > 80
+    (tmp_path / "offline").mkdir()
+    write_tables(tensegraph.reconstruct(tmp_path / "twin", "live"), 0.95, tmp_path / "offline")
+    names = [*TABLES, "track.csv", "contacts.csv"]
+    assert filecmp.cmpfiles(tmp_path / "offline", tmp_path / "out", names, shallow=False)[0] == names
 
 
 def rows_on_disk(trial: Path) -> int:
