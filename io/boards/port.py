@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from errno import EINVAL
 
 import serial
 from serial.tools import list_ports
@@ -114,7 +115,10 @@ class PortReader(threading.Thread):
 
 
 def _opened(port: str, baud: int) -> serial.Serial:
-    return serial.Serial(port, baud, timeout=POLL_S, exclusive=True)
+    try:
+        return serial.Serial(port, baud, timeout=POLL_S, exclusive=True)
+    except (ValueError, OverflowError) as error:
+        raise OSError(EINVAL, f"{baud} baud: {error}") from error
 
 
 def _port_errors() -> tuple[type[Exception], ...]:

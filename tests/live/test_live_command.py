@@ -264,6 +264,14 @@ def test_record_and_ports(tmp_path, rig, pty_boards, typed) -> None:
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+00:00", trial.table.recorded_utc)
 
 
+def test_a_rate_that_no_port_has_is_told(tmp_path, rig, pty_boards, typed) -> None:
+    rig.write_text(replaced(rig.read_text(), ("baud = 500000", "baud = 5000000000")))
+    code, _, error = typed("record", "--rig", rig, "--port", pty_boards("a", 0).port, "--out", "t", cwd=tmp_path)
+    assert code == 2
+    assert error.count("\n") == 1
+    assert "cannot be opened: [Errno 22] 5000000000 baud" in error
+
+
 @pytest.mark.parametrize("verb", ["ports", "record"])
 def test_a_sketch_whose_lines_cannot_be_read_is_not_called_silent(tmp_path, rig, typed, verb) -> None:
     """It puts blanks between its numbers."""
