@@ -231,9 +231,7 @@ def as_recorded(
     match reading:
         case ImuReading():
             rate_rad_per_s, force_m_per_s2 = np.reshape(values, (2, 3))
-            return replace(
-                reading, t_s=t_s, rate_rad_per_s=rate_rad_per_s, specific_force_m_per_s2=force_m_per_s2
-            )
+            return replace(reading, t_s=t_s, rate_rad_per_s=rate_rad_per_s, specific_force_m_per_s2=force_m_per_s2)
         case RangeReading():
             return replace(reading, t_s=t_s, range_m=values[-1])
         case PositionReading():
