@@ -216,8 +216,9 @@ def run_session(
         pipeline.aid_counts,
         pipeline.trial.structure.unsensed.tolist(),
     )
-    with LiveResult(path, pipeline.trial.structure, pipeline.settings, terminal.error) as result:
-        with stopped_by_signals(feed.source), shown(panel, terminal.news):
+    live_result = LiveResult(path, pipeline.trial.structure, pipeline.settings, terminal.error)
+    with stopped_by_signals(feed.source), live_result as result:
+        with shown(panel, terminal.news):
             for shape in session.shapes():
                 if session.latency is not None:
                     result.add_latency(session.latency)

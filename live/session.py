@@ -228,16 +228,15 @@ class Session:
 def stopped_by_signals(source: Source) -> Iterator[None]:
     """Let Ctrl-C, a termination or a terminal that is closed stop the source, so that the session ends in order.
 
-    A second one ends it at once, but for that of a closed terminal, which shell and system may both send. What asks a
-    process to go on in the background (`nohup`) still does.
+    A second one ends it at once, but for that of a closed terminal: shell and system may both send it, or it follows
+    Ctrl-C while figures are drawn. What asks a process to go on in the background (`nohup`) still does.
     """
     numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
     earlier = {number: signal.getsignal(number) for number in numbers}
     earlier = {number: handler for number, handler in earlier.items() if handler is not signal.SIG_IGN}
 
-    def stop(received: int, _: object) -> None:
-        if signal.Signals(received).name == "SIGHUP":
-            earlier[received] = signal.SIG_IGN
+    def stop(*_: object) -> None:
+        earlier.update({number: signal.SIG_IGN for number in earlier if signal.Signals(number).name == "SIGHUP"})
         for number, handler in earlier.items():
             signal.signal(number, handler)
         source.stop()

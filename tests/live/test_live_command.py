@@ -466,6 +466,22 @@ def test_a_screen_that_is_gone_takes_no_result_with_it(tmp_path, trial_copy, scr
     assert tomllib.loads((tmp_path / "out" / "run.toml").read_text())["frames"] > 0
 
 
+def test_a_signal_while_figures_are_drawn_takes_no_result_with_it(tmp_path, trial_copy, typed, monkeypatch) -> None:
+    """Ctrl-C when all rows have come, and then the window is closed."""
+
+    def draw(*_) -> None:
+        for number in (signal.SIGINT, signal.SIGHUP):
+            os.kill(os.getpid(), number)
+
+    monkeypatch.setattr("tensegraph.io.figures.shape_figures.write_figures", draw)
+    before = [signal.signal(number, signal.getsignal(number)) for number in (signal.SIGINT, signal.SIGHUP)]
+    code, _, error = typed("live", "--replay", trial_copy(rows=20), "--out", "out", cwd=tmp_path)
+    for number, handler in zip((signal.SIGINT, signal.SIGHUP), before, strict=True):
+        signal.signal(number, handler)
+    assert code == 0, error
+    assert tomllib.loads((tmp_path / "out" / "run.toml").read_text())["frames"] > 0
+
+
 def check_all_rows(trial: Path, boards: list) -> None:
     """Every row that a port took between the first and the last that is recorded is recorded once."""
     rows = list(open_trial(trial).readings())
