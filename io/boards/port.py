@@ -108,6 +108,8 @@ class PortReader(threading.Thread):
                             self._deliver(self, self._decoder.feed(data), now_s)
             except _PORT_ERRORS as error:
                 self.complaint = _reason(error)
+            if self._stop_asked.is_set():
+                return  # the last report tells where rows came from
             self.connected = False
             self._counts = self.counts
             self._decoder = Decoder()

@@ -258,6 +258,7 @@ def test_record_and_ports(tmp_path, rig, pty_boards, typed) -> None:
     code, said, error = typed("record", "--rig", rig, "--out", "trials/first", "--seconds", 1, cwd=tmp_path)
     assert code == 0, error
     rows = int(re.search(r"(\d+) rows recorded in trials/first", said)[1])
+    assert not re.search(r"│ port +│ - ", said)
     trial = open_trial(tmp_path / "trials" / "first")
     assert len(list(trial.readings())) == rows > 90
     assert trial.name == "first"
