@@ -103,6 +103,9 @@ ESTIMATORS: dict[str, EstimatorFactory] = {
 `tensegraph.estimators` adds one for all processes."""
 
 
+BRIDGED = 0.9
+"""Share of the longest gap up to which rows are bridged although they come a little late."""
+
 WITH_FACTORS = ("batch", "live", "frame")
 """The methods that use factors of one's own; the others would leave them out and not say so."""
 
@@ -279,8 +282,18 @@ class Pipeline:
         return shapes
 
     def aid_warnings(self) -> dict[str, str]:
-        """Return what looks wrongly told of other sensors than tendons, by the sensor."""
-        return self.imu_gate.warnings() | self.aid_use.lines()
+        """Return what looks wrong of boards, and of other sensors than tendons, by the board or sensor."""
+        return self._slow_boards() | self.imu_gate.warnings() | self.aid_use.lines()
+
+    def _slow_boards(self) -> dict[str, str]:
+        """Return of each board whose rows are too far apart to be bridged what that means, by its name."""
+        max_gap_s = self.settings.frames.max_gap_s
+        return {
+            f"board {board}": f"a row each {period_s:.3g} s: frames between them have no reading, as frames.max_gap_s "
+            f"is {max_gap_s:g} s"
+            for board, period_s in enumerate(self.boards.row_period_s if self.boards else ())
+            if period_s > BRIDGED * max_gap_s
+        }
 
     def aid_counts(self) -> dict[str, int]:
         """Return how many readings of other sensors were left out, and how many frames had none; none that is zero."""

@@ -20,7 +20,7 @@ from ..live.rig import Rig
 from ..live.session import LiveResult, Session, stopped_by_signals
 from ..models.settings import Settings
 from ..models.structure.shape import Shape
-from ..models.values.errors import TensegraphError
+from ..models.values.errors import InputError, TensegraphError
 from ..pipeline import AnySensorModel, Pipeline
 from .origin import chosen_model, made_with
 from .record import report_recording
@@ -168,12 +168,16 @@ def show_live(
     Raises:
         TensegraphError: when the source cannot be read, or the result or the recording cannot be written.
     """
+    terminal.outlive_the_screen()
     settings = read_settings(config)
     sensor_model = chosen_model(model)
     path = out or Path("results") / source.name
     check_replaceable(path, RUN_FILE)
     if source.record is not None:
         check_vacant(source.record)
+        record = source.record.resolve()
+        if path.resolve() in (record, *record.parents) and not (path / RUN_FILE).exists():
+            raise InputError(f"{path}: expected another place for the result than for the recording: add --out")
     with outputs.page(terminal) as server, source.feed(settings, sensor_model, terminal) as feed:
         session = Session(feed, Pipeline(feed.description, settings, sensor_model))
         with ExitStack() as stack:
@@ -212,8 +216,9 @@ def run_session(
         pipeline.aid_counts,
         pipeline.trial.structure.unsensed.tolist(),
     )
-    with LiveResult(path, pipeline.trial.structure, pipeline.settings) as result:
-        with stopped_by_signals(feed.source), shown(panel, terminal.news):
+    live_result = LiveResult(path, pipeline.trial.structure, pipeline.settings, terminal.error)
+    with stopped_by_signals(feed.source), live_result as result:
+        with shown(panel, terminal.news):
             for shape in session.shapes():
                 if session.latency is not None:
                     result.add_latency(session.latency)

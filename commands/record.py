@@ -43,6 +43,7 @@ def record_boards(
         TensegraphError: when no board answers, the boards fall silent while the sensors are tared, the structure does
             not stand still, or the recording ended early.
     """
+    terminal.outlive_the_screen()
     check_vacant(out)
     setup = Rig.read(rig)
     settings = read_settings(config)

@@ -7,10 +7,11 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from ..io.trial_directory import Reading
+from ..io.whole import check_vacant
 from ..models.settings import Settings, checked_settings
 from ..models.structure.shape import Shape
 from ..models.trial_description import TrialDescription
-from ..models.values.errors import TensegraphError
+from ..models.values.errors import RecordingError, TensegraphError
 from ..pipeline import AnySensorModel, Pipeline, sensor_model_of
 
 if TYPE_CHECKING:
@@ -36,8 +37,9 @@ class Boards:
         say: function that is given each message to the operator.
 
     Raises:
-        TensegraphError: on entry, when the rig or the model cannot be read, no board answers, the boards fall silent
-            while they are tared, or the structure does not stand still.
+        TensegraphError: on entry, when the rig or the model cannot be read, something stands where to record, no board
+            answers, the boards fall silent while they are tared, or the structure does not stand still; on exit, when
+            the recording ended early, as on a full disk.
     """
 
     def __init__(
@@ -63,6 +65,8 @@ class Boards:
         from .feeds import boards_feed  # pyserial, which nothing else of the public names needs
         from .rig import Rig
 
+        if self._record is not None:
+            check_vacant(self._record)
         self._model = model = sensor_model_of(self._model)
         feed = boards_feed(Rig.read(self._rig), self._ports, self._record, self._settings, model, _Listener(self._say))
         self._feed = self._open.enter_context(feed)
@@ -71,8 +75,10 @@ class Boards:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._feed = None
+        feed, self._feed = self._feed, None
         self._open.close()
+        if error is None and feed is not None and feed.state().recording_error:
+            raise RecordingError(feed.state().recording_error)
 
     def __iter__(self) -> Iterator[Shape]:
         """Yield the shape of every frame as soon as the frame is complete, until `stop`."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ..io.boards.process import SerialLink
-from ..io.boards.recorder import Recorder, RecorderThread
+from ..io.boards.recorder import Recorder, RecorderThread, as_recorded
 from ..io.plan_file import read_plan
 from ..io.provenance import sha256_of, simulation_provenance
 from ..io.replay import Replay
@@ -177,6 +177,8 @@ def twin_feed(
 ) -> Iterator[Feed]:
     """Give the readings of the simulation of a plan, `speed` times faster than real time, without the truth.
 
+    They have the digits of a trial's files, so that a recording of them gives the same shapes.
+
     Args:
         plan: its file; all of it is simulated first.
         speed: relative to real time.
@@ -189,7 +191,8 @@ def twin_feed(
     """
     parsed = read_plan(plan)
     trial = simulate_plan(parsed, simulation_provenance(plan, parsed.seed), progress)
-    source = Replay(_first(seconds, heapq.merge(trial.carried, trial.readings, key=arrival_s)), speed)
+    readings = map(as_recorded, heapq.merge(trial.carried, trial.readings, key=arrival_s))
+    source = Replay(_first(seconds, readings), speed)
     _, description = describe_trial(without_truth(trial.metadata), str(plan))
     feed = Feed(
         source=source,

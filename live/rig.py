@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from ..io.boards.hub import LinkPlan
+from ..io.boards.port import UNREADABLE
 from ..io.boards.process import SerialLink
 from ..io.model_file import read_sensor_model
 from ..io.structures.structure_file import with_structure_file
@@ -137,7 +138,7 @@ def _reason_of_silence(port: PortState) -> str:
     """Return the reason why no board answered on a port."""
     if port.complaint or not port.counts.garbage + port.counts.bad_crc:
         return port.complaint or "silent"
-    return "sends nothing that can be read: is its rate [link] baud?"
+    return UNREADABLE
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ rows -> lengths -> newest frames -> shapes -> result and view; the panel shows t
 
 import gc
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, astuple, fields, replace
 from pathlib import Path
@@ -21,6 +21,7 @@ from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.shape import Shape
 from ..models.structure.structure import Structure
+from ..models.values.errors import InputError
 from ..models.values.link import LinkState
 from ..pipeline import Pipeline
 from .activity import Activity, NewestFrames
@@ -36,9 +37,20 @@ FIGURE_FRAMES = 2000
 
 
 class LiveResult:
-    """A result directory to which shapes are appended, in bounded memory; complete when the block ends."""
+    """A result directory to which shapes are appended, in bounded memory; complete when the block ends.
 
-    def __init__(self, path: Path, structure: Structure, settings: Settings) -> None:
+    One that a full disk cannot take is removed at once, so that the recording has room, and takes no more shapes.
+
+    Args:
+        path: of the directory.
+        structure: whose shapes are written.
+        settings: of the run.
+        say: function that is told when the disk is full.
+    """
+
+    def __init__(self, path: Path, structure: Structure, settings: Settings, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._given_up: InputError | None = None
         self._structure = structure
         self._settings = settings
         self._opening = result_directory(path)
@@ -59,9 +71,15 @@ class LiveResult:
 
     def add(self, shape: Shape) -> None:
         """Add one shape to the tables, and to the figures if it is among those that they show."""
+        if self._given_up is not None:
+            return
         self._chunk.append(shape)
         if len(self._chunk) == CHUNK:
-            self._write_chunk()
+            try:
+                self._write_chunk()
+            except OSError as error:
+                self._give_up(error)
+                return
         if self._frames % self._draw_every == 0:
             self._drawn.append(shape)
         else:
@@ -73,16 +91,33 @@ class LiveResult:
             del self._drawn[1::2]
             self._draw_every *= 2
 
+    def _give_up(self, error: OSError) -> None:
+        """Remove what is written.
+
+        Raises:
+            OSError: when it is another error than that of a full disk.
+        """
+        try:
+            self._opening.__exit__(type(error), error, error.__traceback__)
+        except InputError as told:
+            self._given_up = told
+            self._say(f"{told}; the session goes on")
+        else:
+            raise error
+
     def add_latency(self, latency: Latency) -> None:
         """Add the latency of one shape to its table; it is written with the shapes."""
-        self._latencies.append(latency)
+        if self._given_up is None:
+            self._latencies.append(latency)
 
     def finish(self, title: str, run: Mapping[str, Any]) -> None:
         """Write the remaining shapes, the figures, and run.toml.
 
         Raises:
-            InputError: when there was no frame.
+            InputError: when there was no frame, or the disk was full.
         """
+        if self._given_up is not None:
+            raise self._given_up
         from ..io.figures.shape_figures import write_figures  # matplotlib, which `record` does without
 
         drawn = Reconstruction.of(self._structure, self._drawn)
@@ -193,13 +228,15 @@ class Session:
 def stopped_by_signals(source: Source) -> Iterator[None]:
     """Let Ctrl-C, a termination or a terminal that is closed stop the source, so that the session ends in order.
 
-    A second one ends it at once. What asks a process to go on in the background (`nohup`) still does.
+    A second one ends it at once, but for that of a closed terminal: shell and system may both send it, or it follows
+    Ctrl-C while figures are drawn. What asks a process to go on in the background (`nohup`) still does.
     """
     numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
     earlier = {number: signal.getsignal(number) for number in numbers}
     earlier = {number: handler for number, handler in earlier.items() if handler is not signal.SIG_IGN}
 
     def stop(*_: object) -> None:
+        earlier.update({number: signal.SIG_IGN for number in earlier if signal.Signals(number).name == "SIGHUP"})
         for number, handler in earlier.items():
             signal.signal(number, handler)
         source.stop()

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import count
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Literal
 
 import numpy as np
@@ -135,6 +135,7 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...], path: Path) -> T
     if table.resistance or table.lengths:
         source = "resistance" if table.resistance else "lengths"
     imus = tuple(_imu(number, imu, structure) for number, imu in enumerate(table.imu))
+    _check_files(table)
     _check_boards_of_imus(table)
     tendons_of_board = _wiring(table.board, structure) if source == "counts" else ()
     return TrialDescription(
@@ -158,6 +159,17 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...], path: Path) -> T
         factors=tuple(_factor(number, keys, path) for number, keys in enumerate(table.factor)),
         ignored_keys=ignored_keys,
     )
+
+
+def _check_files(table: TrialTable) -> None:
+    """Raise InputError for a file that is named twice: the rows of two could not be told apart."""
+    owner = {PurePath("trial.toml"): "the description"}
+    for kind in ("board", "imu", "range", "position", "motor"):
+        for number, part in enumerate(getattr(table, kind)):
+            name = f"{kind}[{number}]"
+            if part.file is not None and owner.setdefault(PurePath(part.file), name) != name:
+                other = owner[PurePath(part.file)]
+                raise InputError(f"{name}.file: expected one of its own, got '{part.file}', that of {other}")
 
 
 def _robot(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tensegraph import Flag, InputError, Reconstruction, Settings, Status, open_trial
+from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.sensor.frames import FrameSettings
 from tensegraph.models.structure.shape import Reason
 from tensegraph.pipeline import Pipeline, reconstruct, stream
@@ -35,6 +36,22 @@ def test_one_board_alone_is_enough(trial_copy) -> None:
     result = reconstruct(path, "live")
     assert (result.flags[:, 12:] & Flag.MISSING).all()
     assert not (result.flags[5:, :12] & Flag.MISSING).any()
+
+
+@pytest.mark.parametrize(("every", "slow"), [(4, False), (5, True)])
+def test_a_board_whose_rows_are_not_bridged_is_named(trial_copy, every, slow) -> None:
+    """A sketch of 12.5 rows a second, and of 10, of which many frames have no reading."""
+
+    def thinned(rows):
+        cells = [row.split(",", 2) for row in rows[1::every]]
+        return [rows[0], *(f"{host_s},{number},{others}" for number, (host_s, _, others) in enumerate(cells))]
+
+    trial = open_trial(trial_copy(rows=100, board0=lines(thinned)))
+    pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
+    frames = list(pipeline.lengths(trial.readings()))
+    missing = np.mean([np.isnan(frame.length_m[:12]).all() for frame in frames])
+    assert (missing > 0.3) == slow
+    assert list(pipeline.aid_warnings()) == (["board 0"] if slow else [])
 
 
 def test_a_board_that_counts_past_its_end_goes_on(trial_copy, plain) -> None:

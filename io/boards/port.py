@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from errno import EINVAL
 
 import serial
 from serial.tools import list_ports
@@ -13,6 +14,8 @@ from .protocol import Decoder, Message, Row
 
 RETRY_S = 0.25
 """Time between two attempts to open a port."""
+UNREADABLE = "sends what cannot be read: are baud rate and form of its rows right?"
+"""What is told of a port with bytes and no message."""
 POLL_S = 0.1
 """Longest time that a read waits for a byte before it checks whether it should stop."""
 
@@ -29,12 +32,15 @@ class PortAnswer:
     """The hello message; None if the board sends only rows, as in the line protocol."""
     channels: int | None = None
     error: str = ""
-    """Reason why the port could not be opened; empty if it could."""
+    """Reason why no board is known: the port could not be opened, or sends `UNREADABLE`; empty if it is silent."""
 
 
 def usb_ports() -> dict[str, str]:
-    """Return the serial ports that are USB devices, with the system's description."""
-    return {port.device: port.description or "" for port in list_ports.comports() if port.vid is not None}
+    """Return the serial ports that are USB devices, with the system's description; none while one is unplugged."""
+    try:
+        return {port.device: port.description or "" for port in list_ports.comports() if port.vid is not None}
+    except _PORT_ERRORS:  # the files that describe the device went while they were read
+        return {}
 
 
 def ask(port: str, description: str, baud: int, seconds: float) -> PortAnswer:
@@ -61,11 +67,10 @@ def ask(port: str, description: str, baud: int, seconds: float) -> PortAnswer:
                         row = message
     except _PORT_ERRORS as error:
         return PortAnswer(port, description, error=_reason(error))
-    return (
-        PortAnswer(port=port, description=description, board_id=row.board_id, hello=None, channels=len(row.codes))
-        if row
-        else PortAnswer(port, description)
-    )
+    if row:
+        return PortAnswer(port=port, description=description, board_id=row.board_id, channels=len(row.codes))
+    damaged = decoder.counts.garbage + decoder.counts.bad_crc
+    return PortAnswer(port, description, error=UNREADABLE if damaged else "")
 
 
 class PortReader(threading.Thread):
@@ -103,6 +108,8 @@ class PortReader(threading.Thread):
                             self._deliver(self, self._decoder.feed(data), now_s)
             except _PORT_ERRORS as error:
                 self.complaint = _reason(error)
+            if self._stop_asked.is_set():
+                return  # the last report tells where rows came from
             self.connected = False
             self._counts = self.counts
             self._decoder = Decoder()
@@ -110,7 +117,10 @@ class PortReader(threading.Thread):
 
 
 def _opened(port: str, baud: int) -> serial.Serial:
-    return serial.Serial(port, baud, timeout=POLL_S, exclusive=True)
+    try:
+        return serial.Serial(port, baud, timeout=POLL_S, exclusive=True)
+    except (ValueError, OverflowError) as error:
+        raise OSError(EINVAL, f"{baud} baud: {error}") from error
 
 
 def _port_errors() -> tuple[type[Exception], ...]:

@@ -13,7 +13,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from math import inf
 from multiprocessing.connection import Connection
@@ -37,14 +37,15 @@ second, the estimator was three minutes late without this limit; after a stall o
 class SerialLink:
     """The rows of all boards and the samples of their inertial sensors, from the process that reads them.
 
-    They come in order of arrival. A context manager.
+    They come in order of arrival. A context manager; if the other process ended by itself, rows end, and it raises a
+    TensegraphError at the end of the block.
     """
 
     def __init__(self, plan: LinkPlan) -> None:
         self._state = LinkState()
         self._skipped_rows = 0
         self._rows: deque[LinkReading] = deque()
-        self._reads = self._ended = self._stopping = self._only_records = False
+        self._reads = self._ended = self._died = self._stopping = self._only_records = False
         context = multiprocessing.get_context("spawn")  # gtsam's threads do not survive a fork
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(plan, theirs), daemon=True)
@@ -65,6 +66,8 @@ class SerialLink:
             pass
         self._process.join()
         self._pipe.close()
+        if self._died:
+            raise TensegraphError("the process that reads the boards ended by itself")
 
     @property
     def state(self) -> LinkState:
@@ -73,7 +76,7 @@ class SerialLink:
 
     def wait_until_it_reads(self) -> None:
         """Wait until the other process has started, which takes seconds on a busy machine."""
-        while not self._reads:
+        while not (self._reads or self._ended):
             self.receive(STATE_S)
 
     def begin(
@@ -91,7 +94,7 @@ class SerialLink:
         """
         self._skipped_rows = 0
         self._only_records = only_records
-        self._pipe.send(Begin(origin_s, path, metadata or {}))
+        self._send(Begin(origin_s, path, metadata or {}))
 
     def rows(self, until_s: float = inf) -> Iterator[LinkReading]:
         """Yield rows, with arrival times of `time.perf_counter`, until all rows that came before `stop` are yielded.
@@ -101,9 +104,6 @@ class SerialLink:
         Args:
             until_s: time on that clock after which no row is yielded, and nothing is waited for where boards are
                 silent; later rows are kept for the next call.
-
-        Raises:
-            TensegraphError: when the other process ended by itself.
         """
         self.receive()
         while self._rows or not self._ended:
@@ -129,7 +129,11 @@ class SerialLink:
         """Stop reading; rows that have arrived are still yielded."""
         if not self._stopping:
             self._stopping = True
-            self._pipe.send(None)
+            self._send(None)
+
+    def _send(self, command: Begin | None) -> None:
+        with suppress(OSError):  # the other process has ended, as `receive` will find
+            self._pipe.send(command)
 
     def receive(self, timeout_s: float = 0.0) -> None:
         """Receive the rows and the state that the other process has sent.
@@ -138,9 +142,6 @@ class SerialLink:
 
         Args:
             timeout_s: how long to wait if nothing has been sent.
-
-        Raises:
-            TensegraphError: when the other process ended by itself.
         """
         try:
             while not self._ended and len(self._rows) < WAITING_ROWS and self._pipe.poll(timeout_s):
@@ -155,9 +156,8 @@ class SerialLink:
                     self._ended = True
                 else:
                     self._rows.extend(message)
-        except (EOFError, OSError) as error:
-            self._ended = True
-            raise TensegraphError("the process that reads the boards ended by itself") from error
+        except (EOFError, OSError):
+            self._ended = self._died = True
 
 
 def _serve(plan: LinkPlan, pipe: Connection) -> None:

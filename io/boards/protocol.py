@@ -235,8 +235,8 @@ class Decoder:
 
     @property
     def counts(self) -> LinkCounts:
-        """How many messages were intact or damaged so far."""
-        return self._candidates[0].counts
+        """How many messages were intact or damaged so far; before the first, as what most bytes look damaged."""
+        return max((decoder.counts for decoder in self._candidates), key=lambda counts: counts.garbage)
 
     def feed(self, data: bytes) -> list[Message]:
         """Return the messages that the next bytes complete; no bytes cause an error."""

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
@@ -218,6 +219,25 @@ class RecorderThread:
                 self._recorder.sync()
                 synced_s = time.perf_counter()
         self._recorder.sync()
+
+
+def as_recorded(
+    reading: BoardReading | AidReading | NaturalLengthReading,
+) -> BoardReading | AidReading | NaturalLengthReading:
+    """Return a reading with the digits that it has in the files of a trial."""
+    if isinstance(reading, BoardReading):
+        return replace(reading, host_s=round(reading.host_s, 6))
+    t_s, *values = map(float, aid_row(reading).split(","))
+    match reading:
+        case ImuReading():
+            rate_rad_per_s, force_m_per_s2 = np.reshape(values, (2, 3))
+            return replace(reading, t_s=t_s, rate_rad_per_s=rate_rad_per_s, specific_force_m_per_s2=force_m_per_s2)
+        case RangeReading():
+            return replace(reading, t_s=t_s, range_m=values[-1])
+        case PositionReading():
+            return replace(reading, t_s=t_s, position_m=np.array(values[1:]))
+        case NaturalLengthReading():
+            return replace(reading, t_s=t_s, natural_length_m=values[1], sigma_m=values[2])
 
 
 def _commented(metadata: Mapping[str, Any]) -> str:

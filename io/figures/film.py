@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
+from ...models.sensor.frames import LONGEST_SILENCE_S
 from ...models.structure.reconstruction import Reconstruction
 from ...models.values.extras import needs_extra
 from .live_view import StructureDrawing
@@ -47,7 +48,15 @@ def write_film(result: Reconstruction, probability: float, path: Path) -> None:
 
 
 def film_times_s(t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (pictures,) times of a film of a run with frames at (frames,) times."""
+    """Return the (pictures,) times of a film of a run with frames at (frames,) times.
+
+    A silence without frames, longer than `LONGEST_SILENCE_S`, is passed over, as in a replay.
+    """
+    parts = np.split(t_s, np.flatnonzero(np.diff(t_s) > LONGEST_SILENCE_S) + 1)
+    return np.concatenate([_evenly_s(part) for part in parts])
+
+
+def _evenly_s(t_s: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.minimum(np.arange(t_s[0], t_s[-1] + 1e-9, 1 / FRAMES_PER_S), t_s[-1]))
 
 

@@ -78,8 +78,9 @@ def udp_address(text: str, *, remote: bool) -> tuple[socket.AddressFamily, Any]:
         raise InputError(f"--publish {text}: expected ros2, or an address such as {FORM}")
     try:
         family, _, _, _, to = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-    except OSError as error:
-        raise InputError(f"--publish {text}: {host} is no address: {error.strerror}") from error
+    except (OSError, UnicodeError) as error:  # a name that is unknown, or cannot be one
+        reason = getattr(error, "strerror", "it cannot be a name")
+        raise InputError(f"--publish {text}: {host} is no address: {reason}") from error
     if not (remote or ipaddress.ip_address(to[0]).is_loopback):
         raise InputError(f"--publish {text}: is another machine: add --publish-remote if that is meant")
     return family, to

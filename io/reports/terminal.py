@@ -1,9 +1,11 @@
 """The output of commands on the screen, according to --quiet and --verbose."""
 
+import os
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import IO, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
@@ -28,6 +30,11 @@ class Terminal:
         """Console for tables, progress and messages; not shown with --quiet."""
         self._timing = Console(stderr=True, quiet=not verbose, markup=False)
         self._shown: Progress | None = None
+
+    def outlive_the_screen(self) -> None:
+        """From now on go on when the screen is gone: a terminal that was closed, a pipe whose reader has ended."""
+        for console in (self.results, self.news, self._timing):
+            console.file = _Screen(console.file)  # type: ignore[assignment]
 
     def written(self, text: str) -> None:
         """Print where results were written."""
@@ -73,3 +80,29 @@ class Terminal:
                 yield bar
             finally:
                 bar.close()
+
+
+class _Screen:
+    """A stream that may go while it is written to; what is written afterwards goes nowhere."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> None:
+        """Write a text."""
+        self._or_nowhere(lambda: self._stream.write(text))
+
+    def flush(self) -> None:
+        """Pass on what was written."""
+        self._or_nowhere(self._stream.flush)
+
+    def _or_nowhere(self, write: Callable[[], object]) -> None:
+        try:
+            write()
+        except OSError:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._stream.fileno())
+            os.close(nowhere)

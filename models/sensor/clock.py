@@ -64,10 +64,12 @@ class BoardClock:
 
     def __init__(self, settings: ClockSettings) -> None:
         self._line = _LowerLine(settings)
+        self._window_s = settings.window_s
         self._minimum_delay_s = settings.minimum_delay_s
         self._last: BoardReading | None = None
         self._suspect: BoardReading | None = None
-        self._row_period_s = np.nan
+        self.row_period_s = np.nan
+        """Time from row to row, by both counters of the board; nan before the second row."""
         self._device_s = 0.0
         self._compared_s = np.zeros(2)
         self._host_s = -np.inf
@@ -148,16 +150,18 @@ class BoardClock:
             return False
         host_s = row.host_s - last.host_s
         along_with_host = abs(device_s - host_s) < HOST_TOLERANCE_S + 0.01 * abs(host_s)
-        return along_with_host or abs(device_s / rows / self._row_period_s - 1) < ROW_PERIOD_TOLERANCE
+        return along_with_host or abs(device_s / rows / self.row_period_s - 1) < ROW_PERIOD_TOLERANCE
 
     def _advance(self, row: BoardReading, last: BoardReading) -> None:
         rows, device_s = _steps(row, last)
         self.counts.lost_rows += rows - 1
         self.counts.host_steps += int(row.host_s < last.host_s)
-        self._row_period_s = device_s / rows
+        self.row_period_s = device_s / rows
         self._device_s += device_s
         host_s = min(max(row.host_s - last.host_s, 0.0), HOST_TOLERANCE_S)
         self._compared_s += np.array([device_s, host_s])
+        if device_s > self._window_s and row.host_s > self._host_s:
+            self._line.clear()  # no point of it is left; in a long gap, a rate from a few seconds may err by seconds
 
 
 def _steps(row: BoardReading, last: BoardReading) -> tuple[int, float]:

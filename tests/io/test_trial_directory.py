@@ -26,6 +26,8 @@ REFUSED = [
     ("trial", replaced("bits = 10", "bits = 99"), r"trial.toml: adc.bits: expected 1 to 24, got 99"),
     ("trial", replaced('sensor_side = "ground"', 'sensor_side = "left"'), r"adc.sensor_side: .*got 'left'"),
     ("trial", replaced('file = "board1.csv"', 'file = "board2.csv"'), r"board2.csv: no such file"),
+    ("trial", replaced('file = "board1.csv"', 'file = "./board0.csv"'), r"board\[1\].file: .*, that of board\[0\]$"),
+    ("trial", replaced('file = "board1.csv"', 'file = "trial.toml"'), r"board\[1\].file: .*, that of the description$"),
     ("trial", replaced("[[board]]", "[[bord]]"), r"expected one of \[\[board\]\], \[resistance\], \[lengths\], got none"),
     ("trial", replaced("[0, 1], [1, 2]", "[0, 1], [1, 0]"), r"trial.toml: tendon 1 \(1-0\): joins the same nodes as tendon 0"),
     ("trial", replaced("natural_resistance_ohm = [", "natural_resistance_ohm = [5, "), r"expected 24 finite numbers, got 25"),

@@ -1,5 +1,6 @@
 """The boards of a rig from Python."""
 
+import shutil
 from itertools import islice, pairwise
 
 import pytest
@@ -19,6 +20,28 @@ def test_shapes_come_from_boards_on_ptys_and_are_recorded(tmp_path, rig, pty_boa
     assert shapes[0].node_position_m.shape == (boards_on_ptys[0].channels, 3)
     assert said[0] == "looking for boards ..."
     assert tg.open_trial(tmp_path / "recorded").row_count() >= 2 * len(shapes)
+
+
+def test_a_recording_that_cannot_be_or_ends_early_is_told(tmp_path, rig, pty_boards) -> None:
+    """Where a trial stands before anything is done; where the files vanish at the end, with the shapes so far."""
+    rig.write_text(rig.read_text().replace("seconds = 2.0", "seconds = 0.0"))
+    port, path = str(pty_boards("zero", 0).port), tmp_path / "recorded"
+    shapes = []
+
+    def record() -> None:
+        with tg.Boards(rig, ports=[port], record=path, say=lambda said: None) as boards:
+            for shape in boards:
+                shapes.append(shape)
+                if len(shapes) == 20:
+                    shutil.rmtree(path)
+                    boards.stop()
+
+    with pytest.raises(tg.TensegraphError, match="recorded: the recording ended: its files are gone"):
+        record()
+    assert len(shapes) >= 20
+    path.mkdir()
+    with pytest.raises(tg.TensegraphError, match="recorded: exists"):
+        record()
 
 
 def test_boards_that_fall_silent_while_they_are_tared(tmp_path, rig, pty_boards, monkeypatch) -> None:

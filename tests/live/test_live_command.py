@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 import tomllib
+import tty
 from pathlib import Path
 
 import numpy as np
@@ -139,7 +140,10 @@ def test_a_twin_s_trial_comes_live(tmp_path, example, typed, monkeypatch) -> Non
 
 
 def test_a_twin_rolls_with_its_inertial_sensors(tmp_path, typed, monkeypatch) -> None:
-    """A push after the rest: what is recorded of it is a trial with both sensors, in which the robot turns."""
+    """A push after the rest: what is recorded of it is a trial with both sensors, in which the robot turns.
+
+    The recording gives the same shapes, to the last digit.
+    """
     monkeypatch.setattr("tensegraph.live.activity.LATE_S", np.inf)
     edits = (
         ("duration_s = 24.0", "duration_s = 1.8"),
@@ -162,6 +166,10 @@ def test_a_twin_rolls_with_its_inertial_sensors(tmp_path, typed, monkeypatch) ->
     assert len(rates) == 358
     assert np.linalg.norm(rates, axis=1).max() > 0.5
     assert (tmp_path / "out" / "track.csv").read_text().count("\n") > 80
+    (tmp_path / "offline").mkdir()
+    write_tables(tensegraph.reconstruct(tmp_path / "twin", "live"), 0.95, tmp_path / "offline")
+    names = [*TABLES, "track.csv", "contacts.csv"]
+    assert filecmp.cmpfiles(tmp_path / "offline", tmp_path / "out", names, shallow=False)[0] == names
 
 
 def rows_on_disk(trial: Path) -> int:
@@ -250,10 +258,44 @@ def test_record_and_ports(tmp_path, rig, pty_boards, typed) -> None:
     code, said, error = typed("record", "--rig", rig, "--out", "trials/first", "--seconds", 1, cwd=tmp_path)
     assert code == 0, error
     rows = int(re.search(r"(\d+) rows recorded in trials/first", said)[1])
+    assert not re.search(r"│ port +│ - ", said)
     trial = open_trial(tmp_path / "trials" / "first")
     assert len(list(trial.readings())) == rows > 90
     assert trial.name == "first"
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+00:00", trial.table.recorded_utc)
+
+
+def test_a_rate_that_no_port_has_is_told(tmp_path, rig, pty_boards, typed) -> None:
+    rig.write_text(replaced(rig.read_text(), ("baud = 500000", "baud = 5000000000")))
+    code, _, error = typed("record", "--rig", rig, "--port", pty_boards("a", 0).port, "--out", "t", cwd=tmp_path)
+    assert code == 2
+    assert error.count("\n") == 1
+    assert "cannot be opened: [Errno 22] 5000000000 baud" in error
+
+
+@pytest.mark.parametrize("verb", ["ports", "record"])
+def test_a_sketch_whose_lines_cannot_be_read_is_not_called_silent(tmp_path, rig, typed, verb) -> None:
+    """It puts blanks between its numbers."""
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    port, ended = os.ttyname(theirs), threading.Event()
+
+    def send() -> None:
+        while not ended.wait(0.02):
+            os.write(ours, b"0, 1, 20000, 512, 513\n")
+
+    sketch = threading.Thread(target=send, daemon=True)
+    sketch.start()
+    arguments = ("ports", port) if verb == "ports" else ("record", "--rig", rig, "--port", port, "--out", "t")
+    code, said, error = typed(*arguments, cwd=tmp_path)
+    ended.set()
+    sketch.join()
+    os.close(ours)
+    os.close(theirs)
+    assert code == (0 if verb == "ports" else 2)
+    words = " ".join((said + error).replace("│", " ").split())
+    assert "sends what cannot be" in words
+    assert "silent" not in words
 
 
 @pytest.mark.parametrize("verb", ["record", "live"])
@@ -364,6 +406,8 @@ REFUSED = [
     (["live", "--rig", "rig.toml", "--speed", "2"], "--speed goes with --replay and --twin, --port with --rig"),
     (["live", "--replay", "nothing"], "nothing/trial.toml: no such file"),
     (["live", "--replay", "trial", "--record", "trial"], "trial: exists: expected a new name for the trial"),
+    (["live", "--replay", "trial", "--record", "results/x"], "results/x: expected another place for the result than"),
+    (["live", "--replay", "trial", "--record", "x/trial", "--out", "x"], "x: expected another place for the result"),
     (["live", "--replay", "trial", "--out", "trial"], "trial: exists and is no earlier result"),
     (["live", "--replay", "trial", "--view", "--out", "x"], "no window can be opened"),
     (["record", "--rig", "rig.toml", "--out", "trial"], "trial: exists: expected a new name for the trial"),
@@ -400,6 +444,43 @@ def test_a_closed_terminal_or_a_termination_leaves_a_whole_trial(tmp_path, rig, 
     rows = list(open_trial(tmp_path / "t").readings())
     assert f"{len(rows)} rows recorded in t" in out
     assert len(rows) > 50
+
+
+@pytest.mark.parametrize("screen", ["terminal", "pipe"])
+def test_a_screen_that_is_gone_takes_no_result_with_it(tmp_path, trial_copy, screen) -> None:
+    """A window is closed, of which shell and system both tell; or Ctrl-C ends `tee`, which had shown the output."""
+    ours, theirs = os.openpty() if screen == "terminal" else os.pipe()
+    command = [sys.executable, undrawn_command.__file__, "live", "--replay", trial_copy(rows=150), "--out", "out"]
+    environment = os.environ | {"COLUMNS": "120", "MPLBACKEND": "agg"}
+    process = subprocess.Popen(
+        list(map(str, command)), cwd=tmp_path, env=environment, stdout=theirs, stderr=subprocess.PIPE, text=True
+    )
+    os.close(theirs)
+    until_it_estimates(process, tmp_path)
+    os.close(ours)
+    for number in (signal.SIGHUP, signal.SIGHUP) if screen == "terminal" else (signal.SIGINT,):
+        process.send_signal(number)
+        time.sleep(0.1)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 0, error
+    assert not error
+    assert tomllib.loads((tmp_path / "out" / "run.toml").read_text())["frames"] > 0
+
+
+def test_a_signal_while_figures_are_drawn_takes_no_result_with_it(tmp_path, trial_copy, typed, monkeypatch) -> None:
+    """Ctrl-C when all rows have come, and then the window is closed."""
+
+    def draw(*_) -> None:
+        for number in (signal.SIGINT, signal.SIGHUP):
+            os.kill(os.getpid(), number)
+
+    monkeypatch.setattr("tensegraph.io.figures.shape_figures.write_figures", draw)
+    before = [signal.signal(number, signal.getsignal(number)) for number in (signal.SIGINT, signal.SIGHUP)]
+    code, _, error = typed("live", "--replay", trial_copy(rows=20), "--out", "out", cwd=tmp_path)
+    for number, handler in zip((signal.SIGINT, signal.SIGHUP), before, strict=True):
+        signal.signal(number, handler)
+    assert code == 0, error
+    assert tomllib.loads((tmp_path / "out" / "run.toml").read_text())["frames"] > 0
 
 
 def check_all_rows(trial: Path, boards: list) -> None:
@@ -467,6 +548,25 @@ def test_a_full_disk_ends_a_recording_from_boards(tmp_path, rig, pty_boards) -> 
     assert len(rows) > 100
     for board in (0, 1):
         assert (np.diff([row.seq for row in rows if row.board == board]) == 1).all()
+
+
+def test_a_disk_that_is_full_of_the_result_ends_no_session(tmp_path, trial_copy) -> None:
+    """No file may grow beyond 40 kB, as tables do within a second: all rows come, and are recorded."""
+    command = [sys.executable, undrawn_command.__file__, "live", "--replay", trial_copy(rows=150), "--record", "again"]
+    ended = subprocess.run(
+        [*map(str, command), "--out", "out"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000)),
+    )
+    full = "tensegraph: out: cannot be written: File too large"
+    assert ended.stderr.splitlines() == [f"{full}; the session goes on", full]
+    assert ended.returncode == 2
+    assert not list(tmp_path.glob("*out*"))
+    assert len(list(open_trial(tmp_path / "again").readings())) == 300
 
 
 def test_settings_of_record_are_checked(tmp_path, rig, typed) -> None:

@@ -87,7 +87,7 @@ def test_a_long_session_draws_every_slip(loaded, tmp_path, monkeypatch) -> None:
     drawn: list[Reconstruction] = []
     monkeypatch.setattr("tensegraph.io.figures.shape_figures.write_figures", lambda r, *_: drawn.append(r))
     slipping = {k: Slip(k / 50, 5, np.array([0.003, 0.0, 0.0]), 0.001) for k in (0, 1, 2, 17, 33, 64, 98, 99)}
-    with LiveResult(tmp_path / "long", loaded.structure, Settings()) as result:
+    with LiveResult(tmp_path / "long", loaded.structure, Settings(), print) as result:
         for k, shape in enumerate(loaded):
             contacts = np.ones(loaded.structure.node_count)
             result.add(replace(shape, contacts=contacts, slips=(slipping[k],) if k in slipping else ()))

@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from types import SimpleNamespace
 
 from tensegraph.io.boards.hub import Begin, Hub, LinkPlan
 from tensegraph.io.boards.port import PortReader
@@ -71,3 +72,15 @@ def test_a_recording_that_cannot_begin_does_not_end_the_reading(tmp_path, monkey
     hub.stop_reading()
     assert "Permission denied" in hub._state().recording_error
     assert len(hub._outgoing) == 1
+
+
+def test_a_device_that_goes_while_ports_are_listed_ends_nothing(monkeypatch) -> None:
+    """pyserial takes the number of a device from a file that is gone; the next look finds what is there."""
+    listed = iter([lambda: int(None, 16), lambda: [SimpleNamespace(device="absent", description=None, vid=0x2341)]])
+    monkeypatch.setattr("tensegraph.io.boards.port.list_ports.comports", lambda: next(listed)())
+    hub = Hub(LinkPlan((0,), (1,), (), 500_000))
+    hub.look_for_ports()
+    assert not hub._readers
+    hub.look_for_ports()
+    hub.stop_reading()
+    assert list(hub._readers) == ["absent"]

@@ -7,6 +7,7 @@ import pytest
 
 from tensegraph.io.boards.hub import LinkPlan
 from tensegraph.io.boards.process import SerialLink
+from tensegraph.models.values.errors import TensegraphError
 
 
 def taken(link: SerialLink, until, timeout_s: float = 20.0) -> list:
@@ -173,3 +174,17 @@ def test_reading_for_a_recording_ends_with_it_though_the_boards_are_silent(tmp_p
         begun_s = time.monotonic()
         list(link.rows(time.perf_counter() + 60.0))
         assert time.monotonic() - begun_s < 10.0
+
+
+def test_rows_before_the_process_was_killed_come_and_its_end_is_told(pty_boards) -> None:
+    """As by a system that is out of memory: what follows the rows, such as the result, is done before the error."""
+    plan = LinkPlan((0,), (12,), (str(pty_boards("a", 0).port),), 500_000)
+    died = pytest.raises(TensegraphError, match=r"^the process that reads the boards ended by itself$")
+    with died, SerialLink(plan) as link:
+        rows = taken(link, lambda rows: len(rows) > 5)
+        link._process.kill()
+        rows += list(link.rows())
+        link.stop()
+        done = True
+    assert done
+    assert (np.diff([row.seq for row in rows]) == 1).all()

@@ -108,6 +108,14 @@ def test_a_film_has_a_picture_for_each_of_its_times(short_run, tmp_path, name) -
     assert np.abs(pictures[-1] - pictures[0]).max() > 50  # the time in the title, at least
 
 
+def test_a_film_passes_over_a_long_silence() -> None:
+    """The robot was switched off for a day, which would take 36 hours to draw."""
+    t_s = np.concatenate([np.arange(0, 1, 0.02), 86_400 + np.arange(0, 1, 0.02)])
+    times_s = film_times_s(t_s)
+    assert len(times_s) == 26
+    assert times_s[12:14].tolist() == pytest.approx([0.96, 86_400.0])
+
+
 def test_no_picture_is_after_the_end_of_the_run() -> None:
     """Every 0.08 s, up to 0.42 s, which steps from 0.02 s reach only after rounding; for runs of all lengths."""
     assert film_times_s(np.array([0.02, 0.42])).tolist() == pytest.approx([0.02, 0.1, 0.18, 0.26, 0.34, 0.42])

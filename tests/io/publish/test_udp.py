@@ -77,6 +77,12 @@ def test_what_is_no_address_is_refused(text) -> None:
         udp_address(text, remote=True)
 
 
+@pytest.mark.parametrize("host", ["no..name", "x" * 64, "nobody.invalid"])
+def test_a_name_of_no_machine_is_refused(host) -> None:
+    with pytest.raises(InputError, match=f"^--publish udp://{host}:9870: {host} is no address: "):
+        udp_address(f"udp://{host}:9870", remote=True)
+
+
 def test_other_machines_are_refused_unless_meant() -> None:
     """Addresses of documentation, RFC 5737; 0.0.0.0 is no loopback either."""
     for host in ("192.0.2.7", "0.0.0.0"):

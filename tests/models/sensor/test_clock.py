@@ -99,6 +99,15 @@ class TestClock:
         assert clock.counts.dropped_rows == 1 - boot
         assert np.abs(np.array(times[100:]) - true_s[100:]).max() < 0.01
 
+    def test_a_long_gap_soon_after_the_start_does_no_harm(self) -> None:
+        """The rate is not yet known, and the board runs ahead by 1.2 s meanwhile; it did not count as restarted."""
+        readings, true_s = rows(20_000, rate_ppm=4000.0)
+        clock = BoardClock(ClockSettings())
+        kept = np.r_[:150, 15_150:20_000]
+        error_s = np.array([clock.time_s(readings[k]) for k in kept]) - true_s[kept]
+        assert clock.counts.restarts == 0
+        assert np.abs(error_s).max() < 0.02
+
     def test_host_stamps_that_go_back_do_no_harm(self) -> None:
         readings, true_s = rows(1000)
         r = readings[500]
