@@ -43,6 +43,7 @@ class FrameSettings:
         """Time without any reading after which no frames are made until the next one."""
         return min(LONGEST_SILENCE_S, MOST_SILENT_FRAMES / self.rate_hz)
 
+
 STAMP_ERROR_S = 1e-6
 """Error of a difference of two stamps: readings at 10 Hz are 0.1 s apart, which no binary fraction is exactly."""
 
