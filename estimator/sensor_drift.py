@@ -28,7 +28,7 @@ from ..models.values.readings import TendonLengths
 from .graph import GraphBuilder
 from .linear_frame import linearised
 
-CONTRADICTED_RATE_PER_S = 3e-4
+CONTRADICTED_RATE_PER_S = 5e-4
 """Sigma of the sensors' own rates when their lengths contradict each other: 1.8 % in a minute."""
 
 
