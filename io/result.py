@@ -351,7 +351,9 @@ def _slip_rows(r: Reconstruction) -> Iterator[str]:
 
 def _drift_rows(t_s: NDArray[np.float64], drift: NDArray[np.float64], sigma: NDArray[np.float64]) -> Iterator[str]:
     yield "t_s,tendon,drift,sigma"
-    yield from _rows("%.4f,%d,%.6f,%.6f", *_each(t_s, np.arange(drift.shape[1])), drift.ravel(), sigma.ravel())
+    shown = np.isfinite(sigma).all(axis=1)
+    columns = _each(t_s[shown], np.arange(drift.shape[1]))
+    yield from _rows("%.4f,%d,%.6f,%.6f", *columns, drift[shown].ravel(), sigma[shown].ravel())
 
 
 def _status_rows(r: Reconstruction) -> Iterator[str]:

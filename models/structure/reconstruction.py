@@ -1,7 +1,7 @@
 """All shapes of one run as arrays, and the quantities that are derived from them."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
@@ -74,6 +74,19 @@ def _covariances(shapes: Iterable[Shape], structure: Structure, collected: list[
     return Covariances.of(taken(), 3 * structure.node_count)
 
 
+def _drift(shapes: Sequence[Shape]) -> tuple[NDArray[np.float64], NDArray[np.float64]] | tuple[None, None]:
+    """Return (frames, tendons) the drift of the sensors and its sigma; nan in frames in which nothing shows it."""
+    drifts = [shape.lengths.drift for shape in shapes]
+    shown = [drift if drift is not None and drift.is_shown else None for drift in drifts]
+    if not any(shown):
+        return None, None
+    unknown = np.full(len(shapes[0].lengths.length_m), np.nan)
+    return (
+        np.array([drift.change if drift else unknown for drift in shown]),
+        np.array([drift.sigma if drift else unknown for drift in shown]),
+    )
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Reconstruction:
     """The shapes of all frames of one run, in one coordinate frame, see `Shape`.
@@ -106,7 +119,8 @@ class Reconstruction:
     doubts: tuple[Reason | None, ...] = ()
     """(frames,) what explains the readings of a frame better than the model; None where nothing does."""
     drift: NDArray[np.float64] | None = None
-    """(frames, tendons) drift that was taken off each resistance, relative to it; None where nothing shows drift."""
+    """(frames, tendons) drift that was taken off each resistance, relative to it; nan in frames in which nothing shows
+    it, None where nothing does in any."""
     drift_sigma: NDArray[np.float64] | None = None
     """(frames, tendons) standard deviation of `drift`."""
     contacts: NDArray[np.float64] | None = None
@@ -136,9 +150,7 @@ class Reconstruction:
             force_n=np.array([frame_loads.force_n for frame_loads in known_loads]),
             sigma_n=np.array([frame_loads.sigma_n for frame_loads in known_loads]),
         )
-        drifts = [shape.lengths.drift for shape in collected]
-        observed = [drift for drift in drifts if drift is not None and drift.references]
-        drift_is_known = len(observed) == len(collected)
+        drift, drift_sigma = _drift(collected)
         contacts = [shape.contacts for shape in collected if shape.contacts is not None]
         return cls(
             structure=structure,
@@ -153,8 +165,8 @@ class Reconstruction:
             loads=loads if len(known_loads) == len(collected) else None,
             others=tuple(shape.other for shape in collected),
             doubts=tuple(shape.doubt for shape in collected),
-            drift=np.array([drift.change for drift in observed]) if drift_is_known else None,
-            drift_sigma=np.array([drift.sigma for drift in observed]) if drift_is_known else None,
+            drift=drift,
+            drift_sigma=drift_sigma,
             contacts=np.array(contacts) if contacts else None,
             slips=tuple(shape.slips for shape in collected),
             floor_normal=collected[-1].floor_normal,

@@ -179,6 +179,11 @@ class SensorDrift:
     """(tendons, tendons) covariance of the lengths' errors by the sensors' own drift, where it was estimated; sigma_m
     contains its diagonal."""
 
+    @property
+    def is_shown(self) -> bool:
+        """Whether references show the drift, or the lengths together, which contradict each other without it."""
+        return self.references > 0 or self.covariance_m2 is not None
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelError:

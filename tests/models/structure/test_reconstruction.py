@@ -1,5 +1,7 @@
 """The shapes of a whole trial as one value."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.models.estimation import NoiseSettings
 from tensegraph.models.structure.lengths import length_jacobian
+from tensegraph.models.values.readings import SensorDrift
 
 
 class TestReconstruction:
@@ -34,6 +37,22 @@ class TestReconstruction:
         again = Reconstruction.of(structure, iter(result))
         np.testing.assert_array_equal(again.covariance_m2, result.covariance_m2)
         assert len(again) == 3
+
+    def test_drift_is_that_of_the_frames_which_show_it(self, structure, rest, lengths_of) -> None:
+        """By nothing, by the lengths together, and by reference tendons."""
+        frames = [lengths_of(structure, rest.node_position_m, 0.02 * k) for k in range(3)]
+        shapes = list(FrameEstimator(structure, rest, Settings()).estimate(frames))
+        plain = SensorDrift(np.full(24, 0.01), np.full(24, 0.002), np.full(24, 0.2))
+        drifts = [plain, replace(plain, covariance_m2=1e-8 * np.eye(24)), replace(plain, references=3)]
+        told = [
+            replace(shape, lengths=replace(shape.lengths, drift=drift))
+            for shape, drift in zip(shapes, drifts, strict=True)
+        ]
+        result = Reconstruction.of(structure, told)
+        assert np.isnan(result.drift[0]).all()
+        assert np.isnan(result.drift_sigma[0]).all()
+        assert (result.drift[1:] == 0.01).all()
+        assert Reconstruction.of(structure, told[:1]).drift is None
 
     def test_blocks_of_frames_are_as_the_whole(self, structure, rest, lengths_of, monkeypatch) -> None:
         frames = [lengths_of(structure, rest.node_position_m, 0.02 * k, noise=0.001 * k) for k in range(5)]
