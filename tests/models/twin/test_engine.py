@@ -47,6 +47,16 @@ def test_drag_is_force_over_speed(hanging) -> None:
     np.testing.assert_allclose(speed, [[0.4, 0, 0]] * 2, atol=1e-6)
 
 
+@pytest.mark.parametrize("node", [0, 3])
+def test_a_rod_turns_with_its_axis_from_its_first_node_to_its_second(node) -> None:
+    """Also where it hangs from its second node: the axis of an inertial sensor is told by it."""
+    structure, shape_m = resting(6)
+    made = body(replace(structure, anchors=np.array([node]), anchor_position_m=shape_m[[node]]))
+    motion = Twin(made, 1e-3, shape_m).run(Loads([], 6), 300, with_turns=True)
+    along_m = np.diff(motion.node_position_m[:, structure.rods], axis=2)[:, :, 0]
+    np.testing.assert_allclose(0.3 * motion.rod_turn[..., 2], along_m, atol=1e-9)
+
+
 @pytest.mark.parametrize("nodes", [12, 6])
 def test_at_rest_the_static_equations_hold(nodes) -> None:
     """At a free end the tendons' force is along the rod, but for half its weight; along a free rod it is zero.
