@@ -48,7 +48,7 @@ class ImuPlan:
         force[1:-1] = np.diff(place_m, n=2, axis=0) / step_s**2
         force[:, 2] += GRAVITY_M_PER_S2
         force = np.einsum("tba,tb->ta", turn, force)
-        every = max(round(1 / self.rate_hz / step_s), 1)
+        every = round(1 / self.rate_hz / step_s)
         count = len(rate) // every
         rate = rate[: count * every].reshape(count, every, 3).mean(axis=1)
         force = force[: count * every].reshape(count, every, 3).mean(axis=1)

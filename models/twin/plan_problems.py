@@ -96,7 +96,8 @@ def _problems_of_time(plan: Plan) -> Iterator[tuple[str, str]]:
     step_s = plan.mechanics.step_s
     if plan.rest.seconds >= plan.duration_s:
         yield "rest.seconds", f"expected less than duration_s = {plan.duration_s}, got {plan.rest.seconds}"
-    for key, period_s in (("duration_s", plan.duration_s), ("truth.rate_hz", 1 / plan.truth.rate_hz)):
+    samples = [(f"imu[{number}].rate_hz", 1 / imu.rate_hz) for number, imu in enumerate(plan.imu)]
+    for key, period_s in (("duration_s", plan.duration_s), ("truth.rate_hz", 1 / plan.truth.rate_hz), *samples):
         if abs(period_s / step_s - round(period_s / step_s)) > 1e-6 or period_s < step_s:
             yield key, f"expected a whole number of steps of {step_s} s (mechanics.step_s), got {period_s / step_s:.6g}"
             return

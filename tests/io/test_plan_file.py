@@ -138,6 +138,7 @@ hidden_s = 1.0
         ("[[load.hold]]\nat_s = 3.0\nramp_s = 0.0\nforce_n = 1.0\nnodes = [3]\ndirection = [0, 0, 1]", r"line {3}: .*got 0"),
         ("[[load.hold]]\nat_s = 3.0\nramp_s = 1.0\nforce_n = 1.0\nnodes = [3]\ndirection = [0, 0, 0]", r"line {6}: .*zero"),
         (f"{IMU}rod = 6", r"line {10}: imu\[0\].rod: expected a rod from 0 to 5, got 6"),
+        (f"{IMU.replace('100.0', '800.0')}rod = 0", r"line {3}: imu\[0\].rate_hz: expected a whole number of steps .*got 1.25"),
         (f"{POSITION}nodes = [3, 12]", r"line {6}: position\[0\].nodes\[1\]: expected a node from 0 to 11, got 12"),
         ("[ground]\nfriction = -1.0", r"line {2}: ground.friction: .*got -1.0"),
         ("[drift]\nuntil_s = 3.0", r"line {1}: drift.from_s: is missing"),
