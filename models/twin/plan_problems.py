@@ -180,6 +180,9 @@ def _problems_of_carried(plan: Plan, told: DescribedStructure) -> Iterator[tuple
     for number, imu in enumerate(plan.imu):
         if not 0 <= imu.rod < told.own_rods:
             yield f"imu[{number}].rod", f"expected a rod from 0 to {told.own_rods - 1}, got {imu.rod}"
+    for number, ranges in enumerate(plan.range):
+        if not ranges.beacon_position_m:
+            yield f"range[{number}].beacon_position_m", "expected one beacon or more, got none"
     for number, positions in enumerate(plan.position):
         for index, node in enumerate(positions.nodes):
             if not 0 <= node < told.structure.node_count:

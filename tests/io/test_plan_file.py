@@ -118,6 +118,13 @@ force_bias_m_per_s2 = 0.1
 misalignment_rad = 0.02
 range_m_per_s2 = 80.0
 """
+RANGE = """[[range]]
+rate_hz = 50.0
+noise_m = 0.05
+offset_m = 0.05
+outlier_share = 0.0
+outlier_m = 0.0
+"""
 POSITION = """[[position]]
 rate_hz = 50.0
 noise_m = 0.001
@@ -139,6 +146,7 @@ hidden_s = 1.0
         ("[[load.hold]]\nat_s = 3.0\nramp_s = 1.0\nforce_n = 1.0\nnodes = [3]\ndirection = [0, 0, 0]", r"line {6}: .*zero"),
         (f"{IMU}rod = 6", r"line {10}: imu\[0\].rod: expected a rod from 0 to 5, got 6"),
         (f"{IMU.replace('100.0', '800.0')}rod = 0", r"line {3}: imu\[0\].rate_hz: expected a whole number of steps .*got 1.25"),
+        (f"{RANGE}beacon_position_m = []", r"line {7}: range\[0\].beacon_position_m: expected one beacon or more, got none"),
         (f"{POSITION}nodes = [3, 12]", r"line {6}: position\[0\].nodes\[1\]: expected a node from 0 to 11, got 12"),
         ("[ground]\nfriction = -1.0", r"line {2}: ground.friction: .*got -1.0"),
         ("[drift]\nuntil_s = 3.0", r"line {1}: drift.from_s: is missing"),
