@@ -184,6 +184,9 @@ def _problems_of_carried(plan: Plan, told: DescribedStructure) -> Iterator[tuple
         if not ranges.beacon_position_m:
             yield f"range[{number}].beacon_position_m", "expected one beacon or more, got none"
     for number, positions in enumerate(plan.position):
+        for name in ("seen_s", "hidden_s"):
+            if (lasts_s := getattr(positions, name)) < plan.mechanics.step_s:
+                yield f"position[{number}].{name}", f"expected mechanics.step_s or more, got {lasts_s:g}"
         for index, node in enumerate(positions.nodes):
             if not 0 <= node < told.structure.node_count:
                 expected = f"expected a node from 0 to {told.structure.node_count - 1}, got {node}"
