@@ -77,6 +77,8 @@ def mjcf(body: Body, node_position_m: NDArray[np.float64], step_s: float) -> str
     if body.ground_friction is None:
         held[body.structure.anchors] = True
     else:
+        option.set("cone", "elliptic")  # the other cone lets it slide at 0.7 of the friction in some directions
+        option.set("impratio", "10")  # with 1, feet creep by a millimetre a second at half of the friction
         height_m = node_position_m[:, 2].min() - float(np.max(body.rod_radius_m))
         ground = SubElement(world, "geom", type="plane", size="10 10 1", pos=_text([0, 0, height_m]))
         ground.set("conaffinity", "0")
