@@ -222,6 +222,8 @@ def _problems_of_faults(plan: Plan, tendons: int) -> Iterator[tuple[str, str]]:
             count = tendons
         if not 0 <= number < count:
             yield f"{key}.{name}", f"expected a {name} from 0 to {count - 1}, got {number}"
+        elif name == "tendon" and not any(number in channels for channels in plan.boards.tendon_of_channel):
+            yield f"{key}.tendon", f"expected a tendon that a board of boards.tendon_of_channel reads, got {number}"
         if not fault.from_s < fault.until_s <= plan.duration_s:
             yield (
                 f"{key}.until_s",

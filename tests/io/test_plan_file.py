@@ -187,6 +187,14 @@ def test_what_is_added_is_refused_by_line(tmp_path, added, message) -> None:
         read_plan(path)
 
 
+def test_a_fault_of_a_tendon_that_no_board_reads_is_refused(tmp_path) -> None:
+    """It would stand in the truth, and never be seen."""
+    text = replaced(PLANS["prism"].read_text(), ("[0, 1, 2, 3, 4, 5, 6, 7, 8]]", "[0, 1, 2, 3, 4, 5, 6, 8]]"))
+    (tmp_path / "plan.toml").write_text(text)
+    with pytest.raises(InputError, match=r"fault.open_circuit\[0\].tendon: expected a tendon that a board .*got 7"):
+        read_plan(tmp_path / "plan.toml")
+
+
 def test_the_causes_are_plans_that_add_to_the_healthy_one() -> None:
     assert len(CAUSES) == 15
     for name, path in CAUSES.items():
