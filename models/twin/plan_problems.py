@@ -65,6 +65,8 @@ def _problems_of_structure(plan: Plan, told: DescribedStructure) -> Iterator[tup
     structure = told.structure
     if plan.ground is not None and len(structure.anchors) in (1, 2):
         yield "ground", f"expected none with {len(structure.anchors)} anchors, from which the structure hangs"
+    if plan.ground is None and structure.is_free_standing and plan.mechanics.gravity_m_per_s2 > 0:
+        yield "structure.anchors", "expected [ground] where there are none: the structure falls"
     held = structure.anchors if plan.ground is None else np.empty(0, dtype=np.int64)
     assert told.mechanics is not None, "a plan tells the mechanics"
     massless = np.flatnonzero(told.mechanics.node_mass_kg(structure) == 0)

@@ -195,6 +195,13 @@ def test_a_fault_of_a_tendon_that_no_board_reads_is_refused(tmp_path) -> None:
         read_plan(tmp_path / "plan.toml")
 
 
+def test_a_structure_that_nothing_holds_is_refused(tmp_path) -> None:
+    text = PLANS["roll"].read_text().replace("press.toml", str(PLANS["press"]))
+    (tmp_path / "plan.toml").write_text(replaced(text, ("[ground]\nfriction = 0.8", "[fault]\nstuck = []")))
+    with pytest.raises(InputError, match=r"line \d+: structure.anchors: expected \[ground\] where there are none"):
+        read_plan(tmp_path / "plan.toml")
+
+
 def test_the_causes_are_plans_that_add_to_the_healthy_one() -> None:
     assert len(CAUSES) == 15
     for name, path in CAUSES.items():
