@@ -231,9 +231,14 @@ def test_a_structure_that_never_rests_is_said() -> None:
         Twin(made, 5e-3, shape_m).settle()
 
 
-def test_a_step_that_is_too_long_is_said(tmp_path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)  # MuJoCo leaves a log
+def test_a_step_that_is_too_long_is_said(tmp_path, monkeypatch, capfd) -> None:
+    """By the error alone: nothing is on the terminal, and no log in the folder."""
+    monkeypatch.chdir(tmp_path)
     structure, shape_m = resting(6)
     made = body(structure, stiffness_n_per_m=np.full(9, 1e12), rod_mass_kg=0.005)
     with pytest.raises(TensegraphError, match="expected a smaller step_s"):
         Twin(made, 0.02, shape_m).settle()
+    with pytest.raises(TensegraphError, match="expected a smaller step_s"):
+        Twin(made, 0.02, shape_m).run(Loads([], 6), 100)
+    assert capfd.readouterr().err == ""
+    assert not list(tmp_path.iterdir())
