@@ -3,7 +3,8 @@
 Lengths do not see where a structure is. An inertial sensor on a rod does: its attitude follows its rate from the rest
 on, Q <- Q exp((w - b) dt), with the bias b of the seconds at rest, and gives the direction Q a of its rod. When this
 and the direction in the estimated shape part by more than sensors and deformation explain, for most of the sensors,
-the base has turned. A base that slides without turning is not seen, nor what it does while the sensors are silent.
+the base has turned. Sensors on rods that stand upright at rest tell nothing, as gravity does not tell how they are
+turned about their rods. A base that slides without turning is not seen, nor what it does while the sensors are silent.
 """
 
 from collections.abc import Sequence
@@ -35,6 +36,7 @@ class MovingBase:
 
     def __init__(self, rest: RestShape, imus: Sequence[Imu], rest_seconds: float) -> None:
         self._imus = ImuArray(imus, rest.structure.rods)
+        self._is_told = self._imus.is_inclined(rest.node_position_m)
         self._size_m = float(rest.structure.rod_length_m.mean())
         self._free = rest.structure.free_coordinates
         self._rest_clock = RestClock(rest_seconds)
@@ -60,7 +62,7 @@ class MovingBase:
             rate = reading.rate_rad_per_s - self._bias[reading.imu]
             self._turn[reading.imu] = self._turn[reading.imu] @ rotation(rate * step_s)
             self._latest_s[reading.imu] = reading.t_s
-        heard = shape.t_s - self._latest_s < ATTITUDE_HOLDS_S
+        heard = self._is_told & (shape.t_s - self._latest_s < ATTITUDE_HOLDS_S)
         if heard.any():
             sigma = np.hypot(APART_RAD, DRIFT_RAD_PER_S * (shape.t_s - self._start_s))
             self._has_turned = bool(np.median(self._angle(self._turn, shape)[heard]) >= APART_SIGMA * sigma)

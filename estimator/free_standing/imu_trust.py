@@ -9,7 +9,8 @@ misalignment explain. A sensor whose rates contradict its own gravity is left ou
 another size, as long as it has, see `models.pose.imu_agreement`.
 
 A sensor that was silent does not know how it has turned meanwhile: it is lost, and left out until it moves slowly and
-agrees with its rod again.
+agrees with its rod again. So is, from the start on, one whose rod stands upright: gravity does not tell the turn about
+such a rod, in whose axes the rates would count.
 """
 
 from collections.abc import Sequence
@@ -65,6 +66,10 @@ class ImuTrust:
         """(imus,) sensors that contradict their rods, gravity or themselves."""
         return ~(self.is_trusted & self._agreement.has_size)
 
+    def start(self, imus: ImuArray, arm_m: NDArray[np.float64]) -> None:
+        """Lose the sensors whose turn about their rods gravity does not tell, with (nodes, 3) nodes in world axes."""
+        self.is_lost = self.is_lost | ~imus.is_inclined(arm_m)
+
     def give_up(self) -> None:
         """Trust no sensor any more that is used now."""
         self.is_trusted = self.is_trusted & ~self.is_used
@@ -86,6 +91,8 @@ class ImuTrust:
     def back(self, imus: ImuArray, arm_m: NDArray[np.float64], samples: ImuSamples) -> NDArray[np.int64]:
         """Return the lost sensors that are back, which are lost no longer: they move slowly and agree with their rods.
 
+        Their rods are inclined, so that gravity tells how they are turned.
+
         Args:
             imus: the sensors.
             arm_m: (nodes, 3) the nodes in world axes.
@@ -93,7 +100,7 @@ class ImuTrust:
         """
         if not self.is_lost.any():
             return np.zeros(0, dtype=np.int64)
-        slow, apart = move_slowly(samples), _apart(imus, arm_m, samples)
+        slow, apart = move_slowly(samples) & imus.is_inclined(arm_m), _apart(imus, arm_m, samples)
         back = self.is_lost & self._agreement.has_size & (samples.count > 0) & slow & (apart < MOST_APART)
         self.is_lost = self.is_lost & ~back
         return np.flatnonzero(back)

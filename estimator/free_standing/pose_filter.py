@@ -383,6 +383,7 @@ class PoseFilter:
                 return None, F
             turn = np.where(heard[:, None, None], self._imu_turns(samples), self.state.imu_turn)
             self.state = replace(self.state, imu_turn=turn)
+            self._trust.start(self._imus, self._body_before_m @ self.state.turn.T)
         self._trust.hear(t_s, samples)
         back = self._trust.back(self._imus, self._body_before_m @ self.state.turn.T, samples)
         if len(back):

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..structure.floor import GRAVITY_M_PER_S2
 from ..structure.structure import Structure
 from ..values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from ..values.rotations import rotation, rotation_vector
@@ -32,7 +31,7 @@ class ImuPlan:
     """Largest specific force that it measures, per axis."""
 
     def readings(
-        self, number: int, motion: TwinMotion, structure: Structure, rng: np.random.Generator
+        self, number: int, motion: TwinMotion, structure: Structure, gravity_m_per_s2: float, rng: np.random.Generator
     ) -> list[AidReading]:
         """Return the samples: means over the time between two of them, with bias and noise, cut at the range."""
         assert motion.rod_turn is not None, "inertial sensors need the turn of the rods"
@@ -46,9 +45,9 @@ class ImuPlan:
         rate = rotation_vector(np.swapaxes(turn[:-1], 1, 2) @ turn[1:]) / step_s
         force = np.zeros((len(turn), 3))
         force[1:-1] = np.diff(place_m, n=2, axis=0) / step_s**2
-        force[:, 2] += GRAVITY_M_PER_S2
+        force[:, 2] += gravity_m_per_s2
         force = np.einsum("tba,tb->ta", turn, force)
-        every = max(round(1 / self.rate_hz / step_s), 1)
+        every = round(1 / self.rate_hz / step_s)
         count = len(rate) // every
         rate = rate[: count * every].reshape(count, every, 3).mean(axis=1)
         force = force[: count * every].reshape(count, every, 3).mean(axis=1)

@@ -1,6 +1,7 @@
 """The mechanical twin: the engine that moves a structure under loads (MuJoCo)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,7 +93,8 @@ class Twin:
         period = max(round(0.1 / self._step_s), 1)
         before = self.node_position_m
         for _ in range(round(COMING_TO_REST_S / self._step_s / period)):
-            self._engine.mj_step(self._model, self._data, period)
+            with self._unlogged():
+                self._engine.mj_step(self._model, self._data, period)
             self._check_stable()
             now = self.node_position_m
             if np.abs(now - before).max() < SETTLED_M_PER_S * period * self._step_s:
@@ -125,18 +127,19 @@ class Twin:
         load_n = np.empty_like(position_m)
         length_m = np.empty((steps, len(self._end)))
         turn = np.empty((steps, len(self._rod_body), 3, 3)) if with_turns else None
-        for k in range(steps):
-            if k % TOLD_EVERY == 0:
-                progress(k / steps)
-            position_m[k] = self.node_position_m
-            length_m[k] = self.tendon_length_m
-            if turn is not None:
-                turn[k] = self._data.xmat[self._rod_body].reshape(-1, 3, 3)
-            if wound_m is not None:
-                self._wind(wound_m[k])
-            load_n[k] = loads.force_n(k * self._step_s, position_m[k])
-            self._push(load_n[k], position_m[k])
-            self._engine.mj_step(self._model, self._data)
+        with self._unlogged():
+            for k in range(steps):
+                if k % TOLD_EVERY == 0:
+                    progress(k / steps)
+                position_m[k] = self.node_position_m
+                length_m[k] = self.tendon_length_m
+                if turn is not None:
+                    turn[k] = self._data.xmat[self._rod_body].reshape(-1, 3, 3)
+                if wound_m is not None:
+                    self._wind(wound_m[k])
+                load_n[k] = loads.force_n(k * self._step_s, position_m[k])
+                self._push(load_n[k], position_m[k])
+                self._engine.mj_step(self._model, self._data)
         self._check_stable()
         return TwinMotion(self._step_s * np.arange(steps, dtype=np.float64), position_m, load_n, length_m, turn)
 
@@ -145,6 +148,15 @@ class Twin:
         slack_m = self._model.tendon_lengthspring
         slack_m[::2, 1] = self._slack_m[::2, 1] + wound_m
         slack_m[1::2, 0] = self._slack_m[1::2, 0] + wound_m
+
+    @contextmanager
+    def _unlogged(self) -> Iterator[None]:
+        """Keep the engine from writing its warnings to the terminal and into a file; `_check_stable` tells them."""
+        self._engine.set_mju_user_warning(lambda text: None)
+        try:
+            yield
+        finally:
+            self._engine.set_mju_user_warning(None)
 
     def _check_stable(self) -> None:
         """Refuse what the engine would only log: it starts anew when the numbers run away.

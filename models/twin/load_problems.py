@@ -23,7 +23,7 @@ def problems_of_loads(plan: Plan, structure: Structure) -> Iterator[tuple[str, s
         for index, load in enumerate(getattr(plan.load, kind.name)):
             key = f"load.{kind.name}[{index}]"
             if isinstance(load, RandomTimes):
-                yield from _problems_of_random(key, load, plan.duration_s)
+                yield from _problems_of_random(key, load, plan)
             yield from _problems_of_course(key, load, plan)
             yield from _problems_of_start(key, load, plan)
             yield from _problems_of_nodes(key, load.nodes, pushable)
@@ -58,16 +58,18 @@ def _problems_of_nodes(key: str, nodes: Sequence[int], pushable: NDArray[np.int6
         yield f"{key}.nodes", f"expected different nodes, got {_listed(nodes)}"
 
 
-def _problems_of_random(key: str, load: RandomTimes, duration_s: float) -> Iterator[tuple[str, str]]:
+def _problems_of_random(key: str, load: RandomTimes, plan: Plan) -> Iterator[tuple[str, str]]:
     """Yield what is wrong with the times of a load that is drawn."""
     for name in ("pause_s", "duration_s"):
         yield from _problems_of_range(key, name, getattr(load, name))
+    if load.duration_s[0] < plan.mechanics.step_s:
+        yield f"{key}.duration_s", f"expected mechanics.step_s or more, got {load.duration_s[0]:g}"
     if load.ramp_share > 0.5:
         yield f"{key}.ramp_share", f"expected at most 0.5, got {load.ramp_share}"
-    if load.from_s + load.pause_s[0] + load.duration_s[0] >= load.until_s or load.until_s > duration_s:
+    if load.from_s + load.pause_s[0] + load.duration_s[0] >= load.until_s or load.until_s > plan.duration_s:
         yield (
             f"{key}.until_s",
-            f"expected time for one load, and at most duration_s = {duration_s}, got {load.until_s}",
+            f"expected time for one load, and at most duration_s = {plan.duration_s}, got {load.until_s}",
         )
 
 

@@ -77,6 +77,8 @@ def mjcf(body: Body, node_position_m: NDArray[np.float64], step_s: float) -> str
     if body.ground_friction is None:
         held[body.structure.anchors] = True
     else:
+        option.set("cone", "elliptic")  # the other cone lets it slide at 0.7 of the friction in some directions
+        option.set("impratio", "10")  # with 1, feet creep by a millimetre a second at half of the friction
         height_m = node_position_m[:, 2].min() - float(np.max(body.rod_radius_m))
         ground = SubElement(world, "geom", type="plane", size="10 10 1", pos=_text([0, 0, height_m]))
         ground.set("conaffinity", "0")
@@ -113,10 +115,9 @@ class _Parts:
     """How many sites each node has."""
 
     def add_rod(self, world: Element, rod: int) -> None:
-        """Add a rod along its body's z axis: free about its middle, hinged at its held first end, or fixed."""
+        """Add a rod along its body's z axis, from first to second node: free, hinged at an end, or fixed."""
         body = self.body
         nodes = body.structure.rods[rod]
-        nodes = nodes[np.argsort(~self.held[nodes], kind="stable")]
         length_m = float(body.structure.rod_length_m[rod])
         mass_kg, radius_m = (
             float(np.ravel(v)[rod if np.ndim(v) else 0]) for v in (body.rod_mass_kg, body.rod_radius_m)
@@ -125,8 +126,10 @@ class _Parts:
         along = (start_m[1] - start_m[0]) / np.linalg.norm(start_m[1] - start_m[0])
         turned = Rotation.align_vectors([along], [[0.0, 0.0, 1.0]])[0]
         x, y, z, w = turned.as_quat()
-        origin_m = start_m[0] if held[0] else start_m.mean(axis=0)
-        ends_m = np.array([0.0, length_m]) if held[0] else np.array([-length_m, length_m]) / 2
+        pivot = held.argmax() if held.any() else slice(None)
+        origin_m = start_m[pivot].reshape(-1, 3).mean(axis=0)
+        ends_m = np.array([0.0, length_m])
+        ends_m -= ends_m[pivot].mean()
         element = SubElement(world, "body", name=f"r{rod}", pos=_text(origin_m), quat=_text([w, x, y, z]))
         sideways = mass_kg * length_m**2 / 12
         lengthwise = mass_kg * radius_m**2 / 2

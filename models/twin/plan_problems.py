@@ -65,6 +65,8 @@ def _problems_of_structure(plan: Plan, told: DescribedStructure) -> Iterator[tup
     structure = told.structure
     if plan.ground is not None and len(structure.anchors) in (1, 2):
         yield "ground", f"expected none with {len(structure.anchors)} anchors, from which the structure hangs"
+    if plan.ground is None and structure.is_free_standing and plan.mechanics.gravity_m_per_s2 > 0:
+        yield "structure.anchors", "expected [ground] where there are none: the structure falls"
     held = structure.anchors if plan.ground is None else np.empty(0, dtype=np.int64)
     assert told.mechanics is not None, "a plan tells the mechanics"
     massless = np.flatnonzero(told.mechanics.node_mass_kg(structure) == 0)
@@ -96,7 +98,8 @@ def _problems_of_time(plan: Plan) -> Iterator[tuple[str, str]]:
     step_s = plan.mechanics.step_s
     if plan.rest.seconds >= plan.duration_s:
         yield "rest.seconds", f"expected less than duration_s = {plan.duration_s}, got {plan.rest.seconds}"
-    for key, period_s in (("duration_s", plan.duration_s), ("truth.rate_hz", 1 / plan.truth.rate_hz)):
+    samples = [(f"imu[{number}].rate_hz", 1 / imu.rate_hz) for number, imu in enumerate(plan.imu)]
+    for key, period_s in (("duration_s", plan.duration_s), ("truth.rate_hz", 1 / plan.truth.rate_hz), *samples):
         if abs(period_s / step_s - round(period_s / step_s)) > 1e-6 or period_s < step_s:
             yield key, f"expected a whole number of steps of {step_s} s (mechanics.step_s), got {period_s / step_s:.6g}"
             return
@@ -179,7 +182,13 @@ def _problems_of_carried(plan: Plan, told: DescribedStructure) -> Iterator[tuple
     for number, imu in enumerate(plan.imu):
         if not 0 <= imu.rod < told.own_rods:
             yield f"imu[{number}].rod", f"expected a rod from 0 to {told.own_rods - 1}, got {imu.rod}"
+    for number, ranges in enumerate(plan.range):
+        if not ranges.beacon_position_m:
+            yield f"range[{number}].beacon_position_m", "expected one beacon or more, got none"
     for number, positions in enumerate(plan.position):
+        for name in ("seen_s", "hidden_s"):
+            if (lasts_s := getattr(positions, name)) < plan.mechanics.step_s:
+                yield f"position[{number}].{name}", f"expected mechanics.step_s or more, got {lasts_s:g}"
         for index, node in enumerate(positions.nodes):
             if not 0 <= node < told.structure.node_count:
                 expected = f"expected a node from 0 to {told.structure.node_count - 1}, got {node}"
@@ -215,6 +224,8 @@ def _problems_of_faults(plan: Plan, tendons: int) -> Iterator[tuple[str, str]]:
             count = tendons
         if not 0 <= number < count:
             yield f"{key}.{name}", f"expected a {name} from 0 to {count - 1}, got {number}"
+        elif name == "tendon" and not any(number in channels for channels in plan.boards.tendon_of_channel):
+            yield f"{key}.tendon", f"expected a tendon that a board of boards.tendon_of_channel reads, got {number}"
         if not fault.from_s < fault.until_s <= plan.duration_s:
             yield (
                 f"{key}.until_s",

@@ -13,6 +13,8 @@ from .geometry_error import ToldErrors
 from .plan import Plan
 from .specimens import Specimens
 
+LARGE_OHM = 1e6
+"""Resistance above which one in trial.toml is told to an ohm; below, a whole ohm would be a coarse measurement."""
 LENGTH_DIGITS = 5
 """Lengths and positions in trial.toml are measured to 0.01 mm."""
 
@@ -86,7 +88,7 @@ def trial_metadata(
         "adc": _adc(plan),
         "sensors": {
             "natural_resistance_ohm": [
-                round(value)
+                round(value) if value > LARGE_OHM else float(f"{value:.6g}")
                 for tendon, value in enumerate(specimens.measured_resistance_ohm.tolist())
                 if tendon not in plan.structure.unsensed
             ]

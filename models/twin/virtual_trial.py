@@ -192,7 +192,10 @@ def _carried(
     """Return the readings of motors, inertial sensors, ranges and positions, in order of time."""
     rng = streams.carried
     readings: list[Iterable[AidReading | NaturalLengthReading]] = [
-        *(imu.readings(number, motion, structure, rng) for number, imu in enumerate(plan.imu)),
+        *(
+            imu.readings(number, motion, structure, plan.mechanics.gravity_m_per_s2, rng)
+            for number, imu in enumerate(plan.imu)
+        ),
         *(ranges.readings(number, motion, rng) for number, ranges in enumerate(plan.range)),
         *(position.readings(number, motion, rng) for number, position in enumerate(plan.position)),
     ]

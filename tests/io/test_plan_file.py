@@ -118,6 +118,13 @@ force_bias_m_per_s2 = 0.1
 misalignment_rad = 0.02
 range_m_per_s2 = 80.0
 """
+RANGE = """[[range]]
+rate_hz = 50.0
+noise_m = 0.05
+offset_m = 0.05
+outlier_share = 0.0
+outlier_m = 0.0
+"""
 POSITION = """[[position]]
 rate_hz = 50.0
 noise_m = 0.001
@@ -138,6 +145,10 @@ hidden_s = 1.0
         ("[[load.hold]]\nat_s = 3.0\nramp_s = 0.0\nforce_n = 1.0\nnodes = [3]\ndirection = [0, 0, 1]", r"line {3}: .*got 0"),
         ("[[load.hold]]\nat_s = 3.0\nramp_s = 1.0\nforce_n = 1.0\nnodes = [3]\ndirection = [0, 0, 0]", r"line {6}: .*zero"),
         (f"{IMU}rod = 6", r"line {10}: imu\[0\].rod: expected a rod from 0 to 5, got 6"),
+        (f"{IMU.replace('100.0', '800.0')}rod = 0", r"line {3}: imu\[0\].rate_hz: expected a whole number of steps .*got 1.25"),
+        (f"{RANGE}beacon_position_m = []", r"line {7}: range\[0\].beacon_position_m: expected one beacon or more, got none"),
+        (f"{POSITION.replace('2.0', '1e-9')}nodes = [3]", r"line {4}: position\[0\].seen_s: expected mechanics.step_s .*got 1e-09"),
+        (f"{HUG.replace('2.0, 3.0', '1e-9, 1e-9')}together = [2, 3]", r"line {5}: load.hug\[0\].duration_s: .*got 1e-09"),
         (f"{POSITION}nodes = [3, 12]", r"line {6}: position\[0\].nodes\[1\]: expected a node from 0 to 11, got 12"),
         ("[ground]\nfriction = -1.0", r"line {2}: ground.friction: .*got -1.0"),
         ("[drift]\nuntil_s = 3.0", r"line {1}: drift.from_s: is missing"),
@@ -174,6 +185,21 @@ def test_what_is_added_is_refused_by_line(tmp_path, added, message) -> None:
         message = message.replace(f"{{{n}}}", str(first + n))
     with pytest.raises(InputError, match=message):
         read_plan(path)
+
+
+def test_a_fault_of_a_tendon_that_no_board_reads_is_refused(tmp_path) -> None:
+    """It would stand in the truth, and never be seen."""
+    text = replaced(PLANS["prism"].read_text(), ("[0, 1, 2, 3, 4, 5, 6, 7, 8]]", "[0, 1, 2, 3, 4, 5, 6, 8]]"))
+    (tmp_path / "plan.toml").write_text(text)
+    with pytest.raises(InputError, match=r"fault.open_circuit\[0\].tendon: expected a tendon that a board .*got 7"):
+        read_plan(tmp_path / "plan.toml")
+
+
+def test_a_structure_that_nothing_holds_is_refused(tmp_path) -> None:
+    text = PLANS["roll"].read_text().replace("press.toml", str(PLANS["press"]))
+    (tmp_path / "plan.toml").write_text(replaced(text, ("[ground]\nfriction = 0.8", "[fault]\nstuck = []")))
+    with pytest.raises(InputError, match=r"line \d+: structure.anchors: expected \[ground\] where there are none"):
+        read_plan(tmp_path / "plan.toml")
 
 
 def test_the_causes_are_plans_that_add_to_the_healthy_one() -> None:

@@ -9,9 +9,11 @@ import pytest
 
 from command_line import run
 from plan_edits import PLANS
-from tensegraph import InputError, Settings, open_trial
+from tensegraph import InputError, Settings, open_trial, reconstruct, simulate
 from tensegraph.estimator.hanging.hanging_filter import HangingFilter
 from tensegraph.io.model_file import read_sensor_model
+from tensegraph.models.evaluation.estimate import Estimate
+from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.structure.shape import Shape, Status
 from tensegraph.pipeline import Pipeline
 from trial_edits import cut
@@ -33,6 +35,47 @@ hold_s = 1.0
 nodes = [8]
 force_n = 2.0
 direction = [0.0, 0.2, -1.0]
+"""
+
+
+JACK = """extends = "prism.toml"
+name = "jack"
+duration_s = 4.5
+[structure]                     # three crossed rods, joined in the middle; the one with the sensor hangs upright
+rods = [[0, 1], [0, 2], [0, 3], [0, 4], [0, 5], [0, 6]]
+tendons = [[1, 3], [1, 4], [1, 5], [1, 6], [2, 3], [2, 4], [2, 5], [2, 6], [3, 5], [3, 6], [4, 5], [4, 6]]
+rod_length_m = 0.15
+natural_length_m = 0.196
+anchors = [1]
+anchor_position_m = [[0.0, 0.0, 0.5]]
+node_position_m = [
+    [0.0, 0.0, 0.35], [0.0, 0.0, 0.5], [0.0, 0.0, 0.2], [0.15, 0.0, 0.35], [-0.15, 0.0, 0.35], [0.0, 0.15, 0.35],
+    [0.0, -0.15, 0.35],
+]
+[boards]
+tendon_of_channel = [[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]]
+[[imu]]
+rod = 0
+fraction = 0.5
+rate_hz = 100.0
+rate_noise_rad_per_s = 0.001
+force_noise_m_per_s2 = 0.03
+rate_bias_rad_per_s = 0.01
+force_bias_m_per_s2 = 0.1
+misalignment_rad = 0.017
+range_m_per_s2 = 39.0
+[fault]
+open_circuit = []
+[load]
+random = []
+hold = []
+[[load.press]]
+at_s = 2.5
+ramp_s = 0.5
+hold_s = 1.0
+nodes = [5]
+force_n = 0.5
+direction = [0.0, 0.0, -1.0]
 """
 
 
@@ -61,6 +104,17 @@ def test_it_is_reconstructed_and_evaluated(hinge) -> None:
     assert score["pose"]["still_tilt_rms_deg"] < 5.0
     assert score["pose"]["shape_rmse_m"] < 0.8 * score["pose"]["held_rmse_m"]
     assert score["consistency"]["coverage_95"] > 0.85
+
+
+def test_a_sensor_on_an_upright_rod_turns_it_nowhere(tmp_path) -> None:
+    """Gravity does not tell how the sensor is turned about its rod, in whose axes its rates would count."""
+    (tmp_path / "prism.toml").write_text(PLANS["prism"].read_text())
+    (tmp_path / "jack.toml").write_text(JACK)
+    trial = simulate(tmp_path / "jack.toml", tmp_path / "jack_03", 3)
+    estimate, truth = Estimate.of(reconstruct(trial, "live")), trial.truth_of(trial.truth())
+    d = trial.description
+    evaluation = evaluate(d.structure, d.rest_position_m, estimate, truth)
+    assert evaluation.consistency.coverage_95 > 0.95
 
 
 def told(hinge: Path, folder: Path, edit) -> Path:

@@ -1,6 +1,7 @@
 """Structure files: each format read back, by hand, and what is refused of each."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from structures import PLATE_M, TOWER, TOWER_M, YAML, plate, written
 from tensegraph import InputError, read_structure
+from tensegraph.io.structures.new_trial import BuiltIn, write_new_trial
 from tensegraph.io.structures.structure_output import write_structure
 from tensegraph.models.twin.mjcf import mjcf
 from twin_bodies import body, resting
@@ -74,6 +76,18 @@ def test_rods_that_share_nodes_are_tied_and_read_back(tmp_path: Path) -> None:
     told = read_structure(written(tmp_path, mjcf(body(TOWER), TOWER_M, 0.001), "tower.xml"))
     np.testing.assert_array_equal(told.structure.rods, TOWER.rods)
     np.testing.assert_array_equal(told.structure.tendons, TOWER.tendons)
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.0003])
+def test_a_model_of_joined_rods_is_read_back_from_any_shape(noise_m: float, tmp_path: Path) -> None:
+    """Of metre-long rods at the shape of least energy, a few hundredths of a millimetre off, or at a measured one."""
+    start, _ = write_new_trial(BuiltIn("tower", 1.0), tmp_path / "tower")
+    told = read_structure(start)
+    measured_m = told.node_position_m + np.random.default_rng(1).normal(0.0, noise_m, told.node_position_m.shape)
+    write_structure(replace(told, rest_position_m=measured_m if noise_m else None), [tmp_path / "t.xml"], title="t")
+    back = read_structure(tmp_path / "t.xml").structure
+    np.testing.assert_array_equal(back.rods, told.structure.rods)
+    np.testing.assert_allclose(back.rod_length_m, 1.0, atol=1e-8)
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".xml"])

@@ -90,15 +90,16 @@ def turning(structure, rate: np.ndarray) -> TwinMotion:
     return TwinMotion(t_s, position_m, nothing, nothing[..., 0], rod_turn)
 
 
-def test_an_exact_sensor_measures_rate_and_centripetal_force(structure) -> None:
-    """By hand: |w| is that of the body; the specific force is -w^2 r, and gravity."""
+@pytest.mark.parametrize("gravity", [9.81, 1.62])
+def test_an_exact_sensor_measures_rate_and_centripetal_force(structure, gravity) -> None:
+    """By hand: |w| is that of the body; the specific force is -w^2 r, and gravity, on the Moon too."""
     rate = np.array([0.0, 0.0, 2.0])
     motion = turning(structure, rate)
     plan = ImuPlan(rod=2, fraction=0.5, rate_hz=100.0, range_m_per_s2=100.0, **EXACT)
-    readings = plan.readings(0, motion, structure, np.random.default_rng(2))
+    readings = plan.readings(0, motion, structure, gravity, np.random.default_rng(2))
     a, b = structure.rods[2]
     middle_m = motion.node_position_m[0, [a, b]].mean(axis=0)
-    expected = np.hypot(4.0 * np.hypot(*middle_m[:2]), 9.81)
+    expected = np.hypot(4.0 * np.hypot(*middle_m[:2]), gravity)
     for reading in readings[5:90:20]:
         assert isinstance(reading, ImuReading)
         assert np.linalg.norm(reading.rate_rad_per_s) == pytest.approx(2.0, rel=1e-3)

@@ -49,6 +49,15 @@ def test_seeds_draw_what_they_drew_before_there_were_causes(made) -> None:
     assert made.toml["structure"]["natural_length_m"][:4] == [0.16946, 0.17049, 0.16971, 0.1712]
 
 
+def test_a_small_resistance_is_told_as_exactly_as_a_large_one(made, tmp_path) -> None:
+    """Strips of 12 ohms beside such a resistor: their counts are the same, and so is what R0 tells."""
+    small = [(f"{key} = 5.8e6", f"{key} = 12.0") for key in ("natural_resistance_ohm", "known_resistor_ohm")]
+    (tmp_path / "press.toml").write_text(replaced(PLANS["press"].read_text(), *SHORT, *small))
+    trial = simulate(tmp_path / "press.toml", tmp_path / "press_01")
+    told, large = (np.array(one.toml["sensors"]["natural_resistance_ohm"]) for one in (trial, made))
+    assert told / 12.0 == pytest.approx(large / 5.8e6, rel=1e-5)
+
+
 def test_all_sensors_drift_to_3_percent_of_r_at_the_time_said(made, tmp_path) -> None:
     drift = DRIFT.replace("0.01", "0.03") + "until_s = 5.0\n"
     warm = with_cause(tmp_path, drift)
