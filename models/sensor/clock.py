@@ -71,6 +71,7 @@ class BoardClock:
         self.row_period_s = np.nan
         """Time from row to row, by both counters of the board; nan before the second row."""
         self._device_s = 0.0
+        self._heard: BoardReading | None = None
         self._compared_s = np.zeros(2)
         self._host_s = -np.inf
         self._time_s = -np.inf
@@ -83,6 +84,7 @@ class BoardClock:
         Two such rows in succession that follow each other mean that the board has restarted.
         """
         self.counts.rows += 1
+        self._compare(row)
         last = self._last
         if last is not None:
             if self._follows(row, last):
@@ -108,11 +110,20 @@ class BoardClock:
         self._time_s = max(time_s, self._time_s + 1e-6)
         return self._time_s
 
+    def _compare(self, row: BoardReading) -> None:
+        """Add the time since the last row that the board counted on, by both clocks; of a gap, a second at most."""
+        if self._heard is not None:
+            rows, device_s = _steps(row, self._heard)
+            if 0 < rows < SEQ_WRAP // 2:
+                host_s = min(max(row.host_s - self._heard.host_s, 0.0), HOST_TOLERANCE_S)
+                self._compared_s += np.array([device_s, host_s])
+        self._heard = row
+
     def check_unit(self, board: int) -> None:
-        """Check that the clock of the board with this number counts microseconds.
+        """Check that the clock of the board with this number counts microseconds, and that of the host seconds.
 
         Raises:
-            InputError: when it is much slower, as one that counts milliseconds.
+            InputError: when the board's is much slower, as where one of them counts milliseconds.
         """
         board_s, host_s = self._compared_s
         if host_s > UNIT_SPAN_S and board_s < SLOWEST_CLOCK * host_s:
@@ -158,8 +169,6 @@ class BoardClock:
         self.counts.host_steps += int(row.host_s < last.host_s)
         self.row_period_s = device_s / rows
         self._device_s += device_s
-        host_s = min(max(row.host_s - last.host_s, 0.0), HOST_TOLERANCE_S)
-        self._compared_s += np.array([device_s, host_s])
         if device_s > self._window_s and row.host_s > self._host_s:
             self._line.clear()  # no point of it is left; in a long gap, a rate from a few seconds may err by seconds
 

@@ -50,6 +50,13 @@ class TestClock:
         with pytest.raises(InputError, match=r"board 1: device_us: went on by 0\.01\d* s in 1\d s .* unit right"):
             clocks[1].check_unit(1)
 
+    def test_the_host_counts_seconds(self) -> None:
+        clock = BoardClock(ClockSettings())
+        for row in rows(20)[0]:
+            clock.time_s(replace(row, host_s=1000 * row.host_s))
+        with pytest.raises(InputError, match=r"board 0: device_us: went on by 0\.38 s in 19 s .* unit right"):
+            clock.check_unit(0)
+
     def test_is_causal(self) -> None:
         """The time of a row does not depend on later rows."""
         readings, _ = rows(400)
