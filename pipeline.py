@@ -15,10 +15,10 @@ from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
 from .estimator.free_standing.estimators import FreeStandingOptimizer, FreeStandingSmoother
 from .estimator.hanging.hanging_estimators import HangingOptimizer, HangingSmoother
+from .estimator.lengths_watch import RepeatWatch, RestWatch
 from .estimator.moving_base import MovingBase
 from .estimator.own_evidence import FactorWatch
 from .estimator.rest_step import rest_shape_of
-from .estimator.rest_watch import RestWatch
 from .estimator.smoother import LiveSmoother
 from .factors.tendon import TautCables
 from .io.model_file import read_sensor_model
@@ -181,6 +181,7 @@ class Pipeline:
         self.factor_watch = FactorWatch()
         is_told = trial.source == "lengths" and trial.rest_seconds > 0 and trial.rest_position_m is not None
         self._rest_watch = RestWatch(self.rest.lengths(trial.rest_seconds)) if is_told else None
+        self._repeat_watch = RepeatWatch(trial.rest_seconds, settings.gate) if trial.source == "lengths" else None
         self.own_frames = OwnFrames(self.rest, trial.own_frames, rest_clock, settings.pose.position_m)
         held = self.rest.structure.is_held
         ranges, positions = len(trial.beacon_position_m), trial.world_positions
@@ -267,7 +268,7 @@ class Pipeline:
                 f"method '{method}': expected one of {', '.join(WITH_FACTORS)}, which use the trial's [[factor]]"
             )
         shapes = map(self.factor_watch.observe, self._shapes(frames, method, factory, progress))
-        shapes = map(self._at_rest, shapes)
+        shapes = map(self._at_rest, map(self._read, shapes))
         shapes = map(self.aid_use.observe, shapes)
         return in_one_thread(map(PossibleShapes(self.rest).check, shapes))
 
@@ -305,6 +306,13 @@ class Pipeline:
         """Whether at least half of the sensors, or of the lengths, do not fit the rest shape."""
         by_sensors = getattr(self.front_end, "rest_in_doubt", False)  # a front end of one's own may have `step` alone
         return by_sensors or (self._rest_watch is not None and self._rest_watch.in_doubt)
+
+    def _read(self, shape: Shape) -> Shape:
+        """Return a shape of one more frame, in doubt if its row of lengths is told again and again."""
+        if self._repeat_watch is None:
+            return shape
+        self._repeat_watch.observe(shape)
+        return shape.in_doubt(Reason.SENSORS) if self._repeat_watch.in_doubt else shape
 
     def _at_rest(self, shape: Shape) -> Shape:
         """Return a shape of one more frame, in doubt if the readings at rest do not fit the rest shape, or moved."""

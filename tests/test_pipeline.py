@@ -10,6 +10,7 @@ from tensegraph import Flag, InputError, Reconstruction, Settings, Status, open_
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.sensor.frames import FrameSettings
 from tensegraph.models.structure.shape import Reason
+from tensegraph.models.values.readings import TendonLengths
 from tensegraph.pipeline import Pipeline, reconstruct, stream
 from trial_edits import cell, lines
 
@@ -40,7 +41,7 @@ def test_one_board_alone_is_enough(trial_copy) -> None:
 
 @pytest.mark.parametrize(("every", "slow"), [(4, False), (8, True)])
 def test_a_board_whose_rows_are_not_bridged_is_named(trial_copy, every, slow) -> None:
-    """A sketch of 12.5 rows a second, and of 6, of which many frames have no reading."""
+    """A sketch of 12.5 rows a second, and of 6.25, of which many frames have no reading."""
 
     def thinned(rows):
         cells = [row.split(",", 2) for row in rows[1::every]]
@@ -175,6 +176,19 @@ def test_lengths_stand_in_for_counts(trial_copy, plain) -> None:
         "\n".join([header.replace("l0_m,", "").replace("l23_m", "l23_m,l0_m"), *rows, ""])
     )
     assert all(doubt is not None for doubt in reconstruct(path, "live").doubts[20:])  # each tendon has its neighbour's
+
+
+def test_lengths_that_are_told_again_and_again_are_in_doubt(plain, example) -> None:
+    """A program that goes on to send its last row: every length is as plausible as before."""
+    trial = replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))
+    read = [
+        TendonLengths(t, length, sigma, np.zeros(24, dtype=np.int64), np.zeros(24, dtype=np.int64))
+        for t, length, sigma in zip(plain.t_s, plain.length_m, plain.sigma_m, strict=True)
+    ]
+    again = [replace(read[-1], t_s=read[-1].t_s + 0.02 * k) for k in range(1, 61)]
+    shapes = list(stream([*read, *again], trial))
+    assert not any(shape.doubt for shape in shapes[: len(read) + 48])
+    assert all(shape.doubt == Reason.SENSORS for shape in shapes[-9:])
 
 
 @pytest.mark.parametrize("rate_hz", [2.0, 200.0])

@@ -76,7 +76,7 @@ class Reason(StrEnum):
 
 
 REASON_ADVICE = {
-    Reason.SENSORS: "the lengths contradict each other by more than their sigma: tare again, or calibrate the sensors",
+    Reason.SENSORS: "lengths contradict each other beyond their sigma, or a row repeats: tare again, or calibrate",
     Reason.MOTION: "the robot is shaken faster than its sensors follow: move it slower",
     Reason.LOADS: "many nodes are loaded at once, of which lengths say little: trust the ellipsoids, not the centres",
     Reason.GEOMETRY: "the geometry in trial.toml contradicts the balance of forces at rest: measure it again",
