@@ -151,7 +151,9 @@ def lag_s(runs: Sequence[StripRun]) -> float:
 
 
 def fit_sigma_scale(runs: Sequence[StripRun]) -> SigmaScale:
-    """Return the scale of sigma that makes the errors of these runs most likely.
+    """Return the scale of sigma that makes the errors of these runs most likely, with p of the order of 1 by a prior.
+
+    Strips that were always moved alike tell nothing of p.
 
     The gains and offsets of the strips must be known from their whole recordings: the uncertainties of taring and of
     the curve's coefficients are added separately at run time.
@@ -164,7 +166,8 @@ def fit_sigma_scale(runs: Sequence[StripRun]) -> SigmaScale:
 
     def negative_log_likelihood(parameters: NDArray[np.float64]) -> float:
         log_scale = parameters[0] + parameters[1] * log_spread
-        return float(np.mean(0.5 * (error / (sigma * np.exp(log_scale))) ** 2 + log_scale))
+        of_errors = np.mean(0.5 * (error / (sigma * np.exp(log_scale))) ** 2 + log_scale)
+        return float(of_errors + 0.5 * parameters[1] ** 2 / len(error))
 
     log_b, p = minimize(negative_log_likelihood, [0.0, 0.0], method="Nelder-Mead").x
     return SigmaScale(float(np.exp(log_b)), float(p))

@@ -1,0 +1,33 @@
+"""The scale of the network's sigma, from runs on recordings of strips."""
+
+import numpy as np
+
+from tensegraph.models.calibration.calibrated_model import fit_sigma_scale
+from tensegraph.models.calibration.strips import StripRun
+
+SAMPLES = 500
+
+
+def run(error: np.ndarray, spread: np.ndarray) -> StripRun:
+    """Return a run with these errors, and an unscaled sigma of 0.001."""
+    same = np.zeros(SAMPLES)
+    sigma = np.full(SAMPLES, 0.001)
+    return StripRun("s0", np.nan, same, same, same, same, error, sigma, same, sigma, spread, same > 0)
+
+
+def test_the_scale_follows_the_spread() -> None:
+    """Errors of 0.002 where a strip was moved little, and of 0.004 where it was moved four times as far: 10 s^0.5."""
+    spread = np.where(np.arange(SAMPLES) < 250, 0.04, 0.16)
+    rng = np.random.default_rng(3)
+    error = 0.01 * np.sqrt(spread) * rng.permutation(np.repeat([-1.0, 1.0], 250))
+    scale = fit_sigma_scale([run(error, spread)])
+    np.testing.assert_allclose([scale.factor, scale.power], [10.0, 0.5], rtol=0.01)
+
+
+def test_strips_moved_alike_tell_nothing_of_the_power() -> None:
+    """A spread that is the same within a hundredth: b s^p was 2.7e21 s^30 on a triangle wave."""
+    rng = np.random.default_rng(3)
+    spread = 0.1 * (1 + 0.01 * rng.standard_normal(SAMPLES))
+    scale = fit_sigma_scale([run(0.003 * rng.standard_normal(SAMPLES) * (spread / 0.1) ** 8, spread)])
+    assert abs(scale.power) < 2
+    np.testing.assert_allclose(scale.at(spread), 3.0, rtol=0.15)
