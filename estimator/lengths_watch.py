@@ -16,7 +16,7 @@ equal at rest too: then p is about 1, and nothing is told.
 
 import numpy as np
 
-from ..models.pose.rest_clock import rest_until_s
+from ..models.pose.rest_clock import RestClock
 from ..models.sensor.gate import GateSettings
 from ..models.structure.shape import Shape
 from ..models.values.readings import RestLengths
@@ -55,9 +55,8 @@ class RepeatWatch:
     """Compares the lengths of each shape with those of the one before."""
 
     def __init__(self, rest_seconds: float, settings: GateSettings) -> None:
-        self._rest_seconds = rest_seconds
+        self._rest_clock = RestClock(rest_seconds)
         self._settings = settings
-        self._rest_until_s: float | None = None
         self._last_m = np.empty(0)
         self._equal_since_s = np.nan
         self._run = 0
@@ -71,10 +70,9 @@ class RepeatWatch:
         length_m = shape.lengths.length_m
         if not np.isfinite(length_m).any():
             return
-        if self._rest_until_s is None:
-            self._rest_until_s = rest_until_s(shape.t_s, self._rest_seconds)
+        self._rest_clock.count_frame(shape.t_s)
         is_equal = np.array_equal(length_m, self._last_m, equal_nan=True)
-        if shape.t_s < self._rest_until_s:
+        if self._rest_clock.is_at_rest(shape.t_s):
             self._rows += 1
             self._repeats += is_equal
         self._run = self._run + 1 if is_equal else 0

@@ -103,7 +103,7 @@ class Standing:
     def probability_of(self, nodes: NDArray[np.bool_]) -> float:
         """Return the probability that these nodes stand, as a face, an edge, or a part of one."""
         alternatives = sum(p for p, other in self.others if not np.any(nodes & ~other))
-        return alternatives + (1 - sum(p for p, _ in self.others) if not np.any(nodes & ~self.nodes) else 0.0)
+        return alternatives + (self._unless_others if not np.any(nodes & ~self.nodes) else 0.0)
 
     def other_face(self, log_ratio: float) -> tuple[float, NDArray[np.bool_]] | None:
         """Return the likeliest other face, unless the log probability ratio of what stands to it is above a limit.
@@ -115,9 +115,13 @@ class Standing:
         if not faces:
             return None
         p, nodes = max(faces, key=lambda face: face[0])
-        here = max(1 - sum(p for p, _ in self.others), CERTAIN)
-        ratio = float(np.log(here / p))
+        ratio = float(np.log(max(self._unless_others, CERTAIN) / p))
         return (ratio, nodes) if ratio < log_ratio else None
+
+    @property
+    def _unless_others(self) -> float:
+        """The probability that `nodes` stand, and not one of the other sets."""
+        return 1 - sum(p for p, _ in self.others)
 
 
 def nothing_stands(nodes: int) -> Standing:

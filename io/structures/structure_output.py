@@ -9,9 +9,7 @@ import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
-from ...models.structure.lengths import length_jacobian, member_length_m
-from ...models.structure.rigidity import find_rest_shape
-from ...models.structure.structure import Structure
+from ...models.structure.rigidity import find_rest_shape, with_rods_as_told
 from ...models.structure_description import DescribedStructure, geometry_keys
 from ...models.twin.mjcf import Body, mjcf
 from ...models.values.errors import InputError
@@ -24,8 +22,6 @@ RADIUS_SHARE = 0.01
 DRAG_N_S_PER_M = 0.2
 """Drag of a rod and damping of a tendon in a written model, with which a sway dies out within a second."""
 MODEL_STEP_S = 0.001
-NEWTON_STEPS = 5
-"""Steps in which a measured shape, some millimetres off, gets the lengths of its rods to a nanometre."""
 
 
 def write_structure(told: DescribedStructure, paths: Sequence[Path], *, title: str) -> None:
@@ -122,15 +118,4 @@ def _model(told: DescribedStructure, path: Path) -> str:
         knot_mass_kg=mechanics.node_mass_kg(s) - 0.5 * np.bincount(s.rods.ravel(), rod_kg.repeat(2), s.node_count),
         own_rods=told.own_rods,
     )
-    return mjcf(body, _with_rods_as_told(s, _shape(told)), MODEL_STEP_S)
-
-
-def _with_rods_as_told(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the nearest (nodes, 3) positions in which rods have their lengths, so that joined rods meet in a model."""
-    x = structure.with_anchors_placed(node_position_m)
-    for _ in range(NEWTON_STEPS):
-        missing_m = structure.rod_length_m - member_length_m(x, structure.rods)
-        jacobian = length_jacobian(x, structure.rods, structure.free_coordinates)
-        move_m = np.linalg.lstsq(jacobian, missing_m)[0]
-        x = structure.position_m(x[structure.free_nodes].ravel() + move_m)
-    return x
+    return mjcf(body, with_rods_as_told(s, _shape(told)), MODEL_STEP_S)

@@ -22,6 +22,8 @@ ROD_WEIGHT = 100.0
 """Weight of a rod's length error: a rod is 1e4 times as stiff as a tendon, so that it changes by 1e-5 of its length."""
 STARTS = 8
 """Number of random shapes at which the search for the rest shape starts."""
+NEWTON_STEPS = 5
+"""Steps in which a measured shape, some millimetres off, gets the lengths of its rods to a nanometre."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,6 +102,17 @@ def branch(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArra
     jacobian = free_length_jacobian(structure, node_position_m)
     finite = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)))
     return np.where(finite, np.linalg.slogdet(np.where(finite[..., None, None], jacobian, 0.0)).sign, 0.0)
+
+
+def with_rods_as_told(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the nearest (nodes, 3) positions in which rods have their lengths, so that joined rods meet in a model."""
+    x = structure.with_anchors_placed(node_position_m)
+    for _ in range(NEWTON_STEPS):
+        missing_m = structure.rod_length_m - member_length_m(x, structure.rods)
+        jacobian = length_jacobian(x, structure.rods, structure.free_coordinates)
+        move_m = np.linalg.lstsq(jacobian, missing_m)[0]
+        x = structure.position_m(x[structure.free_nodes].ravel() + move_m)
+    return x
 
 
 def find_rest_shape(structure: Structure, near_m: NDArray[np.float64] | None = None) -> NDArray[np.float64]:

@@ -527,21 +527,26 @@ def until_it_estimates(process: subprocess.Popen, folder: Path) -> None:
         time.sleep(0.05)
 
 
+def ended_on_a_full_disk(words: list[object], folder: Path, most_bytes: int) -> subprocess.CompletedProcess[str]:
+    """Return a command that has ended in a folder where no file may grow beyond some bytes."""
+    return subprocess.run(
+        list(map(str, words)),
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes)),
+    )
+
+
 def test_a_full_disk_ends_a_recording_from_boards(tmp_path, rig, pty_boards) -> None:
     """No file may grow beyond 9000 bytes: the error is one line, and the rows before it are a trial."""
     rig.write_text(replaced(rig.read_text(), ("seconds = 2.0", "seconds = 0.0")))
     boards = [pty_boards("a", 0), pty_boards("b", 1)]
     ports = [word for board in boards for word in ("--port", board.port)]
     words = [sys.executable, "-m", "tensegraph", "record", "--rig", rig, *ports, "--out", "t"]
-    ended = subprocess.run(
-        list(map(str, words)),
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000)),
-    )
+    ended = ended_on_a_full_disk(words, tmp_path, 9000)
     assert ended.returncode == 2
     assert ended.stderr == "tensegraph: t: the recording ended: File too large\n"
     rows = list(open_trial(tmp_path / "t").readings())
@@ -553,15 +558,7 @@ def test_a_full_disk_ends_a_recording_from_boards(tmp_path, rig, pty_boards) -> 
 def test_a_disk_that_is_full_of_the_result_ends_no_session(tmp_path, trial_copy) -> None:
     """No file may grow beyond 40 kB, as tables do within a second: all rows come, and are recorded."""
     command = [sys.executable, undrawn_command.__file__, "live", "--replay", trial_copy(rows=150), "--record", "again"]
-    ended = subprocess.run(
-        [*map(str, command), "--out", "out"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000)),
-    )
+    ended = ended_on_a_full_disk([*command, "--out", "out"], tmp_path, 40_000)
     full = "tensegraph: out: cannot be written: File too large"
     assert ended.stderr.splitlines() == [f"{full}; the session goes on", full]
     assert ended.returncode == 2
