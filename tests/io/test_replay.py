@@ -18,7 +18,7 @@ def test_a_replay_keeps_the_pace_of_the_trial(example) -> None:
         came_s.append(time.perf_counter() - begin_s)
     due_s = (np.array([r.host_s for r in readings]) - readings[0].host_s) / 4
     assert (np.array(came_s) >= due_s - 1e-3).all()
-    assert np.median(came_s - due_s) < 0.02
+    assert np.median(came_s - due_s) < 0.1  # at half of the pace it would be 0.25
     assert replay.waiting() == 0
 
 

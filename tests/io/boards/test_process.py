@@ -118,7 +118,7 @@ def test_rows_end_at_a_time_with_and_without_rows(pty_boards) -> None:
     assert len(early) > 5
     assert early[-1].host_s <= last_s
     assert (np.diff([row.seq for row in rows]) == 1).all()
-    assert until_s < ended_s < until_s + 1.0
+    assert until_s < ended_s < until_s + 10.0
 
 
 def test_what_is_too_old_is_skipped_while_newer_rows_wait(monkeypatch, pty_boards) -> None:
