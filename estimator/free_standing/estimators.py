@@ -9,7 +9,7 @@ give the support of each frame for the optimisation of all shapes, and these sha
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, islice
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,10 @@ SURE_FACE = 0.8
 """Probability of a face that the balance of forces tells, above which it may contradict heights."""
 CONTRADICTS_S = 0.8
 """Time for which it has to."""
+TIPS_RAD_PER_S = 0.3
+"""Rate at which a structure turns that tips; one that is pressed turns by less."""
+LIKELY_TIP = 0.5
+"""Least `LengthChange.may_have_tipped` of a tip."""
 PARALLEL = 0.95
 """Cosine of the angle below which rods have different directions."""
 
@@ -106,6 +110,7 @@ class FreeStandingSmoother:
         self._may_tip = 0.0
         self._measured = MeasuredAttitude()
         self._agreed_s = -np.inf
+        self._tipped_s = -np.inf
         self._looked_s = -np.inf
         self._look: _Look | None = None
         self._last_m = rest.node_position_m
@@ -129,7 +134,8 @@ class FreeStandingSmoother:
         self._change.observe(shape.lengths)
         used = self._poses.used_imus
         measured = self._measured.observe(lengths, used)
-        one_direction = are_parallel([self._robot.imus[i].rod for i in np.flatnonzero(used)], self._rest)
+        rods = self._structure.rods[[self._robot.imus[i].rod for i in np.flatnonzero(used)]]
+        one_direction = are_parallel(np.concatenate([rods, self._measured.located_pairs]), self._rest)
         looked = (not measured or one_direction) and self._looks(shape)
         by_faces = not measured or (one_direction and self._contradicts(lengths.t_s))
         stands = self._faces.standing if self._faces and by_faces else None
@@ -138,8 +144,9 @@ class FreeStandingSmoother:
         step = self._poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands)
         if measured and self._faces:
             if one_direction:
-                step = self._with_doubt(step)
+                step = self._with_doubt(step, tips_unseen=not used.any() and self._tips_unseen(step))
             else:
+                self._tipped_s = -np.inf
                 self._faces.stand_on(step.standing.nodes)
                 self._look = None
         measured_up = step.state.turn.T @ self._poses.floor.normal if measured else None
@@ -172,19 +179,40 @@ class FreeStandingSmoother:
         )
         return replace(shape, lengths=replace(shape.lengths, aids=used), contradicted_positions=left_out)
 
-    def _with_doubt(self, step: PoseStep) -> PoseStep:
-        """Return the step with the faces that forces tell beside its own, if they do not tell its own."""
+    def _with_doubt(self, step: PoseStep, *, tips_unseen: bool) -> PoseStep:
+        """Return the step with the faces that forces tell beside its own, if they do not tell its own.
+
+        Args:
+            step: the step.
+            tips_unseen: whether the structure may tip about a line of which positions alone are read.
+        """
         assert self._faces is not None, "faces tell it"
         told = self._faces.standing
-        if told.probability_of(step.standing.nodes) > LEAST_LIKELY:
+        if told.probability_of(step.standing.nodes) > LEAST_LIKELY and not tips_unseen:
             return step
         others = (*told.others, (float(self._faces.probability.max()), told.nodes))
         return replace(step, standing=replace(step.standing, others=others, contradicted=True))
 
+    def _tips_unseen(self, step: PoseStep) -> bool:
+        """Return whether it tips, or has tipped, and forces have not told since then on which face it stands.
+
+        Positions on one line do not tell the turn about the line, and none at all of a tip over an edge on that line.
+        """
+        assert self._faces is not None, "faces tell it"
+        turns = float(np.linalg.norm(step.state.rate_rad_per_s)) > TIPS_RAD_PER_S
+        is_edge = bool(step.standing.nodes[self._measured.located_pairs].all())
+        if (turns or is_edge) and self._change.may_have_tipped() > LIKELY_TIP:
+            self._tipped_s = self._last_s
+        has_looked = self._looked_s > self._tipped_s and self._look is None
+        if has_looked and self._faces.standing.probability_of(step.standing.nodes) > SURE_FACE:
+            self._tipped_s = -np.inf
+        return self._tipped_s > -np.inf
+
     def _contradicts(self, t_s: float) -> bool:
         """Return whether the balance of forces has told another face than heights for some time.
 
-        Inertial sensors on parallel rods do not tell the turn about these rods, so that heights may be wrong.
+        Inertial sensors on parallel rods do not tell the turn about these rods, nor do positions on one line that about
+        the line, so that heights may be wrong.
         """
         if self._faces is None:
             return False
@@ -225,14 +253,14 @@ class FreeStandingSmoother:
         self._looked_s = shape.t_s
         x = shape.node_position_m
         balances = balances_at(x, frame, statics, self.shapes.builder, self._settings.doubt.quiet_n)
-        pairs, height_m = heights_between(shape.lengths.aids, self._poses.floor)
+        nodes, clearance_m = clearances(shape.lengths.aids, self._poses.floor)
         rods, rod_height_m = self._poses.rod_heights()
-        pairs, height_m = np.concatenate([pairs, rods]), np.concatenate([height_m, rod_height_m])
+        of_heights = faces.log_evidence_of_clearances(x, nodes, clearance_m)
         return _Look(
             t_s=shape.t_s,
             step_s=step_s,
             may_tip=self._change.may_have_tipped(),
-            of_heights=faces.log_evidence_of_heights(x, pairs, height_m),
+            of_heights=of_heights + faces.log_evidence_of_heights(x, rods, rod_height_m),
             parts=faces.log_evidence_in_parts(balances, x, LOOK_PARTS),
             found=[],
         )
@@ -399,6 +427,8 @@ class MeasuredAttitude:
     def __init__(self) -> None:
         self._imu_s = -np.inf
         self._node_s: dict[int, float] = {}
+        self.located_pairs = np.zeros((0, 2), dtype=np.int64)
+        """(pairs, 2) the nodes whose positions were read, each with the first of them."""
 
     def observe(self, lengths: TendonLengths, used_imus: NDArray[np.bool_]) -> bool:
         """Return whether they were, in one more frame.
@@ -412,21 +442,20 @@ class MeasuredAttitude:
                 self._node_s[reading.node] = reading.t_s
             elif isinstance(reading, ImuReading) and used_imus[reading.imu]:
                 self._imu_s = reading.t_s
-        located = sum(lengths.t_s - latest_s < ATTITUDE_HOLDS_S for latest_s in self._node_s.values())
-        return lengths.t_s - self._imu_s < ATTITUDE_HOLDS_S or located > 1
+        located = [node for node, latest_s in self._node_s.items() if lengths.t_s - latest_s < ATTITUDE_HOLDS_S]
+        self.located_pairs = np.array([(located[0], node) for node in located[1:]], dtype=np.int64).reshape(-1, 2)
+        return lengths.t_s - self._imu_s < ATTITUDE_HOLDS_S or len(located) > 1
 
 
-def heights_between(aids: Sequence[AidReading], floor: Floor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return (pairs, 2) of nodes with measured positions, and (pairs,) the second's height above the first."""
+def clearances(aids: Sequence[AidReading], floor: Floor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return (known,) nodes with measured positions, and (known,) their heights above a node that stands."""
     measured = {reading.node: reading.position_m for reading in aids if isinstance(reading, PositionReading)}
-    pairs = list(combinations(measured, 2))
-    height_m = [float((measured[b] - measured[a]) @ floor.normal) for a, b in pairs]
-    return np.array(pairs, dtype=np.int64).reshape(-1, 2), np.array(height_m)
+    return np.array(list(measured), dtype=np.int64), floor.clearance_m(np.array(list(measured.values())).reshape(-1, 3))
 
 
-def are_parallel(rods: Sequence[int], rest: RestShape) -> bool:
-    """Return whether some rods, at least one, all have one direction in the rest shape."""
-    a, b = rest.structure.rods[list(rods)].reshape(-1, 2).T
+def are_parallel(pairs: NDArray[np.int64], rest: RestShape) -> bool:
+    """Return whether the lines between (pairs, 2) nodes, at least one, all have one direction in the rest shape."""
+    a, b = pairs.T
     along = rest.node_position_m[b] - rest.node_position_m[a]
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
     return len(along) > 0 and bool((np.abs(along @ along[0]) > PARALLEL).all())

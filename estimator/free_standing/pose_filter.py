@@ -36,6 +36,7 @@ from .pose_smoother import PoseStep
 from .pose_start import covariance_at_rest, state_at_rest
 from .prediction import Frame, Prediction
 from .tipping import MISSED_RAD, has_landed, heading_missed, tipped, tipping
+from .watches.jump_watch import JumpWatch
 from .watches.rise_watch import RiseWatch, risen
 from .watches.slide_watch import SlideWatch
 from .watches.stand_watch import StandWatch
@@ -75,8 +76,7 @@ class PoseFilter:
         self._located_s = -np.inf
         self._trust = ImuTrust(self._imus.count, robot.rest_until_s, settings)
         self._position_trust = PositionTrust(rest, robot.rest_until_s, settings.position_m)
-        self._seen_s = -np.inf
-        self._has_jumped = False
+        self._jump_watch = JumpWatch(settings)
         self._flies = False
         self._lifted_since_s = np.inf
         self._slide_watch = SlideWatch(self._model, len(self._standing))
@@ -105,6 +105,7 @@ class PoseFilter:
             sliding: (nodes,) which of them slide; None to tell it from inertial sensors.
         """
         frame, predicted = self._expected(t_s, body_m, body_covariance_m2, aids)
+        self._jump_watch.observe(predicted, frame)
         by_heights = standing is None
         standing = self._contacts_of(predicted, frame, standing)
         stood, self._standing = self._standing, standing.nodes
@@ -220,24 +221,17 @@ class PoseFilter:
             frame: the frame.
             held: the nodes that footholds hold.
         """
-        self._has_jumped |= self._positions_jump(predicted, frame)
         rows = self._model.rows(predicted, frame, self._standing, self._trust.is_used, held)
         rows += self._held_rows(predicted.placed, predicted.covariance, frame.step_s)
         if self._is_blind(frame):
             self.state, self.covariance = predicted.corrected_blindly(stacked(rows), self._floor)
         else:
             self.state, self.covariance = predicted.corrected(stacked(rows))
+        self._jump_watch.keep(PlacedShape(self.state, frame.body_m, frame.body_covariance_m2), frame)
         self._turn_before = before.turn
         self._body_before_m = frame.body_m
         self._samples = frame.samples
         self._last_s = frame.t_s
-
-    def _positions_jump(self, predicted: Prediction, frame: Frame) -> bool:
-        """Return whether all positions of a frame are off alike, while nodes are in sight: their frame has moved."""
-        if not frame.positions:
-            return False
-        in_sight, self._seen_s = frame.t_s - self._seen_s < LOCATED_S, frame.t_s
-        return in_sight and self._model.positions_jump(predicted, frame)
 
     def _strays(self, t_s: float, found: Sequence[Slip]) -> bool:
         """Return whether the robot is further from where a foot or a reading held it last than it is long."""
@@ -333,8 +327,8 @@ class PoseFilter:
 
     @property
     def doubts_positions(self) -> bool:
-        """Whether many positions of the last second are left out, or all have jumped, see `positions_jump`."""
-        return self._position_trust.is_doubted or self._has_jumped
+        """Whether many positions of the last second are left out, or their frame has moved."""
+        return self._position_trust.is_doubted or self._jump_watch.has_jumped
 
     @property
     def centre_m(self) -> NDArray[np.float64]:

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from ...factors.ground import height_rows, rolled_on_floor_m
 from ...factors.imu import ImuArray
-from ...factors.position import common_misfit, position_rows
+from ...factors.position import position_rows
 from ...factors.range import outlying, range_rows
 from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
-from ...models.pose.position_gate import MOST_SIGMA
 from ...models.pose.robot import FreeStandingRobot
 from ...models.structure.rest_shape import RestShape
 from ...models.values.rotations import rotation_vector
@@ -132,15 +131,6 @@ class PoseModel:
         pairs, sigma_m = self._number_of_pair, self.settings.range_m
         left_out = outlying(predicted.placed, frame.ranges, pairs, predicted.covariance, sigma_m)
         return tuple(reading.pair[0] for reading in left_out)
-
-    def positions_jump(self, predicted: Prediction, frame: Frame) -> bool:
-        """Return whether all positions of a frame are off alike, so that their own frame has moved.
-
-        Feet that begin to slide move by `motion_m_per_s`, which footholds do not expect.
-        """
-        slides_m = self.settings.motion_m_per_s * frame.step_s
-        rows = self._position_rows(predicted.placed, frame)
-        return common_misfit(rows, predicted.covariance, slides_m) > MOST_SIGMA**2
 
     def _position_rows(self, placed: PlacedShape, frame: Frame) -> Rows:
         return position_rows(placed, frame.positions, frame.t_s, self.settings.position_m)

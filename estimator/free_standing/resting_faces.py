@@ -54,7 +54,7 @@ MOST_EVIDENCE = 6.0
 POSSIBLE = 0.003
 """Probability above which another face or edge is counted in the uncertainty."""
 HEIGHT_M = 0.01
-"""Standard deviation of a known difference in height under a hypothesis, by which the floor is not quite level."""
+"""Standard deviation of a known height under a hypothesis, by which the floor is not quite level."""
 LESS_QUIET_N = (0.1, 0.3)
 """Other standard deviations of the balance at a node without load, each as probable: sensors may be worse than told."""
 
@@ -203,15 +203,33 @@ class RestingFaces:
     ) -> NDArray[np.float64]:
         """Return (faces + edges,) the log evidence of pairs of nodes whose difference in height is known.
 
-        On an edge the structure may lean to either face by any angle.
-
         Args:
             node_position_m: (nodes, 3) the shape.
             pairs: (pairs, 2) of nodes.
             height_m: (pairs,) the height of the second node above the first.
         """
         between_m = node_position_m[pairs[:, 1]] - node_position_m[pairs[:, 0]]
-        expected_m = self.up(node_position_m)[: len(self._faces)] @ between_m.T
+        return self._of_heights(self.up(node_position_m)[: len(self._faces)] @ between_m.T, height_m)
+
+    def log_evidence_of_clearances(
+        self, node_position_m: NDArray[np.float64], nodes: NDArray[np.int64], clearance_m: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return (faces + edges,) the log evidence of nodes whose height above a node that stands is known.
+
+        Args:
+            node_position_m: (nodes, 3) the shape.
+            nodes: (known,) of them.
+            clearance_m: (known,) see `Floor.clearance_m`.
+        """
+        above_m = node_position_m[nodes] - node_position_m[self._faces[:, :1]]
+        up = self.up(node_position_m)[: len(self._faces)]
+        return self._of_heights(np.einsum("fi,fki->fk", up, above_m), clearance_m)
+
+    def _of_heights(self, expected_m: NDArray[np.float64], height_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (faces + edges,) the log evidence of (known,) heights, from (faces, known) those on each face.
+
+        On an edge the structure may lean to either face by any angle.
+        """
         leaning_m = expected_m[self._beside]
         least_m = np.concatenate([expected_m, leaning_m.min(axis=1)])
         most_m = np.concatenate([expected_m, leaning_m.max(axis=1)])

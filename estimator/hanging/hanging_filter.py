@@ -66,7 +66,7 @@ class HangingFilter(PoseFilter):
         self._anchor_m = robot.anchor_m
         self._structure = rest.structure
         self._rest = rest
-        self._rod_of_imu = np.array([imu.rod for imu in robot.imus], dtype=np.int64)
+        self._rods_of_imus = rest.structure.rods[[imu.rod for imu in robot.imus]]
         count = rest.structure.node_count
         mass_kg = rest.mechanics.node_mass_kg(rest.structure) if rest.mechanics else np.zeros(count)
         self._suspension = Suspension.of(rest.structure, mass_kg)
@@ -119,7 +119,7 @@ class HangingFilter(PoseFilter):
 
     def _spins_unseen(self) -> bool:
         """Return whether the inertial sensors in use, all on parallel rods, do not tell how a body on a ball spins."""
-        return self._suspension.is_ball and are_parallel(self._rod_of_imu[self._trust.is_used].tolist(), self._rest)
+        return self._suspension.is_ball and are_parallel(self._rods_of_imus[self._trust.is_used], self._rest)
 
     def _turn_is_measured(self) -> bool:
         """Return whether the inertial sensors in use tell all of how the structure is turned but its heading."""

@@ -188,6 +188,18 @@ def test_known_heights_tell_the_face(faces, balanced) -> None:
     assert (evidence < -5).sum() > 30
 
 
+def test_the_height_of_one_node_tells_which_faces_it_is_not(faces, balanced) -> None:
+    """By hand: one that stands is at the floor on the faces with it, and its own height above the base on that."""
+    base, nodes = int(np.argmax(faces.probability)), np.array([5])
+    x = balanced.node_position_m
+    at_floor = faces.log_evidence_of_clearances(x, nodes, np.zeros(1))
+    with_node = np.flatnonzero(faces._carried[:20, 5])
+    assert at_floor[with_node] == pytest.approx(0, abs=1e-6)
+    assert at_floor[base] < -5
+    above_m = x[5, 2] - x[:, 2].min()
+    assert faces.log_evidence_of_clearances(x, nodes, np.array([above_m]))[base] == pytest.approx(0, abs=1)
+
+
 def test_the_balance_says_what_forces_act(structure, balanced) -> None:
     """Two ways to the same: with a press, the gradient pulls the outer forces towards the pressing force."""
     load = np.zeros((12, 3))

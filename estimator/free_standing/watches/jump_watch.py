@@ -1,0 +1,60 @@
+"""Whether the frame of the positions has moved while nodes are in sight: all of them are off alike, all at once.
+
+A node in sight has the error e in this frame, by the pose that is expected, and had e' in the frame before, by the
+corrected pose. What is new is e - e': a pose that is wrong, as after a tip that no position told, is no jump. Nor is a
+node that appears where the pose does not expect it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....factors.position import common_misfit, position_rows
+from ....models.pose.placed import PlacedShape, Rows
+from ....models.pose.pose_settings import PoseSettings
+from ....models.pose.position_gate import MOST_SIGMA
+from ....models.values.aids import PositionReading
+from ..prediction import Frame, Prediction
+
+IN_SIGHT_S = 0.2
+"""Time for which a node is in sight after a position of it."""
+
+
+class JumpWatch:
+    """Compares the positions of nodes in sight, frame by frame."""
+
+    def __init__(self, settings: PoseSettings) -> None:
+        self._settings = settings
+        self._before: dict[int, tuple[float, NDArray[np.float64]]] = {}
+        self.has_jumped = False
+        """Whether it has moved ever: where it is now, no position tells."""
+
+    def observe(self, predicted: Prediction, frame: Frame) -> None:
+        """Judge the positions of a frame by what is expected of it.
+
+        Feet that begin to slide move by `motion_m_per_s`, which footholds do not expect.
+        """
+        in_sight = [reading for reading in frame.positions if self._is_in_sight(reading.node, frame.t_s)]
+        if not in_sight:
+            return
+        rows = self._rows(predicted.placed, in_sight, frame.t_s)
+        before_m = np.concatenate([self._before[reading.node][1] for reading in in_sight])
+        slides_m = self._settings.motion_m_per_s * frame.step_s
+        misfit = common_misfit(replace(rows, error=rows.error - before_m), predicted.covariance, slides_m)
+        self.has_jumped |= misfit > MOST_SIGMA**2
+
+    def keep(self, corrected: PlacedShape, frame: Frame) -> None:
+        """Keep the errors of the positions of a frame by the corrected pose."""
+        if not frame.positions:
+            return
+        error_m = self._rows(corrected, frame.positions, frame.t_s).error.reshape(-1, 3)
+        for reading, of_node in zip(frame.positions, error_m, strict=True):
+            self._before[reading.node] = (frame.t_s, of_node)
+
+    def _is_in_sight(self, node: int, t_s: float) -> bool:
+        return node in self._before and t_s - self._before[node][0] < IN_SIGHT_S
+
+    def _rows(self, placed: PlacedShape, readings: Sequence[PositionReading], t_s: float) -> Rows:
+        return position_rows(placed, readings, t_s, self._settings.position_m)
