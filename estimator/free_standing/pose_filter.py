@@ -26,7 +26,7 @@ from ...models.pose.robot import FreeStandingRobot
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from ...models.structure.rest_shape import RestShape
 from ...models.values.aids import AidReading, ImuReading, PositionReading
-from ...models.values.rotations import rotation
+from ...models.values.rotations import rotation, rotation_vector
 from ...models.values.slip import Slip
 from .contacts import ContactsByHeight, Standing
 from .footholds import Feet, let_slide, put_down
@@ -35,7 +35,7 @@ from .pose_model import Pose, PoseModel
 from .pose_smoother import PoseStep
 from .pose_start import covariance_at_rest, state_at_rest
 from .prediction import Frame, Prediction
-from .tipping import MISSED_RAD, has_landed, heading_missed, tipped, tipping
+from .tipping import MISSED_RAD, has_landed, heading_missed, misplaced, tipped, tipping
 from .watches.jump_watch import JumpWatch
 from .watches.rise_watch import RiseWatch, risen
 from .watches.slide_watch import SlideWatch
@@ -82,6 +82,8 @@ class PoseFilter:
         self._slide_watch = SlideWatch(self._model, len(self._standing))
         self._rise_watch = RiseWatch(self._imus, robot.floor, settings)
         self._stand_watch = StandWatch()
+        self._doubted_turn: NDArray[np.float64] | None = None
+        self._misled_rad = 0.0
         self._held_m = self.state.position_m
         self._size_m = 2 * float(np.linalg.norm(rest.node_position_m - self.centre_m, axis=1).max())
 
@@ -111,7 +113,14 @@ class PoseFilter:
         stood, self._standing = self._standing, standing.nodes
         kept, landed = standing.nodes & stood, standing.nodes & ~stood
         if stood.any() or not self._is_felt(frame):  # in the air the robot turns as the sensors say
+            before = predicted.placed.state.turn
             predicted, kept, landed = self._landed(predicted, standing, kept, landed)
+            if self._is_felt(frame) and not by_heights:  # the sensors have told another face
+                self._misled_rad = max(self._misled_rad, _angle(predicted.placed.state.turn, before))
+        if self._misled_rad and standing.nodes.any():
+            predicted = misplaced(predicted, self._misled_rad, self.floor, self._settings.cap_radius_m)
+            self._slide_watch.restart()
+            kept, landed, self._misled_rad = np.zeros_like(kept), standing.nodes, 0.0
         if frame.samples is not None:
             self._trust.observe(self._imus, predicted.placed, frame.samples, frame.t_s, frame.step_s)
         predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, kept)
@@ -286,9 +295,19 @@ class PoseFilter:
             return standing
         placed = PlacedShape(self.state, frame.body_m, frame.body_covariance_m2)
         of_state = self.covariance
-        return self._stand_watch.observe(
+        standing = self._stand_watch.observe(
             frame.t_s, frame.step_s, placed, of_state, self._floor, frame.samples, standing, flies=self._flies
         )
+        self._remember_doubted(is_doubted=standing.contradicted)
+        return standing
+
+    def _remember_doubted(self, *, is_doubted: bool) -> None:
+        """Keep the turn at which the robot cannot stand; when it can again, the way to there was wrong by the rest."""
+        if is_doubted and self._doubted_turn is None:
+            self._doubted_turn = self.state.turn
+        elif not is_doubted and self._doubted_turn is not None:
+            self._misled_rad = _angle(self.state.turn, self._doubted_turn)
+            self._doubted_turn = None
 
     def _watched_rise(self, frame: Frame) -> None:
         """Take the robot off the floor where inertial sensors say that it has risen from it."""
@@ -415,3 +434,8 @@ class PoseFilter:
     def _held_rows(self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float) -> list[Rows]:
         """Return the rows of what else holds the structure: nothing, if it stands free."""
         return []
+
+
+def _angle(turn: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Return the angle between two (3, 3) turns, in rad."""
+    return float(np.linalg.norm(rotation_vector(turn @ other.T)))

@@ -80,6 +80,27 @@ def tipped(
     return Prediction(after, F @ predicted.transition, F @ predicted.covariance @ F.T + G @ G.T, np.zeros(3))
 
 
+def misplaced(predicted: Prediction, misled_rad: float, floor: Floor, cap_radius_m: float) -> Prediction:
+    """Return the prediction of a body whose attitude was found to be wrong after it had tipped.
+
+    It has rolled another way than was told: heading and place are as uncertain as they would be after an unseen tip by
+    the angle of the error. Footholds tell nothing of it: the nodes that stand need new ones.
+
+    Args:
+        predicted: before.
+        misled_rad: the angle by which the attitude was wrong.
+        floor: the floor.
+        cap_radius_m: radius of the end caps.
+    """
+    placed = predicted.placed
+    at = placed.state.layout
+    height_m = float(floor.clearance_m(placed.state.position_m[None])[0]) + cap_radius_m
+    variance = np.zeros(at.size)
+    variance[at.turn] = (misled_rad * floor.normal) ** 2
+    variance[at.position] = (misled_rad * height_m) ** 2
+    return predicted.then(placed, np.eye(at.size), variance)
+
+
 def heading_jacobian(turn: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (3, 3), the derivative of the errors of a body's turn after a tip by those before it.
 

@@ -9,7 +9,13 @@ from poses import any_state
 from tensegraph.estimator.free_standing.contacts import Standing
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
 from tensegraph.estimator.free_standing.prediction import Prediction, heading_direction
-from tensegraph.estimator.free_standing.tipping import ANY_HEADING_RAD, LANDING_RAD_PER_RAD05, tipped, tipping
+from tensegraph.estimator.free_standing.tipping import (
+    ANY_HEADING_RAD,
+    LANDING_RAD_PER_RAD05,
+    misplaced,
+    tipped,
+    tipping,
+)
 from tensegraph.factors.ground import foothold_rows, height_rows
 from tensegraph.models.pose.placed import PlacedShape, stacked
 from tensegraph.models.pose.pose_settings import PoseSettings
@@ -60,6 +66,18 @@ def test_the_transition_of_a_tip_is_its_derivative(check_jacobian) -> None:
         step=1e-6,
         tolerance=2e-5,
     )
+
+
+def test_who_was_turned_wrongly_may_head_and_be_elsewhere() -> None:
+    """By hand: wrong by 0.5 rad with the centroid 0.1 m above the floor, 0.5 rad about the normal and 50 mm beside."""
+    state = replace(STATE, position_m=(0.01 + 0.1) * FLOOR.normal)
+    before = prediction(state)
+    after = misplaced(before, 0.5, FLOOR, cap_radius_m=0.0)
+    added = after.covariance - before.covariance
+    at = STATE.layout
+    assert added[at.turn, at.turn].diagonal() == pytest.approx((0.5 * FLOOR.normal) ** 2)
+    assert added[at.position, at.position].diagonal() == pytest.approx(0.05**2)
+    assert after.placed.state.position_m == pytest.approx(state.position_m)
 
 
 def test_the_direction_of_a_heading_is_the_derivative_of_a_turn(check_jacobian) -> None:
