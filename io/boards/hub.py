@@ -23,7 +23,7 @@ from .recorder import Recorder, RecorderThread
 
 WAITING_ROWS = 2000
 """Largest number of readings that wait for the estimator: 20 s of two boards at 50 Hz. Older ones are skipped."""
-ROWS_BEFORE_TRIAL = 20_000
+ROWS_BEFORE_TRIAL = 100_000
 """Largest number of readings that wait, while the sensors are tared, for the recording to begin."""
 STATE_S = 0.2
 """Time between two reports of the state of the ports."""

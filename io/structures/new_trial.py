@@ -12,12 +12,12 @@ from ...models.ready_structures import prism_tower, saddle_tower, six_strut
 from ...models.structure.rigidity import find_rest_shape
 from ...models.structure.structure import Structure
 from ...models.values.errors import InputError
-from ...models.values.tables import SMALLEST
-from ...models.values.units import LARGEST
 from ..whole import check_vacant, written_whole
 
 CHANNELS = 12
 """Channels of a board that are used, as in examples/firmware."""
+RODS_M = (0.001, 100.0)
+"""Shortest and longest rod of a start: its stiffness and masses are those of a robot for the hand."""
 SIDE_PER_ROD = 0.5
 """Side of the triangles over the rod of a prism, with which it is about as high as wide."""
 HEADS = {
@@ -55,8 +55,11 @@ class BuiltIn:
         """
         if self.stages is not None and self.name != "tower":
             raise InputError(f"--stages: only --new tower has stages, got --new {self.name}")
-        if not SMALLEST <= self.rod_length_m <= LARGEST["m"]:
-            raise InputError(f"--rod: expected a length above 0, at most {LARGEST['m']:g} m, got {self.rod_length_m:g}")
+        shortest_m, longest_m = RODS_M
+        if not shortest_m <= self.rod_length_m <= longest_m:
+            raise InputError(
+                f"--rod: expected {shortest_m:g} to {longest_m:g} m, got {self.rod_length_m:g}: is the unit right?"
+            )
         if self.name == "six-strut":
             structure = six_strut(self.rod_length_m)
             return structure, find_rest_shape(structure)

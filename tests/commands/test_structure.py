@@ -167,15 +167,13 @@ def test_a_new_structure_is_a_trial_and_a_rig(name: str, tendons: int, tmp_path:
         (["none.xml"], "tensegraph: none.xml: no such file"),
         ([], "tensegraph: expected a structure file, or --new with --rod, got neither"),
         (["--new", "prism"], "tensegraph: --rod: expected with --new"),
-        (["--new", "prism", "--rod", "-1"], "tensegraph: --rod: expected a length above 0, at most 10000 m, got -1"),
+        (["--new", "prism", "--rod", "-1"], "tensegraph: --rod: expected 0.001 to 100 m, got -1"),
+        (["--new", "prism", "--rod", "300"], "tensegraph: --rod: expected 0.001 to 100 m, got 300: is the unit right?"),
         (
             ["--new", "prism", "--rod", "0.3", "--stages", "5"],
             "tensegraph: --stages: only --new tower has stages, got --new prism",
         ),
-        (
-            ["--new", "six-strut", "--rod", "1e300"],
-            "tensegraph: --rod: expected a length above 0, at most 10000 m, got",
-        ),
+        (["--new", "six-strut", "--rod", "1e300"], "tensegraph: --rod: expected 0.001 to 100 m, got 1e+300"),
         (["bomb.yaml", "--stages", "3"], "tensegraph: --stages: only --new tower has stages, got bomb.yaml"),
         (["--new", "prism", "--rod", "0.3", "--unit", "0.1"], "tensegraph: --unit: expected none with --new"),
         (["--new", "prism", "--rod", "0.3", "--out", "a", "--out", "b"], "tensegraph: --out: expected one directory"),

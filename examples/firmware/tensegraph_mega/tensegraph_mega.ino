@@ -26,6 +26,8 @@ const uint8_t CHANNELS = 12;
 const uint32_t BAUD = 500000; // exact with a 16 MHz crystal; 115200 would be off by 2.1 %
 const uint16_t TIMER_TICKS = F_CPU / 64 / RATE_HZ;
 static_assert(TIMER_TICKS * 64UL * RATE_HZ == F_CPU, "RATE_HZ does not divide the timer's 250 kHz");
+const uint32_t CONVERSION_US = 112; // 13 clocks of the ADC at 125 kHz, and the call
+static_assert(CHANNELS * (SETTLE_US + 2 * CONVERSION_US) * RATE_HZ < 1000000, "a row takes longer than its period: choose a lower RATE_HZ or SETTLE_US");
 
 volatile bool due = false;
 volatile uint16_t ticks = 0;
