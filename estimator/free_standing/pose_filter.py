@@ -191,12 +191,17 @@ class PoseFilter:
             pose, used = self._pose, self._trust.is_used
             predicted, before = watch.observe(predicted, frame, pose, kept, landed, used)
         else:
-            predicted = watch.told(predicted, sliding, frame.t_s)
+            predicted = watch.told(predicted, frame, self._pose, sliding)
         feet = self._model.feet(predicted, kept)
-        found = watch.slips(predicted, feet, frame.t_s)
+        stop = watch.stop_rows(predicted.placed.state)
+        if stop:  # how far it slid is told by where it has stopped
+            stopped = predicted.given(stacked(stop))
+            found = watch.slips(stopped, self._model.feet(stopped, kept), frame.t_s)
+        else:
+            found = watch.slips(predicted, feet, frame.t_s)
         slipped = np.isin(np.arange(len(kept)), [slip.node for slip in found])
         predicted = put_down(predicted, landed | slipped, self._floor, self._settings.floor_m)
-        self._correct(predicted, before, frame, feet.among(~slipped & ~watch.slides))
+        self._correct(predicted, before, frame, feet.among(~slipped & ~watch.slides), stop)
         return predicted, found
 
     def _landed(
@@ -221,7 +226,9 @@ class PoseFilter:
             predicted = let_slide(predicted, self._body_before_m, standing.nodes, kept, self._floor, self._settings)
         return predicted, kept, landed
 
-    def _correct(self, predicted: Prediction, before: PoseState, frame: Frame, held: Feet) -> None:
+    def _correct(
+        self, predicted: Prediction, before: PoseState, frame: Frame, held: Feet, stop: Sequence[Rows]
+    ) -> None:
         """Correct the state by the rows of all aids, and keep of the frame what the next one needs.
 
         Args:
@@ -229,8 +236,10 @@ class PoseFilter:
             before: the state in the frame before.
             frame: the frame.
             held: the nodes that footholds hold.
+            stop: see `SlideWatch.stop_rows`.
         """
         rows = self._model.rows(predicted, frame, self._standing, self._trust.is_used, held)
+        rows += stop
         rows += self._held_rows(predicted.placed, predicted.covariance, frame.step_s)
         if self._is_blind(frame):
             self.state, self.covariance = predicted.corrected_blindly(stacked(rows), self._floor)

@@ -83,10 +83,7 @@ class PoseModel:
         """Return the prediction corrected by positions alone, by which contacts are told before the floor holds it."""
         if not frame.positions:
             return predicted
-        placed = predicted.placed
-        state, covariance = predicted.corrected(self._position_rows(placed, frame))
-        placed = PlacedShape(state, placed.body_m, placed.body_covariance_m2)
-        return Prediction(placed, predicted.transition, covariance, predicted.turned)
+        return predicted.given(self._position_rows(predicted.placed, frame))
 
     def rows(
         self,

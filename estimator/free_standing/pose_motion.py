@@ -30,6 +30,11 @@ from ...models.values.rotations import cross_matrix, rotation
 
 EYE = np.eye(3)
 TINY = 1e-9
+SHOCK_M_PER_S2 = 20.0
+"""Difference of a specific force from gravity, 2 g, above which feet strike the floor: no hand moves a robot so."""
+SHOCK_SHARE = 0.5
+"""Noise of the specific force in proportion to what exceeds it: a shock is shorter than the time between two samples,
+and larger than many a sensor's range."""
 LEAST_TOLD = 0.2
 """Least eigenvalue of sum (1 - d d^T), from which sensors on rods of different directions tell every turn."""
 
@@ -201,7 +206,9 @@ class PoseMotion:
 def force_sigma_m_per_s2(excess_m_per_s2: NDArray[np.float64], settings: PoseSettings) -> float:
     """Return the noise of the mean specific force of some sensors, from (sensors,) their differences from gravity."""
     white = settings.force_m_per_s2 / np.sqrt(len(excess_m_per_s2))
-    return float(white + settings.force_share * excess_m_per_s2.mean())
+    in_motion = settings.force_share * excess_m_per_s2
+    in_shock = SHOCK_SHARE * np.maximum(excess_m_per_s2 - SHOCK_M_PER_S2, 0.0)
+    return float(white + (in_motion + in_shock).mean())
 
 
 def _side_by_side(blocks: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -86,6 +86,12 @@ class Prediction:
         K[considered] = 0.0
         return self.placed.state.moved(K @ rows.error), 0.5 * (covariance + covariance.T)
 
+    def given(self, rows: Rows) -> "Prediction":
+        """Return what is expected where some of the rows of the frame are known."""
+        state, covariance = self.corrected(rows)
+        placed = PlacedShape(state, self.placed.body_m, self.placed.body_covariance_m2)
+        return Prediction(placed, self.transition, covariance, self.turned)
+
     def corrected_blindly(self, rows: Rows, floor: Floor) -> tuple[PoseState, NDArray[np.float64]]:
         """Return the same for rows that no turn of all about the floor's normal changes: those of floor and footholds.
 

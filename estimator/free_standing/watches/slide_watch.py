@@ -6,6 +6,9 @@ error e of a foothold and the covariance S of it, the node slides if e^T S^-1 e 
 copy over, and the node has no foothold until it is slow: with the velocity v, of covariance S_v,
 
     v^T v < s^2 + tr S_v
+
+or until it has stopped: friction brakes whatever slides, so that a robot which stands has no velocity where inertial
+sensors feel for `STOPPED_S` that nothing brakes it. After a blow, which they do not measure, v may be wrong by far.
 """
 
 from dataclasses import dataclass
@@ -13,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ....models.pose.placed import PlacedShape, stacked
+from ....models.pose.placed import PlacedShape, Rows, stacked
 from ....models.pose.pose_state import PoseState
 from ....models.structure.floor import Floor
 from ....models.values.rotations import cross, cross_matrix
@@ -30,6 +33,15 @@ WITH_IT_SIGMA = 2.0
 """Distance from its foothold, in standard deviations, from which a node slides too when another one does."""
 REST_M_PER_S = 0.05
 """Speed s below which a foot that slid stands again: friction stops it within a frame or two."""
+
+BRAKES_M_PER_S2 = 0.5
+"""Acceleration along the floor of a robot that slides: friction brakes it by several m/s^2."""
+STILL_RAD_PER_S = 0.1
+"""Rate below which a robot may have stopped."""
+STOPPED_S = 0.2
+"""Time after which a robot that nothing brakes has stopped, and does not slide on."""
+STOPPED_M_PER_S = 0.01
+"""Standard deviation of its velocity then, per axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +60,7 @@ class SlideWatch:
         self._model = model
         self._unheld: UnheldPose | None = None
         self._slid = np.zeros(nodes, dtype=np.bool_)
+        self._unbraked_s = 0.0
         self.since_s = np.full(nodes, np.inf)
         """(nodes,) since when each node that slides has done so at the earliest; inf where it does not."""
 
@@ -65,10 +78,11 @@ class SlideWatch:
         self.since_s = np.full(len(self.since_s), np.inf)
         self._unheld = None
 
-    def told(self, predicted: Prediction, sliding: NDArray[np.bool_], t_s: float) -> Prediction:
+    def told(self, predicted: Prediction, frame: Frame, before: Pose, sliding: NDArray[np.bool_]) -> Prediction:
         """Take it as known which (nodes,) slide, and return what is then expected of the frame."""
         self._slid = self.slides
-        self.since_s = np.where(sliding, t_s, np.inf)
+        self._feel(predicted, frame, before)
+        self.since_s = np.where(sliding, frame.t_s, np.inf)
         return _lost(predicted) if (self.slides & ~self._slid).any() else predicted
 
     def observe(
@@ -91,9 +105,10 @@ class SlideWatch:
             used_imus: (imus,) which inertial sensors are used.
         """
         self._slid = self.slides
+        self._feel(predicted, frame, before)
         model, floor = self._model, self._model.floor
         if self._slid.any():
-            rests = at_rest(predicted.placed, predicted.covariance, floor)
+            rests = at_rest(predicted.placed, predicted.covariance, floor) | self._has_stopped
             self.since_s = np.where(kept & ~rests, self.since_s, np.inf)
         if (self._slid & ~self.slides).any():  # their new footholds are those of the next watch
             self._unheld = None
@@ -116,6 +131,27 @@ class SlideWatch:
         state, covariance = free.corrected(stacked(model.rows(free, frame, stands, used_imus, None)))
         self._unheld = UnheldPose(unheld.since_s, Pose(state, covariance, unheld.pose.state.turn))
         return predicted, before.state
+
+    def stop_rows(self, state: PoseState) -> list[Rows]:
+        """Return rows by which a robot that slid, and has stopped, has no velocity; none while it slides or stands."""
+        if not (self._has_stopped and self._slid.any()):
+            return []
+        jacobian = np.zeros((3, state.layout.size))
+        jacobian[:, state.layout.velocity] = np.eye(3)
+        return [Rows(-state.velocity_m_per_s, jacobian, np.full(3, STOPPED_M_PER_S**2))]
+
+    @property
+    def _has_stopped(self) -> bool:
+        return self._unbraked_s > STOPPED_S
+
+    def _feel(self, predicted: Prediction, frame: Frame, before: Pose) -> None:
+        """Learn for how long inertial sensors have felt that nothing brakes the robot."""
+        state = predicted.placed.state
+        gained_m_per_s = self._model.floor.axes @ (state.velocity_m_per_s - before.state.velocity_m_per_s)
+        is_braked = float(np.linalg.norm(gained_m_per_s)) > BRAKES_M_PER_S2 * frame.step_s
+        turns = float(np.linalg.norm(state.rate_rad_per_s)) > STILL_RAD_PER_S
+        is_felt = frame.samples is not None and bool(frame.samples.count.any())
+        self._unbraked_s = self._unbraked_s + frame.step_s if is_felt and not (is_braked or turns) else 0.0
 
     def slips(self, predicted: Prediction, kept_feet: Feet, t_s: float) -> list[Slip]:
         """Return the slips of nodes that stand: those found at once, and the slides that have ended.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from poses import any_state
-from tensegraph.estimator.free_standing.pose_motion import PoseMotion
+from tensegraph.estimator.free_standing.pose_motion import PoseMotion, force_sigma_m_per_s2
 from tensegraph.factors.imu import ImuArray
 from tensegraph.models.pose.imu_samples import ImuSamples
 from tensegraph.models.pose.pose_settings import PoseSettings
@@ -84,3 +84,10 @@ def test_the_noise_is_a_covariance(misalignment_rad) -> None:
     noise = motion.after(state, STEP_S, samples, (BODY_M, BODY_M)).noise
     assert noise == pytest.approx(noise.T)
     assert np.linalg.eigvalsh(noise).min() > -1e-12
+
+
+def test_a_shock_is_hardly_measured() -> None:
+    """By hand, two sensors 10 and 30 m/s^2 off gravity: 0.1 / sqrt(2) + 0.1 x 20, and half of 10 in one of two."""
+    settings = PoseSettings()
+    in_motion = 0.1 / np.sqrt(2) + 0.1 * 20
+    assert force_sigma_m_per_s2(np.array([10.0, 30.0]), settings) == pytest.approx(in_motion + 0.5 * 10 / 2)

@@ -97,3 +97,23 @@ def test_how_far_feet_have_turned() -> None:
     shifted = Rows(np.array([0, 0.001, 0, 0.001]), rows.jacobian, rows.variance)
     assert turned_sigma(Feet(np.array([1, 2]), shifted), predicted, floor) == pytest.approx(0)
     assert turned_sigma(Feet(np.array([1]), rows), predicted, floor) == 0
+
+
+def test_a_robot_that_nothing_brakes_has_stopped(balanced) -> None:
+    """After a blow, which sensors do not measure, it seems to slide at half a metre per second; they feel no friction.
+
+    Where it has stopped is then told by how much the velocity was wrong: 0.1 m behind, for 0.2 s.
+    """
+    poses, x = robot_with_two_sensors(balanced), balanced.node_position_m
+    for k in range(60):
+        poses.step(0.02 * k, x, SHAPE_M2, samples_of_two(0.02 * k, 9.81 * UP))
+    at = poses.state.layout
+    poses.state = replace(poses.state, velocity_m_per_s=np.array([0.5, 0.0, 0.0]))
+    poses.covariance[at.velocity, at.velocity] += 0.1**2 * np.eye(3)
+    poses._slide_watch.since_s = np.where(poses.standing.nodes, 1.18, np.inf)
+    for k in range(60, 80):
+        step = poses.step(0.02 * k, x, SHAPE_M2, samples_of_two(0.02 * k, 9.81 * UP))
+    assert np.linalg.norm(step.state.velocity_m_per_s) < 0.02
+    assert step.state.position_m == pytest.approx(poses.centre_m, abs=0.03)
+    assert not np.isfinite(step.slides_since_s).any()
+    assert not step.contradicted_imus.any()
