@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.pose.imu_samples import ImuPreintegration, ImuSamples
-from ...models.pose.placed import PlacedShape, Rows, stacked
+from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.pose.position_trust import PositionTrust
@@ -232,10 +232,7 @@ class PoseFilter:
         """
         rows = self._model.rows(predicted, frame, self._standing, self._trust.is_used, held)
         rows += self._held_rows(predicted.placed, predicted.covariance, frame.step_s)
-        if self._is_blind(frame):
-            self.state, self.covariance = predicted.corrected_blindly(stacked(rows), self._floor)
-        else:
-            self.state, self.covariance = predicted.corrected(stacked(rows))
+        self.state, self.covariance = self._model.corrected(predicted, frame, rows)
         self._jump_watch.keep(PlacedShape(self.state, frame.body_m, frame.body_covariance_m2), frame)
         self._turn_before = before.turn
         self._body_before_m = frame.body_m
@@ -249,11 +246,6 @@ class PoseFilter:
             self._held_m = self.state.position_m
         way_m = [float(np.linalg.norm(self.state.position_m - self._held_m)), *(slip.distance_m for slip in found)]
         return max(way_m) > self._size_m and not is_located
-
-    def _is_blind(self, frame: Frame) -> bool:
-        """Return whether the floor alone tells where the robot is, and so nothing where it heads."""
-        is_told = frame.samples is not None or bool(frame.aids) or frame.t_s < self._rest_until_s
-        return not is_told and bool(self._standing.any())
 
     def _contacts_of(self, predicted: Prediction, frame: Frame, standing: Standing | None) -> Standing:
         """Return which nodes stand, as told or by heights."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ....models.pose.placed import PlacedShape, stacked
+from ....models.pose.placed import PlacedShape
 from ....models.pose.pose_state import PoseState
 from ....models.structure.floor import Floor
 from ....models.values.rotations import cross, cross_matrix
@@ -113,7 +113,7 @@ class SlideWatch:
             self.since_s[[slip.node for slip in slide]] = unheld.since_s
             self._unheld = None
             return _lost(free), unheld.pose.state
-        state, covariance = free.corrected(stacked(model.rows(free, frame, stands, used_imus, None)))
+        state, covariance = model.corrected(free, frame, model.rows(free, frame, stands, used_imus, None))
         self._unheld = UnheldPose(unheld.since_s, Pose(state, covariance, unheld.pose.state.turn))
         return predicted, before.state
 
