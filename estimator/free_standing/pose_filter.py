@@ -74,6 +74,7 @@ class PoseFilter:
         self._body_before_m = rest.node_position_m - self.centre_m
         self._last_s = np.nan
         self._located_s = -np.inf
+        self._read_s = np.full(len(rest.node_position_m), -np.inf)
         self._trust = ImuTrust(self._imus.count, robot.rest_until_s, settings)
         self._position_trust = PositionTrust(rest, robot.rest_until_s, settings.position_m)
         self._jump_watch = JumpWatch(settings)
@@ -280,10 +281,15 @@ class PoseFilter:
         return frame.samples is not None and bool(frame.samples.count.any())
 
     def _watched_stand(self, frame: Frame, standing: Standing) -> Standing:
-        """Return which nodes stand, and whether they can carry the robot, where no positions tell its pose."""
+        """Return which nodes stand, and whether they can carry the robot, where positions do not tell its attitude.
+
+        Those of two nodes do, or of more; that of one does not.
+        """
         if not self._standing.any():
             standing = self._contacts.lift()
-        if frame.samples is None or frame.positions or frame.t_s < self._rest_until_s:
+        self._read_s[[reading.node for reading in frame.positions]] = frame.t_s
+        is_seen = np.sum(frame.t_s - self._read_s < LOCATED_S) > 1
+        if frame.samples is None or is_seen or frame.t_s < self._rest_until_s:
             return standing
         placed = PlacedShape(self.state, frame.body_m, frame.body_covariance_m2)
         of_state = self.covariance
