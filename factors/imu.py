@@ -110,7 +110,10 @@ class ImuArray:
         return Rows(error.ravel(), jacobian, repeats * variance.ravel() + 1e-6)
 
     def gravity_rows(self, state: PoseState, samples: ImuSamples, settings: PoseSettings) -> Rows:
-        """Return three rows for each sensor that moves slowly: its specific force is against gravity."""
+        """Return three rows for each sensor that moves slowly: its specific force is against gravity.
+
+        They are linearised where it is, so that they say nothing of a turn about the vertical.
+        """
         at = state.layout
         excess = samples.excess_m_per_s2
         rate = np.linalg.norm(samples.rate_rad_per_s - state.rate_bias_rad_per_s, axis=1)
@@ -121,7 +124,8 @@ class ImuArray:
         force = np.einsum("iab,ib->ia", turn, samples.specific_force_m_per_s2[slow] - state.force_bias_m_per_s2[slow])
         rows = np.arange(3 * len(slow)).reshape(-1, 3)
         jacobian = np.zeros((rows.size, at.size))
-        put_blocks(jacobian, rows, at.of_imus(at.imu_turn)[slow], -cross_matrix(force))
+        by_turn = np.broadcast_to(-cross_matrix(GRAVITY_M_PER_S2 * UP), (len(slow), 3, 3))
+        put_blocks(jacobian, rows, at.of_imus(at.imu_turn)[slow], by_turn)
         put_blocks(jacobian, rows, at.of_imus(at.force_bias)[slow], -turn)
         error = GRAVITY_M_PER_S2 * UP - force
         return Rows(error.ravel(), jacobian, np.repeat(sigma[slow] ** 2, 3))

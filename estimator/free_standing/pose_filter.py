@@ -74,6 +74,7 @@ class PoseFilter:
         self._body_before_m = rest.node_position_m - self.centre_m
         self._last_s = np.nan
         self._located_s = -np.inf
+        self._read_s = np.full(len(rest.node_position_m), -np.inf)
         self._trust = ImuTrust(self._imus.count, robot.rest_until_s, settings)
         self._position_trust = PositionTrust(rest, robot.rest_until_s, settings.position_m)
         self._jump_watch = JumpWatch(settings)
@@ -241,10 +242,7 @@ class PoseFilter:
         rows = self._model.rows(predicted, frame, self._standing, self._trust.is_used, held)
         rows += stop
         rows += self._held_rows(predicted.placed, predicted.covariance, frame.step_s)
-        if self._is_blind(frame):
-            self.state, self.covariance = predicted.corrected_blindly(stacked(rows), self._floor)
-        else:
-            self.state, self.covariance = predicted.corrected(stacked(rows))
+        self.state, self.covariance = self._model.corrected(predicted, frame, rows)
         self._jump_watch.keep(PlacedShape(self.state, frame.body_m, frame.body_covariance_m2), frame)
         self._turn_before = before.turn
         self._body_before_m = frame.body_m
@@ -258,11 +256,6 @@ class PoseFilter:
             self._held_m = self.state.position_m
         way_m = [float(np.linalg.norm(self.state.position_m - self._held_m)), *(slip.distance_m for slip in found)]
         return max(way_m) > self._size_m and not is_located
-
-    def _is_blind(self, frame: Frame) -> bool:
-        """Return whether the floor alone tells where the robot is, and so nothing where it heads."""
-        is_told = frame.samples is not None or bool(frame.aids) or frame.t_s < self._rest_until_s
-        return not is_told and bool(self._standing.any())
 
     def _contacts_of(self, predicted: Prediction, frame: Frame, standing: Standing | None) -> Standing:
         """Return which nodes stand, as told or by heights."""
@@ -297,10 +290,15 @@ class PoseFilter:
         return frame.samples is not None and bool(frame.samples.count.any())
 
     def _watched_stand(self, frame: Frame, standing: Standing) -> Standing:
-        """Return which nodes stand, and whether they can carry the robot, where no positions tell its pose."""
+        """Return which nodes stand, and whether they can carry the robot, where positions do not tell its attitude.
+
+        Those of two nodes do, or of more; that of one does not.
+        """
         if not self._standing.any():
             standing = self._contacts.lift()
-        if frame.samples is None or frame.positions or frame.t_s < self._rest_until_s:
+        self._read_s[[reading.node for reading in frame.positions]] = frame.t_s
+        is_seen = np.sum(frame.t_s - self._read_s < LOCATED_S) > 1
+        if frame.samples is None or is_seen or frame.t_s < self._rest_until_s:
             return standing
         placed = PlacedShape(self.state, frame.body_m, frame.body_covariance_m2)
         of_state = self.covariance

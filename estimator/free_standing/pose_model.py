@@ -4,6 +4,7 @@ These are the equations of `PoseFilter`, without its state: a copy beside it tha
 `watches.slide_watch`, follows the same.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from ...factors.ground import height_rows, rolled_on_floor_m
 from ...factors.imu import ImuArray
 from ...factors.position import position_rows
 from ...factors.range import outlying, range_rows
-from ...models.pose.placed import PlacedShape, Rows
+from ...models.pose.placed import PlacedShape, Rows, stacked
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import FreeStandingRobot
@@ -22,7 +23,7 @@ from ...models.values.rotations import rotation_vector
 from .footholds import Feet, walk_variance_m2
 from .pose_motion import PoseMotion
 from .pose_start import rest_rows
-from .prediction import Frame, Prediction
+from .prediction import Frame, Prediction, following_heading, without_heading
 
 BELOW_M = 0.001
 """Depth below the floor at which a node that does not stand is lifted to it."""
@@ -72,7 +73,8 @@ class PoseModel:
         turned_before, turned = rotation_vector(turns)
         rolled_m = rolled_on_floor_m(turned_before, self.floor, settings.cap_radius_m)
         moved = replace(motion.state, foothold_m=state.foothold_m + np.where(stands[:, None], rolled_m, 0.0))
-        F = motion.transition
+        falls_s = frame.step_s if frame.samples is not None and frame.samples.count.any() else 0.0
+        F = following_heading(motion.transition, state, moved, self.floor, falls_s)
         covariance = F @ before.covariance @ F.T + motion.noise
         turning = float(np.linalg.norm(turned))
         here = np.arange(at.foothold.start, at.foothold.stop)
@@ -110,6 +112,9 @@ class PoseModel:
             rows.append(held.rows.lasting(repeats))
         if frame.samples is not None:
             rows.append(self.imus.direction_rows(placed, repeats, np.flatnonzero(used_imus)))
+        if self.is_blind(frame):
+            rows = [without_heading(part, placed.state, floor) for part in rows]
+        if frame.samples is not None:
             rows.append(self.imus.gravity_rows(placed.state, frame.samples, settings))
         if frame.positions:
             rows.append(self._position_rows(placed, frame))
@@ -118,6 +123,18 @@ class PoseModel:
         if frame.t_s < self.rest_until_s:
             rows.append(rest_rows(placed.state, self.centre_m))
         return rows
+
+    def is_blind(self, frame: Frame) -> bool:
+        """Return whether nothing in a frame tells where the robot heads, but for gravity on a slope."""
+        return not (frame.positions or frame.ranges or frame.t_s < self.rest_until_s)
+
+    def corrected(
+        self, predicted: Prediction, frame: Frame, rows: Sequence[Rows]
+    ) -> tuple[PoseState, NDArray[np.float64]]:
+        """Return the state and (size, size) its covariance after the correction by the rows of a frame."""
+        if self.is_blind(frame):
+            return predicted.corrected_blindly(stacked(rows), self.floor)
+        return predicted.corrected(stacked(rows))
 
     def feet(self, predicted: Prediction, nodes: NDArray[np.bool_]) -> Feet:
         """Return (nodes,) some nodes that have stood since the frame before, with what their footholds say."""

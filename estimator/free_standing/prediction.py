@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ...models.pose.imu_samples import ImuSamples
 from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_state import PoseState
-from ...models.structure.floor import Floor
+from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from ...models.values.aids import AidReading, PositionReading, RangeReading
 from ...models.values.rotations import cross
 
@@ -93,31 +93,75 @@ class Prediction:
         return Prediction(placed, self.transition, covariance, self.turned)
 
     def corrected_blindly(self, rows: Rows, floor: Floor) -> tuple[PoseState, NDArray[np.float64]]:
-        """Return the same for rows that no turn of all about the floor's normal changes: those of floor and footholds.
+        """Return the same for rows that say nothing of the heading, see `without_heading`.
 
-        With the direction N of such a turn in the errors of the state, H N = 0. Linearised where the state is wrong by
-        some degrees it is not, so that the heading would seem to become known, the more so the longer the structure
-        rests. H loses what it says of N, and P follows N to the corrected state (Huang et al. 2010, observability):
+        With the direction N of a turn of all about the floor's normal n, P follows N to N' at the corrected state:
 
-            H <- H - H N n^T,     P <- J P J^T,     J = 1 + (N' - N) n^T
+            P <- J P J^T,     J = 1 + (N' - N) n^T
         """
         before = self.placed.state
-        H = rows.jacobian.copy()
-        turn = before.layout.turn
-        N = heading_direction(before, floor)
-        H[:, turn] -= np.outer(H @ N, floor.normal)
-        state, covariance = self.corrected(Rows(rows.error, H, rows.variance))
+        state, covariance = self.corrected(rows)
         J = np.eye(len(covariance))
-        J[:, turn] += np.outer(heading_direction(state, floor) - N, floor.normal)
+        moved = heading_direction(state, floor) - heading_direction(before, floor)
+        J[:, before.layout.turn] += np.outer(moved, floor.tilted(before.floor_tilt).normal)
         return state, J @ covariance @ J.T
 
 
-def heading_direction(state: PoseState, floor: Floor) -> NDArray[np.float64]:
-    """Return (size,) N, the derivative of the state's errors by a turn of robot and footholds about the normal.
+def without_heading(rows: Rows, state: PoseState, floor: Floor) -> Rows:
+    """Return rows that no turn of all about the floor's normal changes without what they seem to say of it.
 
-    N = (n, n x p, n x w, n x v, E (n x c), ...): the turn is about the origin of the world.
+    Those of floor, footholds and rods are such rows. With the direction N of such a turn in the errors of the state,
+    H N = 0. Linearised where the state is wrong by some degrees it is not, so that the heading would seem to become
+    known, the more so the longer the structure rests (Huang et al. 2010, observability):
+
+        H <- H - H N n^T
     """
-    at, n = state.layout, floor.normal
+    H = rows.jacobian.copy()
+    H[:, state.layout.turn] -= np.outer(H @ heading_direction(state, floor), floor.tilted(state.floor_tilt).normal)
+    return Rows(rows.error, H, rows.variance)
+
+
+def following_heading(
+    F: NDArray[np.float64], before: PoseState, after: PoseState, floor: Floor, falls_s: float
+) -> NDArray[np.float64]:
+    """Return (size, size) the transition F of a time step, by which a turn of all before it is one after it.
+
+    A turn of all about the floor's normal n turns the motion as well, but not gravity, so that with its directions N
+    and N' before and after the step of dt
+
+        F N = N' + (0, dt / 2 a, 0, a, 0, ...),     a = g dt n x z
+
+    where the velocity is integrated from specific forces, which are measured in axes that turn; elsewhere a = 0.
+    Linearised at each state for itself, F N is another, and rows that tell the motion would tell the heading as well:
+    that of a robot that may head anywhere seemed known to some degrees after a tip.
+
+        F <- F - (F N - N' - ...) n^T
+
+    Args:
+        F: (size, size) as linearised.
+        before: the state before the step.
+        after: the state after it.
+        floor: the floor as told.
+        falls_s: dt where specific forces tell the velocity; 0 elsewhere.
+    """
+    at, n = before.layout, floor.tilted(before.floor_tilt).normal
+    fallen = GRAVITY_M_PER_S2 * falls_s * cross(n, UP)
+    miss = F @ heading_direction(before, floor) - heading_direction(after, floor)
+    miss[at.velocity] -= fallen
+    miss[at.position] -= 0.5 * falls_s * fallen
+    F = F.copy()
+    F[:, at.turn] -= np.outer(miss, n)
+    return F
+
+
+def heading_direction(state: PoseState, floor: Floor) -> NDArray[np.float64]:
+    """Return (size,) N, the derivative of the state's errors by a turn of all about the floor's normal, as estimated.
+
+    Robot, footholds and sensors turn: N = (n, n x p, n x w, n x v, E (n x c), n for each sensor, 0, ...), with c on the
+    floor. The turn is about the origin of the world.
+    """
+    at, tilted = state.layout, floor.tilted(state.floor_tilt)
+    n = tilted.normal
     N = np.zeros(at.size)
     N[at.turn] = n
     for part, vector in (
@@ -126,5 +170,8 @@ def heading_direction(state: PoseState, floor: Floor) -> NDArray[np.float64]:
         (at.velocity, state.velocity_m_per_s),
     ):
         N[part] = cross(n, vector)
-    N[at.foothold] = (cross(n, state.foothold_m @ floor.axes) @ floor.axes.T).ravel()
+    foothold_m = state.foothold_m @ floor.axes
+    on_floor_m = foothold_m - np.outer(tilted.clearance_m(foothold_m) / (floor.normal @ n), floor.normal)
+    N[at.foothold] = (cross(n, on_floor_m) @ floor.axes.T).ravel()
+    N[at.imu_turn] = np.tile(n, len(state.imu_turn))
     return N

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ...models.balance.support import Support, standing, weightless
 from ...models.estimation import BranchSettings
+from ...models.pose.large_turn import heading_pivot_m, turned_covariance_m2
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import UP, Floor
@@ -60,8 +61,8 @@ def in_world(
     stands = step.standing
     placed = PlacedShape(state, shape.node_position_m - rest.node_position_m.mean(axis=0), shape.covariance_m2)
     x = placed.node_position_m
-    total = placed.total_covariance_m2(covariance)
     tilted = floor.tilted(state.floor_tilt)
+    total = turned_covariance_m2(placed, covariance, heading_pivot_m(state, covariance, tilted.normal))
     for probability, nodes in stands.others:
         away_m = (_standing_on(x, nodes, stands, tilted) - x).ravel()
         total += probability * np.outer(away_m, away_m)

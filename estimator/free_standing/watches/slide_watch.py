@@ -16,14 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ....models.pose.placed import PlacedShape, Rows, stacked
+from ....models.pose.placed import PlacedShape, Rows
 from ....models.pose.pose_state import PoseState
 from ....models.structure.floor import Floor
 from ....models.values.rotations import cross, cross_matrix
 from ....models.values.slip import Slip
 from ..footholds import Feet, put_down, slips, turned_sigma
 from ..pose_model import Pose, PoseModel
-from ..prediction import Frame, Prediction
+from ..prediction import Frame, Prediction, without_heading
 
 WATCH_S = 0.3
 """Time after which the copy starts again: over a longer one, inertial sensors do not tell a slide of millimetres."""
@@ -128,7 +128,7 @@ class SlideWatch:
             self.since_s[[slip.node for slip in slide]] = unheld.since_s
             self._unheld = None
             return _lost(free), unheld.pose.state
-        state, covariance = free.corrected(stacked(model.rows(free, frame, stands, used_imus, None)))
+        state, covariance = model.corrected(free, frame, model.rows(free, frame, stands, used_imus, None))
         self._unheld = UnheldPose(unheld.since_s, Pose(state, covariance, unheld.pose.state.turn))
         return predicted, before.state
 
@@ -138,7 +138,8 @@ class SlideWatch:
             return []
         jacobian = np.zeros((3, state.layout.size))
         jacobian[:, state.layout.velocity] = np.eye(3)
-        return [Rows(-state.velocity_m_per_s, jacobian, np.full(3, STOPPED_M_PER_S**2))]
+        rows = Rows(-state.velocity_m_per_s, jacobian, np.full(3, STOPPED_M_PER_S**2))
+        return [without_heading(rows, state, self._model.floor)]
 
     @property
     def _has_stopped(self) -> bool:

@@ -7,7 +7,8 @@ import pytest
 
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
 from tensegraph.estimator.free_standing.pose_smoother import smoothed
-from tensegraph.estimator.free_standing.tipping import tipping
+from tensegraph.estimator.free_standing.prediction import heading_direction
+from tensegraph.estimator.free_standing.tipping import ANY_HEADING_RAD, tipping
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.pose.robot import FreeStandingRobot
 from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
@@ -196,6 +197,30 @@ def test_a_sensor_that_was_silent_is_taken_on_again_where_it_rests(balanced, rob
     for state, covariance in smoothed(steps):
         assert np.isfinite(state.imu_turn).all()
         assert np.linalg.eigvalsh(covariance).min() > -1e-9
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_inertial_sensors_on_a_level_floor_do_not_find_a_heading_that_is_lost(balanced, robot, silent: bool) -> None:
+    """Both shake for two seconds, or are silent for as long: neither they nor the floor know of the vertical's turn."""
+    rods, rng = (0, 2), np.random.default_rng(3)
+    robot = replace(robot, imus=tuple(Imu(rod, 0.5, np.array([0.0, 0.0, 1.0])) for rod in rods))
+    poses, x = PoseFilter(balanced, robot, PoseSettings()), balanced.node_position_m
+    a, b = balanced.structure.rods[list(rods)].T
+    mounted = np.array([attitude(along / np.linalg.norm(along)) for along in x[b] - x[a]])
+    for k in range(130):
+        if k == 30:
+            N = heading_direction(poses.state, robot.floor)
+            poses.covariance = poses.covariance + ANY_HEADING_RAD**2 * np.outer(N, N)
+        shakes = 0.05 * (k > 30)
+        aids = [
+            ImuReading(i, 0.02 * k, shakes * rng.normal(size=3), mounted[i].T @ (GRAVITY_M_PER_S2 * UP))
+            for i in range(2)
+            if not silent or k < 30
+        ]
+        shape_m = x + 0.02 * shakes * rng.normal(size=x.shape)
+        step = poses.step(0.02 * k, shape_m, 1e-6 * np.eye(36), aids)
+    turn = step.covariance[step.state.layout.turn, step.state.layout.turn]
+    assert np.sqrt(UP @ turn @ UP) == pytest.approx(ANY_HEADING_RAD, rel=0.01)
 
 
 @pytest.mark.parametrize(("comes_at", "used"), [(100, [True, True]), (1000, [True, False])])

@@ -8,7 +8,7 @@ import pytest
 from poses import any_state
 from tensegraph.estimator.free_standing.contacts import Standing
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
-from tensegraph.estimator.free_standing.prediction import Prediction, heading_direction
+from tensegraph.estimator.free_standing.prediction import Prediction, heading_direction, without_heading
 from tensegraph.estimator.free_standing.tipping import (
     ANY_HEADING_RAD,
     LANDING_RAD_PER_RAD05,
@@ -139,7 +139,7 @@ def test_what_the_floor_tells_says_nothing_of_the_heading() -> None:
     heading = np.zeros(SIZE)
     heading[STATE.layout.turn] = FLOOR.normal
     _, told = before.corrected(rows)
-    _, untold = before.corrected_blindly(rows, FLOOR)
+    _, untold = before.corrected_blindly(without_heading(rows, placed.state, FLOOR), FLOOR)
     assert heading @ told @ heading < 0.1
     assert heading @ untold @ heading == pytest.approx(1.0, abs=1e-5)
 

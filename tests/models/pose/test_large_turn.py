@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from poses import any_state
-from tensegraph.models.pose.large_turn import turned_covariance_m2
+from tensegraph.models.pose.large_turn import heading_pivot_m, turned_covariance_m2
 from tensegraph.models.pose.placed import PlacedShape
+from tensegraph.models.structure.floor import UP
 from tensegraph.models.structure.shape import node_blocks
 from tensegraph.models.values.rotations import rotation
 
@@ -43,3 +44,20 @@ def test_a_heading_that_is_lost_has_the_moments_of_samples(sigma_rad: float) -> 
         arm = PLACED.node_position_m[node] - PIVOT_M
         away = turns @ arm - arm
         assert turned[node] == pytest.approx(away.T @ away / len(away) + 1e-6 * np.eye(3), abs=2e-3)
+
+
+def test_who_may_head_anywhere_may_have_gone_the_other_way() -> None:
+    """By hand: of the way D, E (1 - cos)^2 D^2 = 3/2 D^2 along it and 1/2 D^2 across. The linear variance is 0 along.
+
+    Where it began is uncertain by a tenth of a metre besides.
+    """
+    way_m, any_rad2 = np.array([1.0, 0.0, 0.0]), 30.0**2
+    by_heading = np.concatenate([UP, np.cross(UP, way_m)])
+    covariance = np.zeros((SIZE, SIZE))
+    covariance[:6, :6] = any_rad2 * np.outer(by_heading, by_heading)
+    covariance[3:6, 3:6] += 0.1**2 * np.eye(3)
+    pivot_m = heading_pivot_m(STATE, covariance, UP)
+    assert pivot_m == pytest.approx(STATE.position_m - way_m, abs=1e-9)
+    centre = PlacedShape(STATE, np.zeros((1, 3)), np.zeros((3, 3)))
+    total = turned_covariance_m2(centre, covariance, pivot_m)
+    assert total == pytest.approx(np.diag([1.51, 0.51, 0.01]), abs=1e-6)
