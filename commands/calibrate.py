@@ -14,6 +14,7 @@ from ..io.model_file import read_sensor_model, write_sensor_model
 from ..io.reports.model_card import CalibrationReport
 from ..io.reports.terminal import Terminal
 from ..models.calibration.recipe import Trained, TrainingSettings
+from ..models.values.errors import InputError
 from ..scoring.sensor_calibration import HoldOut, TrainingData, report_of, training_data
 from .many import Many, Workers
 
@@ -141,4 +142,8 @@ def _write(
             write_sweep_figure(losses, learning_rate, inside.figures / "sweep.png")
         inside.card.write_text(report.card(), encoding="utf-8")
         write_sensor_model(report.model(), inside.model)
-        read_sensor_model(inside.model)  # a model that no command would take is not written
+        try:
+            read_sensor_model(inside.model)
+        except InputError as error:
+            reason = str(error).removeprefix(f"{inside.model}: ")
+            raise InputError(f"the recordings give a model that no command would take: {reason}") from error

@@ -58,8 +58,12 @@ def correlation_samples(residual: NDArray[np.float64]) -> float:
 def autocorrelation_of(residual: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (lags,) the autocorrelation at lags of 0, 1, ... samples.
 
-    It is taken about zero, not about the mean, because a constant error is correlated, too.
+    It is taken about zero, not about the mean, because a constant error is correlated, too. Of a series of zeros it is
+    that of noise: 1 at lag 0, and 0 elsewhere.
     """
-    padded = np.fft.rfft(residual, 2 * len(residual))
+    largest = np.abs(residual).max()
+    if largest == 0:
+        return np.asarray(np.arange(len(residual)) == 0, dtype=np.float64)
+    padded = np.fft.rfft(residual / largest, 2 * len(residual))
     power = np.fft.irfft(np.abs(padded) ** 2)[: len(residual)]
     return np.asarray(power / power[0])
