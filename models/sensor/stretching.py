@@ -41,6 +41,15 @@ PRESS_RATE_S = 0.1
 PRESS_SHARE = 0.5
 """Part of SWING_S^2 v^2 that a press with the rate v leaves above 3.5 Hz, at most: the filters pass the beginning and
 the end of a ramp of 0.1 s with half of that. At 50 frames a second it takes half to a third of a swing at 5 to 8 Hz."""
+SLOW_SWING_S = 0.1
+"""Time constant of the high-pass filters, and of the smoothing before the rate, that tell slower swings from presses.
+The filters pass a swing of angular frequency w with the part w^2 T^2 / (1 + w^2 T^2), its rate keeps the part
+1 / sqrt(1 + w^2 T^2), so that the mean square above them is `SLOW_SHARE` T^2 v^2 or more where
+w^2 T^2 >= SLOW_SHARE / (1 - SLOW_SHARE)."""
+SLOW_SHARE = 0.35
+"""Part of T^2 v^2 that makes a slow swing: above 1.2 Hz. Sensors are then 0.1 s late, and show half of the swing or
+less. In trials with presses, hugs, wind and slack tendons the third of the sensors that swing most stays below
+4.3 times the least mean square; swung by hand at 1 to 4 Hz it is 100 to 300 times that."""
 ONSET_S = 0.15
 """Time for which sensors swing at least in a robot that is shaken; the rate of a press is known after that time."""
 STRAIN_RATE_S = 0.2
@@ -146,6 +155,41 @@ class Extrapolation:
         return 1 + self._ratio, np.hypot(STRETCHING_LAG_S * self._excess, strain_beyond), beyond
 
 
+class _HighPass:
+    """The mean square of each sensor's strain above a frequency, and the least one so far, which is noise."""
+
+    def __init__(self, sensors: int, time_constant_s: float) -> None:
+        self._time_constant_s = time_constant_s
+        self._low = np.full((2, sensors), np.nan)
+        self.mean_square = np.zeros(sensors)
+        self.least = np.full(sensors, np.inf)
+
+    def restart(self, chosen: NDArray[np.bool_]) -> None:
+        """Start the (sensors,) chosen ones anew from their next strain."""
+        self._low[:, chosen] = np.nan
+
+    def step(
+        self, strain: NDArray[np.float64], mean_weight: NDArray[np.float64], settled: NDArray[np.bool_], step_s: float
+    ) -> None:
+        """Take one more strain of each sensor, with the weight that it has in the mean.
+
+        Args:
+            strain: (sensors,)
+            mean_weight: (sensors,) 0 for sensors without a reading.
+            settled: (sensors,) whose filters have settled.
+            step_s: time step.
+        """
+        high = strain
+        weight = low_pass_weight(step_s, self._time_constant_s)
+        for k in range(2):
+            low = self._low[k]
+            self._low[k] = np.where(np.isnan(low), high, low + weight * (high - low))
+            high = high - self._low[k]
+        self.mean_square += mean_weight * (high**2 - self.mean_square)
+        floor = np.maximum(np.minimum(self.least, self.mean_square), LEAST_SWING**2)
+        self.least = np.where(settled, floor, self.least)
+
+
 class FastSwing:
     """The standard deviation of strain due to swings that are too fast for the sensors.
 
@@ -155,13 +199,12 @@ class FastSwing:
     sigma^2 = SWING_LOSS^2 (s + m).
 
     The robot is shaken when more than `FAULTY` sensors swing for certain: by more than noise, and by more than a press
-    of their rate leaves above 3.5 Hz.
+    of their rate leaves above 3.5 Hz, or above the lower frequency of `SLOW_SWING_S`.
     """
 
     def __init__(self, sensors: int) -> None:
-        self._low = np.full((2, sensors), np.nan)
-        self._mean_square = np.zeros(sensors)
-        self._least = np.full(sensors, np.inf)
+        self._fast = _HighPass(sensors, SWING_S)
+        self._slow = _HighPass(sensors, SLOW_SWING_S)
         self._swing = np.zeros(sensors)
         self._seconds = np.zeros(sensors)
         self._rate = SmoothedRate(sensors, PRESS_RATE_S)
@@ -180,31 +223,30 @@ class FastSwing:
             fresh: (sensors,) which have one after a gap; these start anew.
             step_s: time step.
         """
-        self._low[:, fresh] = np.nan
+        self._fast.restart(fresh)
+        self._slow.restart(fresh)
         self._seconds[fresh] = 0.0
         self._rate.restart(fresh)
         self._mean_square_rate[fresh] = 0.0
-        high = strain
-        weight = low_pass_weight(step_s, SWING_S)
-        for k in range(2):
-            low = self._low[k]
-            self._low[k] = np.where(np.isnan(low), high, low + weight * (high - low))
-            high = high - self._low[k]
         mean_weight = np.where(seen, low_pass_weight(step_s, SWING_MEAN_S), 0.0)
-        self._mean_square += mean_weight * (high**2 - self._mean_square)
-        self._mean_square_rate += mean_weight * (self._rate.step(strain, step_s) ** 2 - self._mean_square_rate)
         self._seconds += np.where(seen, step_s, 0.0)
         settled = seen & (self._seconds >= SWING_START_S)
-        floor = np.maximum(np.minimum(self._least, self._mean_square), LEAST_SWING**2)
-        self._least = np.where(settled, floor, self._least)
-        press = PRESS_SHARE * SWING_S**2 * self._mean_square_rate
-        certain = settled & (self._mean_square - press > CERTAIN_SWING * self._least)
+        self._fast.step(strain, mean_weight, settled, step_s)
+        self._slow.step(strain, mean_weight, settled, step_s)
+        self._mean_square_rate += mean_weight * (self._rate.step(strain, step_s) ** 2 - self._mean_square_rate)
+        certain = self._is_certain(self._fast, PRESS_SHARE * SWING_S**2)
+        certain |= self._is_certain(self._slow, SLOW_SHARE * SLOW_SWING_S**2)
+        certain &= settled
         self._shaken_s = self._shaken_s + step_s if certain.sum() > FAULTY else 0.0
         self._since_shaken_s = 0.0 if self._shaken_s > ONSET_S else self._since_shaken_s + step_s
-        excess = np.where(settled, np.maximum(self._mean_square - 4 * self._least, 0), 0.0)
+        excess = np.where(settled, np.maximum(self._fast.mean_square - 4 * self._fast.least, 0), 0.0)
         swing = self._swing = np.maximum(excess, self._swing * np.exp(-(step_s / SWING_MEMORY_S)))
         common = np.sort(swing)[: max(len(swing) - FAULTY, 1)].mean()
         return np.asarray(SWING_LOSS * np.sqrt(swing + common))
+
+    def _is_certain(self, band: _HighPass, press_s2: float) -> NDArray[np.bool_]:
+        """Return (sensors,) which swing in a band by more than noise and a press, which leaves press_s2 times v^2."""
+        return np.asarray(band.mean_square - press_s2 * self._mean_square_rate > CERTAIN_SWING * band.least)
 
     @property
     def robot_is_shaken(self) -> bool:

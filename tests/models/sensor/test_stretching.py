@@ -131,6 +131,17 @@ class TestFastSwing:
         noise = 0.0003 * np.random.default_rng(seed).standard_normal((len(t_s), 12))
         assert not shaken_in(FastSwing(12), pressed[:, None] + noise).any()
 
+    @pytest.mark.parametrize(("frequency_hz", "is_shaken"), [(0.5, False), (1.0, False), (2.0, True), (3.0, True)])
+    def test_a_hand_that_swings_a_node_is_shaking_above_1_2_hz(self, frequency_hz: float, is_shaken: bool) -> None:
+        """Three of twelve sensors swing by 0.01, slower than sensors follow or not."""
+        rng = np.random.default_rng(13)
+        t_s = np.arange(0, 6, 0.02)
+        strain = 0.0003 * rng.standard_normal((len(t_s), 12))
+        strain[:, :3] += 0.01 * ((t_s > 2) * np.sin(2 * np.pi * frequency_hz * (t_s - 2)))[:, None]
+        shaken = shaken_in(FastSwing(12), strain)
+        assert not shaken[t_s <= 2].any()
+        assert shaken[t_s > 3].all() == shaken.any() == is_shaken
+
     def test_a_jump_over_a_gap_hides_no_shaking(self) -> None:
         """Strain is 0.2 higher after a gap; a second later shaking is seen within half a second."""
         rng = np.random.default_rng(12)
