@@ -232,6 +232,7 @@ class Pipeline:
             frame_step_s=1 / settings.frames.rate_hz,
             references=references,
             board=trial.board_of_tendon,
+            is_held=trial.structure.is_held,
         )
 
     def estimate(self, readings: Iterable[Reading], method: str = "batch") -> Iterator[Shape]:

@@ -100,6 +100,8 @@ class FrontEnd:
         frame_step_s: float,
         references: ReferenceTendons,
         board: NDArray[np.int64] | None = None,
+        *,
+        is_held: bool = True,
     ) -> None:
         count = len(natural_length_m)
         self._model = model
@@ -124,7 +126,7 @@ class FrontEnd:
         self._warm_s = np.full(count, np.nan)
         self._warm_sigma = np.full(count, settings.warm_up_sigma)
         self._strain_spread = np.zeros(count)
-        self._swing = FastSwing(count)
+        self._swing = FastSwing(count, is_held=is_held)
         self._lag_free = LagFree(count)
         self._last_s = np.nan
 

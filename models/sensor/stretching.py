@@ -199,10 +199,12 @@ class FastSwing:
     sigma^2 = SWING_LOSS^2 (s + m).
 
     The robot is shaken when more than `FAULTY` sensors swing for certain: by more than noise, and by more than a press
-    of their rate leaves above 3.5 Hz, or above the lower frequency of `SLOW_SWING_S`.
+    of their rate leaves above 3.5 Hz, or, of a structure that anchors hold, above the lower frequency of
+    `SLOW_SWING_S`: one that rolls swings its sensors as slowly.
     """
 
-    def __init__(self, sensors: int) -> None:
+    def __init__(self, sensors: int, *, is_held: bool = True) -> None:
+        self._is_held = is_held
         self._fast = _HighPass(sensors, SWING_S)
         self._slow = _HighPass(sensors, SLOW_SWING_S)
         self._swing = np.zeros(sensors)
@@ -235,7 +237,7 @@ class FastSwing:
         self._slow.step(strain, mean_weight, settled, step_s)
         self._mean_square_rate += mean_weight * (self._rate.step(strain, step_s) ** 2 - self._mean_square_rate)
         certain = self._is_certain(self._fast, PRESS_SHARE * SWING_S**2)
-        certain |= self._is_certain(self._slow, SLOW_SHARE * SLOW_SWING_S**2)
+        certain |= self._is_held & self._is_certain(self._slow, SLOW_SHARE * SLOW_SWING_S**2)
         certain &= settled
         self._shaken_s = self._shaken_s + step_s if certain.sum() > FAULTY else 0.0
         self._since_shaken_s = 0.0 if self._shaken_s > ONSET_S else self._since_shaken_s + step_s
