@@ -448,8 +448,13 @@ class MeasuredAttitude:
 
 
 def clearances(aids: Sequence[AidReading], floor: Floor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return (known,) nodes with measured positions, and (known,) their heights above a node that stands."""
+    """Return (known,) nodes with measured positions, and (known,) their heights above a node that stands.
+
+    There are none where the floor's normal is estimated: far from the start, its height is wrong by decimetres.
+    """
     measured = {reading.node: reading.position_m for reading in aids if isinstance(reading, PositionReading)}
+    if floor.normal_sigma_rad > 0:
+        measured = {}
     return np.array(list(measured), dtype=np.int64), floor.clearance_m(np.array(list(measured.values())).reshape(-1, 3))
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tensegraph.estimator.free_standing.estimators import MeasuredAttitude, are_parallel
+from tensegraph.estimator.free_standing.estimators import MeasuredAttitude, are_parallel, clearances
+from tensegraph.models.structure.floor import UP, Floor
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.values.aids import PositionReading
 from tensegraph.models.values.readings import TendonLengths
@@ -22,3 +23,11 @@ def test_positions_of_two_nodes_do_not_tell_the_turn_about_their_line(rest: Rest
     attitude = MeasuredAttitude()
     assert attitude.observe(seen(nodes), np.zeros(0, dtype=np.bool_)) == (len(nodes) > 1)
     assert are_parallel(attitude.located_pairs, rest) == on_one_line
+
+
+@pytest.mark.parametrize(("normal_sigma_rad", "nodes"), [(0.0, [3, 8]), (0.1, [])])
+def test_heights_are_known_above_a_floor_that_is_told_exactly(normal_sigma_rad: float, nodes) -> None:
+    """By hand: two nodes at the origin, of which one that stands would be 10 mm high."""
+    known, clearance_m = clearances(seen([3, 8]).aids, Floor(0.01, UP, normal_sigma_rad))
+    assert known.tolist() == nodes
+    np.testing.assert_allclose(clearance_m, [-0.01] * len(nodes))
