@@ -452,9 +452,8 @@ def clearances(aids: Sequence[AidReading], floor: Floor) -> tuple[NDArray[np.int
 
     There are none where the floor's normal is estimated: far from the start, its height is wrong by decimetres.
     """
-    measured = {reading.node: reading.position_m for reading in aids if isinstance(reading, PositionReading)}
-    if floor.normal_sigma_rad > 0:
-        measured = {}
+    positions = [] if floor.tilt_count else [reading for reading in aids if isinstance(reading, PositionReading)]
+    measured = {reading.node: reading.position_m for reading in positions}
     return np.array(list(measured), dtype=np.int64), floor.clearance_m(np.array(list(measured.values())).reshape(-1, 3))
 
 

@@ -113,10 +113,10 @@ class PoseFilter:
         standing = self._contacts_of(predicted, frame, standing)
         stood, self._standing = self._standing, standing.nodes
         kept, landed = standing.nodes & stood, standing.nodes & ~stood
-        if stood.any() or not self._is_felt(frame):  # in the air the robot turns as the sensors say
+        if stood.any() or not frame.is_felt:  # in the air the robot turns as the sensors say
             before = predicted.placed.state.turn
             predicted, kept, landed = self._landed(predicted, standing, kept, landed)
-            if self._is_felt(frame) and not by_heights:  # the sensors have told another face
+            if frame.is_felt and not by_heights:  # the sensors have told another face
                 self._misled_rad = max(self._misled_rad, _angle(predicted.placed.state.turn, before))
         if self._misled_rad and standing.nodes.any():
             predicted = misplaced(predicted, self._misled_rad, self.floor, self._settings.cap_radius_m)
@@ -240,8 +240,7 @@ class PoseFilter:
             stop: see `SlideWatch.stop_rows`.
         """
         rows = self._model.rows(predicted, frame, self._standing, self._trust.is_used, held)
-        rows += stop
-        rows += self._held_rows(predicted.placed, predicted.covariance, frame.step_s)
+        rows += [*stop, *self._held_rows(predicted.placed, predicted.covariance, frame.step_s)]
         self.state, self.covariance = self._model.corrected(predicted, frame, rows)
         self._jump_watch.keep(PlacedShape(self.state, frame.body_m, frame.body_covariance_m2), frame)
         self._turn_before = before.turn
@@ -279,15 +278,11 @@ class PoseFilter:
 
     def _is_weightless(self, predicted: Prediction, frame: Frame) -> bool:
         """Return whether inertial sensors feel that nothing carries the robot: it bounces, or falls."""
-        if not self._is_felt(frame) or frame.t_s < self._rest_until_s:
+        if not frame.is_felt or frame.t_s < self._rest_until_s:
             return False
         gained = predicted.placed.state.velocity_m_per_s - self.state.velocity_m_per_s
         force_m_per_s2 = gained / frame.step_s + GRAVITY_M_PER_S2 * UP
         return float(force_m_per_s2 @ self.floor.normal) < LEAST_CARRIED * GRAVITY_M_PER_S2
-
-    def _is_felt(self, frame: Frame) -> bool:
-        """Return whether an inertial sensor tells how the robot moves in a frame."""
-        return frame.samples is not None and bool(frame.samples.count.any())
 
     def _watched_stand(self, frame: Frame, standing: Standing) -> Standing:
         """Return which nodes stand, and whether they can carry the robot, where positions do not tell its attitude.

@@ -73,7 +73,7 @@ class PoseModel:
         turned_before, turned = rotation_vector(turns)
         rolled_m = rolled_on_floor_m(turned_before, self.floor, settings.cap_radius_m)
         moved = replace(motion.state, foothold_m=state.foothold_m + np.where(stands[:, None], rolled_m, 0.0))
-        falls_s = frame.step_s if frame.samples is not None and frame.samples.count.any() else 0.0
+        falls_s = frame.step_s if frame.is_felt else 0.0
         F = following_heading(motion.transition, state, moved, self.floor, falls_s)
         covariance = F @ before.covariance @ F.T + motion.noise
         turning = float(np.linalg.norm(turned))
@@ -112,7 +112,7 @@ class PoseModel:
             rows.append(held.rows.lasting(repeats))
         if frame.samples is not None:
             rows.append(self.imus.direction_rows(placed, repeats, np.flatnonzero(used_imus)))
-        if self.is_blind(frame):
+        if self._is_blind(frame):
             rows = [without_heading(part, placed.state, floor) for part in rows]
         if frame.samples is not None:
             rows.append(self.imus.gravity_rows(placed.state, frame.samples, settings))
@@ -124,15 +124,11 @@ class PoseModel:
             rows.append(rest_rows(placed.state, self.centre_m))
         return rows
 
-    def is_blind(self, frame: Frame) -> bool:
-        """Return whether nothing in a frame tells where the robot heads, but for gravity on a slope."""
-        return not (frame.positions or frame.ranges or frame.t_s < self.rest_until_s)
-
     def corrected(
         self, predicted: Prediction, frame: Frame, rows: Sequence[Rows]
     ) -> tuple[PoseState, NDArray[np.float64]]:
         """Return the state and (size, size) its covariance after the correction by the rows of a frame."""
-        if self.is_blind(frame):
+        if self._is_blind(frame):
             return predicted.corrected_blindly(stacked(rows), self.floor)
         return predicted.corrected(stacked(rows))
 
@@ -145,6 +141,10 @@ class PoseModel:
         pairs, sigma_m = self._number_of_pair, self.settings.range_m
         left_out = outlying(predicted.placed, frame.ranges, pairs, predicted.covariance, sigma_m)
         return tuple(reading.pair[0] for reading in left_out)
+
+    def _is_blind(self, frame: Frame) -> bool:
+        """Return whether nothing in a frame tells where the robot heads, but for gravity on a slope."""
+        return not (frame.positions or frame.ranges or frame.t_s < self.rest_until_s)
 
     def _position_rows(self, placed: PlacedShape, frame: Frame) -> Rows:
         return position_rows(placed, frame.positions, frame.t_s, self.settings.position_m)

@@ -34,6 +34,11 @@ class Frame:
     """Of the inertial sensors; None without such sensors."""
 
     @property
+    def is_felt(self) -> bool:
+        """Whether an inertial sensor tells how the robot moves."""
+        return self.samples is not None and bool(self.samples.count.any())
+
+    @property
     def positions(self) -> list[PositionReading]:
         """Those of the aids that are positions of nodes."""
         return [reading for reading in self.aids if isinstance(reading, PositionReading)]

@@ -151,8 +151,7 @@ class SlideWatch:
         gained_m_per_s = self._model.floor.axes @ (state.velocity_m_per_s - before.state.velocity_m_per_s)
         is_braked = float(np.linalg.norm(gained_m_per_s)) > BRAKES_M_PER_S2 * frame.step_s
         turns = float(np.linalg.norm(state.rate_rad_per_s)) > STILL_RAD_PER_S
-        is_felt = frame.samples is not None and bool(frame.samples.count.any())
-        self._unbraked_s = self._unbraked_s + frame.step_s if is_felt and not (is_braked or turns) else 0.0
+        self._unbraked_s = self._unbraked_s + frame.step_s if frame.is_felt and not (is_braked or turns) else 0.0
 
     def slips(self, predicted: Prediction, kept_feet: Feet, t_s: float) -> list[Slip]:
         """Return the slips of nodes that stand: those found at once, and the slides that have ended.
