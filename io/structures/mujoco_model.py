@@ -96,10 +96,10 @@ def _copies(element: ElementTree.Element) -> float:
 
 
 def _check_extent(found: MujocoModel) -> None:
-    """Raise InputError for a part that is further from the origin than any laboratory is wide."""
+    """Raise InputError for a part that is further from the origin than any laboratory is wide, or nowhere."""
     for kind, position_m in (("body", found.data.xpos), ("site", found.data.site_xpos)):
         distance_m = np.abs(position_m).max(axis=1, initial=0.0)
-        if (distance_m > LARGEST["m"]).any():
+        if not (distance_m <= LARGEST["m"]).all():  # an infinite axis of a joint makes nan
             name = found.name(kind, int(np.argmax(distance_m)))
             raise InputError(
                 f"{found.path}: {name}: expected to be within {LARGEST['m']:g} m of the origin, "

@@ -155,6 +155,11 @@ MALFORMED = {
     "robot.xml: MuJoCo cannot read it": XML.replace("</tendon>", ""),
     "robot.xml: MuJoCo warns of it: XML contains a 'NaN'": XML.replace('pos="0.3 0 0"', 'pos="0.3 NaN 0"'),
     "robot.xml: site 'n2': expected to be within 10000 m": XML.replace('pos="0 0 0.3"', 'pos="0 1.7e308 0"'),
+    "robot.xml: body 'rod': expected to be within 10000 m of the origin, got nan": XML.replace(
+        "<freejoint/>",
+        '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 -inf"/><joint type="slide" axis="0 0 1"/>'
+        '<joint type="ball"/>',
+    ),
     "robot.xml: expected at most 500 copies of a part, got 1e+06": XML.replace(
         "<worldbody>",
         '<worldbody><replicate count="1000" offset="0 0 1"><replicate count="1000" offset="1 0 0">'
