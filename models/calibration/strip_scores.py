@@ -64,7 +64,12 @@ def by_speed(runs: Sequence[StripRun]) -> dict[str, list[StripRun]]:
 
 
 def error_autocorrelation(run: StripRun, longest_s: float = 60.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (lags,) lags in seconds, and (lags,) the autocorrelation of a run's error at these lags."""
+    """Return (lags,) lags in seconds, and (lags,) the autocorrelation of a run's error at these lags.
+
+    Of a run of one sample only the lag 0 is known.
+    """
+    if len(run.t_s) < 2:
+        return np.zeros(1), np.ones(1)
     step_s = float(np.median(np.diff(run.t_s)))
     even_s = np.arange(run.t_s[0], run.t_s[-1], step_s)
     correlation = autocorrelation_of(np.interp(even_s, run.t_s, run.error))

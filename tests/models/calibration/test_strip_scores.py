@@ -33,6 +33,9 @@ class TestScores:
             error[k] = np.exp(-0.05) * error[k - 1] + rng.standard_normal()
         assert correlation_time_s(a_run(error)) == pytest.approx(2.0, rel=0.15)
 
+    def test_an_error_of_one_sample_correlates_with_itself_alone(self) -> None:
+        assert correlation_time_s(a_run(np.array([0.01]))) == 0
+
     def test_groups_go_by_speed(self) -> None:
         runs = [a_run([0.0, 1.0], name="x"), a_run([0.0, 1.0], speed=0.2), a_run([0.0, 1.0], speed=0.0501)]
         assert list(by_speed(runs)) == ["speed 0.05 /s", "speed 0.2 /s", "irregular motion"]
