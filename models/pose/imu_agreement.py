@@ -8,6 +8,10 @@ a quiet moment on, with the direction u = f / |f| against gravity then, and the 
 is its turn, and its velocity, which stays that of a robot. In the next quiet moment R f / |f| = u again. Another unit
 or scale of the force contradicts the first; another sign, unit, scale, handedness or order of the axes of either
 contradicts the others, unless it turns about the vertical alone.
+
+A bias that changes turns R slowly. It is told by the same turn since the sensor has been quiet without a break, which
+no shock disturbs: after t seconds, from 4 (2 (b_f / g)^2 / t^2 + b_w^2)^(1/2) on. A quiet sensor may begin to turn, and
+f is a mean, which lags; there R^T u is a mean of the same memory.
 """
 
 import numpy as np
@@ -38,6 +42,52 @@ def has_size_of_gravity(size_m_per_s2: NDArray[np.float64]) -> NDArray[np.bool_]
     return np.asarray(np.abs(size_m_per_s2 - GRAVITY_M_PER_S2) < MOST_SCALE * GRAVITY_M_PER_S2)
 
 
+class _TurnSince:
+    """How sensors have turned since a quiet moment of each, and the direction against gravity then."""
+
+    def __init__(self, imus: int, settings: PoseSettings) -> None:
+        self._settings = settings
+        self.up = np.full((imus, 3), np.nan)
+        """(imus, 3) u, in the axes of then; nan before the first such moment."""
+        self.turn = np.tile(np.eye(3), (imus, 1, 1))
+        """(imus, 3, 3) R"""
+        self.turned_rad = np.zeros(imus)
+        """(imus,) s, the angles by which it has turned, added up."""
+        self.lasted_s = np.zeros(imus)
+        """(imus,) t"""
+
+    def start(self, imus: NDArray[np.bool_], up: NDArray[np.float64]) -> None:
+        """Start (imus,) some sensors anew, with (imus, 3) directions against gravity."""
+        self.up[imus] = up[imus]
+        self.turn[imus] = np.eye(3)
+        self.turned_rad[imus] = self.lasted_s[imus] = 0.0
+
+    def move(self, angle_rad: NDArray[np.float64], step_s: float) -> None:
+        """Turn the sensors by (imus, 3) angles in their axes."""
+        self.turn = self.turn @ rotation(angle_rad)
+        self.turned_rad += np.linalg.norm(angle_rad, axis=1)
+        self.lasted_s += step_s
+
+    @property
+    def expected_up(self) -> NDArray[np.float64]:
+        """(imus, 3) R^T u, the direction against gravity in the axes of now."""
+        return np.asarray(np.einsum("iab,ia->ib", self.turn, self.up))
+
+    def is_apart(
+        self, expected_up: NDArray[np.float64], up: NDArray[np.float64], least_rad: float
+    ) -> NDArray[np.bool_]:
+        """Return (imus,) which directions against gravity, (imus, 3), are not those that are expected.
+
+        sigma^2 = 2 (b_f / g)^2 + (b_w t)^2 + (s phi)^2
+        """
+        s = self._settings
+        cosine = np.einsum("ia,ia->i", expected_up, up) / np.linalg.norm(expected_up, axis=1)
+        by_rates = (s.rate_bias_rad_per_s * self.lasted_s) ** 2 + (s.rate_scale * self.turned_rad) ** 2
+        variance = 2 * (s.force_bias_m_per_s2 / GRAVITY_M_PER_S2) ** 2 + by_rates
+        limit_rad = np.maximum(CONTRADICTS_SIGMA * np.sqrt(variance), least_rad)
+        return np.asarray(np.arccos(np.clip(cosine, -1, 1)) > limit_rad)
+
+
 class ImuAgreement:
     """Follows the agreement of each sensor, frame by frame."""
 
@@ -53,12 +103,11 @@ class ImuAgreement:
         self._bias = np.zeros((imus, 3))
         self._force = np.full((imus, 3), np.nan)
         self._steady_s = np.zeros(imus)
-        self._up = np.full((imus, 3), np.nan)
-        self._turn = np.tile(np.eye(3), (imus, 1, 1))
+        self._since_quiet = _TurnSince(imus, settings)
+        self._while_quiet = _TurnSince(imus, settings)
+        self._expected_up = np.full((imus, 3), np.nan)
         self._velocity = np.zeros((imus, 3))
         self._shock = np.zeros(imus)
-        self._turned_rad = np.zeros(imus)
-        self._moved_s = np.zeros(imus)
 
     def observe(
         self, t_s: float, rate: NDArray[np.float64], force: NDArray[np.float64], is_heard: NDArray[np.bool_]
@@ -84,12 +133,21 @@ class ImuAgreement:
         self._move((rate - self._bias) * step_s, np.where(is_heard[:, None], force, self._force), step_s)
         up = self._force / np.maximum(size, LEAST_M_PER_S2)[:, None]
         is_quiet &= self.has_size
-        self.moves_as_told = self.moves_as_told & ~self._is_too_fast() & ~(is_quiet & self._is_apart(up))
-        self._start(is_quiet, up)
+        self._expected_up += low_pass_weight(step_s, QUIET_S) * (self._while_quiet.expected_up - self._expected_up)
+        is_apart = self._since_quiet.is_apart(self._since_quiet.expected_up, up, LEAST_APART_RAD)
+        is_apart |= self._while_quiet.is_apart(self._expected_up, up, 0.0)
+        self.moves_as_told = self.moves_as_told & ~self._is_too_fast() & ~(is_quiet & is_apart)
+        self._since_quiet.start(is_quiet, up)
+        self._velocity[is_quiet] = 0.0
+        self._shock[is_quiet] = 0.0
+        begins = is_quiet & np.isnan(self._while_quiet.up[:, 0])
+        self._while_quiet.start(begins, up)
+        self._expected_up[begins] = up[begins]
+        self._while_quiet.up[~is_quiet] = np.nan
 
     def forget(self, imus: NDArray[np.bool_]) -> None:
         """Forget how (imus,) some sensors were turned: they were silent."""
-        self._up[imus] = np.nan
+        self._since_quiet.up[imus] = self._while_quiet.up[imus] = np.nan
         self._steady_s[imus] = 0.0
 
     def _is_steady(self, force: NDArray[np.float64], is_heard: NDArray[np.bool_], step_s: float) -> NDArray[np.bool_]:
@@ -103,42 +161,23 @@ class ImuAgreement:
 
     def _move(self, angle_rad: NDArray[np.float64], force: NDArray[np.float64], step_s: float) -> None:
         """Turn the sensors by (imus, 3) angles in their axes, and accelerate them by (imus, 3) forces."""
-        turn = self._turn @ rotation(angle_rad)
-        accelerated = np.einsum("iab,ib->ia", 0.5 * (self._turn + turn), force) - GRAVITY_M_PER_S2 * self._up
-        self._turn = turn
+        since = self._since_quiet
+        before = since.turn
+        since.move(angle_rad, step_s)
+        accelerated = np.einsum("iab,ib->ia", 0.5 * (before + since.turn), force) - GRAVITY_M_PER_S2 * since.up
         self._velocity = self._velocity + accelerated * step_s
         self._shock += np.abs(np.linalg.norm(force, axis=1) - GRAVITY_M_PER_S2) * step_s
-        self._turned_rad += np.linalg.norm(angle_rad, axis=1)
-        self._moved_s += step_s
+        self._while_quiet.move(angle_rad, step_s)
 
     def _is_too_fast(self) -> NDArray[np.bool_]:
         """Return (imus,) which velocities are none of a robot: it was moved, struck, or tilted by errors of the sensor.
 
         sigma_v^2 = sigma_motion^2 + (sum ||f| - g| dt)^2 + 2 (b_f t)^2 + (g b_w t^2 / 2)^2 + (g s phi t)^2
         """
-        s, t_s = self._settings, self._moved_s
+        s, t_s = self._settings, self._since_quiet.lasted_s
         by_rate = s.rate_bias_rad_per_s * t_s / 2
-        by_scale = s.rate_scale * self._turned_rad
+        by_scale = s.rate_scale * self._since_quiet.turned_rad
         tilted = GRAVITY_M_PER_S2 * t_s * np.hypot(by_rate, by_scale)
         moved = np.hypot(s.motion_m_per_s, self._shock)
         variance = moved**2 + 2 * (s.force_bias_m_per_s2 * t_s) ** 2 + tilted**2
         return np.asarray(np.linalg.norm(self._velocity, axis=1) > CONTRADICTS_SIGMA * np.sqrt(variance))
-
-    def _is_apart(self, up: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return (imus,) which directions against gravity, (imus, 3), are not those of the last quiet moment.
-
-        sigma^2 = 2 (b_f / g)^2 + (b_w t)^2 + (s phi)^2
-        """
-        s = self._settings
-        cosine = np.einsum("ia,iab,ib->i", self._up, self._turn, up)
-        by_rates = (s.rate_bias_rad_per_s * self._moved_s) ** 2 + (s.rate_scale * self._turned_rad) ** 2
-        variance = 2 * (s.force_bias_m_per_s2 / GRAVITY_M_PER_S2) ** 2 + by_rates
-        limit_rad = np.maximum(CONTRADICTS_SIGMA * np.sqrt(variance), LEAST_APART_RAD)
-        return np.asarray(np.arccos(np.clip(cosine, -1, 1)) > limit_rad)
-
-    def _start(self, imus: NDArray[np.bool_], up: NDArray[np.float64]) -> None:
-        """Start (imus,) some sensors anew, with (imus, 3) directions against gravity."""
-        self._up[imus] = up[imus]
-        self._turn[imus] = np.eye(3)
-        self._velocity[imus] = 0.0
-        self._shock[imus] = self._turned_rad[imus] = self._moved_s[imus] = 0.0

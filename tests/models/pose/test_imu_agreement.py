@@ -73,6 +73,18 @@ def test_a_turn_about_the_vertical_tells_nothing_of_the_rates() -> None:
     assert told(WRONG_TURNS["half"], np.array([0, 0, 1.0])).moves_as_told.all()
 
 
+@pytest.mark.parametrize(("jump_rad_per_s", "agrees"), [(0.1, False), (0.02, True)])
+def test_a_bias_that_changes_at_rest_is_told_within_three_seconds(jump_rad_per_s: float, agrees: bool) -> None:
+    """By hand: after 2 s gravity would have turned by 0.2 rad, and sigma is 0.03 rad; a drift of 2 b_w is none."""
+    agreement = ImuAgreement(1, 1.0, PoseSettings())
+    rng = np.random.default_rng(1)
+    for k in range(200):
+        rate = BIAS + jump_rad_per_s * np.array([1.0, 0.0, 0.0]) * (k > 50) + 1e-3 * rng.standard_normal(3)
+        force = GRAVITY_M_PER_S2 * UP + 0.03 * rng.standard_normal(3)
+        agreement.observe(k * STEP_S, rate[None], force[None], np.ones(1, dtype=np.bool_))
+    assert agreement.moves_as_told.all() == agrees
+
+
 def test_a_fall_and_its_shock_contradict_nothing() -> None:
     """It falls for 0.4 s, from 0.8 m, and stops within two frames: the size of the force explains the velocity."""
 
