@@ -11,6 +11,16 @@ another size, as long as it has, see `models.pose.imu_agreement`.
 A sensor that was silent does not know how it has turned meanwhile: it is lost, and left out until it moves slowly and
 agrees with its rod again. So is, from the start on, one whose rod stands upright: gravity does not tell the turn about
 such a rod, in whose axes the rates would count.
+
+A sensor whose rod has turned otherwise than shape, floor and all other sensors say is outvoted, and lost as well. Of
+the errors e of the directions of all rods, with the covariance S, to which the turn of a rod by its deformation over
+`shape_holds_s` is added, those of sensor i differ from what the others leave for them by W_i^-1 (W e)_i with the
+covariance W_i^-1, where W = S^-1:
+
+    chi_i^2 = (W e)_i^T W_i^-1 (W e)_i
+
+The sensor is outvoted whose chi^2 is larger than that of all others by `OUTVOTED_SIGMA`^2: of two that disagree, none
+is.
 """
 
 from collections.abc import Sequence
@@ -30,6 +40,7 @@ from ...models.structure.floor import GRAVITY_M_PER_S2, UP
 from ...models.values.aids import ImuReading
 from ...models.values.readings import TendonLengths
 from ...models.values.time_series import low_pass_weight
+from .prediction import Prediction
 
 MOST_APART = 0.25
 """Difference of both inclinations beyond which they contradict each other: 14 degrees."""
@@ -39,6 +50,8 @@ SLOW_RAD_PER_S = 0.1
 """Rate below which it is slow."""
 TRUST_MEMORY_S = 0.5
 """Time constant of the mean difference."""
+OUTVOTED_SIGMA = 5.0
+"""Standard deviations by which a sensor differs from what the others leave for it when it is outvoted."""
 
 
 class ImuTrust:
@@ -48,11 +61,13 @@ class ImuTrust:
         self.is_trusted = np.ones(imus, dtype=np.bool_)
         """(imus,)"""
         self.is_lost = np.zeros(imus, dtype=np.bool_)
-        """(imus,) sensors that were silent, and are not taken on again yet."""
+        """(imus,) sensors that were silent or outvoted, and are not taken on again yet."""
+        self._is_outvoted = np.zeros(imus, dtype=np.bool_)
         self._heard_s = np.full(imus, -np.inf)
         self._apart = np.zeros(imus)
         self._agreement = ImuAgreement(imus, rest_until_s, settings)
         self._rest_until_s = rest_until_s
+        self._deformed_rad = settings.deformation_rad_per_s * settings.shape_holds_s
         tilt = settings.force_bias_m_per_s2 / GRAVITY_M_PER_S2
         self._most_apart_at_rest = CONTRADICTS_SIGMA * np.hypot(tilt, settings.misalignment_rad)
 
@@ -63,8 +78,8 @@ class ImuTrust:
 
     @property
     def contradicted(self) -> NDArray[np.bool_]:
-        """(imus,) sensors that contradict their rods, gravity or themselves."""
-        return ~(self.is_trusted & self._agreement.has_size)
+        """(imus,) sensors that contradict their rods, gravity, themselves or the other sensors."""
+        return ~(self.is_trusted & self._agreement.has_size) | self._is_outvoted
 
     def start(self, imus: ImuArray, arm_m: NDArray[np.float64]) -> None:
         """Lose the sensors whose turn about their rods gravity does not tell, with (nodes, 3) nodes in world axes."""
@@ -88,6 +103,30 @@ class ImuTrust:
         self.is_trusted = self.is_trusted & self._agreement.moves_as_told
         self.is_lost = self.is_lost | is_silent | ~self._agreement.has_size
 
+    def outvotes(self, imus: ImuArray, predicted: Prediction) -> bool:
+        """Return whether a sensor is outvoted, which is lost then; what is expected of the frame needs it no longer.
+
+        Args:
+            imus: the sensors.
+            predicted: what is expected of the frame, by the rates of all sensors that are used.
+        """
+        used = np.flatnonzero(self.is_used)
+        if len(used) < 2:
+            return False
+        rows = imus.direction_rows(predicted.placed, 1.0, used)
+        S = rows.jacobian @ predicted.covariance @ rows.jacobian.T
+        S[np.diag_indices(len(S))] += rows.variance + self._deformed_rad**2
+        W = np.linalg.inv(S)
+        apart = (W @ rows.error).reshape(-1, 2)
+        own = W.reshape(len(used), 2, len(used), 2)[range(len(used)), :, range(len(used))]
+        chi2 = np.einsum("ia,ia->i", apart, np.linalg.solve(own, apart[:, :, None])[:, :, 0])
+        second, first = np.argsort(chi2)[-2:]
+        if chi2[first] - chi2[second] < OUTVOTED_SIGMA**2:
+            return False
+        self.is_lost, self._is_outvoted = self.is_lost.copy(), self._is_outvoted.copy()
+        self.is_lost[used[first]] = self._is_outvoted[used[first]] = True
+        return True
+
     def back(self, imus: ImuArray, arm_m: NDArray[np.float64], samples: ImuSamples) -> NDArray[np.int64]:
         """Return the lost sensors that are back, which are lost no longer: they move slowly and agree with their rods.
 
@@ -102,7 +141,7 @@ class ImuTrust:
             return np.zeros(0, dtype=np.int64)
         slow, apart = move_slowly(samples) & imus.is_inclined(arm_m), _apart(imus, arm_m, samples)
         back = self.is_lost & self._agreement.has_size & (samples.count > 0) & slow & (apart < MOST_APART)
-        self.is_lost = self.is_lost & ~back
+        self.is_lost, self._is_outvoted = self.is_lost & ~back, self._is_outvoted & ~back
         return np.flatnonzero(back)
 
     def observe(self, imus: ImuArray, placed: PlacedShape, samples: ImuSamples, t_s: float, step_s: float) -> None:

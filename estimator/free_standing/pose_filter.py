@@ -159,6 +159,9 @@ class PoseFilter:
         body_m = body_m - self.centre_m
         frame = Frame(t_s, self._last_s, step_s, self._body_before_m, body_m, body_covariance_m2, aids, samples)
         predicted = self._model.predicted(frame, self._pose, self._standing)
+        while frame.samples is not None and self._trust.outvotes(self._imus, predicted):
+            frame = replace(frame, samples=self._trust.used(frame.samples))
+            predicted = self._model.predicted(frame, self._pose, self._standing)
         if taken_on is not None:
             predicted = replace(predicted, transition=predicted.transition @ taken_on)
         return frame, predicted

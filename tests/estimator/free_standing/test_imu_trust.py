@@ -1,0 +1,90 @@
+"""Inertial sensors that the others outvote: by hand at the limit, and in a filter whose sensor has a stuck axis."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tensegraph.estimator.free_standing.contacts import nothing_stands
+from tensegraph.estimator.free_standing.imu_trust import OUTVOTED_SIGMA, ImuTrust
+from tensegraph.estimator.free_standing.pose_filter import PoseFilter
+from tensegraph.estimator.free_standing.pose_start import state_at_rest
+from tensegraph.estimator.free_standing.prediction import Prediction
+from tensegraph.factors.imu import ImuArray
+from tensegraph.models.pose.placed import PlacedShape
+from tensegraph.models.pose.pose_settings import PoseSettings
+from tensegraph.models.pose.robot import FreeStandingRobot, Imu
+from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
+from tensegraph.models.structure.rest_shape import RestShape
+from tensegraph.models.values.aids import ImuReading
+from tensegraph.models.values.rotations import across, rotation, rotation_vector
+
+SENSOR_RAD = 0.03
+SETTINGS = PoseSettings()
+
+
+def rod_directions(balanced: RestShape, rods: list[int]) -> np.ndarray:
+    first, second = balanced.structure.rods[rods].T
+    along = balanced.node_position_m[second] - balanced.node_position_m[first]
+    return along / np.linalg.norm(along, axis=1, keepdims=True)
+
+
+def outvoted(balanced: RestShape, rods: list[int], body_rad: float, off_rad: float) -> list[int]:
+    """Return the sensors that are outvoted where the first has turned otherwise than its rod, across it."""
+    directions = rod_directions(balanced, rods)
+    imus = tuple(Imu(rod, 0.5, axis) for rod, axis in zip(rods, directions, strict=True))
+    robot = FreeStandingRobot(Floor(0.0, UP), imus, (), 0.2)
+    state = state_at_rest(balanced.node_position_m, robot)
+    turned = state.imu_turn.copy()
+    turned[0] = rotation(off_rad * across(directions[0])[0])
+    covariance = np.zeros((state.layout.size, state.layout.size))
+    for part, sigma in ((state.layout.turn, body_rad), (state.layout.imu_turn, SENSOR_RAD)):
+        here = np.arange(part.start, part.stop)
+        covariance[here, here] = sigma**2
+    nodes = len(balanced.node_position_m)
+    placed = PlacedShape(
+        replace(state, imu_turn=turned), balanced.node_position_m - state.position_m, np.zeros((3 * nodes, 3 * nodes))
+    )
+    trust = ImuTrust(len(imus), 0.2, SETTINGS)
+    trust.outvotes(ImuArray(imus, balanced.structure.rods), Prediction(placed, covariance, covariance, np.zeros(3)))
+    assert (trust.is_used == ~trust.contradicted).all()
+    return np.flatnonzero(trust.contradicted).tolist()
+
+
+@pytest.mark.parametrize(("sigmas", "expected"), [(0.9, []), (1.1, [0])])
+def test_the_limit_by_hand(balanced, sigmas: float, expected: list[int]) -> None:
+    """Of a body whose turn is known, a sensor is off by its own sigma and that of the rod's lag."""
+    sigma_rad = np.sqrt(SENSOR_RAD**2 + (SETTINGS.deformation_rad_per_s * SETTINGS.shape_holds_s) ** 2 + 1e-6)
+    off_rad = float(np.arcsin(sigmas * OUTVOTED_SIGMA * sigma_rad))
+    assert outvoted(balanced, [0, 2, 4], 1e-6, off_rad) == expected
+
+
+def test_three_sensors_outvote_one_where_nothing_else_tells_how_the_body_has_turned(balanced) -> None:
+    assert outvoted(balanced, [0, 2, 4], 3.0, 0.8) == [0]
+
+
+def test_of_two_sensors_that_disagree_none_is_outvoted(balanced) -> None:
+    assert outvoted(balanced, [0, 2], 3.0, 0.8) == []
+
+
+@pytest.mark.parametrize(("moves", "expected"), [(1.0, []), (0.0, [0])])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_sensor_of_which_one_axis_is_stuck_is_left_out(balanced, axis: int, moves: float, expected: list) -> None:
+    """Turned in the air by 2.7 rad, of which one axis of the first sensor misses the second half."""
+    rods, x = [0, 2, 4], balanced.node_position_m
+    imus = tuple(Imu(rod, 0.5, np.array([0.0, 0.0, 1.0])) for rod in rods)
+    robot = FreeStandingRobot(Floor(float(x[0, 2]), UP), imus, (), 0.2)
+    poses = PoseFilter(balanced, robot, SETTINGS)
+    d = rod_directions(balanced, rods)
+    mounted = np.stack([*np.moveaxis(across(d), 1, 0), d], axis=2)
+    mounted[:, :, 1] *= np.linalg.det(mounted)[:, None]  # right-handed
+    vector, before = mounted[0] @ np.full(3, 2.7 / np.sqrt(3)), np.eye(3)
+    for k in range(90):
+        turn = rotation(min(max((k - 20) / 60, 0.0), 1.0) * vector)
+        rates = mounted.swapaxes(1, 2) @ rotation_vector(before.T @ turn) / 0.02
+        rates[0, axis] *= 1.0 if k < 50 else moves
+        force = GRAVITY_M_PER_S2 * (turn @ mounted)[:, 2]
+        aids = [ImuReading(i, 0.02 * k, rates[i], force[i]) for i in range(len(rods))]
+        step = poses.step(0.02 * k, x, 1e-12 * np.eye(x.size), aids, nothing_stands(len(x)))
+        before = turn
+    assert np.flatnonzero(step.contradicted_imus).tolist() == expected
