@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.keys import key_list
-from ..factors.noise import WeightedLengths, weigh
+from ..factors.noise import WeightedLengths, unit, weigh
 from ..models.settings import Settings
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.shape import Reason, Shape
@@ -29,6 +29,8 @@ VELOCITY_HOLDS_S = 0.2
 """Time without frames after which the velocity says nothing of the position: the time in which a hand changes its
 push."""
 
+FIRST_BYSTANDER = 2**60
+"""Key of the first of `_bystanders`, beyond those of all frames."""
 CONTRADICTED = 0.2
 """Probability that the lengths are less exact than their sigmas say, above which sensors may drift apart."""
 
@@ -47,6 +49,7 @@ class LiveSmoother:
         self._branches = OtherBranch(self._builder, settings.branch)
         self._lag = settings.smoother.lag
         self._isam = gtsam.ISAM2(_isam2_parameters(settings.smoother.relinearize_m))
+        self._isam.update(*_bystanders(structure.node_count))
         self.linear: LinearFrame | None = None
         """The factors of the newest frame, linearised at its shape."""
         self._frame = 0
@@ -164,6 +167,18 @@ class LiveSmoother:
         """Marginalise the frame that is now older than the lag."""
         if self._frame >= self._lag:
             self._isam.marginalizeLeaves(key_list(self._builder.keys(self._frame - self._lag)))
+
+
+def _bystanders(node_count: int) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """Return nodes that are in no frame, with which an update touches less than 65 % of all nodes.
+
+    If it touches more, gtsam linearises all factors anew. Without anchors, an update touches two of three frames.
+    """
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    for key in range(FIRST_BYSTANDER, FIRST_BYSTANDER + 1 + node_count // 12):
+        values.insertPoint3(key, np.zeros(3))
+        graph.addPriorPoint3(key, np.zeros(3), unit(3))
+    return graph, values
 
 
 def _isam2_parameters(relinearize_m: float) -> gtsam.ISAM2Params:

@@ -114,8 +114,11 @@ class ImuTrust:
         if len(used) < 2:
             return False
         rows = imus.direction_rows(predicted.placed, 1.0, used)
+        variance = rows.variance + self._deformed_rad**2
+        if rows.error**2 @ (1 / variance) < OUTVOTED_SIGMA**2:  # no chi^2 is larger
+            return False
         S = rows.jacobian @ predicted.covariance @ rows.jacobian.T
-        S[np.diag_indices(len(S))] += rows.variance + self._deformed_rad**2
+        S[np.diag_indices(len(S))] += variance
         W = np.linalg.inv(S)
         apart = (W @ rows.error).reshape(-1, 2)
         own = W.reshape(len(used), 2, len(used), 2)[range(len(used)), :, range(len(used))]

@@ -113,7 +113,7 @@ class PoseModel:
         if frame.samples is not None:
             rows.append(self.imus.direction_rows(placed, repeats, np.flatnonzero(used_imus)))
         if self._is_blind(frame):
-            rows = [without_heading(part, placed.state, floor) for part in rows]
+            rows = [without_heading(stacked(rows), placed.state, floor)]
         if frame.samples is not None:
             rows.append(self.imus.gravity_rows(placed.state, frame.samples, settings))
         if frame.positions:

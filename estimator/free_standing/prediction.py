@@ -11,7 +11,7 @@ from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from ...models.values.aids import AidReading, PositionReading, RangeReading
-from ...models.values.rotations import cross
+from ...models.values.rotations import cross, cross_matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,14 +102,15 @@ class Prediction:
 
         With the direction N of a turn of all about the floor's normal n, P follows N to N' at the corrected state:
 
-            P <- J P J^T,     J = 1 + (N' - N) n^T
+            P <- J P J^T,     J = 1 + a n^T,     a = N' - N
         """
         before = self.placed.state
         state, covariance = self.corrected(rows)
-        J = np.eye(len(covariance))
+        at, n = before.layout, floor.tilted(before.floor_tilt).normal
         moved = heading_direction(state, floor) - heading_direction(before, floor)
-        J[:, before.layout.turn] += np.outer(moved, floor.tilted(before.floor_tilt).normal)
-        return state, J @ covariance @ J.T
+        with_turn = covariance[:, at.turn] @ n
+        followed = np.outer(moved, with_turn + 0.5 * (n @ with_turn[at.turn]) * moved)
+        return state, covariance + followed + followed.T
 
 
 def without_heading(rows: Rows, state: PoseState, floor: Floor) -> Rows:
@@ -169,14 +170,10 @@ def heading_direction(state: PoseState, floor: Floor) -> NDArray[np.float64]:
     n = tilted.normal
     N = np.zeros(at.size)
     N[at.turn] = n
-    for part, vector in (
-        (at.position, state.position_m),
-        (at.rate, state.rate_rad_per_s),
-        (at.velocity, state.velocity_m_per_s),
-    ):
-        N[part] = cross(n, vector)
     foothold_m = state.foothold_m @ floor.axes
     on_floor_m = foothold_m - np.outer(tilted.clearance_m(foothold_m) / (floor.normal @ n), floor.normal)
-    N[at.foothold] = (cross(n, on_floor_m) @ floor.axes.T).ravel()
+    vectors = np.vstack([state.position_m, state.rate_rad_per_s, state.velocity_m_per_s, on_floor_m])
+    N[at.position], N[at.rate], N[at.velocity], *of_footholds = vectors @ cross_matrix(n).T
+    N[at.foothold] = (np.array(of_footholds) @ floor.axes.T).ravel()
     N[at.imu_turn] = np.tile(n, len(state.imu_turn))
     return N

@@ -10,6 +10,7 @@ from noise_settings import with_noise
 from tensegraph import Settings
 from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.models.balance.statics import Statics
 from tensegraph.models.estimation import SmootherSettings
 
 
@@ -47,6 +48,26 @@ def test_live_memory_is_bounded(structure, rest, lengths_of) -> None:
         smoother.update(lengths_of(structure, rest.node_position_m, 0.02 * k))
         sizes.append((smoother._isam.size(), smoother._isam.getLinearizationPoint().size()))
     assert len(set(sizes[50:])) == 1
+
+
+@pytest.mark.parametrize("is_anchored", [True, False])
+def test_an_update_linearises_the_newest_frame_alone(
+    is_anchored: bool, structure, balanced, lengths_of, monkeypatch
+) -> None:
+    """Once by gtsam, and once for the covariance; frames without anchors were all linearised anew."""
+    calls = []
+    linearised = Statics.residual_and_jacobian
+    monkeypatch.setattr(Statics, "residual_and_jacobian", lambda *args: calls.append(0) or linearised(*args))
+    if not is_anchored:
+        structure = replace(structure, anchors=np.zeros(0, dtype=np.int64), anchor_position_m=np.zeros((0, 3)))
+    smoother = LiveSmoother(structure, replace(balanced, structure=structure), Settings())
+    frames = [lengths_of(structure, balanced.node_position_m, 0.02 * k) for k in range(30)]
+    for lengths in frames[:10]:
+        smoother.first_shape(lengths)
+    calls.clear()
+    for lengths in frames[10:]:
+        smoother.first_shape(lengths)
+    assert len(calls) == 2 * 20
 
 
 @pytest.mark.parametrize("gap_s", [1.0, 3.0, 10.0])

@@ -139,9 +139,13 @@ def test_what_the_floor_tells_says_nothing_of_the_heading() -> None:
     heading = np.zeros(SIZE)
     heading[STATE.layout.turn] = FLOOR.normal
     _, told = before.corrected(rows)
-    _, untold = before.corrected_blindly(without_heading(rows, placed.state, FLOOR), FLOOR)
+    rows = without_heading(rows, placed.state, FLOOR)
+    _, untold = before.corrected_blindly(rows, FLOOR)
     assert heading @ told @ heading < 0.1
     assert heading @ untold @ heading == pytest.approx(1.0, abs=1e-5)
+    state, covariance = before.corrected(rows)
+    J = np.eye(SIZE) + np.outer(heading_direction(state, FLOOR) - N, heading)
+    np.testing.assert_allclose(untold, J @ covariance @ J.T, atol=1e-12)
 
 
 def test_the_heading_walks_with_every_tip_and_stays_as_uncertain_at_rest(balanced) -> None:
