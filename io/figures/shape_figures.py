@@ -97,9 +97,9 @@ def draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
         axis.plot(r.t_s, length_mm, color=BLUE, lw=0.9)
         axis.plot(r.t_s, predicted_mm, color=BLACK, lw=0.6, ls="--")
         for where, color, alpha in ((bending, ORANGE, 0.3), (missing, GREY, 0.4)):
-            axis.fill_between(
-                r.t_s, 0, 1, where=where, transform=axis.get_xaxis_transform(), color=color, alpha=alpha, lw=0
-            )
+            if where.any():
+                across = axis.get_xaxis_transform()
+                axis.fill_between(r.t_s, 0, 1, where=where, transform=across, color=color, alpha=alpha, lw=0)
     known = np.concatenate([length_mm[np.isfinite(length_mm)], predicted_mm])
     low = known.min()
     high = known.max()
