@@ -20,13 +20,17 @@ from ..models.structure.rigidity import branch, free_length_jacobian
 from ..models.structure.shape import OtherShape, Shape
 from ..models.structure.structure import Structure
 from .graph import FrameSearch, GraphBuilder
+from .whole_trial.far_minima import far_minima, is_unlikely
+from .whole_trial.trial_balance import TrialBalance
+from .whole_trial.trial_factors import TrialFactors
 
 
 class OtherBranch:
     """Searches at regular times for another shape that explains a frame about equally well.
 
     A search takes about as long as the estimates of two frames. It is spread over the frames that follow, one iteration
-    in each, so that no frame waits for it.
+    in each, so that no frame waits for it. Only where the shape hardly explains its frame, another one is also searched
+    for far away, at once: see `far_minima`.
     """
 
     def __init__(self, builder: GraphBuilder, settings: BranchSettings) -> None:
@@ -57,9 +61,18 @@ class OtherBranch:
         second = self._builder.search(measured, across(structure, first.node_position_m))
         yield from _iterated(second)
         is_other = branch(structure, second.node_position_m) * branch(structure, position_m) <= 0
-        log_ratio = second.error - first.error
-        found = is_other and log_ratio < self._settings.log_ratio
-        self._other_shape = OtherShape(second.node_position_m, log_ratio) if found else None
+        others = [OtherShape(second.node_position_m, second.error - first.error)] if is_other else []
+        if is_unlikely(structure, first.error):
+            others.append(self._far_shape(first.node_position_m, measured))
+        best = min(others, key=lambda other: other.log_ratio, default=None)
+        self._other_shape = best if best and best.log_ratio < self._settings.log_ratio else None
+
+    def _far_shape(self, position_m: NDArray[np.float64], measured: WeightedLengths) -> OtherShape:
+        """Return the most probable minimum of a frame's own factors that is not the one at (nodes, 3) positions."""
+        factors = TrialFactors(self._builder, [measured], TrialBalance.of_newest(self._builder, 1))
+        frame = np.zeros(1, dtype=np.int64)
+        far_m, far_error = far_minima(self._builder.structure, factors, frame, position_m[None])
+        return OtherShape(far_m[0], float(far_error[0] - factors.error(position_m[None], frame)[0]))
 
 
 def _iterated(search: FrameSearch) -> Iterator[bool]:

@@ -12,27 +12,29 @@ from .trial_factors import TrialFactors
 
 
 def own_minima(
-    factors: TrialFactors, node_position_m: NDArray[np.float64]
+    factors: TrialFactors, node_position_m: NDArray[np.float64], frames: NDArray[np.int64] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (frames, nodes, 3) the local minima of the frames' own factors, and (frames,) their errors.
+    """Return (searches, nodes, 3) local minima of frames' own factors, and (searches,) their errors.
 
     Args:
         factors: of the frames.
-        node_position_m: (frames, nodes, 3) shapes from which Levenberg and Marquardt's method searches.
+        node_position_m: (searches, nodes, 3) shapes from which Levenberg and Marquardt's method searches.
+        frames: (searches,) the number of each one's frame; None where there is one search in each frame.
     """
-    x = node_position_m.reshape(factors.count, -1).copy()
-    shape = node_position_m.shape[1:]
-    moving = np.arange(factors.count)
-    error = factors.error(node_position_m, moving)
-    damping = np.zeros(factors.count)
+    count, shape = len(node_position_m), node_position_m.shape[1:]
+    x = node_position_m.reshape(count, -1).copy()
+    moving = np.arange(count)
+    frames = moving if frames is None else frames
+    error = factors.error(node_position_m, frames)
+    damping = np.zeros(count)
     identity = np.eye(x.shape[1])
     for _ in range(MAX_FRAME_ITERATIONS):
         if not len(moving):
             break
-        information, gradient = factors.linear(x[moving].reshape(-1, *shape), moving)
+        information, gradient = factors.linear(x[moving].reshape(-1, *shape), frames[moving])
         damped = information + damping[moving, None, None] * identity
         candidate = x[moving] - np.linalg.solve(damped, gradient[..., None])[..., 0]
-        decrease = error[moving] - factors.error(candidate.reshape(-1, *shape), moving)
+        decrease = error[moving] - factors.error(candidate.reshape(-1, *shape), frames[moving])
         better = decrease >= 0
         x[moving[better]] = candidate[better]
         error[moving[better]] -= decrease[better]

@@ -8,6 +8,7 @@ from ...models.structure.rigidity import branch
 from ...models.structure.shape import OtherShape
 from ...models.structure.structure import Structure
 from ..branches import across
+from .far_minima import far_minima, is_unlikely
 from .own_minima import own_minima
 from .trial_factors import TrialFactors
 
@@ -34,10 +35,13 @@ def second_shapes(
     """
     first_m, first_error = own_minima(factors, node_position_m)
     second_m, second_error = own_minima(factors, across(structure, first_m))
-    log_ratio = second_error - first_error
     is_other = branch(structure, second_m) * branch(structure, node_position_m) <= 0
-    probable = is_other & (log_ratio < settings.log_ratio)
+    second_error = np.where(is_other, second_error, np.inf)
+    unlikely = np.flatnonzero(is_unlikely(structure, first_error))
+    far_m, far_error = far_minima(structure, factors, unlikely, first_m[unlikely])
+    better = far_error < second_error[unlikely]
+    second_m[unlikely[better]], second_error[unlikely[better]] = far_m[better], far_error[better]
     return [
-        OtherShape(position_m, float(ratio)) if is_probable else None
-        for position_m, ratio, is_probable in zip(second_m, log_ratio, probable, strict=True)
+        OtherShape(position_m, float(ratio)) if ratio < settings.log_ratio else None
+        for position_m, ratio in zip(second_m, second_error - first_error, strict=True)
     ]

@@ -28,7 +28,7 @@ BAND = 1.96
 """Sigmas of a 95 % band."""
 DPI = 110
 TICKS = 4
-"""Largest number of steps between the ticks of a small panel: ticks take most of the time of a figure of many panels."""
+"""Largest number of steps between ticks of a small panel; ticks take most of the time of a figure of many panels."""
 QUICK = 1
 """Level of compression of a PNG: a tenth of the time of a figure less than with level 6, and a file larger by 6 %."""
 
