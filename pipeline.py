@@ -25,7 +25,7 @@ from .io.model_file import read_sensor_model
 from .io.result import floor_table, result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
 from .models.plug_ins import PlugIn, plug_ins
-from .models.pose.aid_use import AidUse
+from .models.pose.aid_use import OLD_S, AidUse
 from .models.pose.imu_gate import ImuGate
 from .models.pose.position_frames import OwnFrames
 from .models.pose.rest_clock import RestClock
@@ -391,14 +391,17 @@ class Pipeline:
         return replace(lengths, sigma_m=np.where(np.isnan(lengths.length_m), np.inf, sigma_m))
 
     def _with_aids(self, lengths: TendonLengths, aids: list[AidReading]) -> TendonLengths:
-        """Return the lengths with the readings of other sensors up to their time, taken from the list, and factors."""
+        """Return the lengths with the readings of other sensors up to their time, taken from the list, and factors.
+
+        Readings older than `OLD_S` are left out, as those of a clock that is another one.
+        """
         self.imu_gate.count_frame(lengths.t_s)
         if self.factors:
             lengths = replace(lengths, factors=self.factors)
         if not aids:
             return lengths
         until = bisect_right(aids, lengths.t_s, key=lambda reading: reading.t_s)
-        taken, aids[:] = tuple(aids[:until]), aids[until:]
+        taken, aids[:] = tuple(aid for aid in aids[:until] if lengths.t_s - aid.t_s < OLD_S), aids[until:]
         return replace(lengths, aids=taken)
 
 

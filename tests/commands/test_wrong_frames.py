@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 
 from command_line import run
+from tensegraph import Settings, open_trial
+from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.positions import read_positions
+from tensegraph.pipeline import Pipeline
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
 END_S = 2.6
+ANOTHER_CLOCK_S = 1e9
 SEEN = (2, 4, 9, 11)
 BEACON_M = np.array([2.1, -2.0, 1.5])
 TABLES = f"""
@@ -73,3 +77,17 @@ def test_positions_of_another_frame_are_doubted_and_do_no_harm(tmp_path, wrong_m
     shape, truth = (read_positions(path, 12) for path in (tmp_path / "told" / "shape.csv", tmp_path / "roll/truth.csv"))
     true_m = truth.node_position_m[np.searchsorted(truth.t_s, shape.t_s - 0.01)]
     assert np.sqrt(np.mean(np.sum((shape.node_position_m - true_m) ** 2, axis=2))) < 0.004
+
+
+def test_readings_of_another_clock_than_that_of_a_board_are_in_none_of_its_frames(tmp_path) -> None:
+    write_trial(tmp_path / "roll", np.column_stack([np.eye(3), np.zeros(3)]))
+    board = tmp_path / "roll" / "board1.csv"
+    header, *rows = board.read_text().splitlines()
+    cells = [row.split(",", 1) for row in rows]
+    later = [f"{ANOTHER_CLOCK_S + float(host_s):.6f},{others}" for host_s, others in cells]
+    board.write_text("\n".join([header, *later]) + "\n")
+    trial = open_trial(tmp_path / "roll")
+    frames = list(Pipeline(trial.description, Settings(), read_sensor_model()).lengths(trial.readings()))
+    assert frames[-1].t_s > ANOTHER_CLOCK_S
+    assert any(frame.aids for frame in frames)
+    assert all(frame.t_s - aid.t_s < 1.0 for frame in frames for aid in frame.aids)
