@@ -15,11 +15,11 @@ from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
 from .estimator.free_standing.estimators import FreeStandingOptimizer, FreeStandingSmoother
 from .estimator.hanging.hanging_estimators import HangingOptimizer, HangingSmoother
-from .estimator.lengths_watch import RepeatWatch, RestWatch
-from .estimator.moving_base import MovingBase
 from .estimator.own_evidence import FactorWatch
 from .estimator.rest_step import rest_shape_of
 from .estimator.smoother import LiveSmoother
+from .estimator.watches.lengths_watch import RepeatWatch, RestWatch
+from .estimator.watches.moving_base import MovingBase
 from .factors.tendon import TautCables
 from .io.model_file import read_sensor_model
 from .io.result import floor_table, result_directory, write_run, write_tables

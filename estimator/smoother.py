@@ -20,14 +20,11 @@ from .changes.change_watch import ChangeWatch
 from .doubt import ModelDoubt
 from .graph import GraphBuilder, status_of
 from .health import SensorHealth
+from .lag_compensation import VELOCITY_HOLDS_S, LagCompensation
 from .linear_frame import LinearFrame, linearised
 from .mode_choice import ModeChoice
 from .sensor_drift import OwnDrift
 from .uncertainty import FrameEvidence
-
-VELOCITY_HOLDS_S = 0.2
-"""Time without frames after which the velocity says nothing of the position: the time in which a hand changes its
-push."""
 
 FIRST_BYSTANDER = 2**60
 """Key of the first of `_bystanders`, beyond those of all frames."""
@@ -57,8 +54,8 @@ class LiveSmoother:
         self._positions: deque[NDArray[np.float64]] = deque([rest.node_position_m] * 2, maxlen=2)
 
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
-        """Yield a shape for each frame, as soon as the frame arrives."""
-        return map(self.update, frames)
+        """Yield the shape at the time of each frame, as soon as the frame arrives."""
+        return map(LagCompensation().now, map(self.update, frames))
 
     def keep(self) -> None:
         """Keep what is learned in each frame, for a smoother; live, memory is bounded."""
@@ -68,7 +65,7 @@ class LiveSmoother:
         self.changes.kept = []
 
     def update(self, lengths: TendonLengths) -> Shape:
-        """Return the shape in one more frame, with a second one where there is one.
+        """Return the shape that one more frame shows, with a second one where there is one.
 
         Raises:
             IndeterminateError: when measurements and priors leave some node undetermined.

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from tensegraph import Settings, Status, open_trial, reconstruct
-from tensegraph.estimator.moving_base import MovingBase
 from tensegraph.estimator.rest_step import rest_shape_of
+from tensegraph.estimator.watches.moving_base import MovingBase
 from tensegraph.models.structure.shape import Reason, Shape
 from tensegraph.models.values.aids import ImuReading
 from trial_edits import cut
 
-ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
+ROLL = Path(__file__).parents[3] / "examples" / "roll_02"
 
 
 @pytest.fixture(scope="module")

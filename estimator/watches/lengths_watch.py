@@ -16,10 +16,10 @@ equal at rest too: then p is about 1, and nothing is told.
 
 import numpy as np
 
-from ..models.pose.rest_clock import RestClock
-from ..models.sensor.gate import GateSettings
-from ..models.structure.shape import Shape
-from ..models.values.readings import RestLengths
+from ...models.pose.rest_clock import RestClock
+from ...models.sensor.gate import GateSettings
+from ...models.structure.shape import Shape
+from ...models.values.readings import RestLengths
 
 REST_APART_SIGMA = 5.0
 """Number of standard deviations beyond which a tendon's length at rest is not that of the rest shape."""
