@@ -11,7 +11,7 @@ from ..models.structure.shape import Shape
 VELOCITY_HOLDS_S = 0.2
 """Time after which a velocity says nothing of the position: the time in which a hand changes its push."""
 
-ERROR_LASTS_S = 0.05
+ERROR_LASTS_S = 0.04
 """Time in which the error of a shape changes by its sigma: a slower motion is not told from a change of the error."""
 
 HALF = 0.4

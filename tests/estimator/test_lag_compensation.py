@@ -39,11 +39,11 @@ def at_velocity(m_per_s: float, steps_s: list[float], **of_shape) -> list[Shape]
 
 
 def test_a_number_worked_by_hand() -> None:
-    """0.02 m/s, as fast as sigma / T = 0.001 / 0.05: half of tau v = 0.8 mm is gone on, C grows by 0.2 (0.4 mm)^2."""
-    shape = last(at_velocity(0.02, [0.02] * 3))
-    np.testing.assert_allclose(shape.node_position_m, [[0.02 * 0.06 + 0.4e-3, 0.0, 0.0], [0.0, 0.0, 0.0]], atol=1e-12)
+    """0.025 m/s, as fast as sigma / T = 0.001 / 0.04: half of tau v = 1 mm is gone on, C grows by 0.2 (0.5 mm)^2."""
+    shape = last(at_velocity(0.025, [0.02] * 3))
+    np.testing.assert_allclose(shape.node_position_m, [[0.025 * 0.06 + 0.5e-3, 0.0, 0.0], [0.0, 0.0, 0.0]], atol=1e-12)
     expected_m2 = NOISE_M**2 * np.eye(6)
-    expected_m2[0, 0] += LAG_S / VELOCITY_HOLDS_S * 0.4e-3**2
+    expected_m2[0, 0] += LAG_S / VELOCITY_HOLDS_S * 0.5e-3**2
     np.testing.assert_allclose(shape.covariance_m2, expected_m2, rtol=1e-12, atol=1e-24)
 
 
@@ -52,7 +52,7 @@ def test_a_fast_node_is_where_it_is_at_the_time_of_the_frame(m_per_s: float, ste
     """Of any rate of frames: the position is that of the time, to the share of the speed that may be an error."""
     shape = last(at_velocity(m_per_s, [step_s] * 20))
     moved_m = shape.node_position_m[0, 0] - m_per_s * 20 * step_s
-    assert 0.995 * LAG_S * m_per_s <= moved_m <= LAG_S * m_per_s
+    assert 0.99 * LAG_S * m_per_s <= moved_m <= LAG_S * m_per_s
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_few_shapes_are_held() -> None:
 
 
 def test_presses_of_the_example_are_followed_better(example) -> None:
-    """Fast nodes are a sixth nearer to the truth and more often in their ellipsoids, slow ones 3 % further away."""
+    """Fast nodes are a seventh nearer to the truth and more often in their ellipsoids, slow ones 2 % further away."""
     trial = tg.open_trial(example)
     pipeline = Pipeline(trial.description, tg.Settings(), read_sensor_model())
     smoother = LiveSmoother(pipeline.rest.structure, pipeline.rest, pipeline.settings)
@@ -105,6 +105,6 @@ def test_presses_of_the_example_are_followed_better(example) -> None:
 
     fast_m, slow_m, inside = errors(now)
     late_fast_m, late_slow_m, late_inside = errors(late)
-    assert fast_m < 5 / 6 * late_fast_m
-    assert slow_m < 1.03 * late_slow_m
+    assert fast_m < 0.85 * late_fast_m
+    assert slow_m < 1.025 * late_slow_m
     assert inside > late_inside + 0.15
