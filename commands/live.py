@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
+from ..io.input_files import real_path
 from ..io.publish.ros2_node import check_ros2, ros2_publisher
 from ..io.publish.udp import UdpPublisher, udp_address
 from ..io.reports.terminal import Terminal
@@ -56,7 +57,7 @@ class LiveSource:
     def name(self) -> str:
         """Name for the result."""
         named = self.record or self.replay or (self.twin and self.twin.with_suffix(""))
-        return named.resolve().name if named else "live"
+        return real_path(named).name if named else "live"
 
     @contextmanager
     def feed(self, settings: Settings, model: AnySensorModel, terminal: Terminal) -> Iterator[Feed]:
@@ -175,8 +176,8 @@ def show_live(
     check_replaceable(path, RUN_FILE)
     if source.record is not None:
         check_vacant(source.record)
-        record = source.record.resolve()
-        if path.resolve() in (record, *record.parents) and not (path / RUN_FILE).exists():
+        record = real_path(source.record)
+        if real_path(path) in (record, *record.parents) and not (path / RUN_FILE).exists():
             raise InputError(f"{path}: expected another place for the result than for the recording: add --out")
     with outputs.page(terminal) as server, source.feed(settings, sensor_model, terminal) as feed:
         session = Session(feed, Pipeline(feed.description, settings, sensor_model))

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..io.input_files import real_path
 from ..io.whole import check_replaceable
 from ..models.values.errors import TensegraphError
 
@@ -32,7 +33,7 @@ def distinct_names(sources: Sequence[Path]) -> list[str]:
     Raises:
         TensegraphError: when two are the same, because outputs are named after them.
     """
-    names = [source.resolve().name for source in sources]
+    names = [real_path(source).name for source in sources]
     for name in {name for name in names if names.count(name) > 1}:
         raise TensegraphError(f"two of these are named {name}: take them one by one, each with its --out")
     return names

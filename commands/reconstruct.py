@@ -23,7 +23,7 @@ from ..models.structure.floor import EstimatedNormal
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.rest_shape import RestShape, WrongPart
 from ..models.structure.shape import Status
-from ..models.values.errors import InputError
+from ..models.values.errors import InputError, inside
 from ..models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag, TendonLengths
 from ..models.values.slip import Slip
 from ..pipeline import FigureFormat, Pipeline, estimator_of, write_result
@@ -44,6 +44,11 @@ class Span:
     """Time of its start; that of the trial if None."""
     to_s: float | None = None
     """Time of its end; that of the trial if None."""
+
+    def __post_init__(self) -> None:
+        for name, t_s in (("--from", self.from_s), ("--to", self.to_s)):
+            if t_s is not None and not np.isfinite(t_s):
+                raise InputError(f"{name}: expected a finite time, got {t_s}")
 
     def until_end(self, frames: Iterable[TendonLengths]) -> list[TendonLengths]:
         """Return the frames up to the end of the span; no frame after that is read.
@@ -202,7 +207,8 @@ def run_trial(trial: Trial, options: RunOptions, terminal: Terminal, bar: StageB
     with terminal.stage("shapes"):
         start_s = time.perf_counter()
         readings = bar.track("lengths", trial.readings(), trial.row_count())
-        frames = options.span.until_end(pipeline.lengths(readings))
+        with inside(trial.path):
+            frames = options.span.until_end(pipeline.lengths(readings))
         # The estimator gets an iterator, which lets go of the list at its end: covariances need that memory.
         count, lengths = len(frames), iter(frames)
         del frames

@@ -1,5 +1,6 @@
 """Input files before they are opened: a file that never ends, or waits for ever, is refused."""
 
+import os
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +12,11 @@ LONGEST_LINE = 1 << 20
 """Number of characters of a line above which a file is not read on; a row of a thousand numbers has 20 000."""
 LARGEST_TOML_BYTES = 4 << 20
 """Size above which a TOML file is not read, as reading takes a second a megabyte; a trial.toml has some kilobytes."""
+
+
+def real_path(path: Path) -> Path:
+    """Return where a path leads, as `Path.resolve`, which before Python 3.13 raises RuntimeError at a loop of links."""
+    return Path(os.path.realpath(path))
 
 
 def check_regular(path: Path, largest_bytes: int | None = None) -> None:

@@ -10,6 +10,7 @@ from ..models.twin.plan import Plan
 from ..models.twin.plan_problems import problems
 from ..models.values.errors import InputError
 from ..models.values.tables import parse_table, unknown_keys
+from .input_files import real_path
 from .structures.structure_file import with_structure_file
 from .toml import line_of, read_toml
 
@@ -82,7 +83,7 @@ def _layers(path: Path) -> list[_Layer]:
     layers: list[_Layer] = []
     following: Path | None = path
     while following is not None:
-        if following.resolve() in [layer.path.resolve() for layer in layers]:
+        if real_path(following) in [real_path(layer.path) for layer in layers]:
             place = _place(layers[-1].path, EXTENDS)
             raise InputError(f"{place}: {EXTENDS}: leads back to {following}: expected a plan that does not")
         table = with_structure_file(read_toml(following), following, ("body", "mechanics"))

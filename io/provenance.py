@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..models.plug_ins import PlugIn
+from .input_files import real_path
 from .model_file import model_path
 from .shape_network_file import shape_network_path
 from .toml import read_toml
@@ -99,7 +100,7 @@ def file_hashes(directory: Path) -> dict[str, str]:
 
 def relative_path(start: Path, end: Path) -> str:
     """Return the path from one directory to another, relative, so that both may be moved together."""
-    return Path(os.path.relpath(end.resolve(), start.resolve())).as_posix()
+    return Path(os.path.relpath(real_path(end), real_path(start))).as_posix()
 
 
 def simulation_provenance(plan: Path, seed: int) -> str:

@@ -165,6 +165,8 @@ def check_writable(path: Path) -> None:
         raise InputError(f"{path}: cannot be written: {parent} is not a directory")
     if not os.access(parent, os.W_OK | os.X_OK):
         raise InputError(f"{path}: cannot be written: no permission to write in {parent}")
+    with _cannot_be_written(path), suppress(FileNotFoundError):  # a link to itself, or too long a name
+        path.stat()
 
 
 @contextmanager

@@ -39,6 +39,12 @@ REFUSED = [
     (["live", "--replay", "trial", "--out", "bad.toml/x"], "bad.toml/x: cannot be written: "),
     (["live", "--replay", "trial", "--record", "bad.toml/x"], "bad.toml/x: cannot be written: "),
     (["simulate", "plan.toml", "--out", "bad.toml/x"], "bad.toml/x: cannot be written: "),
+    (["reconstruct", "loop"], "loop/trial.toml: cannot be read: Too many levels of symbolic links"),
+    (["reconstruct", "trial", "--out", "loop"], "loop: cannot be written: Too many levels of symbolic links"),
+    (["compare", "trial", "--out", "loop/x"], "loop/x: cannot be written: Too many levels of symbolic links"),
+    (["live", "--replay", "loop"], "loop/trial.toml: cannot be read: Too many levels of symbolic links"),
+    (["simulate", "loop", "--out", "x"], "loop: cannot be read: Too many levels of symbolic links"),
+    (["reconstruct", "trial", "--from=-inf"], "--from: expected a finite time, got -inf"),
 ]
 
 
@@ -51,6 +57,7 @@ def test_bad_input_is_one_line_and_exit_code_2(trial_copy, arguments, message) -
     rows[29] = ",".join(cells)
     (path / "board1.csv").write_text("".join(rows))
     (path.parent / "bad.toml").write_text("[noise]\nrodd_m = 1\n")
+    (path.parent / "loop").symlink_to(path.parent / "loop")
     before = sorted(p.name for p in path.parent.iterdir())
     result = run(*arguments, cwd=path.parent)
     assert result.returncode == 2

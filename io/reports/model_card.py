@@ -195,9 +195,10 @@ def _bending_lines(bending: BendingFit | None) -> list[str]:
         for k, (value, sigma) in enumerate(zip(bending.coefficients, sigmas, strict=True))
     ]
     fold = bending.curve().polynomial
+    held_out = "nothing held out" if np.isnan(bending.held_out_r2) else f"held out {bending.held_out_r2:.5f}"
     return [
         f"dR/R = {' '.join(terms)}, x = strain, with the lag undone; the constant is left out in use. "
-        f"R² = {bending.r2:.5f}, held out {bending.held_out_r2:.5f}; residual {bending.residual_sigma:.4f}. "
+        f"R² = {bending.r2:.5f}, {held_out}; residual {bending.residual_sigma:.4f}. "
         f"Invertible for strain {max(fold.x_min, bending.lowest_strain):.3f} to {fold.x_fold:.4f}, that is dR/R "
         f"{float(fold.value(max(fold.x_min, bending.lowest_strain))):.3f} to {fold.y_fold:.4f}; recorded down to "
         f"{bending.lowest_strain:.3f}. The coefficients' covariance is in the model file, as `bending_covariance`.",

@@ -12,7 +12,7 @@ import numpy as np
 from ...models.values.errors import InputError
 from ...models.values.extras import needs_extra
 from ...models.values.units import LARGEST
-from ..input_files import check_regular
+from ..input_files import check_regular, real_path
 
 NOT_READ = ("option", "visual", "statistic")
 """Elements that say nothing of a structure. Their attributes change with MuJoCo's versions, and so may be unknown."""
@@ -128,9 +128,9 @@ def _compiled(mujoco: Any, path: Path) -> Any:
 
 def _files(path: Path, folder: Path, seen: set[Path]) -> Iterator[Path]:
     """Yield a file and all that it includes, by paths from the folder of the model or from its own."""
-    if path.resolve() in seen:
+    if real_path(path) in seen:
         return
-    seen.add(path.resolve())
+    seen.add(real_path(path))
     yield path
     for include in ElementTree.parse(path).iter("include"):
         name = include.get("file", "")

@@ -174,7 +174,9 @@ class Split:
         if not validation:
             training, validation = _time_validation(kept)
         if not any(r.stretched_share > 0.3 for r in training):
-            raise InputError("no recording of stretching to train on")
+            raise InputError(
+                "no recording of stretching to train on: expected one with strain >= 0 in more than 30 % of its rows"
+            )
         return cls(training, validation, [r for r in recordings if tests(r.name)], how)
 
 

@@ -79,8 +79,15 @@ class MotionSignals:
 
 
 def _smoothed(t_s: NDArray[np.float64], value: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return times in steps of `STEP_S` and series smoothed by `SMOOTH_S`; nan at the ends and in gaps."""
+    """Return times in steps of `STEP_S` and series smoothed by `SMOOTH_S`; nan at the ends and in gaps.
+
+    Raises:
+        InputError: when the times do not last for two steps.
+    """
     even_s = np.arange(t_s[0], t_s[-1], STEP_S)
+    if len(even_s) < 2:
+        lasts = f"got {t_s[-1] - t_s[0]:.3g} s: are its times in seconds?"
+        raise InputError(f"the clock is found from a motion of more than {STEP_S:g} s, {lasts}")
     sampled = np.stack([_bridged(even_s, t_s, column) for column in value.T], axis=1)
     width = SMOOTH_S / STEP_S
     return even_s, gaussian_filter1d(sampled, width, axis=0, mode="constant", cval=np.nan, truncate=2)

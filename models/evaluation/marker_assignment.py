@@ -176,7 +176,7 @@ def _fits(
     seen = np.flatnonzero(np.isfinite(marker_m).all(axis=1))
     nodes = np.array(list(permutations(range(len(shape_m)), 3)))
     node_sides_m = _sides_m(shape_m[nodes])
-    triples = np.array(list(combinations(seen, 3))).reshape(-1, 3)
+    triples = np.array(list(combinations(seen, 3)), dtype=np.int64).reshape(-1, 3)
     sides_m = _sides_m(marker_m[triples])
     possible = (sides_m < node_sides_m.max() + reach_m).all(axis=1) & (sides_m > node_sides_m.min() - reach_m).all(
         axis=1

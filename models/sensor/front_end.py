@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from ..values.readings import (
+    MOST_STRETCH,
     Flag,
     Mode,
     ModelError,
@@ -287,7 +288,7 @@ class FrontEnd:
         self, frame: ResistanceFrame, strain: _Strain, probability: NDArray[np.float64], flags: NDArray[np.int64]
     ) -> TendonLengths:
         length_m = (1 + strain.value) * self._L0
-        impossible = is_impossible_length(length_m, self._L0)
+        impossible = is_impossible_length(length_m, self._L0) | (strain.sigma > MOST_STRETCH)
         flags = flags | np.where(impossible, int(Flag.OUT_OF_RANGE), 0)
         no_reading = (flags & NO_LENGTH) != 0
         missing = no_reading | impossible

@@ -6,6 +6,10 @@ TensegraphError
 └── IndeterminateError   the measurements and priors do not determine the shape
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 LONGEST_ERROR = 900
 """Number of characters of an error that a user still reads."""
 
@@ -24,6 +28,17 @@ class RecordingError(TensegraphError):
 
 class IndeterminateError(TensegraphError):
     """The measurements and priors of a frame do not determine its shape: the text names the nodes and the reason."""
+
+
+@contextmanager
+def inside(directory: Path) -> Iterator[None]:
+    """Name a directory in errors of its files that name no file, as where two of them contradict each other."""
+    try:
+        yield
+    except InputError as error:
+        if str(directory) in str(error):
+            raise
+        raise InputError(f"{directory}: {error}") from error
 
 
 def one_line(error: TensegraphError | OSError) -> str:

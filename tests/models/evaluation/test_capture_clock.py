@@ -146,6 +146,18 @@ def test_a_steady_speed_by_hand() -> None:
     np.testing.assert_allclose(signal_m[np.isfinite(signal_m)], 0.03, rtol=1e-6)
 
 
+@pytest.mark.parametrize("seconds", [0.0, 0.002, 0.05])
+def test_a_capture_of_no_duration_is_refused(seconds: float) -> None:
+    """As one whose times are in milliseconds, taken for seconds, and the other way round."""
+    t_s = np.linspace(0, seconds, 100)
+    position_m = np.zeros((100, 3, 3))
+    message = r"from a motion of more than 0\.05 s, got .* s: are its times in seconds"
+    with pytest.raises(InputError, match=message):
+        MotionSignals.of_speeds(t_s, position_m)
+    with pytest.raises(InputError, match=message):
+        MotionSignals.of_distances(t_s, position_m, np.array([[0, 1]]))
+
+
 def test_a_short_gap_is_bridged_and_a_long_one_is_not() -> None:
     t_s = np.arange(0, 10, 0.02)
     position_m = wandering(t_s)

@@ -93,6 +93,15 @@ def test_what_fits_nowhere(take, estimate, example_structure) -> None:
         lay_onto(tracks, estimate, example_structure)
 
 
+def test_times_at_which_two_markers_are_seen(take, estimate, example_structure) -> None:
+    """Nothing is told of them; the markers are assigned where more are seen."""
+    tracks = tracks_of(take)
+    position_m = tracks.position_m.copy()
+    position_m[: len(position_m) // 2, 2:] = np.nan
+    _, fit = lay_onto(replace(tracks, position_m=position_m), estimate, example_structure)
+    assert {mark.marker: mark.node for mark in fit.markers} == dict(zip(take.names, NODES, strict=False))
+
+
 def test_what_cannot_be_told(take, estimate, example_structure) -> None:
     tracks, marks = tracks_of(take), [MarkedNode(name, node) for name, node in zip(take.names, NODES, strict=False)]
     with pytest.raises(InputError, match="no marker is called 'A': expected one of Unlabeled 1000, "):

@@ -150,6 +150,22 @@ class TestFrontEnd:
         assert shorted.flags[1] & Flag.OUT_OF_RANGE
         assert np.isfinite(shorted.length_m[[0, 2, 3]]).all()
 
+    def test_a_length_of_which_nothing_is_known_is_left_out(self, model: SensorModel) -> None:
+        """Far beyond the recordings sigma was kilometres: more than any length that a tendon may have tells nothing."""
+        end = front_end(model)
+        for k in range(60):
+            end.step(frame(k, 0.08))
+        noise = np.random.default_rng(0).uniform(-0.9, 30, (200, 4))
+        left_out = 0
+        for k, change in enumerate(noise, start=60):
+            lengths = end.step(frame(k, change))
+            unknown = np.isinf(lengths.sigma_m)
+            left_out += unknown.sum()
+            assert (lengths.sigma_m[~unknown] <= 20 * 0.17).all()
+            assert np.isnan(lengths.length_m[unknown]).all()
+            assert (lengths.flags[unknown] & Flag.OUT_OF_RANGE).all()
+        assert left_out > 400
+
     def test_too_fast_is_flagged_and_widened(self, model: SensorModel) -> None:
         end = front_end(model)
         for k in range(60):
