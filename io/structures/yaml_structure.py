@@ -87,6 +87,8 @@ def _document(path: Path) -> dict[str, Any]:
         size = _size(document, {})
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
+    except (AttributeError, TypeError, LookupError) as error:  # of PyYAML, where a value is not of its tag
+        raise InputError(f"{path}: is no YAML: a value is not what its tag says: {error}") from error
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1}: " if mark else ""

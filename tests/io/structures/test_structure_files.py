@@ -142,6 +142,12 @@ MALFORMED = {
     "robot.yaml: is no YAML: expected whole numbers of 64 bits, got one of 24000 bits": YAML.replace(
         "nodes:", f"? 0x{'F' * 6000}\n: 1\nnodes:", 1
     ),
+    "robot.yaml: is no YAML: a value is not what its tag says: 'NoneType'": YAML.replace(
+        "stiffness: 100", "stiffness: !!timestamp 1"
+    ),
+    "robot.yaml: is no YAML: a value is not what its tag says: string": YAML.replace(
+        "stiffness: 100", "stiffness: !!int ''"
+    ),
     "robot.yaml: pair_groups.my_string[1]: there is no node tip": YAML.replace("[top, left]", "[tip, left]"),
     "robot.yaml: pair_groups.my_rod[0]: expected two nodes": YAML.replace("[foot, top]", "[foot, top, left]"),
     "robot.yaml: pair_groups.my_rod: expected a builder of this name": YAML.replace("  my_rod: {", "  rod: {"),
