@@ -140,18 +140,12 @@ class FreeStandingSmoother:
         rods = self._structure.rods[[self._robot.imus[i].rod for i in np.flatnonzero(used)]]
         one_direction = are_parallel(np.concatenate([rods, self._measured.located_pairs]), self._rest)
         looked = (not measured or one_direction) and self._looks(shape)
-        by_faces = not measured or (one_direction and self._contradicts(lengths.t_s))
-        stands = self._faces.standing if self._faces and by_faces else None
-        if self._stable and not measured and lengths.t_s >= self._robot.rest_until_s:
-            stands = self._stable.observe(shape)
+        stands = self._stands_by_shape(shape, measured=measured, one_direction=one_direction)
         step = self._poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands)
-        if measured and self._faces:
-            if one_direction:
-                step = self._with_doubt(step, tips_unseen=not used.any() and self._tips_unseen(step))
-            else:
-                self._tipped_s = -np.inf
-                self._faces.stand_on(step.standing.nodes)
-                self._look = None
+        if measured and one_direction:
+            step = self._with_doubt(step, tips_unseen=not used.any() and self._tips_unseen(step))
+        elif measured:
+            self._turn_faces(step.standing)
         measured_up = step.state.turn.T @ self._poses.floor.normal if measured else None
         if measured_up is not None and self._stable:
             self._stable.turned_to(measured_up)
@@ -163,6 +157,27 @@ class FreeStandingSmoother:
             by_faces = stands is not None
             self.kept.append(_Kept(step.standing, by_faces, probability, self._may_tip, left_out, measured_up, doubts))
         return shape, step
+
+    def _stands_by_shape(self, shape: Shape, *, measured: bool, one_direction: bool) -> Standing | None:
+        """Return on which nodes the robot stands by forces or by its shape alone; None where its attitude tells it.
+
+        Args:
+            shape: the newest one.
+            measured: whether other sensors measure how the robot is turned.
+            one_direction: whether they do so but for the turn about one direction.
+        """
+        if self._stable and not measured and shape.t_s >= self._robot.rest_until_s:
+            return self._stable.observe(shape)
+        if self._faces and (not measured or (one_direction and self._contradicts(shape.t_s))):
+            return self._faces.standing
+        return None
+
+    def _turn_faces(self, standing: Standing) -> None:
+        """Take over on which nodes the robot stands, as its measured attitude tells it."""
+        if self._faces is not None:
+            self._tipped_s = -np.inf
+            self._faces.stand_on(standing.nodes)
+            self._look = None
 
     @property
     def contradicted_imus(self) -> NDArray[np.bool_]:
@@ -189,7 +204,8 @@ class FreeStandingSmoother:
             step: the step.
             tips_unseen: whether the structure may tip about a line of which positions alone are read.
         """
-        assert self._faces is not None, "faces tell it"
+        if self._faces is None:
+            return step
         told = self._faces.standing
         if told.probability_of(step.standing.nodes) > LEAST_LIKELY and not tips_unseen:
             return step
@@ -201,7 +217,8 @@ class FreeStandingSmoother:
 
         Positions on one line do not tell the turn about the line, and none at all of a tip over an edge on that line.
         """
-        assert self._faces is not None, "faces tell it"
+        if self._faces is None:
+            return False
         turns = float(np.linalg.norm(step.state.rate_rad_per_s)) > TIPS_RAD_PER_S
         is_edge = bool(step.standing.nodes[self._measured.located_pairs].all())
         if (turns or is_edge) and self._change.may_have_tipped() > LIKELY_TIP:
