@@ -56,7 +56,7 @@ class LiveSource:
     @property
     def name(self) -> str:
         """Name for the result."""
-        named = self.record or self.replay or (self.twin and self.twin.with_suffix(""))
+        named = self.record or self.replay or (self.twin and self.twin.parent / self.twin.stem)
         return real_path(named).name if named else "live"
 
     @contextmanager

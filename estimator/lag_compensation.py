@@ -30,8 +30,8 @@ class LagCompensation:
         x(t) = x + u,   C(t) = C + tau / T_v u u^T,   u = tau w v,   w = |v|^2 / (|v|^2 + (sigma / T)^2)
 
     for each node, with v the velocity that both halves of the last tau have in common, sigma the rms of the node's
-    standard deviations along the axes, T `ERROR_LASTS_S` and T_v `VELOCITY_HOLDS_S`. A jump between two frames is in one
-    half only, and moves nothing.
+    standard deviations along the axes, T `ERROR_LASTS_S` and T_v `VELOCITY_HOLDS_S`. A jump between two frames is in
+    one half only, and moves nothing.
     """
 
     def __init__(self) -> None:

@@ -361,7 +361,7 @@ class Trial:
 
 
 def _sha256_of_table(table: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(table, sort_keys=True, default=str).encode()).hexdigest()
 
 
 def _sha256_of(path: Path) -> str:

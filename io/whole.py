@@ -15,6 +15,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ..models.values.errors import InputError
+from .input_files import real_path
 
 try:
     import fcntl
@@ -147,10 +148,13 @@ def check_replaceable(path: Path, marker: str) -> None:
         marker: name of the file that every earlier result of the same kind contains.
 
     Raises:
-        InputError: when something else stands at `path`, or its directory cannot be written to.
+        InputError: when something else stands at `path`, it contains the working directory, or its directory cannot be
+            written to.
     """
     if path.exists() and not (path.is_dir() and ((path / marker).is_file() or not any(path.iterdir()))):
         raise InputError(f"{path}: exists and is no earlier result: expected a new name, or a directory with {marker}")
+    if Path.cwd().is_relative_to(real_path(path)):  # a shell would stay in the directory that is moved away
+        raise InputError(f"{path}: is the working directory, or contains it: expected another place")
     check_writable(path)
 
 

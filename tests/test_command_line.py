@@ -44,6 +44,8 @@ REFUSED = [
     (["compare", "trial", "--out", "loop/x"], "loop/x: cannot be written: Too many levels of symbolic links"),
     (["live", "--replay", "loop"], "loop/trial.toml: cannot be read: Too many levels of symbolic links"),
     (["simulate", "loop", "--out", "x"], "loop: cannot be read: Too many levels of symbolic links"),
+    (["simulate", "", "--out", "x"], ".: expected a file, got a directory"),
+    (["live", "--twin", "."], ".: expected a file, got a directory"),
     (["reconstruct", "trial", "--from=-inf"], "--from: expected a finite time, got -inf"),
 ]
 

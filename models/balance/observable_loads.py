@@ -56,7 +56,8 @@ def observable_part(
     part[..., structure.anchors, :] = np.nan
     for i, j in structure.rods.tolist():
         along = node_position_m[..., j, :] - node_position_m[..., i, :]
-        along = along / np.linalg.norm(along, axis=-1, keepdims=True)
+        length_m = np.linalg.norm(along, axis=-1, keepdims=True)
+        along = along / np.where(length_m > 0, length_m, 1.0)  # of a rod whose ends are told at one place, all is seen
         for node in (i, j):
             if observable[node] == Observable.ACROSS_ROD:
                 part[..., node, :] -= along * np.sum(along * force_n[..., node, :], axis=-1, keepdims=True)

@@ -1,5 +1,6 @@
 """Trials on disk: what is read, and what is refused and how."""
 
+import shutil
 import tomllib
 
 import numpy as np
@@ -110,3 +111,15 @@ def test_stamps_that_a_result_cannot_tell_apart_are_one(example, tmp_path) -> No
     trial = open_trial(tmp_path)
     assert [reading.t_s for reading in trial.readings()] == [0.0, 0.02, 0.0201, 0.04]
     assert trial.dropped_rows == 1
+
+
+def test_dates_and_times_of_a_user_are_hashed_too(example, tmp_path) -> None:
+    """TOML has them; keys that are not known are told, and kept."""
+    shutil.copytree(example, tmp_path / "press")
+    toml = tmp_path / "press" / "trial.toml"
+    text = toml.read_text()
+    hashes = []
+    for hour in (8, 9):
+        toml.write_text(f"recorded = 2026-11-24T0{hour}:00:00\n{text}")
+        hashes.append(open_trial(tmp_path / "press").hashes()["trial.toml"])
+    assert hashes[0] != hashes[1]

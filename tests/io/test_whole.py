@@ -153,6 +153,14 @@ def test_what_no_command_wrote_stays_in_a_result(tmp_path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
+@pytest.mark.parametrize("out", [".", "", "../out"])
+def test_the_working_directory_is_not_replaced(tmp_path, monkeypatch, out) -> None:
+    """The shell from which the command runs would stay in a directory that is no longer there."""
+    monkeypatch.chdir(result(tmp_path / "out"))
+    with pytest.raises(InputError, match="is the working directory, or contains it: expected another place"):
+        check_replaceable(Path(out), "run.toml")
+
+
 def test_a_link_stays_a_link(tmp_path) -> None:
     """The result is where the link leads to."""
     path = result(tmp_path / "disk" / "out")

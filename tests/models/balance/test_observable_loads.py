@@ -28,6 +28,13 @@ class TestLoads:
 
 
 class TestObservablePart:
+    def test_of_a_rod_whose_ends_are_at_one_place_all_is_seen(self) -> None:
+        """As where a cell of the truth was written twice; no direction is divided by zero."""
+        position_m = np.zeros((4, 3))
+        force = np.ones((4, 3))
+        part = observable_part(four_nodes(), force, position_m)
+        np.testing.assert_array_equal(part[3], force[3])
+
     def test_the_observable_part_by_hand(self) -> None:
         """Of (6, 0, 0), w w^T F = 6 / 6 (1, 1, 2): (5, -1, -2) is left; anchors show nothing."""
         force = np.tile([6.0, 0, 0], (4, 1))
