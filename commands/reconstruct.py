@@ -23,7 +23,7 @@ from ..models.structure.floor import EstimatedNormal
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.rest_shape import RestShape, WrongPart
 from ..models.structure.shape import Status
-from ..models.values.errors import InputError, inside
+from ..models.values.errors import InputError, naming
 from ..models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag, TendonLengths
 from ..models.values.slip import Slip
 from ..pipeline import FigureFormat, Pipeline, estimator_of, write_result
@@ -207,7 +207,7 @@ def run_trial(trial: Trial, options: RunOptions, terminal: Terminal, bar: StageB
     with terminal.stage("shapes"):
         start_s = time.perf_counter()
         readings = bar.track("lengths", trial.readings(), trial.row_count())
-        with inside(trial.path):
+        with naming(trial.path):
             frames = options.span.until_end(pipeline.lengths(readings))
         # The estimator gets an iterator, which lets go of the list at its end: covariances need that memory.
         count, lengths = len(frames), iter(frames)

@@ -16,6 +16,7 @@ from ..io.whole import check_vacant, written_whole
 from ..models.trial_description import describe_trial
 from ..models.twin.plan import Plan
 from ..models.twin.virtual_trial import simulate as simulate_plan
+from ..models.values.errors import naming
 from ..models.values.extras import needs_extra
 from ..models.values.stamped_positions import StampedPositions
 from .paths import result_paths
@@ -58,7 +59,8 @@ def _simulated(
     progress: Callable[[float], None] = lambda share: None,
 ) -> Trial:
     """Simulate a plan, write its trial, with simulation.toml unless that is empty, and return it opened."""
-    trial = simulate_plan(plan, simulation_provenance(path, plan.seed), progress)
+    with naming(path):
+        trial = simulate_plan(plan, simulation_provenance(path, plan.seed), progress)
     describe_trial(trial.metadata, str(path))  # what nobody could read is not written
     with written_whole(out) as (inside,):
         with Recorder(inside, trial.metadata) as recorder:

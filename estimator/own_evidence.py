@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ..factors.keys import NodeRows
 from ..factors.noise import robust_loss
 from ..factors.tendon import TautCables
+from ..models.estimation import SMALLEST_SIGMA
 from ..models.structure.shape import Reason, Shape
 from ..models.values.errors import InputError
 from ..models.values.readings import NodeFactor
@@ -50,7 +51,7 @@ def own_rows(
     told = [factor.rows(np.asarray(t_s, dtype=np.float64), node_position_m) for factor in factors]
     residual = np.concatenate([rows.residual for rows in told], axis=-1)
     jacobian = np.concatenate([rows.jacobian for rows in told], axis=-2)
-    sigma = np.concatenate([rows.sigma for rows in told], axis=-1)
+    sigma = np.maximum(np.concatenate([rows.sigma for rows in told], axis=-1), SMALLEST_SIGMA)
     is_read = np.isfinite(residual) & np.isfinite(sigma) & np.isfinite(jacobian).all(axis=-1)
     per_unit = np.where(is_read, 1 / sigma, 0.0)
     z = np.where(is_read, residual, 0.0) * per_unit

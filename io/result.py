@@ -205,7 +205,7 @@ def _read_contacts(path: Path, structure: Structure, t_s: NDArray[np.float64]) -
 def _read_loads(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> ExternalLoads | None:
     if not path.is_file():
         return None
-    words = dict.fromkeys(("fx_n", "fy_n", "fz_n", "sigma_n"), number)
+    words = dict.fromkeys(("fx_n", "fy_n", "fz_n"), _force) | {"sigma_n": number}
     rows = read_blocks(path, "node", structure.free_nodes, t_s, list(words), words)
     force_n = np.full((len(t_s), structure.node_count, 3), np.nan)
     sigma_n = np.full(force_n.shape[:2], np.inf)
@@ -246,6 +246,13 @@ def number(cell: str) -> float:
         return float(cell)
     except ValueError as error:
         raise ValueError("expected a number, nan or inf") from error
+
+
+def _force(cell: str) -> float:
+    value = number(cell)
+    if np.isinf(value):
+        raise ValueError("expected a finite number or nan")
+    return value
 
 
 def _mode(cell: str) -> float:

@@ -58,7 +58,8 @@ from .toml import read_toml
 STAMP_DECIMALS = 4
 """Decimals of a time in seconds in the tables of a result: times that differ by less are one."""
 LONGEST_STEP_S = 600.0
-"""Time from the first row to the second above which stamps are not in seconds."""
+"""Time from the first row to the second above which stamps are not in seconds, and between the first rows of two boards
+above which they are of two clocks."""
 LONGEST_READING_STEP_S = 0.5
 """Time between all of the first rows of resistance above which stamps are not in seconds, or tell nothing: each sensor
 would begin anew with each row, see `FrontEndSettings.settle_after_s`."""
@@ -211,6 +212,7 @@ class Trial:
 
     def truth_of(self, positions: StampedPositions, loads: TrueLoads | None = None) -> Truth:
         """Return true positions and loads, with the rest and the faults of the trial. Evaluation only."""
+        positions = positions.without_coinciding()
         return Truth(
             t_s=positions.t_s,
             node_position_m=positions.node_position_m,
@@ -242,7 +244,16 @@ class Trial:
         return file
 
     def _rows(self) -> Iterator[BoardReading]:
-        return heapq.merge(*(self._board(b) for b in range(len(self.table.board))), key=lambda row: row.host_s)
+        boards = [self._board(b) for b in range(len(self.table.board))]
+        first = [list(islice(board, 1)) for board in boards]
+        first_s = [row.host_s for rows in first for row in rows]
+        if first_s and max(first_s) - min(first_s) > LONGEST_STEP_S:
+            files = " and ".join(board.file for board in self.table.board)
+            raise InputError(
+                f"{self.path}: {files}: expected first rows at most {LONGEST_STEP_S:g} s apart, got "
+                f"{max(first_s) - min(first_s):.6g} s: is host_s of the same clock in all?"
+            )
+        return heapq.merge(*map(chain, first, boards), key=lambda row: row.host_s)
 
     def _board(self, board: int) -> Iterator[BoardReading]:
         channels = len(self.table.board[board].tendon_of_channel)

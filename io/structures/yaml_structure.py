@@ -16,6 +16,7 @@ import numpy as np
 from ...models.values.errors import InputError
 from ...models.values.extras import needs_extra
 from ...models.values.units import LARGEST_NUMBER
+from ..input_files import LARGEST_TOML_BYTES, check_regular
 from ..toml import INTEGER_BITS
 
 ROD_WORDS = ("rod", "bar", "strut")
@@ -82,13 +83,14 @@ def yaml_tables(path: Path, unit_m: float) -> dict[str, Any]:
 def _document(path: Path) -> dict[str, Any]:
     with needs_extra("a structure in YAML", "yaml"):
         import yaml
+    check_regular(path, LARGEST_TOML_BYTES)
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
         size = _size(document, {})
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
-    except (AttributeError, TypeError, LookupError) as error:  # of PyYAML, where a value is not of its tag
-        raise InputError(f"{path}: is no YAML: a value is not what its tag says: {error}") from error
+    except (AttributeError, TypeError, LookupError) as error:  # of PyYAML
+        raise InputError(f"{path}: is no YAML: a value is not what its tag says") from error
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1}: " if mark else ""

@@ -31,7 +31,7 @@ class IndeterminateError(TensegraphError):
 
 
 @contextmanager
-def inside(directory: Path) -> Iterator[None]:
+def naming(directory: Path) -> Iterator[None]:
     """Name a directory in errors of its files that name no file, as where two of them contradict each other."""
     try:
         yield

@@ -238,7 +238,8 @@ class FactorRows:
     jacobian: NDArray[np.float64]
     """(..., rows, 3 nodes) its derivative by all coordinates, ordered by node."""
     sigma: NDArray[np.float64]
-    """(..., rows) standard deviation of the reading, in the same unit; inf where nothing was read."""
+    """(..., rows) standard deviation of the reading, in the same unit; inf where nothing was read. A smaller one than
+    1e-6 counts as 1e-6."""
 
 
 class NodeFactor(Protocol):

@@ -14,3 +14,9 @@ class StampedPositions:
     """(times,) increasing, host clock."""
     node_position_m: NDArray[np.float64]
     """(times, nodes, 3); nan where a node was not measured."""
+
+    def without_coinciding(self) -> "StampedPositions":
+        """Return the positions, nan for nodes at the very place of another, as programs write what was out of sight."""
+        x = self.node_position_m
+        same = (x[:, :, None] == x[:, None]).all(axis=-1) & ~np.eye(x.shape[1], dtype=bool)
+        return StampedPositions(self.t_s, np.where(same.any(axis=-1)[..., None], np.nan, x))

@@ -74,6 +74,8 @@ def parse_table(kind: type[T], table: Mapping[str, Any], where: str | Callable[[
         where = where if isinstance(where, str) else where(key)
         if first["type"] == "missing":
             raise InputError(f"{where}: {key}: is missing") from error
+        if first["type"] in ("dataclass_type", "model_type"):  # its message names a class
+            raise InputError(f"{where}: {key}: expected a table, got {_shortened(first['input'])}") from error
         raise InputError(f"{where}: {key}: {first['msg'].lower()}, got {_shortened(first['input'])}") from error
     return parsed
 

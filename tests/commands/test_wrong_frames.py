@@ -79,15 +79,14 @@ def test_positions_of_another_frame_are_doubted_and_do_no_harm(tmp_path, wrong_m
     assert np.sqrt(np.mean(np.sum((shape.node_position_m - true_m) ** 2, axis=2))) < 0.004
 
 
-def test_readings_of_another_clock_than_that_of_a_board_are_in_none_of_its_frames(tmp_path) -> None:
+def test_readings_of_another_clock_than_that_of_the_boards_are_in_none_of_its_frames(tmp_path) -> None:
     write_trial(tmp_path / "roll", np.column_stack([np.eye(3), np.zeros(3)]))
-    board = tmp_path / "roll" / "board1.csv"
-    header, *rows = board.read_text().splitlines()
-    cells = [row.split(",", 1) for row in rows]
-    later = [f"{ANOTHER_CLOCK_S + float(host_s):.6f},{others}" for host_s, others in cells]
-    board.write_text("\n".join([header, *later]) + "\n")
+    for board in (tmp_path / "roll").glob("board?.csv"):
+        header, *rows = board.read_text().splitlines()
+        cells = [row.split(",", 1) for row in rows]
+        later = [f"{ANOTHER_CLOCK_S + float(host_s):.6f},{others}" for host_s, others in cells]
+        board.write_text("\n".join([header, *later]) + "\n")
     trial = open_trial(tmp_path / "roll")
     frames = list(Pipeline(trial.description, Settings(), read_sensor_model()).lengths(trial.readings()))
     assert frames[-1].t_s > ANOTHER_CLOCK_S
-    assert any(frame.aids for frame in frames)
-    assert all(frame.t_s - aid.t_s < 1.0 for frame in frames for aid in frame.aids)
+    assert not any(frame.aids for frame in frames)

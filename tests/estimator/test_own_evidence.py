@@ -68,6 +68,14 @@ def test_rows_and_their_weight_by_hand(rest) -> None:
     assert own_error(factors, np.array(0.0), x) == pytest.approx(2 * 0.5 * 2.3849**2 * np.log(1 / weight))
 
 
+@pytest.mark.parametrize("sigma_m", [0.0, -1.0, 1e-320, 1e-160])
+def test_a_sigma_of_nothing_counts_as_a_micrometre(rest, sigma_m: float) -> None:
+    x = rest.node_position_m
+    z, by_position = own_rows([heights_of(x, [8], 0.003, sigma_m)], 0.0, x)
+    np.testing.assert_allclose(z, [3000])
+    assert by_position[0, 26] == pytest.approx(1e6)
+
+
 @pytest.mark.parametrize("factor", [Heights((8, 5), (0.2, 0.3)), Distance()])
 def test_rows_are_the_derivative_in_every_frame(factor, rest, check_jacobian) -> None:
     rng = np.random.default_rng(2)

@@ -72,6 +72,17 @@ class TestResultsAreReadBack:
             read_estimate(path, result.structure)
         assert message in str(error.value)
 
+    def test_an_infinite_load_is_refused(self, saved) -> None:
+        """Unknown is nan; the figures have no place for an infinite one."""
+        result, path = saved
+        loads = path / "estimated_loads.csv"
+        header, first, *rows = loads.read_text().splitlines()
+        cells = first.split(",")
+        cells[2] = "-inf"
+        loads.write_text("\n".join([header, ",".join(cells), *rows, ""]))
+        with pytest.raises(InputError, match=r"row 2, column fx_n: expected a finite number or nan, got '-inf'"):
+            read_estimate(path, result.structure)
+
     def test_what_is_no_covariance_is_refused(self, saved) -> None:
         result, path = saved
         rows = (path / "ellipsoids.csv").read_text().splitlines()

@@ -2,6 +2,7 @@
 
 import shutil
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,3 +124,28 @@ def test_dates_and_times_of_a_user_are_hashed_too(example, tmp_path) -> None:
         toml.write_text(f"recorded = 2026-11-24T0{hour}:00:00\n{text}")
         hashes.append(open_trial(tmp_path / "press").hashes()["trial.toml"])
     assert hashes[0] != hashes[1]
+
+
+def test_boards_on_two_clocks_are_refused(example, tmp_path) -> None:
+    """Frames of one would be 54 years after those of the other."""
+    shutil.copytree(example, tmp_path / "press")
+    board = tmp_path / "press" / "board1.csv"
+    header, *rows = board.read_text().splitlines()
+    cells = [row.split(",", 1) for row in rows]
+    board.write_text("\n".join([header, *(f"{1.7e9 + float(host_s):.6f},{rest}" for host_s, rest in cells), ""]))
+    message = (
+        r"board0\.csv and board1\.csv: expected first rows at most 600 s apart, got 1\.7e\+09 s: is host_s of the same"
+    )
+    with pytest.raises(InputError, match=message):
+        next(open_trial(tmp_path / "press").readings())
+
+
+def test_nodes_at_one_place_were_not_seen(example) -> None:
+    """As programs write what was out of sight: all zero."""
+    trial = open_trial(example)
+    positions = trial.truth()
+    position_m = positions.node_position_m.copy()
+    position_m[3, [4, 7]] = 0.0
+    seen = trial.truth_of(replace(positions, node_position_m=position_m)).node_position_m
+    assert np.argwhere(np.isnan(seen).any(axis=-1)).tolist() == [[3, 4], [3, 7]]
+    np.testing.assert_array_equal(seen[:3], positions.node_position_m[:3])

@@ -142,11 +142,8 @@ MALFORMED = {
     "robot.yaml: is no YAML: expected whole numbers of 64 bits, got one of 24000 bits": YAML.replace(
         "nodes:", f"? 0x{'F' * 6000}\n: 1\nnodes:", 1
     ),
-    "robot.yaml: is no YAML: a value is not what its tag says: 'NoneType'": YAML.replace(
+    "robot.yaml: is no YAML: a value is not what its tag says": YAML.replace(
         "stiffness: 100", "stiffness: !!timestamp 1"
-    ),
-    "robot.yaml: is no YAML: a value is not what its tag says: string": YAML.replace(
-        "stiffness: 100", "stiffness: !!int ''"
     ),
     "robot.yaml: pair_groups.my_string[1]: there is no node tip": YAML.replace("[top, left]", "[tip, left]"),
     "robot.yaml: pair_groups.my_rod[0]: expected two nodes": YAML.replace("[foot, top]", "[foot, top, left]"),
@@ -155,6 +152,7 @@ MALFORMED = {
     "robot.yaml: builders.my_string.pretension: expected less than": YAML.replace("pretension: 50", "pretension: 9000"),
     "robot.yaml: nodes or": "",
     "robot.yaml: expected nodes": "- 1",
+    "robot.yaml: expected at most 4 MiB, got 5 MiB": YAML + "#\n" * (5 << 19),
     "robot.yaml: substructures: is not read": YAML + "substructures: {}\n",
     "robot.yaml: is no YAML: unacceptable character #x000b": YAML + "# \x0b\n",
     "robot.yaml: line 2: is no YAML": "nodes:\n  a: !!python/object/apply:os.system [ls]\n",
