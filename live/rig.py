@@ -129,7 +129,7 @@ def wait_for_boards(link: SerialLink, count: int, ports: str) -> int:
         link.receive()
         heard = {port.board for port in link.state.ports if port.board is not None}
     if not heard:
-        reasons = [f"{port.port}: {_reason_of_silence(port)}" for port in link.state.ports]
+        reasons = [f"{port.port or 'a port without a name'}: {_reason_of_silence(port)}" for port in link.state.ports]
         raise TensegraphError(f"no board answers on {'; '.join(reasons) or ports}: see tensegraph ports")
     return len(heard)
 

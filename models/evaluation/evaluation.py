@@ -157,7 +157,7 @@ class PoseScore:
     path_m: float
     """Length of the true path of the centroid."""
     drift_share: float
-    """Error of the centroid in the last frame, in proportion to the path."""
+    """Error of the centroid in the last frame, in proportion to the path; nan where that is less than a millimetre."""
     centroid_rmse_m: float
     contacts: ContactScore | None
     """None when contacts were not estimated, or the true ones are not known."""

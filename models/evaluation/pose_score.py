@@ -15,6 +15,8 @@ STILL_M_PER_S = 0.02
 """Speed of every node below which the structure is still."""
 STILL_S = 0.2
 """Time over which this speed is averaged."""
+SHORTEST_PATH_M = 0.001
+"""Length of the path up to which no share of it is told: the robot stood."""
 
 
 def score_pose(
@@ -53,7 +55,7 @@ def score_pose(
         still_tilt_rms_deg=float(np.sqrt(of_known(np.mean, tilt_deg[still] ** 2))),
         heading_error_deg=float(-angle_deg[-1, 2]),
         path_m=path_m,
-        drift_share=float(np.linalg.norm(error_m[-1]) / path_m) if path_m > 0 else np.nan,
+        drift_share=float(np.linalg.norm(error_m[-1]) / path_m) if path_m > SHORTEST_PATH_M else np.nan,
         centroid_rmse_m=float(np.sqrt(np.mean(np.sum(error_m**2, axis=1)))),
         contacts=contacts,
     )

@@ -53,6 +53,14 @@ def test_a_turn_and_a_shift_are_told_apart(rest_m) -> None:
     assert np.isnan(score.still_tilt_rms_deg)
 
 
+def test_a_robot_that_stands_has_no_share_of_its_path(rest_m) -> None:
+    """Of a path of rounding alone the share was 1e13."""
+    true_m = rest_m + 1e-16 * np.random.default_rng(0).standard_normal((51, 1, 3))
+    score = score_pose(compared(true_m + np.array([0, 0.05, 0]), true_m), rest_m)
+    assert np.isnan(score.drift_share)
+    assert score.centroid_rmse_m == pytest.approx(0.05)
+
+
 def test_contacts_are_counted_by_pairs_of_frame_and_node(rest_m) -> None:
     """Of three told contacts two are true; of four true ones two are told. All frames are still."""
     told = np.zeros((5, 12))
