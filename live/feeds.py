@@ -22,7 +22,7 @@ from ..models.settings import Settings
 from ..models.trial_description import TrialDescription, describe_trial
 from ..models.twin.virtual_trial import simulate as simulate_plan
 from ..models.values.aids import AidReading
-from ..models.values.errors import InputError
+from ..models.values.errors import InputError, naming
 from ..models.values.link import LinkReading, LinkState, rebased, stamp_s
 from ..models.values.readings import BoardReading, NaturalLengthReading
 from ..pipeline import AnySensorModel
@@ -190,7 +190,8 @@ def twin_feed(
         TensegraphError: when the plan cannot be simulated, or the recording cannot be written.
     """
     parsed = read_plan(plan)
-    trial = simulate_plan(parsed, simulation_provenance(plan, parsed.seed), progress)
+    with naming(plan):
+        trial = simulate_plan(parsed, simulation_provenance(plan, parsed.seed), progress)
     readings = map(as_recorded, heapq.merge(trial.carried, trial.readings, key=arrival_s))
     source = Replay(_first(seconds, readings), speed)
     _, description = describe_trial(without_truth(trial.metadata), str(plan))
@@ -235,13 +236,16 @@ def _recorded_rows(readings: Iterator[Reading], recorder: RecorderThread) -> Ite
 
 
 def _first(seconds: float, readings: Iterable[Reading]) -> Iterator[Reading]:
-    """Yield the readings that arrived at most so many seconds after the first one, whose stamp may be any."""
+    """Return the readings that arrived at most so many seconds after the first one, whose stamp may be any.
+
+    The first one is read at once, so that files without any are refused before a recording begins.
+    """
     readings = iter(readings)
     first = next(readings, None)
     if first is None:
-        return
+        return iter(())
     end_s = arrival_s(first) + seconds
-    yield from chain([first], takewhile(lambda reading: arrival_s(reading) <= end_s, readings))
+    return chain([first], takewhile(lambda reading: arrival_s(reading) <= end_s, readings))
 
 
 class TrialOfBoards:

@@ -164,11 +164,14 @@ class FrontEnd:
     def _in_each_mode(
         self, stretched: _Strain, bent: _Strain, swing: NDArray[np.float64], probability: NDArray[np.float64]
     ) -> ModeReadings | None:
-        """Return the lengths in both modes; None where no mode is uncertain."""
+        """Return the lengths in both modes; None where no mode is uncertain. In no mode is a length impossible."""
         if not is_mode_uncertain(probability).any():
             return None
+        length_m = (1 + np.stack([stretched.value, bent.value])) * self._L0
+        impossible = is_impossible_length(length_m, self._L0)
+        probability = np.where(impossible[0], 1.0, np.where(impossible[1], 0.0, probability))
         return ModeReadings(
-            length_m=(1 + np.stack([stretched.value, bent.value])) * self._L0,
+            length_m=length_m,
             sigma_m=np.hypot(np.stack([stretched.sigma, bent.sigma]), swing) * self._L0,
             bending_probability=probability,
         )

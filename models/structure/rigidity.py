@@ -178,6 +178,13 @@ def _free_shape(structure: Structure, energy: "_TendonEnergy") -> NDArray[np.flo
 def _nearby(structure: Structure, energy: "_TendonEnergy", near_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (nodes, 3) the shape of least energy beside another; without anchors it is turned and placed likewise."""
     start = near_m[structure.free_nodes].ravel()
+    members = np.concatenate([structure.rods, structure.tendons])
+    empty = np.flatnonzero(member_length_m(structure.position_m(start), members) == 0.0)
+    if len(empty):
+        a, b = members[empty[0]]
+        raise IndeterminateError(
+            f"structure.node_position_m: nodes {a} and {b} are joined and at one place: check positions and anchors"
+        )
     solution = least_squares(energy.residual, start, energy.jacobian, method="trf", xtol=1e-10, ftol=1e-12)
     position = structure.position_m(solution.x)
     rod_error = np.abs(member_length_m(position, structure.rods) / structure.rod_length_m - 1)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..structure.lengths import member_length_m
 from ..structure.rigidity import find_rest_shape
-from ..values.errors import TensegraphError
+from ..values.errors import InputError, TensegraphError
 from .loads import Loads
 from .mjcf import Body, mjcf
 
@@ -61,7 +61,7 @@ class Twin:
         try:
             self._model = mujoco.MjModel.from_xml_string(mjcf(body, start_m, step_s))
         except ValueError as error:  # a mass or a radius so small that an inertia is none
-            raise TensegraphError(f"MuJoCo refuses the structure: {' '.join(str(error).split())}") from error
+            raise InputError(f"MuJoCo refuses the structure: {' '.join(str(error).split())}") from error
         self._data = mujoco.MjData(self._model)
         self._site = np.array([self._model.site(f"n{node}").id for node in range(body.structure.node_count)])
         self._body = self._model.site_bodyid[self._site]

@@ -31,14 +31,14 @@ class IndeterminateError(TensegraphError):
 
 
 @contextmanager
-def naming(directory: Path) -> Iterator[None]:
-    """Name a directory in errors of its files that name no file, as where two of them contradict each other."""
+def naming(path: Path) -> Iterator[None]:
+    """Name a file or a directory in errors that name none, as where two files of a directory contradict each other."""
     try:
         yield
-    except InputError as error:
-        if str(directory) in str(error):
+    except (InputError, IndeterminateError) as error:
+        if str(path) in str(error):
             raise
-        raise InputError(f"{directory}: {error}") from error
+        raise type(error)(f"{path}: {error}") from error
 
 
 def one_line(error: TensegraphError | OSError) -> str:

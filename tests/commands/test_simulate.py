@@ -40,7 +40,7 @@ def test_what_mujoco_takes_for_no_body_is_one_line(tmp_path) -> None:
     (tmp_path / "light.toml").write_text(text)
     result = run("simulate", "light.toml", "--out", "trial", cwd=tmp_path)
     assert (result.returncode, result.stderr.count("\n")) == (2, 1)
-    assert "MuJoCo refuses the structure: " in result.stderr
+    assert result.stderr.startswith("tensegraph: light.toml: MuJoCo refuses the structure: ")
     assert [p.name for p in tmp_path.iterdir()] == ["light.toml"]
 
 

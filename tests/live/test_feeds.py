@@ -67,3 +67,14 @@ def test_the_seconds_of_a_replay_count_from_its_first_reading(trial_copy) -> Non
             host_s = [reading.host_s for reading in feed.rows]
         assert len(host_s) == pytest.approx(100, abs=4)
         assert host_s[-1] - host_s[0] <= 1.0
+
+
+def test_files_that_are_refused_leave_no_recording(trial_copy, tmp_path) -> None:
+    """The header of a board has another name for a column."""
+    trial = trial_copy(board1=lambda text: text.replace("adc8", "adcx", 1))
+    with (
+        pytest.raises(tensegraph.InputError, match=r"column .adc8. is missing"),
+        replay_feed(trial, 1e6, tmp_path / "again"),
+    ):
+        raise AssertionError("the feed began")
+    assert not (tmp_path / "again").exists()

@@ -13,7 +13,7 @@ from tensegraph.models.sensor.bending import BendingCurve
 from tensegraph.models.sensor.front_end import FrontEnd, FrontEndSettings
 from tensegraph.models.sensor.reference_drift import DriftSettings, ReferenceTendons
 from tensegraph.models.sensor.sensor_model import SensorModel
-from tensegraph.models.values.readings import ResistanceFrame, RestLengths
+from tensegraph.models.values.readings import ResistanceFrame, RestLengths, is_impossible_length, is_mode_uncertain
 
 
 def front_end(model: SensorModel, count: int = 4, rest_strain: float | None = 0.08, **kwargs) -> FrontEnd:
@@ -85,6 +85,21 @@ class TestFrontEnd:
         doubtful = [end.step(frame(k, -0.003)) for k in range(60, 160)][-1]
         assert (doubtful.flags & Flag.AMBIGUOUS).all()
         assert (doubtful.sigma_m > 3 * sure.sigma_m).all()
+
+    def test_no_impossible_length_is_a_choice(self, model: SensorModel) -> None:
+        """A sensor whose reading jumps as no strip's can has impossible strains as a stretched one: down to -200 %."""
+        end = front_end(model, rest_strain=0.01)
+        rng = np.random.default_rng(0)
+        asked = 0
+        for k in range(400):
+            jump = rng.choice([0.0, -0.05, -0.5, 1.0, 5.0], size=4)
+            modes = end.step(frame(k, 0.005 if k < 60 else jump)).modes
+            if modes is None:
+                continue
+            impossible = is_impossible_length(modes.length_m, np.full(4, 0.17)).any(axis=0)
+            asked += impossible.sum()
+            assert not (impossible & is_mode_uncertain(modes.bending_probability)).any()
+        assert asked > 0
 
     @pytest.mark.parametrize("bad", [[np.nan], [np.nan] * 10, [np.nan] * 60])
     def test_gaps_never_poison_the_state(self, model: SensorModel, bad) -> None:

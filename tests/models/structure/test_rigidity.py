@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tensegraph import InputError, Structure, six_strut, three_strut
+from tensegraph import IndeterminateError, InputError, Structure, six_strut, three_strut
 from tensegraph.models.structure.lengths import member_length_m
 from tensegraph.models.structure.rigidity import find_rest_shape, free_length_jacobian, rigidity
 
@@ -58,3 +58,12 @@ def test_any_six_strut_rests_on_its_base(rod_m: float, prestrain: float) -> None
 def test_impossible_prism_is_refused() -> None:
     with pytest.raises(InputError, match="expected at least 1 stage of rods longer"):
         three_strut(0.1, 0.3)
+
+
+def test_joined_nodes_at_one_place_are_refused(structure: Structure, rest) -> None:
+    """A tendon without length has no direction along which it pulls."""
+    a, b = next(pair for pair in structure.tendons.tolist() if not set(pair) & set(structure.anchors))
+    near_m = rest.node_position_m.copy()
+    near_m[b] = near_m[a]
+    with pytest.raises(IndeterminateError, match=f"nodes {a} and {b} are joined and at one place"):
+        find_rest_shape(structure, near_m)
