@@ -208,9 +208,9 @@ class ModelDoubt:
         least = rank == len(squared) - 1
         variance = np.where(np.concatenate([largest, least[None]]), settings.load_n**2, quiet_n**2)
         share = settings.loaded_share
-        prior = share**loads * (1 - share) ** (len(squared) - loads)
-        left = max(1 - prior.sum(), np.finfo(np.float64).tiny)  # nothing is left where a single node can be loaded
-        return variance, np.log(np.append(prior, left))
+        log_prior = loads * np.log(share) + (len(squared) - loads) * np.log1p(-share)
+        left = max(1 - np.exp(log_prior).sum(), np.finfo(np.float64).tiny)  # none where a single node can be loaded
+        return variance, np.append(log_prior, np.log(left))
 
 
 def evidence_share(builder: GraphBuilder, frame: LinearFrame, step_s: float) -> float:

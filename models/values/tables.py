@@ -31,7 +31,7 @@ AtLeastOne = Annotated[int, Ge(1)]
 """A whole number, 1 or greater."""
 Share = Annotated[float, Interval(ge=0, lt=1)]
 """A number from 0 up to, but not including, 1."""
-Probability = Annotated[float, Interval(gt=0, lt=1)]
+Probability = Annotated[float, Interval(gt=0, lt=1), AfterValidator(_not_tiny)]
 """A number strictly between 0 and 1."""
 
 CHOICES = ("function-after[", "constrained-float", "list[")
