@@ -25,7 +25,7 @@ from .bending import LagFree
 from .reference_drift import ReferenceDrift, ReferenceTendons, without_drift
 from .sensor_model import SensorModel
 from .stretching import Extrapolation, FastSwing, StrainSpread, StretchingSensors
-from .taring import RestShift, Taring
+from .taring import MOTION_SHARE, RestShift, Taring
 
 NO_LENGTH = int(Flag.MISSING | Flag.MISFIT)
 """Flags with which a tendon has no length."""
@@ -307,6 +307,7 @@ class FrontEnd:
                 sigma_m=np.where(missing, 0.0, strain.model_sigma * self._L0),
                 tared_length_m=np.where(self._taring.tared, (1 + self._taring.rest_strain) * self._L0, np.nan),
                 reach_m=self._taring.reach * self._L0,
+                after_motion_m=MOTION_SHARE * self._strain_spread * self._L0,
             ),
             lag_s=self._model.lag_s,
         )

@@ -196,15 +196,19 @@ class ModelError:
     """(tendons,) l_0, the length at which each sensor was tared; nan for one that was not."""
     reach_m: NDArray[np.float64]
     """(tendons,) r, the change of length over which the model's error becomes another one."""
+    after_motion_m: NDArray[np.float64] | float = 0.0
+    """(tendons,) h, standard deviation of the model's error at l_0 because the strip was moved since it was tared."""
 
     def shared_m(self, length_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (tendons,) s, where the errors of the lengths l are b s with one b of standard deviation 1 for all.
 
         Strips that are stretched alike err alike. Taring takes the error off at l_0; away from there it grows, too long
-        on one side where it is too short on the other: s = sigma tanh((l - l_0) / r).
+        on one side where it is too short on the other, and after motion a part is there at l_0, too:
+        s = sigma tanh((l - l_0) / r) + h, between -sigma and sigma.
         """
-        away = np.tanh((length_m - self.tared_length_m) / self.reach_m)
-        return self.sigma_m * np.where(np.isnan(self.tared_length_m), 1.0, away)
+        away_m = self.sigma_m * np.tanh((length_m - self.tared_length_m) / self.reach_m) + self.after_motion_m
+        within_m = np.minimum(np.maximum(away_m, -self.sigma_m), self.sigma_m)
+        return np.where(np.isnan(self.tared_length_m), self.sigma_m, within_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,6 +9,7 @@ from tensegraph import Flag, Mode, Settings
 from tensegraph.estimator.graph import GraphBuilder
 from tensegraph.estimator.mode_choice import ModeChoice
 from tensegraph.estimator.smoother import LiveSmoother
+from tensegraph.factors.noise import weigh
 from tensegraph.models.values.readings import ModelError, ModeReadings
 
 TENDON = 13
@@ -42,6 +43,28 @@ def test_the_shape_decides(true_mode: Mode, structure, balanced, lengths_of) -> 
     assert shape.lengths.sigma_m[TENDON] < 0.003
     stretched = 2e-4 if true_mode is Mode.STRETCHING else 0.0  # with certainty, where it was with even odds
     assert shape.lengths.model_error.sigma_m[TENDON] == pytest.approx(stretched, abs=2e-5)
+
+
+@pytest.mark.parametrize(("kept", "share"), [(None, 0.4), ([], 0.7)])
+def test_evidence_by_hand(kept: list | None, share: float, structure, balanced, lengths_of) -> None:
+    """The odds after a frame that tells the mode: a share of its log-likelihood ratio, averaged over 0.1 s; in batch,
+    where it is kept, a larger share of it."""
+    choice = ModeChoice(GraphBuilder(structure, balanced, Settings().noise), 0.05)
+    choice.kept = kept
+    smoother = LiveSmoother(structure, balanced, Settings())
+    for t_s in (0.0, 0.02):
+        frame = uncertain(lengths_of(structure, balanced.node_position_m, t_s), Mode.STRETCHING, 0.010, 0.25)
+        shape = smoother.update(frame)
+        measured = weigh(shape.lengths, Settings().noise)
+        choice.observe(shape, measured)
+    told = choice.evidence(
+        shape.node_position_m, shape.covariance_m2, shape.lengths.length_m, measured.sigma_m, frame.modes
+    )[TENDON]
+    assert told < -1
+    odds = (1 - np.exp(-0.02 / 0.1)) * share * told
+    bent = 1 / (1 + 3 * np.exp(-odds))
+    true_m = structure.tendon_length_m(balanced.node_position_m)[TENDON]
+    assert choice.choose(frame).length_m[TENDON] - true_m == pytest.approx(0.010 * bent)
 
 
 def test_without_evidence_both_modes_count(structure, balanced, lengths_of) -> None:

@@ -70,6 +70,20 @@ def test_what_errors_share_by_hand() -> None:
     assert left_out.shared == pytest.approx(np.where(np.arange(5) == 1, 0, expected))
 
 
+def test_what_errors_share_after_motion_by_hand() -> None:
+    """0.2 mm at the tared length, all of it a reach away on the one side and less on the other; never beyond sigma."""
+    count = 5
+    error = ModelError(
+        np.full(count, 0.0006),
+        np.array([0.18, 0.18, 0.18, np.nan, 0.18]),
+        np.full(count, 0.01),
+        after_motion_m=np.array([0.0002, 0.0002, 0.0002, 0.0002, 0.0009]),
+    )
+    length_m = np.array([0.18, 0.19, 0.17, 0.18, 0.18])
+    away = 0.0006 * np.tanh(1)
+    assert error.shared_m(length_m) == pytest.approx([0.0002, 0.0006, 0.0002 - away, 0.0006, 0.0006])
+
+
 def test_a_robust_kernel_takes_errors_one_by_one() -> None:
     lengths = measured([0.19], ModelError(np.array([0.0006]), np.array([0.18]), np.array([0.01]))).lengths
     assert weigh(lengths, replace(NOISE, robust="cauchy")).shared is None

@@ -13,6 +13,7 @@ from tensegraph.models.sensor.bending import BendingCurve
 from tensegraph.models.sensor.front_end import FrontEnd, FrontEndSettings
 from tensegraph.models.sensor.reference_drift import DriftSettings, ReferenceTendons
 from tensegraph.models.sensor.sensor_model import SensorModel
+from tensegraph.models.sensor.stretching import StrainSpread
 from tensegraph.models.values.readings import ResistanceFrame, RestLengths, is_impossible_length, is_mode_uncertain
 
 
@@ -61,6 +62,25 @@ class TestFrontEnd:
         tared_m = np.nan if rest_strain is None else 0.17 * (1 + rest_strain)
         np.testing.assert_allclose(error.tared_length_m, tared_m)
         np.testing.assert_allclose(error.reach_m, 0.17 * reach)
+
+    def test_motion_leaves_an_error_at_the_tared_length(self, model: SensorModel) -> None:
+        """Of strips that were moved, and only of those; 0.06 of the spread of their strain in the last half minute."""
+        end = front_end(model)
+        swing = 0.05 * np.sin(2 * np.pi * np.arange(250) / 250)
+        path = np.concatenate([np.zeros(100), swing, np.zeros(50)])
+        moved = np.array([1.0, 1.0, 0.0, 0.0])
+        lengths = [end.step(frame(k, 0.07 + y * moved)) for k, y in enumerate(path)]
+        strain = np.array([one.length_m for one in lengths]) / 0.17 - 1
+        spread = StrainSpread(4)
+        for row in strain:
+            expected_m = 0.06 * 0.17 * spread.step(row, 0.02)
+        error = lengths[-1].model_error
+        assert error is not None
+        np.testing.assert_allclose(error.after_motion_m, expected_m, rtol=0.02)
+        assert (error.after_motion_m[:2] > 1e-4).all()
+        assert (error.after_motion_m[2:] < 1e-5).all()
+        shared_m = error.shared_m(error.tared_length_m)
+        np.testing.assert_allclose(shared_m, error.after_motion_m)
 
     def test_a_bent_tendon_has_no_error_of_the_stretching_model(self, model: SensorModel) -> None:
         end = front_end(model)
