@@ -56,6 +56,10 @@ from .models.values.readings import (
 )
 from .models.values.threads import one_thread
 
+OtherReading = AidReading | NaturalLengthReading
+"""What else than tendons is read."""
+OFFLINE_FRAMES = 500
+"""Number of frames whose lengths are computed at a time where nobody waits for the first."""
 AnySensorModel = SensorModel | StrainModelFactory
 """A sensor model, or what makes the one that another package brings."""
 Progress = Callable[[int, float], None]
@@ -305,7 +309,7 @@ class Pipeline:
     @property
     def rest_in_doubt(self) -> bool:
         """Whether at least half of the sensors, or of the lengths, do not fit the rest shape."""
-        by_sensors = getattr(self.front_end, "rest_in_doubt", False)  # a front end of one's own may have `step` alone
+        by_sensors = getattr(self.front_end, "rest_in_doubt", False)  # one of one's own may have `lengths` alone
         return by_sensors or (self._rest_watch is not None and self._rest_watch.in_doubt)
 
     def _read(self, shape: Shape) -> Shape:
@@ -337,30 +341,63 @@ class Pipeline:
             return lambda first_s: ESTIMATORS[method](structure, rest, settings)
         return lambda first_s: FREE_STANDING[method](structure, rest, robot.begun(first_s), settings)
 
-    def lengths(self, readings: Iterable[Reading]) -> Iterator[TendonLengths]:
-        """Yield the lengths of all tendons in every frame."""
+    def lengths(self, readings: Iterable[Reading], ahead: int = 1) -> Iterator[TendonLengths]:
+        """Yield the lengths of all tendons in every frame.
+
+        Args:
+            readings: rows of boards, readings of resistance, or lengths, in order of arrival.
+            ahead: number of frames that are read before their lengths are computed, all at once. Live, each frame's are
+                wanted as soon as it is complete; offline, many frames at once take a third of the time, and the lengths
+                are the same.
+        """
         aids: list[AidReading] = []
-        for reading in readings:  # each is one row of one board, in order of arrival
+        for reading in self._with_lengths(readings, ahead):
             if isinstance(reading, AidReading):
                 self.aid_use.read(reading)
                 aid = self._passed(reading)
                 if aid is not None:
                     yield from self._in_pause(aid.t_s, aids)
                     insort(aids, aid, key=lambda aid: aid.t_s)  # boards are not synchronous
-                continue
-            if isinstance(reading, NaturalLengthReading):
+            elif isinstance(reading, NaturalLengthReading):
                 self.winding.add(reading)
-                continue
-            if isinstance(reading, TendonLengths):
-                yield from self._in_pause(reading.t_s, aids)
-                self._pauses.add(reading.t_s)
-                yield self._with_aids(self.winding.applied(self._with_sigma(reading)), aids)
-                continue
-            resistance = self._resistance(reading)  # eq. (1), at its time on the host clock
-            for frame in self._frames.add(resistance) if resistance else ():  # all sensors at one instant
-                yield self._with_aids(self._of_tendons(frame), aids)
-        for frame in self._frames.finish():
-            yield self._with_aids(self._of_tendons(frame), aids)
+            else:
+                if self.trial.source == "lengths":
+                    yield from self._in_pause(reading.t_s, aids)
+                    self._pauses.add(reading.t_s)
+                    reading = self._with_sigma(reading)
+                # of whole tendons: those of the strips, and of the strings that motors wind
+                yield self._with_aids(self.winding.applied(reading), aids)
+
+    def _with_lengths(self, readings: Iterable[Reading], ahead: int) -> Iterator[TendonLengths | OtherReading]:
+        """Yield lengths in place of rows of counts and resistances, see `lengths`, and what else is read as it is."""
+        waiting: list[ResistanceFrame | TendonLengths | OtherReading] = []
+        frames: list[ResistanceFrame] = []
+        for reading in self._with_frames(readings):
+            waiting.append(reading)
+            if isinstance(reading, ResistanceFrame):
+                frames.append(reading)
+            if len(frames) in (0, ahead):
+                yield from self._converted(waiting, frames)
+                waiting, frames = [], []
+        yield from self._converted(waiting, frames)
+
+    def _with_frames(self, readings: Iterable[Reading]) -> Iterator[ResistanceFrame | TendonLengths | OtherReading]:
+        """Yield frames of resistance in place of rows of counts and resistances, and what else is read as it is."""
+        for reading in readings:  # each is one row of one board, in order of arrival
+            if isinstance(reading, BoardReading | ResistanceReading):
+                resistance = self._resistance(reading)  # eq. (1), at its time on the host clock
+                yield from self._frames.add(resistance) if resistance else ()  # all sensors at one instant
+            else:
+                yield reading
+        yield from self._frames.finish()
+
+    def _converted(
+        self, readings: Iterable[ResistanceFrame | TendonLengths | OtherReading], frames: list[ResistanceFrame]
+    ) -> Iterator[TendonLengths | OtherReading]:
+        """Yield readings with lengths in place of the frames among them."""
+        lengths = iter(self.front_end.lengths(frames))  # strain and length, eqs. (2)-(4)
+        for reading in readings:
+            yield next(lengths) if isinstance(reading, ResistanceFrame) else reading
 
     def _in_pause(self, t_s: float, aids: list[AidReading]) -> Iterator[TendonLengths]:
         """Yield frames without lengths, where rows of lengths pause, and other sensors follow how a robot moves."""
@@ -375,10 +412,6 @@ class Pipeline:
         if isinstance(reading, ImuReading) and not self.imu_gate.passes(reading):
             return None
         return reading
-
-    def _of_tendons(self, frame: ResistanceFrame) -> TendonLengths:
-        """Return the lengths of whole tendons: those of the strips, and of the strings that motors wind."""
-        return self.winding.applied(self.front_end.step(frame))  # strain and length, eqs. (2)-(4)
 
     def _resistance(self, reading: BoardReading | ResistanceReading) -> ResistanceReading | None:
         if isinstance(reading, ResistanceReading):
@@ -432,7 +465,7 @@ def reconstruct(
     """
     trial = trial if isinstance(trial, Trial) else open_trial(trial)
     pipeline = _pipeline_of(trial.description, settings, model)
-    shapes = pipeline.shapes(pipeline.lengths(trial.readings()), method, progress)
+    shapes = pipeline.shapes(pipeline.lengths(trial.readings(), OFFLINE_FRAMES), method, progress)
     return Reconstruction.of(trial.description.structure, shapes)
 
 

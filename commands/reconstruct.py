@@ -26,7 +26,7 @@ from ..models.structure.shape import Status
 from ..models.values.errors import InputError, naming
 from ..models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag, TendonLengths
 from ..models.values.slip import Slip
-from ..pipeline import FigureFormat, Pipeline, estimator_of, write_result
+from ..pipeline import OFFLINE_FRAMES, FigureFormat, Pipeline, estimator_of, write_result
 from .garbage import rare_collections
 from .many import Many, Workers
 from .origin import chosen_model, made_with, placed_model
@@ -208,7 +208,7 @@ def run_trial(trial: Trial, options: RunOptions, terminal: Terminal, bar: StageB
         start_s = time.perf_counter()
         readings = bar.track("lengths", trial.readings(), trial.row_count())
         with naming(trial.path):
-            frames = options.span.until_end(pipeline.lengths(readings))
+            frames = options.span.until_end(pipeline.lengths(readings, OFFLINE_FRAMES))
         # The estimator gets an iterator, which lets go of the list at its end: covariances need that memory.
         count, lengths = len(frames), iter(frames)
         del frames

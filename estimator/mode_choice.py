@@ -23,9 +23,10 @@ from ..factors.noise import WeightedLengths
 from ..models.structure.lengths import length_and_jacobian, propagated_variance
 from ..models.structure.shape import Shape
 from ..models.values.readings import (
+    BENDING,
     LEAST_PROBABILITY,
+    STRETCHING,
     Flag,
-    Mode,
     ModeReadings,
     TendonLengths,
     is_mode_uncertain,
@@ -122,7 +123,7 @@ class ModeChoice:
         cavity_m = (shape_m - share * read_m) / (1 - share)
         spread = modes.sigma_m**2 + (variance / (1 - share))[..., None, :]
         log_density = -0.5 * ((modes.length_m - cavity_m[..., None, :]) ** 2 / spread + np.log(spread))
-        ratio = log_density[..., int(Mode.BENDING), :] - log_density[..., int(Mode.STRETCHING), :]
+        ratio = log_density[..., BENDING, :] - log_density[..., STRETCHING, :]
         known = np.isfinite(ratio) & structure.is_free_tendon
         return np.where(known, np.clip(ratio, -MOST_LOG_ODDS, MOST_LOG_ODDS), 0.0)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.estimation import NoiseSettings
-from ..models.values.readings import Flag, Mode, TendonLengths
+from ..models.values.readings import BENDING, Flag, TendonLengths
 
 KERNEL_SCALES = {"huber": 1.345, "cauchy": 2.3849}
 """Constants of the robust kernels that give 95 % efficiency on Gaussian noise."""
@@ -18,8 +18,6 @@ KERNELS = {
     "cauchy": gtsam.noiseModel.mEstimator.Cauchy.Create(KERNEL_SCALES["cauchy"]),
 }
 """Robust kernels."""
-# plain numbers, because comparing an array with an enumeration takes ten times as long
-BENDING = int(Mode.BENDING)
 AMBIGUOUS = int(Flag.AMBIGUOUS)
 MOST_SHARED = 0.95
 """Largest part of a sigma that sensors share; the rest is each sensor's own."""

@@ -28,9 +28,10 @@ from ..models.values.aids import AidReading
 from ..models.values.errors import InputError
 from ..models.values.marker_tracks import MarkerTracks
 from ..models.values.readings import (
+    BENDING,
+    STRETCHING,
     BoardReading,
     Flag,
-    Mode,
     NaturalLengthReading,
     ResistanceReading,
     TendonLengths,
@@ -316,7 +317,7 @@ class Trial:
                     f"{np.median(natural_m):.3g} m, got {np.median(length_m[told]):.3g} m: is the unit right?"
                 )
             possible = ~impossible & ~(sigma_m < SMALLEST_SIGMA)
-            mode = np.where(length_m < natural_m, int(Mode.BENDING), int(Mode.STRETCHING))
+            mode = np.where(length_m < natural_m, BENDING, STRETCHING)
             flags = np.where(np.isnan(length_m), int(Flag.MISSING), np.where(possible, 0, int(Flag.OUT_OF_RANGE)))
             yield TendonLengths(
                 t_s=row[0], length_m=np.where(possible, length_m, np.nan), sigma_m=sigma_m, mode=mode, flags=flags

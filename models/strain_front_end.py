@@ -9,7 +9,7 @@ the strain that it returns with the known strain e_0 at the rest shape, and make
 The spread contains noise, and motion of the structure, which the mean would hide.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -80,12 +80,15 @@ class StrainFrontEnd:
         self.rest_in_doubt = False
         """Not known, for the same reason."""
 
-    def step(self, frame: ResistanceFrame) -> TendonLengths:
-        """Return the lengths in one more frame.
+    def lengths(self, frames: Sequence[ResistanceFrame]) -> list[TendonLengths]:
+        """Return the lengths in more frames.
 
         Raises:
             InputError: when the model returns arrays of another form, or a mode that is none.
         """
+        return [self._lengths_of(frame) for frame in frames]
+
+    def _lengths_of(self, frame: ResistanceFrame) -> TendonLengths:
         frame = frame.first(len(self._L0))
         change = frame.resistance_ohm / self._R0 - 1
         told = _checked(self._model.step(frame.t_s, change), len(self._L0))

@@ -18,6 +18,7 @@ from ..models.values.errors import IndeterminateError, InputError
 from ..models.values.readings import TendonLengths
 from ..pipeline import (
     ESTIMATORS,
+    OFFLINE_FRAMES,
     AnySensorModel,
     EstimatorFactory,
     Pipeline,
@@ -115,7 +116,8 @@ class TrialComparison:
         self._name = trial.path.resolve().name
         self._structure = trial.description.structure
         self._pipeline = Pipeline(trial.description, settings, model)
-        self._frames = list(self._pipeline.lengths(bar.track("lengths", trial.readings(), trial.row_count())))
+        readings = bar.track("lengths", trial.readings(), trial.row_count())
+        self._frames = list(self._pipeline.lengths(readings, OFFLINE_FRAMES))
 
     def without_method(self) -> Measured:
         """Return the result of the rest shape alone."""

@@ -1,7 +1,8 @@
 """The loop on trials that are not as they should be, and on other sources than boards."""
 
 from dataclasses import replace
-from itertools import takewhile
+from itertools import islice, takewhile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from tensegraph.models.structure.shape import Reason
 from tensegraph.models.values.readings import TendonLengths
 from tensegraph.pipeline import Pipeline, reconstruct, stream
 from trial_edits import cell, lines
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 @pytest.fixture(scope="module")
@@ -93,6 +96,20 @@ def pipeline_of(trial, model=None) -> Pipeline:
     from tensegraph.io.model_file import read_sensor_model
 
     return Pipeline(trial.description, Settings(), model or read_sensor_model())
+
+
+@pytest.mark.parametrize("name", ["press_01", "roll_02"])
+def test_many_frames_at_a_time_give_the_same_lengths(name) -> None:
+    """Of boards alone, and with an inertial sensor, whose samples stay with their frame."""
+    trial = open_trial(EXAMPLES / name)
+    one_by_one = pipeline_of(trial).lengths(islice(trial.readings(), 2000))
+    many = pipeline_of(trial).lengths(islice(trial.readings(), 2000), 150)
+    for one, other in zip(one_by_one, many, strict=True):
+        assert one.t_s == other.t_s
+        np.testing.assert_allclose(one.length_m, other.length_m, atol=1e-12)
+        np.testing.assert_allclose(one.sigma_m, other.sigma_m, atol=1e-12)
+        np.testing.assert_array_equal(one.flags, other.flags)
+        assert [aid.t_s for aid in one.aids] == [aid.t_s for aid in other.aids]
 
 
 def test_absurd_codes_are_left_out_and_named(trial_copy) -> None:

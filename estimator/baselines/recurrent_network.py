@@ -45,12 +45,12 @@ class RecurrentNetwork:
         change = lengths.change_since_rest
         self._change = np.where(np.isfinite(change), change, self._change)
         network, structure = self._network, self._structure
-        output, self._state = self._lstm.step(self._change[None] / network.change_scale, self._state)
+        output, self._state = self._lstm.run(self._change[None, None] / network.change_scale, self._state)
         free = structure.free_coordinates
         position = self._rest.node_position_m.copy().ravel()
-        position[free] += network.displacement_scale_m * output[0, :-1]
+        position[free] += network.displacement_scale_m * output[0, 0, :-1]
         covariance = self._rest.covariance_m2.copy()
-        scale = np.exp(np.clip(output[0, -1], *LOG_SCALE_RANGE))
+        scale = np.exp(np.clip(output[0, 0, -1], *LOG_SCALE_RANGE))
         covariance[np.ix_(free, free)] += scale**2 * network.covariance_m2
         return Shape(
             t_s=lengths.t_s,

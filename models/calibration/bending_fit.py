@@ -93,9 +93,7 @@ def _bent_samples(recordings: Sequence[Recording]) -> list[tuple[NDArray[np.floa
 
 def _lag_free_bending(recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (samples,) strain and (samples,) lag-free dR/R of the bent samples after settling."""
-    lag_free = LagFree(1)
     step_s = np.diff(recording.t_s, prepend=2 * recording.t_s[0] - recording.t_s[1])
-    pairs = zip(recording.change, step_s, strict=True)
-    change = np.array([lag_free.step(np.array([y]), float(dt))[0][0] for y, dt in pairs])
+    change = LagFree(1).run(recording.change[:, None], step_s[:, None])[0][:, 0]
     chosen = recording.settled & (recording.strain < 0) & (recording.t_s > recording.scored_from_s)
     return recording.strain[chosen], change[chosen]

@@ -27,10 +27,8 @@ def fit_mode(recordings: Sequence[Recording]) -> ModeOdds:
     edges = np.arange(*CHANGE_RANGE, CHANGE_STEP)
     counts = np.zeros((2, len(edges) - 1))
     for recording in recordings:
-        lag_free = LagFree(1)
         step_s = np.diff(recording.t_s, prepend=recording.t_s[0] - 0.05)
-        pairs = zip(recording.change, step_s, strict=True)
-        change, lag = np.array([lag_free.step(np.array([y]), float(dt)) for y, dt in pairs])[..., 0].T
+        change, lag = np.stack(LagFree(1).run(recording.change[:, None], step_s[:, None]))[..., 0]
         settled = recording.settled & (np.abs(lag) < KERNEL)
         for mode, chosen in enumerate((recording.strain >= 0, recording.strain < 0)):
             chosen = chosen & settled & (np.abs(recording.strain) < 0.3)

@@ -47,22 +47,13 @@ class NetworkEstimator:
 
     def estimate(self, change: NDArray[np.float64], step_s: NDArray[np.float64]) -> EstimatedStrain:
         """Return strain and sigma, see `StrainEstimator`."""
-        samples, count = change.shape
+        count = change.shape[1]
         sensors = StretchingSensors(self.model, count)
-        running_spread = StrainSpread(count)
-        extrapolation = Extrapolation(self.model, count)
         sensors.settle(change[0], np.ones(count, dtype=np.bool_), float(np.median(step_s)))
         rate = np.diff(change, axis=0, prepend=change[:1]) / step_s
-        strain = np.empty((samples, count))
-        sigma = np.empty((samples, count))
-        spread = np.empty((samples, count))
-        factor = np.empty((samples, count))
-        added = np.empty((samples, count))
-        beyond = np.empty((samples, count), dtype=np.bool_)
-        for k in range(samples):
-            strain[k], sigma[k] = sensors.step(change[k], rate[k], step_s[k])
-            spread[k] = running_spread.step(strain[k], step_s[k])
-            factor[k], widening, beyond[k] = extrapolation.step(change[k], rate[k], strain[k], step_s[k])
-            added[k] = np.hypot(widening, sensors.curve_sigma)
-        scaled = np.hypot(sigma * self.model.sigma_scale.at(spread) * factor, added)
-        return EstimatedStrain(strain, scaled, sigma, spread, beyond)
+        network = sensors.run(change, rate, step_s)
+        spread = StrainSpread(count).run(network.strain, step_s)
+        factor, widening, beyond = Extrapolation(self.model, count).run(change, rate, network.strain, step_s)
+        scaled = network.sigma * self.model.sigma_scale.at(spread) * factor
+        sigma = np.hypot(scaled, np.hypot(widening, network.curve_sigma))
+        return EstimatedStrain(network.strain, sigma, network.sigma, spread, beyond)

@@ -126,8 +126,15 @@ class LagFree:
         """Start (sensors,) chosen ones anew: what they read before tells no rate."""
         self._rate.restart(chosen)
 
-    def step(self, change: NDArray[np.float64], step_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (sensors,) lag-free dR/R, and the correction that was added to the given dR/R."""
-        rate = self._rate.step(change, step_s)
+    def run(
+        self, change: NDArray[np.float64], step_s: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (samples, sensors) lag-free dR/R, and the correction that was added to the given dR/R.
+
+        Args:
+            change: (samples, sensors) dR/R.
+            step_s: (samples, sensors), or (samples, 1) for all, the time before each sample.
+        """
+        rate = self._rate.run(change, step_s)
         lag = np.where(rate < 0, *BENDING_LAG_S) * rate
         return change + lag, lag

@@ -17,7 +17,7 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
-from ..values.readings import Flag, Mode, ResistanceFrame, ResistanceReading, TendonLengths
+from ..values.readings import STRETCHING, Flag, ResistanceFrame, ResistanceReading, TendonLengths
 from ..values.tables import Positive
 from .gate import GateSettings, ReadingGate
 
@@ -249,6 +249,6 @@ class LengthPauses:
                 t_s=self._frame_s,
                 length_m=np.full(self._tendons, np.nan),
                 sigma_m=np.full(self._tendons, np.inf),
-                mode=np.full(self._tendons, int(Mode.STRETCHING)),
+                mode=np.full(self._tendons, STRETCHING),
                 flags=np.full(self._tendons, int(Flag.MISSING)),
             )

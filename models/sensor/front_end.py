@@ -1,5 +1,6 @@
 """The sensor front end: resistance to strain to length, eqs. (2)-(4), with sigma, mode and flags."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -8,9 +9,10 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from ..values.readings import (
+    BENDING,
     MOST_STRETCH,
+    STRETCHING,
     Flag,
-    Mode,
     ModelError,
     ModeReadings,
     ResistanceFrame,
@@ -21,6 +23,7 @@ from ..values.readings import (
     is_mode_uncertain,
 )
 from ..values.tables import Positive, Probability
+from ..values.time_series import before, held
 from .bending import LagFree
 from .reference_drift import ReferenceDrift, ReferenceTendons, without_drift
 from .sensor_model import SensorModel
@@ -61,19 +64,23 @@ class FrontEndSettings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _HeldChange:
-    """dR/R on the common curve, in which a missing value is replaced by the last one (zero-order hold)."""
+class _Readings:
+    """The readings of some frames, of which none but the first has a sensor whose loading history is new."""
 
+    t_s: NDArray[np.float64]
+    """(frames,)"""
+    step_s: NDArray[np.float64]
+    """(frames, 1) the time before each frame."""
+    seen: NDArray[np.bool_]
+    """(frames, tendons) which sensors have a reading."""
     change: NDArray[np.float64]
-    """(tendons,)"""
+    """(frames, tendons) dR/R on the common curve, in which a missing value is replaced by the last one."""
     rate_per_s: NDArray[np.float64]
-    """(tendons,) rate of dR/R; zero after a gap."""
-    fresh: NDArray[np.bool_]
-    """(tendons,) True for a sensor whose loading history is unknown, because this is its first reading after a gap."""
-    returned: NDArray[np.bool_]
-    """(tendons,) True for a sensor that has a reading again, and had none in the frame before."""
+    """(frames, tendons) rate of dR/R; zero after a gap."""
     flags: NDArray[np.int64]
-    """(tendons,) `Flag` bits."""
+    """(frames, tendons) `Flag` bits."""
+    resting: bool
+    """Whether the structure still stands at its rest shape."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,15 +88,33 @@ class _Strain:
     """Strain of all tendons, with its standard deviation."""
 
     value: NDArray[np.float64]
-    """(tendons,)"""
+    """(frames, tendons)"""
     sigma: NDArray[np.float64]
-    """(tendons,)"""
+    """(frames, tendons)"""
     model_sigma: NDArray[np.float64] | float = 0.0
-    """(tendons,) the part of sigma that comes from the model of stretched sensors."""
+    """(frames, tendons) the part of sigma that comes from the model of stretched sensors."""
+    spread: NDArray[np.float64] | float = 0.0
+    """(frames, tendons) the standard deviation of strain in the last half minute, see `StrainSpread`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lengths:
+    """The lengths of some frames, see `TendonLengths`."""
+
+    length_m: NDArray[np.float64]
+    """(frames, tendons)"""
+    sigma_m: NDArray[np.float64]
+    """(frames, tendons)"""
+    flags: NDArray[np.int64]
+    """(frames, tendons)"""
+    rest_sigma_m: NDArray[np.float64]
+    """(frames, tendons)"""
+    model_error: list[ModelError]
+    """Of each frame."""
 
 
 class FrontEnd:
-    """Converts frames of resistance to frames of length, one after another; live and offline are the same."""
+    """Converts frames of resistance to frames of length, one or many at a time; live and offline are the same."""
 
     def __init__(
         self,
@@ -116,7 +141,7 @@ class FrontEnd:
         self._bending_log_odds = logit(settings.bending_share)
         self._bending = model.bending_curve(settings.bending_abscissa)
         self._taring = Taring(self._gauge, self._bending, rest, natural_length_m)
-        self._mode = np.full(count, int(Mode.STRETCHING))
+        self._mode = np.full(count, STRETCHING)
         self._stretching = StretchingSensors(model, count)
         self._spread = StrainSpread(count)
         self._extrapolation = Extrapolation(model, count)
@@ -126,77 +151,191 @@ class FrontEnd:
         self._was_seen = np.zeros(count, dtype=np.bool_)
         self._warm_s = np.full(count, np.nan)
         self._warm_sigma = np.full(count, settings.warm_up_sigma)
-        self._strain_spread = np.zeros(count)
         self._swing = FastSwing(count, is_held=is_held)
         self._lag_free = LagFree(count)
         self._last_s = np.nan
 
-    def step(self, frame: ResistanceFrame) -> TendonLengths:
-        """Return the lengths in one more frame."""
-        step_s = frame.t_s - self._last_s if np.isfinite(self._last_s) else self._frame_step_s
-        self._last_s = frame.t_s
-        drift = self._references.step(frame)
-        frame = without_drift(frame.first(len(self._L0)), drift.common)
-        change = self._taring.common_change(frame.t_s, frame.resistance_ohm / self._R0 - 1)  # eq. (8)
-        held = self._hold_missing(frame, change)
-        self._lag_free.restart(held.returned)
-        self._extrapolation.restart(held.returned)
-        lag_free, lag = self._lag_free.step(held.change, step_s)
-        stretched = self._stretched(held, frame.t_s, step_s)  # f_3
+    def lengths(self, frames: Sequence[ResistanceFrame]) -> list[TendonLengths]:
+        """Return the lengths in more frames; the numbers are the same, however many frames are given at a time."""
+        lengths: list[TendonLengths] = []
+        while len(lengths) < len(frames):
+            left = frames[len(lengths) :]
+            lengths += self._lengths_of(left[: self._count_alike(left)])
+        return lengths
+
+    def _count_alike(self, frames: Sequence[ResistanceFrame]) -> int:
+        """Return for how many frames nothing begins anew: neither taring, nor the history of a sensor after a gap."""
+        if len(frames) == 1 or not self._taring.is_over(frames[0].t_s):
+            return 1
+        t_s = np.array([frame.t_s for frame in frames])
+        seen = np.isfinite([frame.resistance_ohm[: len(self._L0)] for frame in frames])
+        begins = (seen[1:] & ~seen[:-1]).any(axis=1) | (np.diff(t_s) > self._settings.settle_after_s)
+        return 1 + int(begins.argmax()) if begins.any() else len(frames)
+
+    def _lengths_of(self, frames: Sequence[ResistanceFrame]) -> list[TendonLengths]:
+        """Return the lengths in frames in which nothing begins anew after the first one."""
+        drift = [self._references.step(frame) for frame in frames]
+        frames = [
+            without_drift(frame.first(len(self._L0)), found.common) for frame, found in zip(frames, drift, strict=True)
+        ]
+        change = [  # eq. (8)
+            self._taring.common_change(frame.t_s, frame.resistance_ohm / self._R0 - 1) for frame in frames
+        ]
+        readings = self._readings(frames, np.array(change))
+        lag_free, lag = self._lag_free.run(readings.change, readings.step_s)
+        stretched = self._stretched(readings)  # f_3
         bent = self._bent(lag_free, lag)  # f_4
         if self._model.unified:  # one network for both modes
             bent = stretched
-        probability = self._decide_mode(lag_free, frame.t_s)
-        strain = self._in_its_mode(stretched, bent, probability)  # eq. (3)
-        swing = self._swing.step(strain.value, self._seen_s == frame.t_s, held.fresh, step_s)
-        flags = self._flags(held.flags, probability, frame.t_s)
-        shaken = (swing > 1.5 * strain.sigma) | self._swing.robot_is_shaken
-        flags = flags | np.where(shaken, int(Flag.SHAKEN), 0)
-        strain = _Strain(strain.value, np.hypot(strain.sigma, swing), strain.model_sigma)
-        lengths = self._lengths(frame, strain, probability, flags)  # eq. (4)
-        return replace(
-            lengths,
-            drift=self._taken_off(drift, held.change, strain.value),
-            modes=self._in_each_mode(stretched, bent, swing, probability),
-            change_since_rest=change - self._taring.rest_change,
-        )
+        probability = self._bending_probability(lag_free, readings)
+        mode = self._modes(probability)
+        strain = _in_its_mode(stretched, bent, mode, probability)  # eq. (3)
+        swing, shaken = self._swing.run(strain.value, readings.seen, readings.step_s)
+        flags = self._flags(readings, probability, (swing > 1.5 * strain.sigma) | shaken[:, None])
+        strain = replace(strain, sigma=np.hypot(strain.sigma, swing))
+        lengths = self._possible(frames, strain, probability, flags)  # eq. (4)
+        modes = self._in_each_mode(stretched, bent, swing, probability)
+        taken_off = self._taken_off(drift, readings.change, strain.value, mode)
+        return [
+            TendonLengths(
+                t_s=frame.t_s,
+                length_m=lengths.length_m[k],
+                sigma_m=lengths.sigma_m[k],
+                mode=mode[k],
+                flags=lengths.flags[k],
+                rest_sigma_m=lengths.rest_sigma_m[k],
+                lag_s=self._model.lag_s,
+                drift=taken_off[k],
+                modes=modes[k],
+                change_since_rest=change[k] - self._taring.rest_change,
+                model_error=lengths.model_error[k],
+            )
+            for k, frame in enumerate(frames)
+        ]
+
+    def _readings(self, frames: Sequence[ResistanceFrame], change: NDArray[np.float64]) -> _Readings:
+        """Return the readings of frames with (frames, tendons) dR/R; missing ones are held.
+
+        The state of sensors that have a reading after a long gap begins anew.
+        """
+        t_s = np.array([frame.t_s for frame in frames])
+        seen = np.isfinite(change)
+        last_s = t_s[0] - self._frame_step_s if np.isnan(self._last_s) else self._last_s
+        step_s = np.concatenate([t_s[:1] - last_s, t_s[1:] - t_s[:-1]])[:, None]
+        fresh = seen[0] & (t_s[0] - self._seen_s > self._settings.settle_after_s)
+        whole = held(change, seen, self._change)
+        seen_s = held(t_s[:, None], seen, self._seen_s)
+        self._begin_anew(whole[0], t_s[0], seen[0], fresh)
+        follows = seen.copy()
+        follows[0] &= ~fresh
+        since_s = t_s[:, None] - np.where(follows, before(seen_s, self._seen_s), np.nan)
+        rate = np.where(follows, (whole - before(whole, self._change)) / since_s, 0.0)
+        self._last_s, self._change, self._seen_s, self._was_seen = t_s[-1], whole[-1], seen_s[-1], seen[-1]
+        ranges = self._model.ranges
+        in_range = (whole <= ranges.change[1]) & self._bending.in_range(whole)
+        flags = np.array([frame.flags for frame in frames])
+        flags |= np.where(np.abs(rate) > ranges.rate_per_s, int(Flag.TOO_FAST), 0)
+        flags |= np.where(in_range, 0, int(Flag.OUT_OF_RANGE))
+        resting = self._taring.is_resting(t_s[0])
+        return _Readings(t_s, step_s, seen, whole, rate, flags, resting)
+
+    def _begin_anew(
+        self, change: NDArray[np.float64], t_s: float, seen: NDArray[np.bool_], fresh: NDArray[np.bool_]
+    ) -> None:
+        """Begin anew with sensors that have a reading again, and with `fresh` ones, which were silent for long."""
+        returned = seen & ~self._was_seen
+        if returned.any():
+            self._lag_free.restart(returned)
+            self._extrapolation.restart(returned)
+        if fresh.any():
+            self._swing.restart(fresh)
+            self._stretching.settle(change, fresh, self._frame_step_s)
+            rests = self._taring.tared & self._taring.is_resting(t_s)
+            self._warm_s = np.where(fresh & ~rests, t_s, self._warm_s)
+            after_gap = np.hypot(self._settings.gap_sigma, self._settings.gap_share * self._spread.value)
+            known = np.isfinite(self._seen_s)
+            self._warm_sigma = np.where(fresh & known, after_gap, self._warm_sigma)
+
+    def _stretched(self, readings: _Readings) -> _Strain:
+        """Return the strain of each tendon if it is stretched, f_3 of eq. (3)."""
+        change, rate, step_s = readings.change, readings.rate_per_s, readings.step_s
+        network = self._stretching.run(change, rate, step_s)
+        strain = self._rest_shift.corrected(network.strain, readings.seen & readings.resting)
+        widening, beyond, _ = self._extrapolation.run(change, rate, strain, step_s)
+        spread = self._spread.run(strain, step_s)
+        sigma = network.sigma * widening * self._model.sigma_scale.at(spread)
+        left = np.exp(-(readings.t_s[:, None] - self._warm_s) / self._settings.warm_up_s)
+        warm_up = np.where(np.isnan(self._warm_s), 0.0, self._warm_sigma * left)
+        parts = (sigma, self._taring.sigma(strain, change), network.curve_sigma, beyond, warm_up)
+        whole_sigma = np.asarray(np.sqrt(sum(part**2 for part in parts)))
+        return _Strain(strain, whole_sigma, np.hypot(sigma, network.curve_sigma), spread)
+
+    def _bent(self, lag_free: NDArray[np.float64], lag: NDArray[np.float64]) -> _Strain:
+        """Return the strain of each tendon if it is bent, f_4 of eq. (3).
+
+        Half of the lag correction is added to sigma.
+        """
+        strain, sigma = self._bending.strain(lag_free, np.hypot(self._settings.bending_sigma, 0.5 * lag))
+        return _Strain(strain, np.hypot(sigma, self._taring.motion_sigma))
+
+    def _bending_probability(self, lag_free: NDArray[np.float64], readings: _Readings) -> NDArray[np.float64]:
+        """Return (frames, tendons) the probability that each tendon is bent; at rest its mode is known."""
+        probability = expit(self._model.mode_odds.at(lag_free) + self._bending_log_odds)
+        known = np.isfinite(self._taring.rest_strain) & readings.resting
+        return np.where(known, self._taring.rest_strain < 0, probability)
+
+    def _modes(self, probability: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return (frames, tendons) the mode of each tendon, which changes with hysteresis."""
+        modes = np.empty(probability.shape, dtype=np.int64)
+        leave, enter = self._settings.leave_bending, self._settings.enter_bending
+        for k, bent in enumerate(probability):
+            limit = np.where(self._mode == BENDING, leave, enter)
+            modes[k] = self._mode = np.where(bent > limit, BENDING, STRETCHING)
+        return modes
 
     def _in_each_mode(
         self, stretched: _Strain, bent: _Strain, swing: NDArray[np.float64], probability: NDArray[np.float64]
-    ) -> ModeReadings | None:
-        """Return the lengths in both modes; None where no mode is uncertain. In no mode is a length impossible."""
-        if not is_mode_uncertain(probability).any():
-            return None
-        length_m = (1 + np.stack([stretched.value, bent.value])) * self._L0
+    ) -> list[ModeReadings | None]:
+        """Return the lengths in both modes of each frame; None where no mode is uncertain.
+
+        In no mode is a length impossible.
+        """
+        uncertain = np.asarray(is_mode_uncertain(probability).any(axis=-1))
+        if not uncertain.any():
+            return [None] * len(uncertain)
+        length_m = (1 + np.stack([stretched.value, bent.value], axis=1)) * self._L0
+        sigma_m = np.hypot(np.stack([stretched.sigma, bent.sigma], axis=1), swing[:, None]) * self._L0
         impossible = is_impossible_length(length_m, self._L0)
-        probability = np.where(impossible[0], 1.0, np.where(impossible[1], 0.0, probability))
-        return ModeReadings(
-            length_m=length_m,
-            sigma_m=np.hypot(np.stack([stretched.sigma, bent.sigma]), swing) * self._L0,
-            bending_probability=probability,
-        )
+        probability = np.where(impossible[:, 0], 1.0, np.where(impossible[:, 1], 0.0, probability))
+        return [
+            ModeReadings(length_m[k], sigma_m[k], probability[k]) if asked else None
+            for k, asked in enumerate(uncertain.tolist())
+        ]
 
     def _taken_off(
-        self, drift: ReferenceDrift, change: NDArray[np.float64], strain: NDArray[np.float64]
-    ) -> SensorDrift:
-        """Return the drift with the change of length that it would make; a bent tendon's is not counted."""
+        self,
+        drift: Sequence[ReferenceDrift],
+        change: NDArray[np.float64],
+        strain: NDArray[np.float64],
+        mode: NDArray[np.int64],
+    ) -> list[SensorDrift]:
+        """Return the drift of each frame with the change of length that it would make; none of a bent tendon."""
         per_change_m = self._L0 * (1 + change) / self._gauge.slope(np.maximum(strain, 0))
-        counted = self._mode == Mode.STRETCHING
-        total = np.full(len(change), drift.common)
-        sigma = np.full(len(change), drift.common_sigma)
-        is_tendon = self._references.tendons < len(change)
+        counted = mode == STRETCHING
+        is_tendon = self._references.tendons < len(self._L0)
         tendons = self._references.tendons[is_tendon]
-        total[tendons] += drift.own[is_tendon]
-        sigma[tendons] = drift.own_sigma[is_tendon]
-        counted[tendons] = False  # their lengths are known, whatever their sensors read
-        return SensorDrift(
-            change=total,
-            sigma=sigma,
-            per_change_m=np.where(counted, per_change_m, 0.0),
-            own_rate_per_s=drift.own_rate_per_s,
-            references=drift.references,
-            board=self._board,
-        )
+        counted[:, tendons] = False  # their lengths are known, whatever their sensors read
+        counted_m = np.where(counted, per_change_m, 0.0)
+        taken_off = []
+        for k, found in enumerate(drift):
+            total = np.full(len(self._L0), found.common)
+            sigma = np.full(len(self._L0), found.common_sigma)
+            total[tendons] += found.own[is_tendon]
+            sigma[tendons] = found.own_sigma[is_tendon]
+            taken_off.append(
+                SensorDrift(total, sigma, counted_m[k], found.own_rate_per_s, found.references, self._board)
+            )
+        return taken_off
 
     @property
     def exchanged(self) -> list[tuple[int, int]]:
@@ -213,101 +352,58 @@ class FrontEnd:
         """Whether the structure moved while its sensors were tared; sigma is then widened."""
         return self._taring.moved
 
-    def _decide_mode(self, lag_free: NDArray[np.float64], t_s: float) -> NDArray[np.float64]:
-        """Return the probability that each tendon is bent, and set its mode, with hysteresis."""
-        probability = expit(self._model.mode_odds.at(lag_free) + self._bending_log_odds)
-        if self._taring.is_resting(t_s):  # at rest the mode is known
-            known = np.isfinite(self._taring.rest_strain)
-            probability = np.where(known, self._taring.rest_strain < 0, probability)
-        limit = np.where(self._mode == Mode.BENDING, self._settings.leave_bending, self._settings.enter_bending)
-        self._mode = np.where(probability > limit, int(Mode.BENDING), int(Mode.STRETCHING))
-        return np.asarray(probability)
-
-    def _hold_missing(self, frame: ResistanceFrame, change: NDArray[np.float64]) -> _HeldChange:
-        """Return dR/R with missing values held; reset the state of sensors that have a reading after a long gap."""
-        seen = np.isfinite(change)
-        fresh = seen & (frame.t_s - self._seen_s > self._settings.settle_after_s)
-        change = np.where(seen, change, self._change)
-        if fresh.any():
-            self._stretching.settle(change, fresh, self._frame_step_s)
-            self._warm_s = np.where(fresh & ~self._rests(frame.t_s), frame.t_s, self._warm_s)
-            after_gap = np.hypot(self._settings.gap_sigma, self._settings.gap_share * self._strain_spread)
-            known = np.isfinite(self._seen_s)
-            self._warm_sigma = np.where(fresh & known, after_gap, self._warm_sigma)
-        follows = seen & ~fresh
-        step_s = frame.t_s - np.where(follows, self._seen_s, np.nan)
-        rate = np.where(follows, (change - self._change) / step_s, 0.0)
-        self._change = change
-        self._seen_s = np.where(seen, frame.t_s, self._seen_s)
-        returned, self._was_seen = seen & ~self._was_seen, seen
-        flags = frame.flags | np.where(np.abs(rate) > self._model.ranges.rate_per_s, int(Flag.TOO_FAST), 0)
-        in_range = (change <= self._model.ranges.change[1]) & self._bending.in_range(change)
-        return _HeldChange(change, rate, fresh, returned, flags | np.where(in_range, 0, int(Flag.OUT_OF_RANGE)))
-
-    def _rests(self, t_s: float) -> NDArray[np.bool_]:
-        return self._taring.tared & self._taring.is_resting(t_s)
-
-    def _stretched(self, held: _HeldChange, t_s: float, step_s: float) -> _Strain:
-        """Return the strain of each tendon if it is stretched, f_3 of eq. (3)."""
-        strain, sigma = self._stretching.step(held.change, held.rate_per_s, step_s)
-        strain = self._rest_shift.corrected(strain, self._taring.is_resting(t_s) & (self._seen_s == t_s))
-        widening, beyond, _ = self._extrapolation.step(held.change, held.rate_per_s, strain, step_s)
-        self._strain_spread = self._spread.step(strain, step_s)
-        sigma = sigma * widening * self._model.sigma_scale.at(self._strain_spread)
-        left = np.exp(-(t_s - self._warm_s) / self._settings.warm_up_s)
-        warm_up = np.where(np.isnan(self._warm_s), 0.0, self._warm_sigma * left)
-        curve = self._stretching.curve_sigma
-        parts = (sigma, self._taring.sigma(strain, held.change), curve, beyond, warm_up)
-        return _Strain(strain, np.asarray(np.sqrt(sum(part**2 for part in parts))), np.hypot(sigma, curve))
-
-    def _bent(self, lag_free: NDArray[np.float64], lag: NDArray[np.float64]) -> _Strain:
-        """Return the strain of each tendon if it is bent, f_4 of eq. (3).
-
-        Half of the lag correction is added to sigma.
-        """
-        strain, sigma = self._bending.strain(lag_free, np.hypot(self._settings.bending_sigma, 0.5 * lag))
-        return _Strain(strain, np.hypot(sigma, self._taring.motion_sigma))
-
-    def _in_its_mode(self, stretched: _Strain, bent: _Strain, probability: NDArray[np.float64]) -> _Strain:
-        """Return the strain in the mode of each tendon; its sigma combines both modes, weighted by probability."""
-        strain = np.where(self._mode == Mode.BENDING, bent.value, stretched.value)
-        variance = (1 - probability) * (stretched.sigma**2 + (stretched.value - strain) ** 2)
-        variance += probability * (bent.sigma**2 + (bent.value - strain) ** 2)
-        return _Strain(strain, np.sqrt(variance), (1 - probability) * stretched.model_sigma)
-
-    def _flags(self, flags: NDArray[np.int64], probability: NDArray[np.float64], t_s: float) -> NDArray[np.int64]:
-        """Return the flags with ambiguous modes, warm-up and misfit at rest added."""
+    def _flags(
+        self, readings: _Readings, probability: NDArray[np.float64], shaken: NDArray[np.bool_]
+    ) -> NDArray[np.int64]:
+        """Return the flags with ambiguous modes, warm-up, misfit at rest and shaking added."""
         ambiguous = np.minimum(probability, 1 - probability) > self._settings.ambiguous_probability
-        warming_up = t_s - self._warm_s < self._settings.warm_up_s
+        warming_up = readings.t_s[:, None] - self._warm_s < self._settings.warm_up_s
+        flags = readings.flags
         for flag, where in (
             (Flag.AMBIGUOUS, ambiguous),
             (Flag.WARMING_UP, warming_up),
             (Flag.MISFIT, self._taring.misfit),
+            (Flag.SHAKEN, shaken),
         ):
             flags = flags | np.where(where, int(flag), 0)
         return flags
 
-    def _lengths(
-        self, frame: ResistanceFrame, strain: _Strain, probability: NDArray[np.float64], flags: NDArray[np.int64]
-    ) -> TendonLengths:
+    def _possible(
+        self,
+        frames: Sequence[ResistanceFrame],
+        strain: _Strain,
+        probability: NDArray[np.float64],
+        flags: NDArray[np.int64],
+    ) -> _Lengths:
+        """Return the lengths, eq. (4), without those that no tendon has."""
         length_m = (1 + strain.value) * self._L0
         impossible = is_impossible_length(length_m, self._L0) | (strain.sigma > MOST_STRETCH)
         flags = flags | np.where(impossible, int(Flag.OUT_OF_RANGE), 0)
         no_reading = (flags & NO_LENGTH) != 0
         missing = no_reading | impossible
+        read = np.array([frame.flags for frame in frames])
         rest_sigma_m = np.sqrt(1 - probability) * self._taring.rest_sigma * self._L0
-        return TendonLengths(
-            t_s=frame.t_s,
+        model_sigma_m = np.where(missing, 0.0, strain.model_sigma * self._L0)
+        after_motion_m = MOTION_SHARE * strain.spread * self._L0
+        tared_length_m = np.where(self._taring.tared, (1 + self._taring.rest_strain) * self._L0, np.nan)
+        reach_m = self._taring.reach * self._L0
+        return _Lengths(
             length_m=np.where(missing, np.nan, length_m),
             sigma_m=np.where(missing, np.inf, strain.sigma * self._L0),
-            mode=self._mode,
-            flags=np.where(no_reading, frame.flags | (flags & int(Flag.MISFIT)), flags),
+            flags=np.where(no_reading, read | (flags & int(Flag.MISFIT)), flags),
             rest_sigma_m=np.where(missing, 0.0, rest_sigma_m),
-            model_error=ModelError(
-                sigma_m=np.where(missing, 0.0, strain.model_sigma * self._L0),
-                tared_length_m=np.where(self._taring.tared, (1 + self._taring.rest_strain) * self._L0, np.nan),
-                reach_m=self._taring.reach * self._L0,
-                after_motion_m=MOTION_SHARE * self._strain_spread * self._L0,
-            ),
-            lag_s=self._model.lag_s,
+            model_error=[
+                ModelError(sigma_m, tared_length_m, reach_m, moved_m)
+                for sigma_m, moved_m in zip(model_sigma_m, after_motion_m, strict=True)
+            ],
         )
+
+
+def _in_its_mode(
+    stretched: _Strain, bent: _Strain, mode: NDArray[np.int64], probability: NDArray[np.float64]
+) -> _Strain:
+    """Return the strain in the mode of each tendon; its sigma combines both modes, weighted by probability."""
+    strain = np.where(mode == BENDING, bent.value, stretched.value)
+    variance = (1 - probability) * (stretched.sigma**2 + (stretched.value - strain) ** 2)
+    variance += probability * (bent.sigma**2 + (bent.value - strain) ** 2)
+    return _Strain(strain, np.sqrt(variance), (1 - probability) * stretched.model_sigma, stretched.spread)

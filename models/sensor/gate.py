@@ -65,17 +65,23 @@ class ReadingGate:
         finite = np.isfinite(value)
         since_s = np.maximum(t_s - self._accepted_s, SHORTEST_JUMP_S)
         largest_change = self._settings.max_rate_per_s * since_s + 8 * sigma
-        jumped = finite & (np.abs(value - self._accepted) > largest_change)
+        jumped: NDArray[np.bool_] = finite & (np.abs(value - self._accepted) > largest_change)
+        if not jumped.any():
+            self._rejections[finite] = 0
+            self._accept(t_s, value, finite)
+            return jumped
         repeated = jumped & (np.abs(value - self._rejected) <= largest_change)
         self._rejections = np.where(
             repeated, self._rejections + 1, np.where(jumped, 1, np.where(finite, 0, self._rejections))
         )
         self._rejected = np.where(jumped, value, self._rejected)
         outlier: NDArray[np.bool_] = jumped & (self._rejections < self._settings.accept_after)
-        accepted = finite & ~outlier
+        self._accept(t_s, value, finite & ~outlier)
+        return outlier
+
+    def _accept(self, t_s: float, value: NDArray[np.float64], accepted: NDArray[np.bool_]) -> None:
         self._accepted = np.where(accepted, value, self._accepted)
         self._accepted_s = np.where(accepted, t_s, self._accepted_s)
-        return outlier
 
     def _stuck(self, t_s: float, value: NDArray[np.float64]) -> NDArray[np.bool_]:
         finite = np.isfinite(value)
@@ -88,7 +94,9 @@ class ReadingGate:
         self._run_length = np.where(same, self._run_length + 1, np.where(ended, 0, self._run_length))
         self._same_since_s = np.where(ended, t_s, self._same_since_s)
         self._last = np.where(finite, value, self._last)
+        long: NDArray[np.bool_] = same & (t_s - self._same_since_s >= self._settings.stuck_s)
+        if not long.any():
+            return long
         log_probability = self._run_length * np.log(self._repeats / self._readings)
-        unlikely = log_probability < np.log(self._settings.stuck_probability)
-        stuck: NDArray[np.bool_] = same & unlikely & (t_s - self._same_since_s >= self._settings.stuck_s)
-        return stuck
+        long &= log_probability < np.log(self._settings.stuck_probability)
+        return long

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..values.tables import Positive
-from ..values.time_series import low_pass_weight
+from ..values.time_series import low_pass_weight, low_passed
 
 STRAIN_SCALE = 0.05
 """Unit of strain in which the network's outputs are given."""
@@ -55,27 +55,22 @@ def features(
     return x
 
 
-def next_means(
-    means: NDArray[np.float64],
-    change: NDArray[np.float64],
-    step_s: float | NDArray[np.float64],
-    memory_s: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return (sensors, memories) running means after one more dR/R: m += (y - m) (1 - exp(-dt / tau))."""
-    weight = low_pass_weight(np.asarray(step_s)[..., None], memory_s)
-    return np.asarray(means + (change[:, None] - means) * weight)
-
-
 def running_means(
-    change: NDArray[np.float64], step_s: NDArray[np.float64], memory_s: NDArray[np.float64]
+    change: NDArray[np.float64],
+    step_s: NDArray[np.float64],
+    memory_s: NDArray[np.float64],
+    start: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
-    """Return (samples, sensors, memories) running means of (samples, sensors) dR/R; they start at its first value."""
-    result = np.empty((*change.shape, len(memory_s)))
-    means = np.repeat(change[0][:, None], len(memory_s), axis=1)
-    for k, (value, step) in enumerate(zip(change, step_s, strict=True)):
-        means = next_means(means, value, step, memory_s)
-        result[k] = means
-    return result
+    """Return (samples, sensors, memories) running means of dR/R: m += (y - m) (1 - exp(-dt / tau)).
+
+    Args:
+        change: (samples, sensors) dR/R.
+        step_s: (samples, sensors), or (samples, 1) for all, the time before each sample.
+        memory_s: (memories,) tau.
+        start: (sensors, memories) the means before the first sample; None for its dR/R.
+    """
+    start = np.repeat(change[0][:, None], len(memory_s), axis=1) if start is None else start
+    return low_passed(change[..., None], low_pass_weight(step_s[..., None], memory_s), start)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,13 +103,14 @@ class Lstm:
     """One LSTM layer and a linear head; one step computes all sensors.
 
     Because sigma(z) = (1 + tanh(z / 2)) / 2, the weights of the three sigmoid gates are halved once, and then all four
-    gates need only one matrix product and one tanh.
+    gates need only one tanh. What inputs contribute to the gates is computed for all steps at once.
     """
 
     def __init__(self, weights: LstmWeights) -> None:
         self.hidden = weights.weight_hh.shape[1]
         half = np.repeat([0.5, 0.5, 1.0, 0.5], self.hidden)
-        self._weight = np.concatenate([weights.weight_ih, weights.weight_hh], axis=1).T * half
+        self._input_weight = weights.weight_ih.T * half
+        self._hidden_weight = weights.weight_hh.T * half
         self._bias = weights.bias * half
         self._head_weight = weights.head_weight.T
         self._head_bias = weights.head_bias
@@ -123,23 +119,21 @@ class Lstm:
         """Return the state before the first reading of each sensor."""
         return LstmState(np.zeros((sensors, self.hidden)), np.zeros((sensors, self.hidden)))
 
-    def step(self, x: NDArray[np.float64], state: LstmState) -> tuple[NDArray[np.float64], LstmState]:
-        """Return (sensors, 2) outputs and the next state, from (sensors, features) inputs."""
+    def run(self, x: NDArray[np.float64], state: LstmState) -> tuple[NDArray[np.float64], LstmState]:
+        """Return (steps, sensors, 2) outputs and the state after them, from (steps, sensors, features) inputs."""
         n = self.hidden
-        gates = np.tanh(np.concatenate([x, state.h], axis=1) @ self._weight + self._bias)
-        i = 0.5 + 0.5 * gates[:, :n]
-        f = 0.5 + 0.5 * gates[:, n : 2 * n]
-        o = 0.5 + 0.5 * gates[:, 3 * n :]
-        c = f * state.c + i * gates[:, 2 * n : 3 * n]  # eqs. (10)-(13)
-        h = o * np.tanh(c)  # eqs. (14), (15)
-        return h @ self._head_weight + self._head_bias, LstmState(h, c)
+        of_input = (x.reshape(-1, x.shape[-1]) @ self._input_weight + self._bias).reshape(*x.shape[:-1], 4 * n)
+        hidden = np.empty((*x.shape[:-1], n))
+        h, c = state.h, state.c
+        for k, gates_of_input in enumerate(of_input):
+            gates = np.tanh(gates_of_input + h @ self._hidden_weight)
+            opened = 0.5 + 0.5 * gates
+            i, f, o = opened[:, :n], opened[:, n : 2 * n], opened[:, 3 * n :]
+            c = f * c + i * gates[:, 2 * n : 3 * n]  # eqs. (10)-(13)
+            hidden[k] = h = o * np.tanh(c)  # eqs. (14), (15)
+        return hidden @ self._head_weight + self._head_bias, LstmState(h, c)
 
 
 def run_lstm(lstm: Lstm, x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (steps, 2) outputs for one sensor's (steps, features) inputs, from the initial state."""
-    state = lstm.initial_state(1)
-    outputs = []
-    for row in x:
-        output, state = lstm.step(row[None], state)
-        outputs.append(output[0])
-    return np.array(outputs)
+    return lstm.run(x[:, None], lstm.initial_state(1))[0][:, 0]

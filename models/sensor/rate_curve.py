@@ -51,9 +51,11 @@ class RateCurve:
         inputs = rate_inputs(change, means)
         clipped = np.minimum(np.maximum(inputs, self.range[0]), self.range[1])
         inputs[..., 0] = clipped[..., 0]
-        of_strain, of_sigma = curve_terms(np.stack([clipped, inputs]), self.scale, self.gauge)
-        beyond = self.gauge.stretched_strain(change) - of_strain[..., -1]
-        return of_strain @ self.coefficients + beyond, np.linalg.norm(of_sigma @ self.factor, axis=-1)
+        of_strain, of_sigma = products(np.stack([clipped, inputs]) / self.scale)
+        on_gauge, beyond = self.gauge.stretched_strain(np.stack([clipped[..., 0], change]))
+        strain = of_strain @ self.coefficients[:-1] + self.coefficients[-1] * on_gauge + (beyond - on_gauge)
+        spread = of_sigma @ self.factor[:-1] + on_gauge[..., None] * self.factor[-1]
+        return strain, np.sqrt((spread**2).sum(axis=-1))
 
     def strain(self, change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the strain of `estimate`."""

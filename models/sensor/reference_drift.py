@@ -106,10 +106,10 @@ class ReferenceTendons:
         seen = np.isfinite(reading)
         self._first_s = np.where(seen & np.isnan(self._first_s), frame.t_s, self._first_s)
         starts = seen & (frame.t_s - self._first_s < BASE_S)
-        # one that starts late, or anew, has had the drift until then
-        self._base.add(np.where(starts, reading - self._found.common - self._found.own, np.nan))
-        self._recent.add(np.where(seen & ~starts, reading, np.nan))
-        self._begun |= bool((frame.t_s - self._first_s >= BASE_S).any())
+        if starts.any():  # one that starts late, or anew, has had the drift until then
+            self._base.add(reading - self._found.common - self._found.own, starts)
+        self._recent.add(reading, seen & ~starts)
+        self._begun = self._begun or bool((frame.t_s - self._first_s >= BASE_S).any())
         if np.isnan(self._updated_s) or not self._begun:
             self._updated_s = frame.t_s
             return self._found
@@ -195,10 +195,10 @@ class _Mean:
         """Forget the readings of the (count,) chosen references."""
         self._sum[chosen] = self._count[chosen] = 0.0
 
-    def add(self, value: NDArray[np.float64]) -> None:
-        """Add one reading of each reference."""
-        self._sum += np.where(np.isfinite(value), value, 0.0)
-        self._count += np.isfinite(value)
+    def add(self, value: NDArray[np.float64], counted: NDArray[np.bool_]) -> None:
+        """Add one (count,) reading of each of the (count,) references that are counted."""
+        self._sum += np.where(counted, value, 0.0)
+        self._count += counted
 
     @property
     def value(self) -> NDArray[np.float64]:

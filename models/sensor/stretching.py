@@ -1,10 +1,12 @@
 """The stretching network running on several sensors at once, and the corrections of its sigma."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ..values.time_series import Floats, SmoothedRate, low_pass_weight
-from .lstm import LOG_VARIANCE_RANGE, STRAIN_SCALE, features, next_means
+from ..values.time_series import SmoothedRate, before, begun, low_pass_weight, low_passed
+from .lstm import LOG_VARIANCE_RANGE, STRAIN_SCALE, features, running_means
 from .sensor_model import SensorModel
 
 SPREAD_MEMORY_S = 30.0
@@ -57,6 +59,18 @@ STRAIN_RATE_S = 0.2
 motion."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StretchedStrain:
+    """The strain of stretched sensors by the network and the rate curve that it corrects."""
+
+    strain: NDArray[np.float64]
+    """(samples, sensors)"""
+    sigma: NDArray[np.float64]
+    """(samples, sensors) the network's."""
+    curve_sigma: NDArray[np.float64]
+    """(samples, sensors) the sigma due to the coefficients of the rate curve."""
+
+
 class StretchingSensors:
     """The stretching network on several sensors at once, with the state of each sensor."""
 
@@ -68,18 +82,25 @@ class StretchingSensors:
         self._curve_memories = len(model.curve.memory_s)
         self._state = self._lstm.initial_state(sensors)
         self._means = np.zeros((sensors, len(self._memory_s)))
-        self.curve_sigma = np.zeros(sensors)
-        """(sensors,) the strain sigma due to the coefficients of the rate curve, after the latest step."""
 
-    def step(
-        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: Floats
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (sensors,) strain and its sigma after one more reading of each sensor; inputs must be finite."""
-        means = self._means = next_means(self._means, change, step_s, self._memory_s)
-        output, self._state = self._lstm.step(features(change, rate_per_s, step_s, means, self._scaling), self._state)
-        on_curve, self.curve_sigma = self._curve.estimate(change, means[:, : self._curve_memories])
-        log_variance = np.minimum(np.maximum(output[:, 1], LOG_VARIANCE_RANGE[0]), LOG_VARIANCE_RANGE[1])
-        return on_curve + STRAIN_SCALE * output[:, 0], STRAIN_SCALE * np.exp(0.5 * log_variance)
+    def run(
+        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], step_s: NDArray[np.float64]
+    ) -> StretchedStrain:
+        """Return the strain after each of some more readings; inputs must be finite.
+
+        Args:
+            change: (samples, sensors) dR/R.
+            rate_per_s: (samples, sensors) its rate.
+            step_s: (samples, sensors), or (samples, 1) for all, the time before each reading.
+        """
+        means = running_means(change, step_s, self._memory_s, self._means)
+        x = features(change, rate_per_s, step_s, means, self._scaling)
+        output, self._state = self._lstm.run(x, self._state)
+        self._means = means[-1].copy()
+        on_curve, curve_sigma = self._curve.estimate(change, means[..., : self._curve_memories])
+        log_variance = np.minimum(np.maximum(output[..., 1], LOG_VARIANCE_RANGE[0]), LOG_VARIANCE_RANGE[1])
+        strain = on_curve + STRAIN_SCALE * output[..., 0]
+        return StretchedStrain(strain, STRAIN_SCALE * np.exp(0.5 * log_variance), curve_sigma)
 
     def settle(self, change: NDArray[np.float64], chosen: NDArray[np.bool_], step_s: float) -> NDArray[np.float64]:
         """Put sensors into the state that they have after a long rest at their dR/R; return their strain in this state.
@@ -91,14 +112,12 @@ class StretchingSensors:
                 drift by 0.001 of strain in 10 s.
         """
         change = change[chosen]
-        state = self._lstm.initial_state(len(change))
         means = np.repeat(change[:, None], len(self._memory_s), axis=1)
         x = features(change, np.zeros(len(change)), step_s, means, self._scaling)
-        output = np.zeros((len(change), 2))
-        for _ in range(round(SETTLING_S / step_s)):
-            output, state = self._lstm.step(x, state)
+        steps = np.broadcast_to(x, (round(SETTLING_S / step_s), *x.shape))
+        output, state = self._lstm.run(steps, self._lstm.initial_state(len(change)))
         self._means[chosen], self._state.h[chosen], self._state.c[chosen] = means, state.h, state.c
-        return self._curve.strain(change, means[:, : self._curve_memories]) + STRAIN_SCALE * output[:, 0]
+        return self._curve.strain(change, means[:, : self._curve_memories]) + STRAIN_SCALE * output[-1, :, 0]
 
 
 class StrainSpread:
@@ -108,14 +127,22 @@ class StrainSpread:
         self._mean = np.full(sensors, np.nan)
         self._variance = np.full(sensors, initial_spread**2)
 
-    def step(self, strain: NDArray[np.float64], step_s: Floats) -> NDArray[np.float64]:
-        """Return (sensors,) the running standard deviation after one more strain of each sensor."""
-        weight = low_pass_weight(step_s, SPREAD_MEMORY_S)
-        deviation = strain - self._mean
-        deviation = np.where(np.isnan(deviation), 0.0, deviation)
-        self._mean = np.where(np.isnan(self._mean), strain, self._mean + weight * deviation)
-        self._variance = (1 - weight) * (self._variance + weight * deviation**2)
+    @property
+    def value(self) -> NDArray[np.float64]:
+        """(sensors,) the running standard deviation after the latest sample."""
         return np.asarray(np.sqrt(self._variance))
+
+    def run(self, strain: NDArray[np.float64], step_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (samples, sensors) running standard deviations after more samples, of (samples, sensors) strain."""
+        weight = low_pass_weight(step_s, SPREAD_MEMORY_S)
+        start = begun(self._mean, strain)
+        mean = low_passed(strain, weight, start)
+        added = weight * (strain - before(mean, start)) ** 2
+        variance = np.empty_like(strain)
+        for k in range(len(strain)):
+            variance[k] = self._variance = (1 - weight[k]) * (self._variance + added[k])
+        self._mean = mean[-1]
+        return np.sqrt(variance)
 
 
 class Extrapolation:
@@ -137,57 +164,36 @@ class Extrapolation:
         """Start (sensors,) chosen ones anew: what they read before tells no rate of strain."""
         self._strain_rate.restart(chosen)
 
-    def step(
-        self, change: NDArray[np.float64], rate_per_s: NDArray[np.float64], strain: NDArray[np.float64], step_s: Floats
+    def run(
+        self,
+        change: NDArray[np.float64],
+        rate_per_s: NDArray[np.float64],
+        strain: NDArray[np.float64],
+        step_s: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return (sensors,) the factor of sigma, the term to add to it, and whether the input is beyond training.
+        """Return (samples, sensors) the factor of sigma, the term to add, and whether the input is beyond training.
 
-        The factor and the term decay with `EXTRAPOLATION_MEMORY_S` after such an input.
+        The factor and the term decay with `EXTRAPOLATION_MEMORY_S` after such an input. Arguments are (samples,
+        sensors); the time step may be (samples, 1) for all.
         """
         fade = np.exp(-(step_s / EXTRAPOLATION_MEMORY_S))
         ratio = np.maximum(np.abs(rate_per_s) / self._ranges.rate_per_s - 1, 0)
-        self._ratio = np.maximum(ratio, self._ratio * fade)
-        strain_rate = self._strain_rate.step(strain, step_s)
-        excess = np.maximum(np.abs(strain_rate) - self._ranges.strain_rate_per_s, 0)
-        self._excess = np.maximum(excess, self._excess * fade)
+        excess = np.maximum(np.abs(self._strain_rate.run(strain, step_s)) - self._ranges.strain_rate_per_s, 0)
+        faded_ratio = _fading(ratio, fade, self._ratio)
+        faded_excess = _fading(excess, fade, self._excess)
+        self._ratio, self._excess = faded_ratio[-1], faded_excess[-1]
         strain_beyond = np.maximum(change - self._ranges.change[1], 0) / self._gauge.slope(strain)
         beyond = (ratio > 0) | (excess > 0) | (strain_beyond > 0)
-        return 1 + self._ratio, np.hypot(STRETCHING_LAG_S * self._excess, strain_beyond), beyond
+        return 1 + faded_ratio, np.hypot(STRETCHING_LAG_S * faded_excess, strain_beyond), beyond
 
 
-class _HighPass:
-    """The mean square of each sensor's strain above a frequency, and the least one so far, which is noise."""
-
-    def __init__(self, sensors: int, time_constant_s: float) -> None:
-        self._time_constant_s = time_constant_s
-        self._low = np.full((2, sensors), np.nan)
-        self.mean_square = np.zeros(sensors)
-        self.least = np.full(sensors, np.inf)
-
-    def restart(self, chosen: NDArray[np.bool_]) -> None:
-        """Start the (sensors,) chosen ones anew from their next strain."""
-        self._low[:, chosen] = np.nan
-
-    def step(
-        self, strain: NDArray[np.float64], mean_weight: NDArray[np.float64], settled: NDArray[np.bool_], step_s: float
-    ) -> None:
-        """Take one more strain of each sensor, with the weight that it has in the mean.
-
-        Args:
-            strain: (sensors,)
-            mean_weight: (sensors,) 0 for sensors without a reading.
-            settled: (sensors,) whose filters have settled.
-            step_s: time step.
-        """
-        high = strain
-        weight = low_pass_weight(step_s, self._time_constant_s)
-        for k in range(2):
-            low = self._low[k]
-            self._low[k] = np.where(np.isnan(low), high, low + weight * (high - low))
-            high = high - self._low[k]
-        self.mean_square += mean_weight * (high**2 - self.mean_square)
-        floor = np.maximum(np.minimum(self.least, self.mean_square), LEAST_SWING**2)
-        self.least = np.where(settled, floor, self.least)
+def _fading(value: NDArray[np.float64], fade: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (samples, sensors) values, or what is left of a larger one before: m = max(y, m fade)."""
+    faded = np.empty_like(value)
+    m = start
+    for k in range(len(value)):
+        faded[k] = m = np.maximum(value[k], m * fade[k])
+    return faded
 
 
 class FastSwing:
@@ -204,53 +210,73 @@ class FastSwing:
     """
 
     def __init__(self, sensors: int, *, is_held: bool = True) -> None:
-        self._is_held = is_held
-        self._fast = _HighPass(sensors, SWING_S)
-        self._slow = _HighPass(sensors, SLOW_SWING_S)
+        self._bands_s = np.array([SWING_S, SLOW_SWING_S] if is_held else [SWING_S])
+        shares = np.array([PRESS_SHARE, SLOW_SHARE])[: len(self._bands_s)]
+        self._press_s2 = (shares * self._bands_s**2)[:, None]
+        self._low = np.full((2, len(self._bands_s), sensors), np.nan)  # of the two stages of each band's high-pass
+        self._rate = SmoothedRate(sensors, PRESS_RATE_S)
+        self._mean_square = np.zeros((len(self._bands_s) + 1, sensors))  # of each band, and of the rate
+        self._least = np.full((len(self._bands_s), sensors), np.inf)
         self._swing = np.zeros(sensors)
         self._seconds = np.zeros(sensors)
-        self._rate = SmoothedRate(sensors, PRESS_RATE_S)
-        self._mean_square_rate = np.zeros(sensors)
         self._shaken_s = 0.0
         self._since_shaken_s = np.inf
 
-    def step(
-        self, strain: NDArray[np.float64], seen: NDArray[np.bool_], fresh: NDArray[np.bool_], step_s: float
-    ) -> NDArray[np.float64]:
-        """Return (sensors,) the standard deviation after one more strain of each sensor.
+    def restart(self, chosen: NDArray[np.bool_]) -> None:
+        """Start the (sensors,) chosen ones anew: they have their first reading after a gap."""
+        self._low[..., chosen] = np.nan
+        self._rate.restart(chosen)
+        self._mean_square[-1, chosen] = 0.0
+        self._seconds[chosen] = 0.0
+
+    def run(
+        self, strain: NDArray[np.float64], seen: NDArray[np.bool_], step_s: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return (samples, sensors) the deviation after more samples, and (samples,) whether the robot is shaken.
+
+        It is shaken, or was within `SWING_MEMORY_S`; most sensors may show nothing of it.
 
         Args:
-            strain: (sensors,)
-            seen: (sensors,) which sensors have a reading; the strain of others is held.
-            fresh: (sensors,) which have one after a gap; these start anew.
-            step_s: time step.
+            strain: (samples, sensors)
+            seen: (samples, sensors) which sensors have a reading; the strain of others is held.
+            step_s: (samples, 1) the time before each sample.
         """
-        self._fast.restart(fresh)
-        self._slow.restart(fresh)
-        self._seconds[fresh] = 0.0
-        self._rate.restart(fresh)
-        self._mean_square_rate[fresh] = 0.0
+        seconds = np.where(seen, step_s, 0.0)
+        seconds[0] += self._seconds
+        seconds = np.cumsum(seconds, axis=0)
+        settled = seen & (seconds >= SWING_START_S)
+        mean_square = self._mean_squares(strain, seen, step_s)
+        swings, squared_rate = mean_square[:, :-1], mean_square[:, -1:]
+        least = np.where(settled[:, None], np.maximum(swings, LEAST_SWING**2), np.inf)
+        least[0] = np.minimum(least[0], self._least)
+        least = np.minimum.accumulate(least, axis=0)
+        certain = (swings - self._press_s2 * squared_rate > CERTAIN_SWING * least).any(axis=1) & settled
+        excess = np.where(settled, np.maximum(swings[:, 0] - 4 * least[:, 0], 0), 0.0)
+        swing = _fading(excess, np.exp(-(step_s / SWING_MEMORY_S)), self._swing)
+        self._seconds, self._mean_square, self._least, self._swing = seconds[-1], mean_square[-1], least[-1], swing[-1]
+        others = max(swing.shape[-1] - FAULTY, 1)
+        common = np.sort(swing)[:, :others].sum(axis=-1, keepdims=True) / others
+        return SWING_LOSS * np.sqrt(swing + common), self._shaken(certain.sum(axis=-1) > FAULTY, step_s[:, 0])
+
+    def _mean_squares(
+        self, strain: NDArray[np.float64], seen: NDArray[np.bool_], step_s: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return (samples, bands + 1, sensors) the mean square of strain above each frequency, and of its rate."""
+        high = strain[:, None]
+        weight = low_pass_weight(step_s[..., None], self._bands_s[:, None])
+        for stage in range(2):
+            low = low_passed(high, weight, begun(self._low[stage], high))
+            self._low[stage] = low[-1]
+            high = high - low
+        squared = np.concatenate([high, self._rate.run(strain, step_s)[:, None]], axis=1) ** 2
         mean_weight = np.where(seen, low_pass_weight(step_s, SWING_MEAN_S), 0.0)
-        self._seconds += np.where(seen, step_s, 0.0)
-        settled = seen & (self._seconds >= SWING_START_S)
-        self._fast.step(strain, mean_weight, settled, step_s)
-        self._slow.step(strain, mean_weight, settled, step_s)
-        self._mean_square_rate += mean_weight * (self._rate.step(strain, step_s) ** 2 - self._mean_square_rate)
-        certain = self._is_certain(self._fast, PRESS_SHARE * SWING_S**2)
-        certain |= self._is_held & self._is_certain(self._slow, SLOW_SHARE * SLOW_SWING_S**2)
-        certain &= settled
-        self._shaken_s = self._shaken_s + step_s if certain.sum() > FAULTY else 0.0
-        self._since_shaken_s = 0.0 if self._shaken_s > ONSET_S else self._since_shaken_s + step_s
-        excess = np.where(settled, np.maximum(self._fast.mean_square - 4 * self._fast.least, 0), 0.0)
-        swing = self._swing = np.maximum(excess, self._swing * np.exp(-(step_s / SWING_MEMORY_S)))
-        common = np.sort(swing)[: max(len(swing) - FAULTY, 1)].mean()
-        return np.asarray(SWING_LOSS * np.sqrt(swing + common))
+        return low_passed(squared, mean_weight[:, None], self._mean_square)
 
-    def _is_certain(self, band: _HighPass, press_s2: float) -> NDArray[np.bool_]:
-        """Return (sensors,) which swing in a band by more than noise and a press, which leaves press_s2 times v^2."""
-        return np.asarray(band.mean_square - press_s2 * self._mean_square_rate > CERTAIN_SWING * band.least)
-
-    @property
-    def robot_is_shaken(self) -> bool:
-        """Whether the robot is shaken, or was within `SWING_MEMORY_S`; most sensors may show nothing of it."""
-        return self._since_shaken_s < SWING_MEMORY_S
+    def _shaken(self, swings: NDArray[np.bool_], step_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return (samples,) whether the robot is shaken, from (samples,) whether sensors swing for certain."""
+        shaken = []
+        for certain, step in zip(swings.tolist(), step_s.tolist(), strict=True):
+            self._shaken_s = self._shaken_s + step if certain else 0.0
+            self._since_shaken_s = 0.0 if self._shaken_s > ONSET_S else self._since_shaken_s + step
+            shaken.append(self._since_shaken_s < SWING_MEMORY_S)
+        return np.array(shaken)

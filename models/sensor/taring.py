@@ -118,6 +118,10 @@ class Taring:
         """(tendons,) the strain sigma of tared sensors that is due to the rest shape; zero for other sensors."""
         return np.where(self.tared, self._rest_sigma, 0.0)
 
+    def is_over(self, t_s: float) -> bool:
+        """Whether nothing more is learned at a time: the rest is over, and its last readings have been looked at."""
+        return self._first_s is not None and not self.is_resting(t_s) and not self._block[1].any()
+
     def is_resting(self, t_s: float) -> bool:
         """Whether the structure still stands at its rest shape, as it does for the rest time from the first frame."""
         return self._first_s is not None and t_s - self._first_s < self._rest_s
@@ -187,13 +191,18 @@ class RestShift:
         self._rest_strain = np.where(rest_strain >= 0, rest_strain, np.nan)
         self._sum = np.zeros(len(rest_strain))
         self._count = np.zeros(len(rest_strain))
+        self._shift = np.zeros(len(rest_strain))
 
     def corrected(self, strain: NDArray[np.float64], resting: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return (tendons,) shifted strain; the shifts of tendons that are at rest are updated first."""
-        self._sum += np.where(resting, strain, 0.0)
-        self._count += resting
-        shift = self._rest_strain - self._sum / np.maximum(self._count, 1)
-        return strain + np.where((self._count > 0) & np.isfinite(shift), shift, 0.0)
+        """Return (samples, tendons) shifted strain; of tendons that are at rest, shifts are updated first."""
+        if not resting.any():
+            return strain + self._shift
+        total = np.cumsum(np.concatenate([self._sum[None], np.where(resting, strain, 0.0)]), axis=0)[1:]
+        count = self._count + np.cumsum(resting, axis=0)
+        shift = self._rest_strain - total / np.maximum(count, 1)
+        shift = np.where((count > 0) & np.isfinite(shift), shift, 0.0)
+        self._sum, self._count, self._shift = total[-1], count[-1], shift[-1]
+        return strain + shift
 
 
 def _check_unit(change: NDArray[np.float64]) -> None:

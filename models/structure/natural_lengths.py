@@ -21,7 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..values.errors import InputError
-from ..values.readings import Flag, Mode, NaturalLengthReading, NaturalLengths, RestLengths, TendonLengths
+from ..values.readings import (
+    BENDING,
+    STRETCHING,
+    Flag,
+    NaturalLengthReading,
+    NaturalLengths,
+    RestLengths,
+    TendonLengths,
+)
 from .structure import Structure
 
 MAX_SILENCE_S = 0.5
@@ -112,7 +120,7 @@ class Winding:
         lengths = replace(lengths, natural=natural)
         if not self._reads_strips:
             bent = lengths.length_m < natural.length_m
-            return replace(lengths, mode=np.where(bent, int(Mode.BENDING), int(Mode.STRETCHING)))
+            return replace(lengths, mode=np.where(bent, BENDING, STRETCHING))
         string_m = natural.length_m - self._strip_m
         modes = lengths.modes
         if modes is not None:

@@ -1,6 +1,11 @@
-"""Values over time: the first-order low-pass filter m += (y - m) w, interpolation, correlation, and parts."""
+"""Values over time: the first-order low-pass filter m += (y - m) w, interpolation, correlation, and parts.
+
+What follows a signal takes its next samples, one or many, and remembers where it stood: the numbers are the same,
+however many samples it is given at a time.
+"""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +24,42 @@ def low_pass_weight(step_s: Floats, time_constant_s: Floats) -> NDArray[np.float
     return np.asarray(1 - np.exp(-(step_s / time_constant_s)))
 
 
+def low_passed(
+    value: NDArray[np.float64], weight: NDArray[np.float64], start: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (samples, ...) the low-pass m of values from (...) a start: m += (y - m) w.
+
+    Args:
+        value: (samples, ...); what has fewer than its dimensions is the same along them, here and in the weights.
+        weight: (samples, ...), see `low_pass_weight`.
+        start: (...) m before the first sample.
+    """
+    passed = np.empty((len(value), *start.shape))
+    m = start
+    for k in range(len(value)):
+        passed[k] = m = m + (value[k] - m) * weight[k]
+    return passed
+
+
+def begun(start: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a (...) start, and where it is nan, the first of (samples, ...) values."""
+    return np.where(np.isnan(start), value[0], start)
+
+
+def before(values: NDArray[Any], start: NDArray[Any]) -> NDArray[Any]:
+    """Return (samples, ...) the value before each of (samples, ...) values, the first of which is a (...) start."""
+    return np.concatenate([start[None], values[:-1]])
+
+
+def held(value: NDArray[np.float64], seen: NDArray[np.bool_], start: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (samples, ...) values, or the last one `seen` where there is none; a (...) start before the first."""
+    result = np.empty((len(value), *start.shape))
+    last = start
+    for k in range(len(value)):
+        result[k] = last = np.where(seen[k], value[k], last)
+    return result
+
+
 class SmoothedRate:
     """The rate of a value after a first-order low-pass, (m' - m) / dt; the low-pass starts at the first value."""
 
@@ -30,12 +71,21 @@ class SmoothedRate:
         """Start the (count,) chosen ones anew from their next value."""
         self._smooth[chosen] = np.nan
 
-    def step(self, value: NDArray[np.float64], step_s: Floats) -> NDArray[np.float64]:
-        """Return the (count,) rates per second after one more value."""
-        smooth = np.where(np.isnan(self._smooth), value, self._smooth)
-        rate = (value - smooth) * low_pass_weight(step_s, self._time_constant_s) / step_s
-        self._smooth = smooth + rate * step_s
-        return np.asarray(rate)
+    def run(self, value: NDArray[np.float64], step_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (samples, count) rates per second of more values.
+
+        Args:
+            value: (samples, count)
+            step_s: (samples, count), or (samples, 1) for all, the time before each.
+        """
+        rate = np.empty_like(value)
+        per_s = low_pass_weight(step_s, self._time_constant_s) / step_s
+        smooth = begun(self._smooth, value)
+        for k in range(len(value)):
+            rate[k] = (value[k] - smooth) * per_s[k]
+            smooth = smooth + rate[k] * step_s[k]
+        self._smooth = smooth
+        return rate
 
 
 def interpolated(

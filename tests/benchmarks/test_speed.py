@@ -20,7 +20,7 @@ from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.sensor.stretching import StretchingSensors
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.values.readings import TendonLengths
-from tensegraph.pipeline import Pipeline
+from tensegraph.pipeline import OFFLINE_FRAMES, Pipeline
 
 
 @pytest.fixture(scope="module")
@@ -80,16 +80,17 @@ def test_memory_over_20_000_live_frames(benchmark, measured) -> None:
 
 
 def test_one_step_of_24_sensors(benchmark, model) -> None:
-    sensors, change = StretchingSensors(model, 24), np.full(24, 0.08)
-    benchmark(sensors.step, change, np.zeros(24), 0.02)
+    sensors, change = StretchingSensors(model, 24), np.full((1, 24), 0.08)
+    benchmark(sensors.run, change, np.zeros((1, 24)), np.full((1, 1), 0.02))
 
 
-def test_readings_to_lengths(benchmark, example, model) -> None:
-    """Everything before the estimator, per output frame."""
+@pytest.mark.parametrize("ahead", [1, OFFLINE_FRAMES])
+def test_readings_to_lengths(benchmark, example, model, ahead) -> None:
+    """Everything before the estimator, per output frame, live and offline."""
     rows = list(open_trial(example).readings())
 
     def run() -> int:
-        return len(list(Pipeline(open_trial(example).description, Settings(), model).lengths(rows)))
+        return len(list(Pipeline(open_trial(example).description, Settings(), model).lengths(rows, ahead)))
 
     frames = benchmark.pedantic(run, rounds=3)
     assert frames > 1400

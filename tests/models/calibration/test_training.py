@@ -121,7 +121,7 @@ def test_running_needs_no_torch_and_gives_what_torch_gives(calibrated) -> None:
     change = 0.1 + np.cumsum(0.01 * np.random.default_rng(1).standard_normal((200, 24)), axis=0)
     rate = np.diff(change, axis=0, prepend=change[:1]) / 0.02
     sensors, s = StretchingSensors(model, 24), model.network.scaling
-    strain = np.array([sensors.step(y, v, 0.02)[0] for y, v in zip(change, rate, strict=True)])
+    strain = sensors.run(change, rate, np.full((len(change), 1), 0.02)).strain
     step = np.full_like(change, np.log(0.02 / s.step_s))
     means = np.zeros((24, len(MEMORY_S)))  # as those of a sensor never read
     away = [change[k, :, None] - (means := means + (change[k, :, None] - means) * weight) for k in range(200)]

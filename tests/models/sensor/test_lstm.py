@@ -14,10 +14,10 @@ class TestLstm:
                 np.zeros((4, 1)), np.zeros((4, 1)), np.array([0, 0, 1.0, 0]), np.array([[2.0]]), np.array([3.0])
             )
         )
-        output, state = lstm.step(np.array([[7.0]]), LstmState(np.array([[0.1]]), np.array([[0.4]])))
+        output, state = lstm.run(np.array([[[7.0]]]), LstmState(np.array([[0.1]]), np.array([[0.4]])))
         c = 0.2 + 0.5 * np.tanh(1)
         assert state.c[0, 0] == pytest.approx(c)
-        assert output[0, 0] == pytest.approx(2 * 0.5 * np.tanh(c) + 3)
+        assert output[0, 0, 0] == pytest.approx(2 * 0.5 * np.tanh(c) + 3)
 
     def test_equals_torch(self) -> None:
         torch = pytest.importorskip("torch")
@@ -36,8 +36,7 @@ class TestLstm:
         x = np.random.default_rng(4).standard_normal((6, 50, 3))
         with torch.no_grad():
             expected = head(reference(torch.tensor(x))[0]).numpy()
-        state, outputs = lstm.initial_state(6), []
-        for k in range(50):
-            output, state = lstm.step(x[:, k], state)
-            outputs.append(output)
-        np.testing.assert_allclose(np.stack(outputs, axis=1), expected, atol=1e-12)
+        steps = np.swapaxes(x, 0, 1)
+        first, state = lstm.run(steps[:20], lstm.initial_state(6))
+        others, _ = lstm.run(steps[20:], state)
+        np.testing.assert_allclose(np.swapaxes(np.concatenate([first, others]), 0, 1), expected, atol=1e-12)

@@ -10,29 +10,31 @@ from tensegraph.models.sensor.sensor_model import SensorModel
 from tensegraph.models.sensor.stretching import Extrapolation, FastSwing, StrainSpread, StretchingSensors
 
 
+def steps(samples: int, step_s: float) -> NDArray[np.float64]:
+    """(samples, 1) the same time before each."""
+    return np.full((samples, 1), step_s)
+
+
 class TestStretchingSensors:
     def test_settled_sensors_stay(self, model: SensorModel) -> None:
         sensors, change = StretchingSensors(model, 2), np.array([0.05, 0.12])
         settled = sensors.settle(change, np.array([True, True]), 0.1)
-        for _ in range(200):
-            strain, sigma = sensors.step(change, np.zeros(2), 0.1)
-        np.testing.assert_allclose(strain, settled, atol=5e-4)
-        assert (sigma > 0).all()
+        told = sensors.run(np.tile(change, (200, 1)), np.zeros((200, 2)), steps(200, 0.1))
+        np.testing.assert_allclose(told.strain[-1], settled, atol=5e-4)
+        assert (told.sigma > 0).all()
 
     def test_same_motion_at_any_rate_gives_the_same_strain(self, model: SensorModel) -> None:
         """The true time step is an input: a slow stretch read at 10, 25 and 100 Hz ends at about the same strain."""
         ends = []
         for rate_hz in (10, 25, 100):
-            sensors, step_s = StretchingSensors(model, 1), 1 / rate_hz
-            sensors.settle(np.array([0.05]), np.array([True]), step_s)
-            for t_s in np.arange(0, 4, step_s):
-                strain, _ = sensors.step(np.array([0.05 + 0.015 * t_s]), np.array([0.015]), step_s)
-            ends.append(strain[0])
+            sensors, t_s = StretchingSensors(model, 1), np.arange(0, 4, 1 / rate_hz)[:, None]
+            sensors.settle(np.array([0.05]), np.array([True]), 1 / rate_hz)
+            told = sensors.run(0.05 + 0.015 * t_s, np.full_like(t_s, 0.015), steps(len(t_s), 1 / rate_hz))
+            ends.append(told.strain[-1, 0])
         assert np.ptp(ends) < 0.004
 
     def test_spread_is_a_running_deviation(self) -> None:
-        spread = StrainSpread(1)
-        values = [spread.step(np.array([x]), 0.1)[0] for x in np.tile([0.0, 0.1], 5000)]
+        values = StrainSpread(1).run(np.tile([0.0, 0.1], 5000)[:, None], steps(10_000, 0.1))[:, 0]
         assert values[0] == 0
         assert values[-1] == pytest.approx(0.05, rel=0.01)
 
@@ -40,41 +42,33 @@ class TestStretchingSensors:
 class TestExtrapolation:
     def test_widens_at_once_and_forgets_slowly(self, model: SensorModel) -> None:
         """Twice the fastest trained rate doubles sigma; after 3 s of rest 1 + 1/e is left of that."""
-        outside, still = Extrapolation(model, 1), np.zeros(1)
-        factor, extra, beyond = outside.step(still, np.array([2 * model.ranges.rate_per_s]), still, 0.1)
-        assert factor[0] == pytest.approx(2.0)
-        assert beyond[0]
-        assert extra[0] == 0
-        factor, _, beyond = outside.step(still, still, still, 3.0)
-        assert factor[0] == pytest.approx(1 + np.exp(-1))
-        assert not beyond[0]
+        outside, still = Extrapolation(model, 1), np.zeros((2, 1))
+        rate = np.array([[2 * model.ranges.rate_per_s], [0.0]])
+        factor, extra, beyond = outside.run(still, rate, still, np.array([[0.1], [3.0]]))
+        assert factor[:, 0] == pytest.approx([2.0, 1 + np.exp(-1)])
+        assert beyond[:, 0].tolist() == [True, False]
+        assert (extra == 0).all()
 
     def test_strain_faster_than_trained_adds_the_lag_times_the_excess(self, model: SensorModel) -> None:
         """Steady strain at the fastest trained rate and 0.1 /s more: sigma 0.4 s * 0.1 /s on top."""
-        outside, still, rate = Extrapolation(model, 1), np.zeros(1), model.ranges.strain_rate_per_s + 0.1
-        for k in range(200):
-            factor, extra, beyond = outside.step(still, still, np.array([rate * 0.02 * k]), 0.02)
-        assert factor[0] == 1
-        assert extra[0] == pytest.approx(0.04, rel=0.01)
-        assert beyond[0]
+        still, rate = np.zeros((200, 1)), model.ranges.strain_rate_per_s + 0.1
+        strain = rate * 0.02 * np.arange(200)[:, None]
+        factor, extra, beyond = Extrapolation(model, 1).run(still, still, strain, steps(200, 0.02))
+        assert (factor == 1).all()
+        assert extra[-1, 0] == pytest.approx(0.04, rel=0.01)
+        assert beyond[-1, 0]
 
     def test_grows_with_the_distance_beyond_the_trained_change(self, model: SensorModel) -> None:
-        outside, still = Extrapolation(model, 1), np.zeros(1)
-        far = np.array([model.ranges.change[1] + 0.3])
+        far = np.array([[model.ranges.change[1] + 0.3]])
         strain = model.gauge.stretched_strain(far)
-        _, extra, beyond = outside.step(far, still, strain, 0.02)
-        assert beyond[0]
-        assert extra[0] == pytest.approx(0.3 / model.gauge.slope(strain)[0])
+        _, extra, beyond = Extrapolation(model, 1).run(far, np.zeros((1, 1)), strain, steps(1, 0.02))
+        assert beyond[0, 0]
+        assert extra[0, 0] == pytest.approx(0.3 / model.gauge.slope(strain)[0, 0])
 
 
-def shaken_in(swing: FastSwing, strain: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return whether the robot is shaken after each row of strain, 50 times a second without gaps."""
-    seen, fresh = np.ones(strain.shape[1], dtype=bool), np.zeros(strain.shape[1], dtype=bool)
-    shaken = []
-    for row in strain:
-        swing.step(row, seen, fresh, 0.02)
-        shaken.append(swing.robot_is_shaken)
-    return np.array(shaken)
+def swings_in(swing: FastSwing, strain: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return sigma, and whether the robot is shaken, after each row of strain, 50 times a second without gaps."""
+    return swing.run(strain, np.ones(strain.shape, dtype=bool), steps(len(strain), 0.02))
 
 
 class TestFastSwing:
@@ -82,7 +76,7 @@ class TestFastSwing:
         rng = np.random.default_rng(7)
         swing, t_s = FastSwing(12), np.arange(0, 20, 0.02)
         strain = 0.02 * np.sin(2 * np.pi * 0.5 * t_s)[:, None] + 0.0005 * rng.standard_normal((len(t_s), 12))
-        sigma = np.array([swing.step(row, np.ones(12, dtype=bool), np.zeros(12, dtype=bool), 0.02) for row in strain])
+        sigma = swings_in(swing, strain)[0]
         assert np.quantile(sigma, 0.99) < 0.005
 
     def test_shaking_widens_all_sensors_and_fades(self) -> None:
@@ -92,7 +86,7 @@ class TestFastSwing:
         shaken = (t_s > 4) & (t_s < 7)
         strain = 0.0003 * rng.standard_normal((len(t_s), 12))
         strain[:, 2:] += 0.01 * (shaken * np.sin(2 * np.pi * 6 * t_s))[:, None]
-        sigma = np.array([swing.step(row, np.ones(12, dtype=bool), np.zeros(12, dtype=bool), 0.02) for row in strain])
+        sigma = swings_in(swing, strain)[0]
         during, later = sigma[(t_s > 5) & shaken], sigma[t_s > 12.9]
         assert 0.01 < during[:, :2].min() < during[:, 2:].min()
         assert during.max() < 0.08
@@ -103,9 +97,7 @@ class TestFastSwing:
         swing, t_s = FastSwing(12), np.arange(0, 6, 0.02)
         strain = 0.0003 * rng.standard_normal((len(t_s), 12))
         strain[t_s > 3, 4] += 0.05 * rng.standard_normal(np.sum(t_s > 3))
-        sigma = np.array([swing.step(row, np.ones(12, dtype=bool), np.zeros(12, dtype=bool), 0.02) for row in strain])[
-            -1
-        ]
+        sigma = swings_in(swing, strain)[0][-1]
         assert sigma[4] > 0.05
         assert np.delete(sigma, 4).max() < 0.003
 
@@ -117,7 +109,7 @@ class TestFastSwing:
             swing = FastSwing(12)
             strain = 0.0003 * rng.standard_normal((len(t_s), 12))
             strain[:, :swinging] += 0.002 * (((t_s > 3) & (t_s < 4)) * np.sin(2 * np.pi * 7 * t_s))[:, None]
-            shaken = shaken_in(swing, strain)
+            shaken = swings_in(swing, strain)[1]
             assert not shaken[t_s <= 3].any()
             assert shaken[(t_s > 3.8) & (t_s < 5)].all() == (swinging == 3)
             assert not shaken[t_s > 6].any()
@@ -129,7 +121,7 @@ class TestFastSwing:
         t_s = np.arange(0, 6, 0.02)
         pressed = np.interp(t_s, [3, 3 + ramp_s, 4.5, 4.5 + ramp_s], [0, strain, strain, 0])
         noise = 0.0003 * np.random.default_rng(seed).standard_normal((len(t_s), 12))
-        assert not shaken_in(FastSwing(12), pressed[:, None] + noise).any()
+        assert not swings_in(FastSwing(12), pressed[:, None] + noise)[1].any()
 
     @pytest.mark.parametrize(("frequency_hz", "is_shaken"), [(0.5, False), (1.0, False), (2.0, True), (3.0, True)])
     def test_a_hand_that_swings_a_node_is_shaking_above_1_2_hz(self, frequency_hz: float, is_shaken: bool) -> None:
@@ -138,7 +130,7 @@ class TestFastSwing:
         t_s = np.arange(0, 6, 0.02)
         strain = 0.0003 * rng.standard_normal((len(t_s), 12))
         strain[:, :3] += 0.01 * ((t_s > 2) * np.sin(2 * np.pi * frequency_hz * (t_s - 2)))[:, None]
-        shaken = shaken_in(FastSwing(12), strain)
+        shaken = swings_in(FastSwing(12), strain)[1]
         assert not shaken[t_s <= 2].any()
         assert shaken[t_s > 3].all() == shaken.any() == is_shaken
 
@@ -148,18 +140,17 @@ class TestFastSwing:
         swing, t_s = FastSwing(12), np.arange(0, 6, 0.02)
         strain = 0.0003 * rng.standard_normal((len(t_s), 12)) + 0.2 * (t_s > 3)[:, None]
         strain += 0.003 * ((t_s > 4) * np.sin(2 * np.pi * 6 * t_s))[:, None]
-        shaken = []
-        for row, gap_ends in zip(strain, np.diff(t_s > 3, prepend=False), strict=True):
-            swing.step(row, np.ones(12, dtype=bool), np.full(12, gap_ends), 0.02)
-            shaken.append(swing.robot_is_shaken)
-        assert 4 < t_s[np.argmax(shaken)] < 4.5
+        gap_ends = np.argmax(t_s > 3)
+        assert not swings_in(swing, strain[:gap_ends])[1].any()
+        swing.restart(np.ones(12, dtype=bool))
+        _, shaken = swings_in(swing, strain[gap_ends:])
+        assert 4 < t_s[gap_ends:][np.argmax(shaken)] < 4.5
 
     def test_a_jump_over_a_gap_is_no_swing(self) -> None:
         swing = FastSwing(3)
-        for _ in range(100):
-            swing.step(np.full(3, 0.05), np.ones(3, dtype=bool), np.zeros(3, dtype=bool), 0.02)
-        sigma = [swing.step(np.full(3, 0.15), np.ones(3, dtype=bool), np.full(3, k == 0), 0.02) for k in range(50)]
-        assert np.max(sigma) < 1e-9
+        swings_in(swing, np.full((100, 3), 0.05))
+        swing.restart(np.ones(3, dtype=bool))
+        assert np.max(swings_in(swing, np.full((50, 3), 0.15))[0]) < 1e-9
 
     def test_a_held_strain_does_not_lower_the_noise(self) -> None:
         """Six of twelve sensors are missing for 2 s: afterwards no noise is taken for a swing."""
@@ -168,7 +159,10 @@ class TestFastSwing:
         strain = 0.0005 * rng.standard_normal((len(t_s), 12))
         missing = ((t_s > 3) & (t_s < 5))[:, None] & (np.arange(12) < 6)
         strain[missing] = 0.0
-        fresh = ~missing & np.roll(missing, 1, axis=0)
-        sigma = [swing.step(strain[k], ~missing[k], fresh[k], 0.02) for k in range(len(t_s))]
+        back = int(np.argmax(missing.any(axis=1))) + int(missing.any(axis=1).sum())
+        before, _ = swing.run(strain[:back], ~missing[:back], steps(back, 0.02))
+        swing.restart(np.arange(12) < 6)
+        after, _ = swing.run(strain[back:], ~missing[back:], steps(len(t_s) - back, 0.02))
+        sigma = np.concatenate([before, after])
         assert np.max(sigma[300:]) < 0.005
         assert np.mean(sigma[300:]) < 2 * np.mean(sigma[100:150]) + 2e-4

@@ -1,9 +1,50 @@
-"""The time for which errors stay alike, against its definition."""
+"""Filters by hand and in pieces; the time for which errors stay alike, against its definition."""
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from tensegraph.models.values.time_series import autocorrelation_of, correlation_samples
+from tensegraph.models.values.time_series import (
+    SmoothedRate,
+    autocorrelation_of,
+    before,
+    begun,
+    correlation_samples,
+    held,
+    low_passed,
+)
+
+
+def test_filters_by_hand() -> None:
+    value, start = np.array([[1.0, 5.0], [3.0, 5.0]]), np.array([0.0, np.nan])
+    np.testing.assert_array_equal(begun(start, value), [0, 5])
+    np.testing.assert_allclose(
+        low_passed(value, np.array([[0.5], [0.25]]), begun(start, value)), [[0.5, 5], [1.125, 5]]
+    )
+    np.testing.assert_array_equal(before(value, start), [[0, np.nan], [1, 5]])
+    seen = np.array([[False, True], [True, False]])
+    np.testing.assert_array_equal(held(value, seen, np.array([7.0, 8.0])), [[7, 5], [3, 5]])
+
+
+@settings(max_examples=30, deadline=None)
+@given(cut=st.integers(1, 39), seed=st.integers(0, 2**32 - 1))
+def test_a_smoothed_rate_is_the_same_in_pieces(cut: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    step_s = rng.uniform(0.01, 0.1, (40, 1))
+    value = rng.standard_normal((40, 2))
+    whole = SmoothedRate(2, 0.05).run(value, step_s)
+    pieces = SmoothedRate(2, 0.05)
+    np.testing.assert_array_equal(
+        np.concatenate([pieces.run(value[:cut], step_s[:cut]), pieces.run(value[cut:], step_s[cut:])]), whole
+    )
+
+
+def test_a_smoothed_rate_of_a_line_is_its_slope() -> None:
+    value = 4.0 + 3.0 * 0.02 * np.arange(40)[:, None]
+    rate = SmoothedRate(1, 0.05).run(value, np.full((40, 1), 0.02))
+    assert rate[0, 0] == 0
+    assert rate[-1, 0] == pytest.approx(3.0, rel=1e-5)
 
 
 def test_autocorrelation_against_its_definition() -> None:
