@@ -17,7 +17,6 @@ from ..values.readings import (
     ModeReadings,
     ResistanceFrame,
     RestLengths,
-    SensorDrift,
     TendonLengths,
     is_impossible_length,
     is_mode_uncertain,
@@ -25,7 +24,7 @@ from ..values.readings import (
 from ..values.tables import Positive, Probability
 from ..values.time_series import before, held
 from .bending import LagFree
-from .reference_drift import ReferenceDrift, ReferenceTendons, without_drift
+from .reference_drift import ReferenceTendons, without_drift
 from .sensor_model import SensorModel
 from .stretching import Extrapolation, FastSwing, StrainSpread, StretchingSensors
 from .taring import MOTION_SHARE, RestShift, Taring
@@ -195,7 +194,8 @@ class FrontEnd:
         strain = replace(strain, sigma=np.hypot(strain.sigma, swing))
         lengths = self._possible(frames, strain, probability, flags)  # eq. (4)
         modes = self._in_each_mode(stretched, bent, swing, probability)
-        taken_off = self._taken_off(drift, readings.change, strain.value, mode)
+        per_change_m = self._L0 * (1 + readings.change) / self._gauge.slope(np.maximum(strain.value, 0))
+        taken_off = self._references.taken_off(drift, np.where(mode == STRETCHING, per_change_m, 0.0), self._board)
         return [
             TendonLengths(
                 t_s=frame.t_s,
@@ -311,31 +311,6 @@ class FrontEnd:
             ModeReadings(length_m[k], sigma_m[k], probability[k]) if asked else None
             for k, asked in enumerate(uncertain.tolist())
         ]
-
-    def _taken_off(
-        self,
-        drift: Sequence[ReferenceDrift],
-        change: NDArray[np.float64],
-        strain: NDArray[np.float64],
-        mode: NDArray[np.int64],
-    ) -> list[SensorDrift]:
-        """Return the drift of each frame with the change of length that it would make; none of a bent tendon."""
-        per_change_m = self._L0 * (1 + change) / self._gauge.slope(np.maximum(strain, 0))
-        counted = mode == STRETCHING
-        is_tendon = self._references.tendons < len(self._L0)
-        tendons = self._references.tendons[is_tendon]
-        counted[:, tendons] = False  # their lengths are known, whatever their sensors read
-        counted_m = np.where(counted, per_change_m, 0.0)
-        taken_off = []
-        for k, found in enumerate(drift):
-            total = np.full(len(self._L0), found.common)
-            sigma = np.full(len(self._L0), found.common_sigma)
-            total[tendons] += found.own[is_tendon]
-            sigma[tendons] = found.own_sigma[is_tendon]
-            taken_off.append(
-                SensorDrift(total, sigma, counted_m[k], found.own_rate_per_s, found.references, self._board)
-            )
-        return taken_off
 
     @property
     def exchanged(self) -> list[tuple[int, int]]:

@@ -14,13 +14,14 @@ reference that stays where it jumped, as after a contact that slipped, begins an
 then.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..values.readings import ResistanceFrame
+from ..values.readings import ResistanceFrame, SensorDrift
 from ..values.tables import NotNegative, Positive, Probability
 
 RATES_PER_S = (0.0, 1e-4, 3e-4, 1e-3)
@@ -123,6 +124,31 @@ class ReferenceTendons:
             self._updated_s = frame.t_s
             self._found = self._mixture()
         return self._found
+
+    def taken_off(
+        self, found: Sequence[ReferenceDrift], per_change_m: NDArray[np.float64], board: NDArray[np.int64] | None
+    ) -> list[SensorDrift]:
+        """Return of each frame the drift that was taken off, with the change of length that it would make.
+
+        Args:
+            found: the drift in each frame, as `step` returns it.
+            per_change_m: (frames, tendons) change of length for a relative change of resistance; 0 where it does not
+                count, as at a bent tendon.
+            board: (tendons,) number of the board that reads each sensor.
+        """
+        count = per_change_m.shape[-1]
+        is_tendon = self.tendons < count  # and no dummy strip
+        tendons = self.tendons[is_tendon]
+        counted_m = per_change_m.copy()
+        counted_m[:, tendons] = 0.0  # their lengths are known, whatever their sensors read
+        taken_off = []
+        for one, of_frame_m in zip(found, counted_m, strict=True):
+            total = np.full(count, one.common)
+            sigma = np.full(count, one.common_sigma)
+            total[tendons] += one.own[is_tendon]
+            sigma[tendons] = one.own_sigma[is_tendon]
+            taken_off.append(SensorDrift(total, sigma, of_frame_m, one.own_rate_per_s, one.references, board))
+        return taken_off
 
     def _begin_anew(self, jumped: NDArray[np.bool_], used: NDArray[np.bool_], step_s: float) -> None:
         """Begin anew with the (references,) whose readings have been where they `jumped` for `BASE_S`."""
