@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.estimation import NoiseSettings
-from ..models.values.readings import BENDING, Flag, TendonLengths
+from ..models.values.readings import BENDING, Flag, ModelError, TendonLengths
 
 KERNEL_SCALES = {"huber": 1.345, "cauchy": 2.3849}
 """Constants of the robust kernels that give 95 % efficiency on Gaussian noise."""
@@ -38,11 +38,8 @@ class WeightedLengths:
     @property
     def shared(self) -> NDArray[np.float64] | None:
         """(tendons,) the part of the errors that all sensors share, over sigma_m; None where errors are independent."""
-        error = self.lengths.model_error
-        if error is None:
-            return None
-        shared = self.scale * error.shared_m(self.lengths.length_m) / self.sigma_m
-        return np.where(np.isfinite(self.sigma_m), np.clip(shared, -MOST_SHARED, MOST_SHARED), 0.0)
+        stacked = stacked_shared([self])
+        return None if stacked is None else stacked[0]
 
     @property
     def count(self) -> int:
@@ -111,11 +108,19 @@ def rounded_sigma_m(sigma_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def stacked_shared(measured: Sequence[WeightedLengths]) -> NDArray[np.float64] | None:
     """Return (frames, tendons) the shared part of the errors, see `WeightedLengths.shared`; None if there is none."""
-    shared = [one.shared for one in measured]
-    if all(one is None for one in shared):
+    errors = [(one, one.lengths.model_error) for one in measured]
+    known = [(one, error) for one, error in errors if error is not None]
+    if not known:
         return None
-    none = np.zeros_like(measured[0].sigma_m)
-    return np.array([none if one is None else one for one in shared])
+    sigma_m = np.array([one.sigma_m for one, _ in known])
+    length_m = np.array([one.lengths.length_m for one, _ in known])
+    scale = np.array([[one.scale] for one, _ in known])
+    shared = scale * ModelError.stacked([error for _, error in known]).shared_m(length_m) / sigma_m
+    of_frames = np.zeros((len(measured), sigma_m.shape[1]))
+    of_frames[[error is not None for _, error in errors]] = np.where(
+        np.isfinite(sigma_m), np.clip(shared, -MOST_SHARED, MOST_SHARED), 0.0
+    )
+    return of_frames
 
 
 def independent_rows(rows: NDArray[np.float64], shared: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """The values on the way from a sensor to the estimator, one dataclass for each step of the processing."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Protocol
@@ -193,7 +194,10 @@ class SensorDrift:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelError:
-    """The error of lengths at one instant that comes from the sensor model, and that all sensors therefore share."""
+    """The error of lengths that comes from the sensor model, and that all sensors therefore share.
+
+    It is that of one instant, or of several, with a leading axis of instants.
+    """
 
     sigma_m: NDArray[np.float64]
     """(tendons,) standard deviation of the model's error, for a sensor that is not tared, times the probability that
@@ -202,11 +206,21 @@ class ModelError:
     """(tendons,) l_0, the length at which each sensor was tared; nan for one that was not."""
     reach_m: NDArray[np.float64]
     """(tendons,) r, the change of length over which the model's error becomes another one."""
-    after_motion_m: NDArray[np.float64] | float = 0.0
+    after_motion_m: NDArray[np.float64]
     """(tendons,) h, standard deviation of the model's error at l_0 because the strip was moved since it was tared."""
 
+    @classmethod
+    def stacked(cls, errors: Sequence["ModelError"]) -> "ModelError":
+        """Return those of several instants."""
+        return cls(
+            np.array([error.sigma_m for error in errors]),
+            np.array([error.tared_length_m for error in errors]),
+            np.array([error.reach_m for error in errors]),
+            np.array([error.after_motion_m for error in errors]),
+        )
+
     def shared_m(self, length_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (tendons,) s, where the errors of the lengths l are b s with one b of standard deviation 1 for all.
+        """Return (..., tendons) s: the errors of the lengths l are b s with one b of standard deviation 1 for all.
 
         Strips that are stretched alike err alike. Taring takes the error off at l_0; away from there it grows, too long
         on one side where it is too short on the other, and after motion a part is there at l_0, too:

@@ -63,7 +63,9 @@ def test_smoothing_beats_single_frames(example_structure, press, lengths_of) -> 
     assert rmse[BatchOptimizer] < 1.1 * rmse[LiveSmoother]
 
 
-@pytest.mark.parametrize("model_error", [None, ModelError(np.full(24, 3e-4), np.full(24, 0.17), np.full(24, 0.01))])
+@pytest.mark.parametrize(
+    "model_error", [None, ModelError(np.full(24, 3e-4), np.full(24, 0.17), np.full(24, 0.01), np.zeros(24))]
+)
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_missing_tendons_widen_and_are_said(estimator, model_error, structure, rest, lengths_of) -> None:
     frames = [lengths_of(structure, rest.node_position_m, 0.02 * k) for k in range(10)]

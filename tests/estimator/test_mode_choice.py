@@ -35,7 +35,9 @@ def test_the_shape_decides(true_mode: Mode, structure, balanced, lengths_of) -> 
     smoother = LiveSmoother(structure, balanced, Settings())
     for t in np.arange(0, 1, 0.02):
         frame = uncertain(lengths_of(structure, balanced.node_position_m, t), true_mode, 0.010, 0.5)
-        frame = replace(frame, model_error=ModelError(np.full(24, 1e-4), frame.length_m, np.full(24, 0.01)))
+        frame = replace(
+            frame, model_error=ModelError(np.full(24, 1e-4), frame.length_m, np.full(24, 0.01), np.zeros(24))
+        )
         shape = smoother.update(frame)
     true_m = structure.tendon_length_m(balanced.node_position_m)[TENDON]
     assert shape.lengths.length_m[TENDON] == pytest.approx(true_m, abs=0.001)

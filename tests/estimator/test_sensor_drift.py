@@ -73,7 +73,7 @@ def test_evidence_is_the_slope_of_the_best_error(model_sigma_m, example_structur
     builder = GraphBuilder(example_structure, still, Settings().noise)
     rng = np.random.default_rng(1)
     lengths = lengths_of(example_structure, still.node_position_m, noise=rng.normal(0, 5e-4, 24))
-    untared = ModelError(np.full(24, model_sigma_m), np.full(24, np.nan), np.ones(24))
+    untared = ModelError(np.full(24, model_sigma_m), np.full(24, np.nan), np.ones(24), np.zeros(24))
     lengths = replace(lengths, model_error=untared)
 
     def least(length_m: NDArray[np.float64]) -> FrameSearch:

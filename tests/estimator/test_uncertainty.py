@@ -55,7 +55,7 @@ class TestCovariance:
             moved = (keep @ moved.ravel()).reshape(12, 3) * np.isin(np.arange(12), free)[:, None]
             true = rest.node_position_m + moved
             noise = sigma_m * (shared * rng.standard_normal() + np.sqrt(1 - shared**2) * rng.standard_normal(24))
-            untared = ModelError(np.full(24, shared * sigma_m), np.full(24, np.nan), np.ones(24))
+            untared = ModelError(np.full(24, shared * sigma_m), np.full(24, np.nan), np.ones(24), np.zeros(24))
             shape = estimator.update(replace(lengths_of(structure, true, noise=noise), model_error=untared))
             of_all = (shape.node_position_m - true).ravel()
             of_sum.append((summed @ of_all) ** 2 / (summed @ shape.covariance_m2 @ summed))

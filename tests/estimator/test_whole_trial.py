@@ -98,7 +98,7 @@ def supports_of(structure) -> list[Support]:
 
 
 KINDS = ["forces", "lengths", "huber", "cauchy", "no start", "supports", "motors", "no anchors", "factors", "model"]
-MODEL_ERROR = ModelError(np.full(24, 4e-4), np.linspace(0.17, 0.19, 24), np.full(24, 0.006))
+MODEL_ERROR = ModelError(np.full(24, 4e-4), np.linspace(0.17, 0.19, 24), np.full(24, 0.006), np.zeros(24))
 
 
 @pytest.fixture(params=KINDS)

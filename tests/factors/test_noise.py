@@ -59,13 +59,16 @@ def measured(length_m, error: ModelError) -> WeightedLengths:
 
 def test_what_errors_share_by_hand() -> None:
     """Nothing at the tared length; the model's part times tanh(1) a reach away, with its sign; all of it untared."""
-    error = ModelError(np.full(5, 0.0006), np.array([0.18, 0.18, 0.18, np.nan, 0.18]), np.full(5, 0.01))
+    error = ModelError(np.full(5, 0.0006), np.array([0.18, 0.18, 0.18, np.nan, 0.18]), np.full(5, 0.01), np.zeros(5))
     lengths = measured([0.18, 0.19, 0.17, 0.18, np.nan], error)
     own = 0.0006 / np.hypot(0.001, NOISE.stretching_m)
     expected = own * np.array([0, np.tanh(1), -np.tanh(1), 1, 0])
     assert lengths.shared == pytest.approx(expected)
     assert lengths.scaled(3.0).shared == pytest.approx(expected)
-    assert measured([0.3], ModelError(np.array([1.0]), np.array([0.18]), np.array([0.01]))).shared == MOST_SHARED
+    assert (
+        measured([0.3], ModelError(np.array([1.0]), np.array([0.18]), np.array([0.01]), np.zeros(1))).shared
+        == MOST_SHARED
+    )
     left_out = lengths.without(np.arange(5) == 1)
     assert left_out.shared == pytest.approx(np.where(np.arange(5) == 1, 0, expected))
 
@@ -85,6 +88,6 @@ def test_what_errors_share_after_motion_by_hand() -> None:
 
 
 def test_a_robust_kernel_takes_errors_one_by_one() -> None:
-    lengths = measured([0.19], ModelError(np.array([0.0006]), np.array([0.18]), np.array([0.01]))).lengths
+    lengths = measured([0.19], ModelError(np.array([0.0006]), np.array([0.18]), np.array([0.01]), np.zeros(1))).lengths
     assert weigh(lengths, replace(NOISE, robust="cauchy")).shared is None
     assert weigh(replace(lengths, model_error=None), NoiseSettings()).shared is None

@@ -55,7 +55,7 @@ class TestLengths:
 
     def test_what_sensors_share_is_that_of_the_strips(self) -> None:
         """A motor that winds moves the tared length along: the strip is as long as it was."""
-        error = ModelError(np.full(4, 0.0003), np.full(4, 0.063), np.full(4, 0.006))
+        error = ModelError(np.full(4, 0.0003), np.full(4, 0.063), np.full(4, 0.006), np.zeros(4))
         lengths = replace(strips(0.0), model_error=error)
         expected = error.shared_m(lengths.length_m)
         motor = winding()
