@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -51,12 +52,28 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show how long ea
 
 def main() -> None:
     """Run the command line; an error of the input or of the disk is printed as one line on stderr, with exit code 2."""
+    if isinstance(sys.stdout, TextIOWrapper):  # a console may lack signs of tables, or of names
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         with _warnings_as_lines():
+            _check_encoding(sys.argv[1:])
             app()
     except (TensegraphError, OSError) as error:
         print(f"tensegraph: {one_line(error)}", file=sys.stderr)
         sys.exit(2)
+
+
+def _check_encoding(arguments: list[str]) -> None:
+    """Check that results, which are in UTF-8, can hold the names of files.
+
+    Raises:
+        InputError: for a name of another encoding, as of a folder of an old archive.
+    """
+    for argument in arguments:
+        try:
+            argument.encode()
+        except UnicodeEncodeError as error:
+            raise InputError(f"{argument}: expected a name in UTF-8") from error
 
 
 @contextmanager

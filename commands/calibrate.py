@@ -145,5 +145,6 @@ def _write(
         try:
             read_sensor_model(inside.model)
         except InputError as error:
+            paths.remove_checkpoints()  # the same training would give the same model
             reason = str(error).removeprefix(f"{inside.model}: ")
             raise InputError(f"the recordings give a model that no command would take: {reason}") from error

@@ -221,7 +221,8 @@ def evidence_share(builder: GraphBuilder, frame: LinearFrame, step_s: float) -> 
         frame: its factors.
         step_s: time since the last frame whose evidence was counted.
     """
-    measured = float(np.mean(frame.weight_per_m[len(builder.structure.rods) :] > 0))
+    of_tendons = frame.weight_per_m[len(builder.structure.rods) :] > 0
+    measured = float(of_tendons.mean()) if len(of_tendons) else 0.0
     return measured * min(step_s / builder.noise.correlation_s, 1.0)
 
 

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from ..factors.keys import NodeRows
 from ..factors.noise import robust_loss
 from ..factors.tendon import TautCables
-from ..models.estimation import SMALLEST_SIGMA
 from ..models.structure.shape import Reason, Shape
 from ..models.values.errors import InputError
 from ..models.values.readings import NodeFactor
+from ..models.values.tables import SMALLEST_SIGMA
 from ..models.values.time_series import low_pass_weight
 
 OWN_KERNEL = "cauchy"

@@ -96,7 +96,10 @@ class LiveSmoother:
             doubt = self.doubt.about(lengths)
             assessment = self._evidence.assess(frame, position, doubt)
         except (RuntimeError, np.linalg.LinAlgError) as error:
-            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {' '.join(str(error).split())}") from error
+            raise IndeterminateError(
+                f"t = {lengths.t_s:.3f} s: a node is undetermined: too few lengths, or settings of which one is far "
+                "more certain than another"
+            ) from error
         self._forget()
         self._frame += 1
         self._positions.append(position)

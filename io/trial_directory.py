@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ..models.estimation import SMALLEST_SIGMA
 from ..models.evaluation.truth import (
     Fault,
     MarkedNode,
@@ -25,7 +24,7 @@ from ..models.plug_ins import PlugIn
 from ..models.trial_description import TrialDescription, describe_trial
 from ..models.trial_tables import TrialTable
 from ..models.values.aids import AidReading
-from ..models.values.errors import InputError
+from ..models.values.errors import InputError, printable
 from ..models.values.marker_tracks import MarkerTracks
 from ..models.values.readings import (
     BENDING,
@@ -38,6 +37,7 @@ from ..models.values.readings import (
     is_impossible_length,
 )
 from ..models.values.stamped_positions import StampedPositions
+from ..models.values.tables import SMALLEST_SIGMA
 from .aid_files import (
     IMU_COLUMNS,
     MOTOR_COLUMNS,
@@ -410,7 +410,7 @@ def open_trial(path: str | Path) -> Trial:
     path = Path(path)
     toml = with_structure_file(read_toml(path / "trial.toml"), path / "trial.toml")
     table, description = describe_trial(toml, str(path / "trial.toml"))
-    name = table.name or path.resolve().name
+    name = table.name or printable(path.resolve().name)
     trial = Trial(path=path, name=name, description=description, table=table, toml=toml)
     for name in trial.files():
         if not (path / name).exists():

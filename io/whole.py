@@ -73,7 +73,7 @@ def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
             _sync(aside.parent)
     finally:
         try:
-            _remove(aside)
+            remove_directory(aside)
         finally:
             if lock is not None:
                 os.close(lock)
@@ -90,10 +90,10 @@ def _remove_left_over(places: Sequence[Path]) -> None:
             if (aside / place.name).exists() and not place.exists():
                 (aside / place.name).rename(place)
             _keep_others(aside / place.name, place)
-        _remove(aside)
+        remove_directory(aside)
 
 
-def _remove(directory: Path) -> None:
+def remove_directory(directory: Path) -> None:
     """Remove a directory as far as that is possible.
 
     Raises:
@@ -205,7 +205,7 @@ def _move(written: Sequence[Path], places: Sequence[Path]) -> None:
             undo.pop_all()
         for place in places:
             _keep_others(earlier / place.name, place)
-        _remove(earlier)
+        remove_directory(earlier)
     finally:
         with suppress(OSError):
             earlier.rmdir()

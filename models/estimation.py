@@ -5,13 +5,7 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Interval
 
-from .values.tables import Positive, PositiveOrInfinite, Probability
-
-SMALLEST_SIGMA = 1e-6
-"""The least standard deviation, a micrometre or a micronewton: a factor that is a million times more certain than the
-others leaves nothing of them in the digits of their sum."""
-Sigma = Annotated[Positive, Ge(SMALLEST_SIGMA)]
-"""The standard deviation of a kind of factor."""
+from .values.tables import SMALLEST_SIGMA, Positive, PositiveOrInfinite, Probability, Sigma
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from .structure.mechanics import Mechanics
 from .structure.rest_shape import GeometrySigma
 from .structure.structure import Structure
 from .values.errors import InputError
-from .values.tables import NotNegative, Positive, parse_table
+from .values.tables import NotNegative, Positive, Sigma, parse_table
 
 _TOLD = GeometrySigma()
 FLAT = 0.05
@@ -88,9 +88,9 @@ class StructureTable:
     node_position_m: list[tuple[float, float, float]] | None = None
     """x, y, z of every node, about as at rest: the search for the rest shape starts there. The distances in rigid
     bodies are exactly theirs."""
-    rod_length_sigma_m: Positive = _TOLD.rod_length_m
+    rod_length_sigma_m: Sigma = _TOLD.rod_length_m
     """Standard deviation of a rod's length."""
-    anchor_sigma_m: Positive = _TOLD.anchor_m
+    anchor_sigma_m: Sigma = _TOLD.anchor_m
     """Standard deviation of an anchor's position, per axis."""
     hub_radius_m: NotNegative = _TOLD.hub_radius_m
     """Distance from a rod's end at which its tendons end, in an unknown direction."""

@@ -128,6 +128,8 @@ def describe_trial(table: Mapping[str, Any], where: str) -> tuple[TrialTable, Tr
 def _describe(table: TrialTable, ignored_keys: tuple[str, ...], path: Path) -> TrialDescription:
     told = described(StructureFile(table.structure, table.body, table.mechanics, table.rest))
     structure = told.structure
+    if told.rest_position_m is not None:
+        _check_anchors(structure, told.rest_position_m)
     given = [name for name in ("board", "resistance", "lengths") if getattr(table, name)]
     if len(given) != 1:
         raise InputError(f"expected one of [[board]], [resistance], [lengths], got {', '.join(given) or 'none'}")
@@ -159,6 +161,17 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...], path: Path) -> T
         factors=tuple(_factor(number, keys, path) for number, keys in enumerate(table.factor)),
         ignored_keys=ignored_keys,
     )
+
+
+def _check_anchors(structure: Structure, rest_m: NDArray[np.float64]) -> None:
+    """Raise InputError for a measured rest shape of which an anchor is elsewhere, as in another frame."""
+    for index, (node, anchor_m) in enumerate(zip(structure.anchors, structure.anchor_position_m, strict=True)):
+        apart_m = float(np.linalg.norm(rest_m[node] - anchor_m))
+        if apart_m > FAR_FROM_ANCHOR_M:
+            raise InputError(
+                f"rest.node_position_m[{node}]: expected structure.anchor_position_m[{index}], got a position "
+                f"{apart_m:.3f} m away"
+            )
 
 
 def _check_files(table: TrialTable) -> None:
@@ -242,13 +255,6 @@ def _check_hangs(table: TrialTable, told: DescribedStructure) -> None:
             "rest: expected seconds above 0 and node_position_m with one or two anchors: a structure that hangs is "
             "turned at the start as its nodes tell"
         )
-    for index, (node, anchor_m) in enumerate(zip(structure.anchors, structure.anchor_position_m, strict=True)):
-        apart_m = float(np.linalg.norm(rest_m[node] - anchor_m))
-        if apart_m > FAR_FROM_ANCHOR_M:
-            raise InputError(
-                f"rest.node_position_m[{node}]: expected structure.anchor_position_m[{index}], got a position "
-                f"{apart_m:.3f} m away"
-            )
     mass_kg = told.mechanics.node_mass_kg(structure) if told.mechanics else None
     askew_rad = Suspension.of(structure, mass_kg).askew_rad(rest_m)
     if askew_rad > ASKEW_RAD:

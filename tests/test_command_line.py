@@ -1,6 +1,7 @@
 """The command line as a user types it: help, and what is refused."""
 
 import inspect
+import os
 import tomllib
 from importlib.metadata import version
 
@@ -178,3 +179,19 @@ def test_a_name_of_thousands_of_characters_is_cut_in_the_middle(trial_copy) -> N
     assert len(refused.stderr) < 1000
     assert "config.toml: frames.xxx" in refused.stderr
     assert refused.stderr.endswith("xxx: is no setting; a run's run.toml lists them all\n")
+
+
+def test_a_console_of_ascii_shows_signs_by_their_numbers(tmp_path) -> None:
+    """The lines of tables are no ASCII."""
+    shown = run_process("--help", cwd=tmp_path, PYTHONIOENCODING="ascii")
+    assert shown.returncode == 0, shown.stderr
+    assert "reconstruct" in shown.stdout
+
+
+def test_a_name_that_is_not_utf_8_is_refused(tmp_path) -> None:
+    """As of a folder of an old archive; results are in UTF-8 and could not name it."""
+    named = os.fsdecode(b"tr\xe9s")
+    (tmp_path / named).mkdir()
+    refused = run_process("reconstruct", named, cwd=tmp_path)
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert refused.stderr == "tensegraph: tr\\udce9s: expected a name in UTF-8\n"

@@ -151,6 +151,7 @@ def tipping(
     up = centroid_m - middle_m
     if len(corner_m) > 2:
         across = np.linalg.svd(corner_m - middle_m)[2][2]
-        up = across * np.sign(across @ up)
+        up = -across if across @ up < 0 else across
     pivot_m = node_position_m[stayed].mean(axis=0) if stayed.any() else centroid_m
-    return shortest_rotation(up / np.linalg.norm(up), normal), pivot_m
+    rise = float(np.linalg.norm(up))  # none where the centroid is in the middle of two nodes: it turns no further
+    return shortest_rotation(up / rise if rise > 0 else normal, normal), pivot_m

@@ -21,12 +21,12 @@ import tomlkit
 from numpy.typing import NDArray
 
 from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
-from ...models.values.errors import InputError, RecordingError
+from ...models.values.errors import InputError, RecordingError, TensegraphError
 from ...models.values.readings import BoardReading, NaturalLengthReading
 from ...models.values.stamped_positions import StampedPositions
 from ..aid_files import AID_COLUMNS, aid_row
 from ..positions import contact_columns, force_columns, position_columns
-from ..whole import check_vacant, written_whole
+from ..whole import check_vacant, remove_directory, written_whole
 
 COMMENTS = {
     "structure.natural_length_m": "L0 of each tendon, unstretched",
@@ -58,7 +58,7 @@ class Recorder:
 
     def __init__(self, path: Path, metadata: Mapping[str, Any], *, with_boot: bool = False) -> None:
         check_vacant(path)
-        self._path = path
+        self.path = path
         self._metadata = metadata
         self._with_boot = with_boot
         self._files = ExitStack()
@@ -98,7 +98,7 @@ class Recorder:
             while row:  # a disk that is nearly full may write only a part
                 row = row[file.write(row) or 0 :]
         except OSError as error:
-            raise RecordingError(f"{self._path}: the recording ended: {error.strerror}") from error
+            raise RecordingError(f"{self.path}: the recording ended: {error.strerror}") from error
 
     def sync(self) -> None:
         """Flush the rows so far to the disk.
@@ -110,10 +110,10 @@ class Recorder:
             files = [file for opened in self._opened.values() for file in opened]
             for file in files:
                 os.fsync(file.fileno())
-            if any(os.fstat(file.fileno()).st_nlink == 0 for file in files) or not self._path.is_dir():
-                raise RecordingError(f"{self._path}: the recording ended: its files are gone")
+            if any(os.fstat(file.fileno()).st_nlink == 0 for file in files) or not self.path.is_dir():
+                raise RecordingError(f"{self.path}: the recording ended: its files are gone")
         except OSError as error:
-            raise RecordingError(f"{self._path}: the recording ended: {error.strerror}") from error
+            raise RecordingError(f"{self.path}: the recording ended: {error.strerror}") from error
 
     def add_truth(
         self, truth: StampedPositions, load_n: NDArray[np.float64], standing: NDArray[np.bool_] | None = None
@@ -133,13 +133,13 @@ class Recorder:
         if standing is not None and "contacts" in self._metadata["truth"]:
             tables["contacts"] = (contact_columns(count), standing.astype(np.float64), ".0f")
         for key, (columns, values, digits) in tables.items():
-            with (self._path / self._metadata["truth"][key]).open("w", encoding="utf-8", newline="\r\n") as file:
+            with (self.path / self._metadata["truth"][key]).open("w", encoding="utf-8", newline="\r\n") as file:
                 file.write(",".join(["t_s", *columns]) + "\n")
                 for t_s, row in zip(truth.t_s, values.reshape(len(truth.t_s), -1), strict=True):
                     file.write(f"{t_s:.4f}," + ",".join(format(value, digits) for value in row) + "\n")
 
     def _open(self, name: str) -> FileIO:
-        return self._files.enter_context((self._path / name).open("ab", buffering=0))
+        return self._files.enter_context((self.path / name).open("ab", buffering=0))
 
     def _file_of(self, reading: BoardReading | AidReading | NaturalLengthReading) -> FileIO:
         match reading:
@@ -191,6 +191,8 @@ class RecorderThread:
     ) -> None:
         self._queue.put(None)
         self._thread.join()
+        if isinstance(error, TensegraphError) and self.rows == 0:  # refused before anything was recorded
+            remove_directory(self._recorder.path)
 
     def add(self, reading: BoardReading | AidReading | NaturalLengthReading) -> None:
         """Add a row to the queue; returns immediately."""

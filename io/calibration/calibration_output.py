@@ -64,6 +64,10 @@ class CalibrationPaths:
             inside = CalibrationPaths(model)
             inside.figures.mkdir()
             yield inside
+        self.remove_checkpoints()
+
+    def remove_checkpoints(self) -> None:
+        """Remove the states of trainings, from which nothing more is made."""
         self.checkpoint.unlink(missing_ok=True)
         of_rates = re.compile(rf"{re.escape(self.model.stem)}\.[-+.e\d]+\.checkpoint")
         for path in self.model.parent.iterdir():

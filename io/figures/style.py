@@ -48,9 +48,9 @@ def add_legend_below(figure: Figure, handles: Sequence[Artist], columns: int) ->
 def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> None:
     """Write a PNG, or a PDF, by the name of the file.
 
-    Names of trials may have any sign: a `$` in a title is one, and what the font lacks is drawn as a box.
+    Names of trials and faults may have any sign: a `$` is one, and what the font lacks is drawn as a box.
     """
-    for text in (*figure.texts, *(axis.title for axis in figure.axes)):
+    for text in (*figure.texts, *(text for axis in figure.axes for text in (axis.title, *axis.texts))):
         text.set_parse_math(False)
     options: dict[str, Any] = {"pil_kwargs": {"compress_level": QUICK}} if path.suffix == ".png" else {}
     with warnings.catch_warnings():

@@ -205,4 +205,4 @@ def _connections(reader: Any, topic: str) -> list[Any]:
 
 
 def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+    return " ".join(str(error).split()) or "it is damaged"

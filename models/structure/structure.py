@@ -246,6 +246,8 @@ def _check_topology(rods: NDArray[np.int64], tendons: NDArray[np.int64], anchors
     rods_at = np.bincount(rods.ravel(), minlength=node_count)
     tendons_at = np.bincount(tendons.ravel(), minlength=node_count)
     anchored = np.isin(np.arange(node_count), anchors)
+    if anchored.all():
+        raise InputError("anchors: every node is one: expected a node whose position is to be estimated")
     for node in np.flatnonzero((rods_at == 0) & (tendons_at == 0)):
         raise InputError(f"node {node}: no rod and no tendon ends there: expected all numbers up to {node_count - 1}")
     for node in np.flatnonzero((tendons_at == 0) & (rods_at < 2) & ~anchored):

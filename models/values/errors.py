@@ -47,6 +47,11 @@ def one_line(error: TensegraphError | OSError) -> str:
     What of a file or a name cannot be printed is escaped, and what is too long to be read is left out in the middle.
     """
     text = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else str(error)
-    line = "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
+    line = printable(text)
     half = LONGEST_ERROR // 2
     return line if len(line) <= LONGEST_ERROR else f"{line[:half]} ... {line[-half:]}"
+
+
+def printable(text: str) -> str:
+    """Return a text in which what cannot be printed is escaped, as of a file whose name is of another encoding."""
+    return "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)

@@ -13,6 +13,9 @@ from .units import check_ranges
 
 SMALLEST = 1e-12
 """The smallest positive number: below it, products of a few numbers are lost."""
+SMALLEST_SIGMA = 1e-6
+"""The least standard deviation, a micrometre or a micronewton: a factor that is a million times more certain than the
+others leaves nothing of them in the digits of their sum."""
 
 
 def _not_tiny(value: float) -> float:
@@ -31,6 +34,8 @@ AtLeastOne = Annotated[int, Ge(1)]
 """A whole number, 1 or greater."""
 Share = Annotated[float, Interval(ge=0, lt=1)]
 """A number from 0 up to, but not including, 1."""
+Sigma = Annotated[Positive, Ge(SMALLEST_SIGMA)]
+"""The standard deviation of a kind of factor."""
 Probability = Annotated[float, Interval(gt=0, lt=1), AfterValidator(_not_tiny)]
 """A number strictly between 0 and 1."""
 

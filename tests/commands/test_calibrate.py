@@ -7,6 +7,8 @@ import subprocess
 import sys
 import time
 
+import numpy as np
+
 from command_line import CALIBRATE, run
 
 
@@ -44,3 +46,21 @@ def test_ctrl_c_and_the_same_command_again_give_the_same_bytes(rig_folder, calib
     assert not (rig_folder / "again.safetensors").exists()
     assert run(*CALIBRATE, "again.safetensors", cwd=rig_folder).returncode == 0
     assert filecmp.cmp(rig_folder / "again.safetensors", rig_folder / "m.safetensors", shallow=False)
+
+
+def test_a_model_that_no_command_would_take_leaves_nothing(tmp_path) -> None:
+    """The gauge length is told in cm, as mm: all strains are a hundred times too large."""
+    (tmp_path / "strips").mkdir()
+    for k in range(3):
+        t_s = np.arange(0, 40, 0.2)
+        stretch_m = 0.04 * np.abs((0.03 * t_s + 0.2) % 0.8 - 0.4)
+        rows = [f"{t:.2f},{1e6 * (1 + (32 + k) * m):.0f},{m:.6f}" for t, m in zip(t_s, stretch_m, strict=True)]
+        (tmp_path / "strips" / f"s{k}.csv").write_text("\n".join([*rows, ""]))
+    (tmp_path / "rig.toml").write_text(
+        'gauge_length_mm = 0.4\nnatural_resistance_ohm = "start"\n[columns]\ntime = 1\nresistance = 2\n'
+        'displacement = 3\n[units]\ntime = "s"\nresistance = "ohm"\ndisplacement = "m"\n'
+    )
+    refused = run(*CALIBRATE, "m.safetensors", "--rig", "rig.toml", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "the recordings give a model that no command would take" in refused.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["rig.toml", "strips"]

@@ -10,7 +10,7 @@ from balance import pressed
 from noise_settings import with_noise
 from tensegraph import Flag, Settings
 from tensegraph.estimator.batch import BatchOptimizer
-from tensegraph.estimator.doubt import SCALES, ModelDoubt, Regimes, log_evidence
+from tensegraph.estimator.doubt import SCALES, ModelDoubt, Regimes, evidence_share, log_evidence
 from tensegraph.estimator.graph import GraphBuilder
 from tensegraph.estimator.linear_frame import LinearFrame, linearised
 from tensegraph.estimator.smoother import LiveSmoother
@@ -195,3 +195,14 @@ def test_shaking_widens_without_forces_as_well(structure, rest, lengths_of) -> N
             for each in (frames, shaken)
         )
         assert (swinging > 1.2 * calm).all()
+
+
+def test_lengths_of_no_free_tendon_are_no_evidence(structure, balanced, lengths_of) -> None:
+    """Of 24 tendons, 21 move with free nodes; with half of the time between frames that counts, half counts."""
+    builder = GraphBuilder(structure, balanced, Settings().noise)
+    lengths = lengths_of(structure, balanced.node_position_m, 0.0)
+    linear = linearised(builder, balanced.node_position_m, weigh(lengths, builder.noise))
+    step_s = 0.5 * builder.noise.correlation_s
+    assert evidence_share(builder, linear, step_s) == pytest.approx(0.5)
+    rods = replace(linear, weight_per_m=linear.weight_per_m[: len(structure.rods)])
+    assert evidence_share(builder, rods, step_s) == 0

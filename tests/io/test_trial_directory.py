@@ -35,6 +35,7 @@ REFUSED = [
     ("trial", replaced("natural_resistance_ohm = [", "natural_resistance_ohm = [5, "), r"expected 24 finite numbers, got 25"),
     ("trial", replaced("[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]", "[0, 0, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]"), r"is wired to"),
     ("trial", replaced("[rest]", "[rest"), r"trial.toml: cannot be read as TOML"),
+    ("trial", replaced("[0.18379, -0.00004, -0.00004]", "[0.18379, -0.00004, 0.02]"), r"node_position_m\[1\]: .* 0.020 m away$"),
     ("trial", replaced("seconds = 2.0", "seconds = -2.0"), r"rest.seconds: .*got -2.0"),
 ]  # fmt: skip
 

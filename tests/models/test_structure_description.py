@@ -39,6 +39,12 @@ FLAT_M = PLATE_M.copy()
 FLAT_M[4] = [0.0, 0.0, 0.25]
 
 REFUSED = {
+    "plate: structure.rod_length_sigma_m: input should be greater than or equal to 0.000001": changed(
+        "structure", rod_length_sigma_m=1e-12
+    ),
+    "plate: structure.anchor_sigma_m: input should be greater than or equal to 0.000001": changed(
+        "structure", anchor_sigma_m=1e-7
+    ),
     "plate: body[0]: its nodes lie in one plane": changed("structure", node_position_m=FLAT_M.tolist()),
     "plate: body[0]: expected structure.node_position_m": changed("structure", node_position_m=None),
     "plate: body[0].nodes: expected three different nodes or more, got [0, 1, 1]": changed("body", nodes=[0, 1, 1]),

@@ -34,8 +34,8 @@ def run(*arguments, cwd: Path) -> subprocess.CompletedProcess:
     return subprocess.CompletedProcess(words, code, out.getvalue(), error.getvalue())
 
 
-def run_process(*arguments, cwd: Path, timeout_s: float = 120) -> subprocess.CompletedProcess:
+def run_process(*arguments, cwd: Path, timeout_s: float = 120, **environment) -> subprocess.CompletedProcess:
     """Run `python -m tensegraph` in a directory, as a user does."""
     command = [sys.executable, "-m", "tensegraph", *map(str, arguments)]
     quiet = {"capture_output": True, "text": True, "check": False}
-    return subprocess.run(command, cwd=cwd, env=os.environ | SCREEN, timeout=timeout_s, **quiet)
+    return subprocess.run(command, cwd=cwd, env=os.environ | SCREEN | environment, timeout=timeout_s, **quiet)

@@ -150,3 +150,14 @@ def test_a_recording_that_is_killed_from_the_shell(tmp_path, example, pty_boards
     size = (tmp_path / "trial" / "board0.csv").stat().st_size
     time.sleep(0.3)
     assert (tmp_path / "trial" / "board0.csv").stat().st_size == size  # nobody goes on writing
+
+
+def test_a_session_refused_before_its_first_row_leaves_no_recording(tmp_path, example) -> None:
+    """One that is refused later leaves what was recorded."""
+    for rows in (0, 1):
+        recorder = Recorder(tmp_path / f"rows{rows}", open_trial(example).toml)
+        with pytest.raises(InputError, match="too high"), RecorderThread(recorder) as thread:  # noqa: PT012
+            for seq in range(rows):
+                thread.add(row(seq))
+            raise InputError("frames.rate_hz: too high")
+    assert [path.name for path in tmp_path.iterdir()] == ["rows1"]

@@ -20,6 +20,7 @@ def test_any_name_can_be_a_title(tmp_path) -> None:
     figure, (axis,) = panels_over_time(1, 1, 1.55, "length [mm]")
     axis.set_title("bell \a, $x^{$")
     figure.suptitle("bell \a, $x^{$")
+    axis.text(0, 0, "$x^{$")
     save_figure(figure, tmp_path / "any.png")
     assert (tmp_path / "any.png").stat().st_size > 0
 

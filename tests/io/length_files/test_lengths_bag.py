@@ -1,5 +1,6 @@
 """Lengths from bags, written by rosbags and by the library of MCAP: stamps, names, the guess of the topic, damage."""
 
+import struct
 import tomllib
 
 import numpy as np
@@ -164,6 +165,10 @@ def test_a_damaged_bag_is_one_line(ros, tmp_path) -> None:
     for end in range(0, len(data), len(data) // 23):
         cut.write_bytes(data[:end])
         assert refused(cut, None, 2)
+    (summary,) = struct.unpack("<Q", data[-28:-20])
+    endless = struct.pack("<Q", 1 << 60)  # bytes of the first record of the summary
+    cut.write_bytes(data[: summary + 1] + endless + data[summary + 9 :])
+    assert refused(cut, None, 2) == "cannot be read as a bag: it is damaged"
     cut.write_bytes(b"not a bag at all")
     assert refused(cut, None, 2).startswith("cannot be read as a bag: ")
 

@@ -43,6 +43,7 @@ REFUSED = {
     "tendon 0 is 0.17 m long and joins two anchors 1.8 m apart: expected at most 4 times": {
         "anchor_position_m": [[0, 0, 0], [1.8, 0, 0], [0.9, 1.6, 0]]
     },
+    "anchors: every node is one": {"anchors": range(12), "anchor_position_m": np.eye(12)[:, :3] + np.eye(12)[:, 1:4]},
     "pairs of node": {"rods": [0, 1, 2]},
     "rows of unequal length": {"rods": [[0, 1], [2]]},
 }
