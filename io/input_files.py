@@ -10,8 +10,8 @@ from ..models.values.errors import InputError
 
 LONGEST_LINE = 1 << 20
 """Number of characters of a line above which a file is not read on; a row of a thousand numbers has 20 000."""
-LARGEST_TOML_BYTES = 4 << 20
-"""Size above which a TOML or YAML file is not read, as reading takes a second a megabyte; they have some kilobytes."""
+LARGEST_TOML_BYTES = 1 << 20
+"""Size above which a TOML or YAML file is not read, as its keys may take seconds; they have some kilobytes."""
 
 
 def real_path(path: Path) -> Path:

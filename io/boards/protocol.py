@@ -19,7 +19,6 @@ Lines, for a lab's own sketch, hold rows alone: `board,seq,device_us,adc0,adc1,.
 CRC of all before it in four hex digits. From the first line with a checksum on, every line needs one.
 """
 
-import math
 import re
 import struct
 from binascii import crc_hqx
@@ -29,6 +28,7 @@ from dataclasses import dataclass
 from cobs import cobs
 
 from ...models.values.link import Hello, LinkCounts
+from ...models.values.units import LARGEST
 
 VERSION = 1
 ROW = 1
@@ -41,6 +41,8 @@ _SAMPLE = struct.Struct("<HIBff3h3h")
 _CRC = struct.Struct("<H")
 LONGEST = 254
 """Bytes between two delimiters: COBS adds one byte up to this length, and no message of the protocol is longer."""
+LARGEST_RATE_UNIT, LARGEST_FORCE_UNIT = (LARGEST[unit] / (1 << 15) for unit in ("rad_per_s", "m_per_s2"))
+"""What one digit of a sample may stand for at most: any digits are in the range of a file then."""
 LINE = re.compile(rb"(\d{1,3}),(\d{1,5}),(\d{1,10})((?:,\d{1,5})+)(?:\*([0-9A-Fa-f]{4}))?")
 
 
@@ -151,7 +153,7 @@ def _parse_body(kind: int, board_id: int, boot: int, body: bytes) -> Message | N
         )
     if kind == SAMPLE and len(body) == _SAMPLE.size:
         seq, device_us, sensor, rate_unit, force_unit, *digits = _SAMPLE.unpack(body)
-        if 0 < rate_unit < math.inf and 0 < force_unit < math.inf:
+        if 0 < rate_unit <= LARGEST_RATE_UNIT and 0 < force_unit <= LARGEST_FORCE_UNIT:
             rate, force = (digits[0], digits[1], digits[2]), (digits[3], digits[4], digits[5])
             return Sample(board_id, boot, sensor, seq, device_us, rate_unit, force_unit, rate, force)
     return None

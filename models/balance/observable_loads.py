@@ -49,7 +49,8 @@ def observable_part(
     Args:
         structure: the structure that the loads act on.
         force_n: (..., nodes, 3) external forces F.
-        node_position_m: (..., nodes, 3), which give the rods' directions w.
+        node_position_m: (..., nodes, 3), which give the rods' directions w; where they are nan, the part of the nodes
+            of these rods is nan.
     """
     observable = observable_loads(structure)
     part = force_n.copy()
@@ -63,9 +64,11 @@ def observable_part(
                 part[..., node, :] -= along * np.sum(along * force_n[..., node, :], axis=-1, keepdims=True)
     joined = JoinedRods(structure)
     if len(joined.nodes):
-        of_joined = force_n[..., joined.nodes, :]
-        allowed = joined.allowed(node_position_m) @ of_joined.reshape(*of_joined.shape[:-2], -1, 1)
-        part[..., joined.nodes, :] = allowed.reshape(of_joined.shape)
+        known = np.asarray(np.isfinite(node_position_m[..., joined.nodes, :]).all(axis=(-2, -1)))
+        of_joined = np.where(known[..., None, None], force_n[..., joined.nodes, :], np.nan)
+        allowed = joined.allowed(node_position_m[known]) @ of_joined[known].reshape(-1, 3 * len(joined.nodes), 1)
+        of_joined[known] = allowed.reshape(-1, len(joined.nodes), 3)
+        part[..., joined.nodes, :] = of_joined
     return part
 
 

@@ -44,7 +44,7 @@ def test_a_line_of_a_gigabyte_is_not_read_to_its_end(tmp_path) -> None:
     os.truncate(path, 1 << 30)  # a hole, which takes no space on the disk
     with pytest.raises(InputError, match=f"row 3: expected at most {LONGEST_LINE} characters in a line"):
         list(CsvFile(path, ["t_s"]))
-    with pytest.raises(InputError, match="expected at most 4 MiB, got 1024 MiB"):
+    with pytest.raises(InputError, match="expected at most 1 MiB, got 1024 MiB"):
         read_toml(path)
 
 

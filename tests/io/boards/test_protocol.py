@@ -28,7 +28,7 @@ HELLOS = st.builds(
 )
 
 
-F32 = st.floats(min_value=2.0**-40, max_value=1e3, width=32)
+F32 = st.floats(min_value=2.0**-40, max_value=3.0, width=32)
 I16 = st.integers(-(2**15), 2**15 - 1)
 SAMPLES = st.builds(Sample, U8, U16, U8, U16, U32, F32, F32, st.tuples(I16, I16, I16), st.tuples(I16, I16, I16))
 
@@ -83,9 +83,17 @@ def test_a_sample_of_an_inertial_sensor_by_hand() -> None:
         PAYLOAD + b"\0",
         PAYLOAD.replace(bytes.fromhex("0000003f"), bytes.fromhex("0000c07f")),
         PAYLOAD.replace(bytes.fromhex("00000040"), bytes.fromhex("00000000")),
+        PAYLOAD.replace(bytes.fromhex("00000040"), bytes.fromhex("00000042")),
         PAYLOAD[:1] + b"\x04" + PAYLOAD[2:],
     ],
-    ids=["short", "long", "unit nan", "unit 0", "a kind of a later firmware"],
+    ids=[
+        "short",
+        "long",
+        "unit nan",
+        "unit 0",
+        "unit of 32 m/s^2",
+        "a kind of a later firmware",
+    ],
 )
 def test_what_is_no_sample_is_garbage_and_the_next_frame_is_read(payload) -> None:
     decoder = FrameDecoder()

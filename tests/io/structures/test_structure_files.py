@@ -152,7 +152,7 @@ MALFORMED = {
     "robot.yaml: builders.my_string.pretension: expected less than": YAML.replace("pretension: 50", "pretension: 9000"),
     "robot.yaml: nodes or": "",
     "robot.yaml: expected nodes": "- 1",
-    "robot.yaml: expected at most 4 MiB, got 5 MiB": YAML + "#\n" * (5 << 19),
+    "robot.yaml: expected at most 1 MiB, got 2 MiB": YAML + "#\n" * (2 << 19),
     "robot.yaml: substructures: is not read": YAML + "substructures: {}\n",
     "robot.yaml: is no YAML: unacceptable character #x000b": YAML + "# \x0b\n",
     "robot.yaml: line 2: is no YAML": "nodes:\n  a: !!python/object/apply:os.system [ls]\n",

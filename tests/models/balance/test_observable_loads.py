@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from four_nodes import TRUE_M, four_nodes
+from structures import PLATE_M, plate
 from tensegraph.models.balance.observable_loads import Observable, external_loads, observable_loads, observable_part
 from tensegraph.models.balance.statics import Statics
 
@@ -51,3 +52,15 @@ class TestObservablePart:
         for anchor, node in ((0, 3), (1, 6), (2, 9)):
             along = rest.node_position_m[node] - rest.node_position_m[anchor]
             assert part[node] @ along == pytest.approx(0, abs=1e-12)
+
+    def test_of_rods_that_meet_nothing_is_known_while_one_of_their_nodes_is_hidden(self) -> None:
+        """Three times: seen, one node of the body hidden, seen."""
+        plate_structure = plate().structure
+        position_m = np.repeat(PLATE_M[None], 3, axis=0)
+        force = np.random.default_rng(0).standard_normal(position_m.shape)
+        seen = observable_part(plate_structure, force, position_m)
+        position_m[1, 2] = np.nan
+        part = observable_part(plate_structure, force, position_m)
+        np.testing.assert_array_equal(part[[0, 2]], seen[[0, 2]])
+        assert np.isnan(part[1, :5]).all()
+        np.testing.assert_array_equal(observable_part(plate_structure, force[0], position_m[0]), seen[0])
