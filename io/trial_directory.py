@@ -410,7 +410,7 @@ def open_trial(path: str | Path) -> Trial:
     path = Path(path)
     toml = with_structure_file(read_toml(path / "trial.toml"), path / "trial.toml")
     table, description = describe_trial(toml, str(path / "trial.toml"))
-    name = table.name or printable(path.resolve().name)
+    name = printable(table.name or path.resolve().name)
     trial = Trial(path=path, name=name, description=description, table=table, toml=toml)
     for name in trial.files():
         if not (path / name).exists():

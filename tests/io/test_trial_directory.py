@@ -73,6 +73,12 @@ def test_half_a_line_at_the_end_is_left_out_and_counted(trial_copy) -> None:
     assert sum(row.board == 0 for row in rows) == 60
 
 
+def test_a_name_is_printable(trial_copy) -> None:
+    """A sign that would colour the terminal is escaped; letters of any language stay."""
+    path = trial_copy(rows=5, trial=replaced('name = "press_01"', r'name = "\u001b[31mgr\u00fcn"'))
+    assert open_trial(path).name == r"\x1b[31mgrün"
+
+
 def test_unknown_keys_of_a_trial_are_named_not_refused(trial_copy) -> None:
     path = trial_copy(rows=5, trial=lambda text: text.replace("[rest]", "[rest]\nmeasured_by = 'us'"))
     assert open_trial(path).description.ignored_keys == ("rest.measured_by",)
