@@ -11,8 +11,9 @@ The factors of one frame, with its shape eliminated, say of the errors b = h d o
 
     Lambda = W - W J (J^T W J + I)^-1 J^T W,     u = Lambda (b - b_used) at the minimum over shapes
 
-where I is the information of rods, shape prior and forces. The error of a length lasts for `correlation_s`, and this
-much time counts as one frame. Live this is a Kalman filter, in batch its smoother.
+where I is the information of rods, shape prior and forces. Frames in which some node is certainly loaded are not used:
+there, errors of the sensor model and of the loads last as long as the load, and look like drift. The error of a length
+lasts for `correlation_s`, and this much time counts as one frame. Live this is a Kalman filter, in batch its smoother.
 """
 
 from collections.abc import Sequence
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 
 from ..factors.noise import WeightedLengths, tendon_sigma_m
 from ..models.sensor.reference_drift import DriftSettings, drift_transition
+from ..models.structure.external_loads import LOAD_THRESHOLD_N
 from ..models.structure.shape import Shape
 from ..models.values.readings import TendonLengths
 from .graph import GraphBuilder
@@ -129,10 +131,18 @@ class OwnDrift:
         return self._state.corrected(lengths)
 
     def observe(self, shape: Shape) -> None:
-        """Learn from a frame whose lengths were admitted."""
+        """Learn from a frame whose lengths were admitted, unless some node is loaded."""
         if self._prediction is None:
             return
         predicted, transition = self._prediction
+        loaded = shape.loads is not None and bool(shape.loads.is_certain(LOAD_THRESHOLD_N).any())
+        self._state = predicted if loaded else self._updated(predicted, shape)
+        self._updated_s = shape.t_s
+        if self.kept is not None:
+            self.kept.append(DriftUpdate(predicted, transition, self._state))
+
+    def _updated(self, predicted: DriftState, shape: Shape) -> DriftState:
+        """Return the state that a frame makes of the predicted one."""
         information, gradient = self._evidence(shape)
         since_s = self._settings.update_every_s if np.isnan(self._updated_s) else shape.t_s - self._updated_s
         share = min(since_s / self._builder.noise.correlation_s, 1.0)
@@ -142,10 +152,7 @@ class OwnDrift:
         solved = np.linalg.solve(inner, share * np.column_stack([information @ crossed.T, gradient]))
         covariance = predicted.covariance - crossed @ solved[:, :-1]
         mean = predicted.mean + crossed @ solved[:, -1]
-        self._state = DriftState(shape.t_s, mean, 0.5 * (covariance + covariance.T))
-        self._updated_s = shape.t_s
-        if self.kept is not None:
-            self.kept.append(DriftUpdate(predicted, transition, self._state))
+        return DriftState(shape.t_s, mean, 0.5 * (covariance + covariance.T))
 
     def _widen(self, t_s: float, rate_variance: float, references: int) -> None:
         """Add the covariance that the drift would have if the larger rate had been known from the start."""

@@ -17,6 +17,7 @@ from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.estimator.uncertainty import FrameEvidence
 from tensegraph.factors.noise import weigh
 from tensegraph.models.sensor.reference_drift import drift_transition
+from tensegraph.models.structure.external_loads import ExternalLoads
 from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.structure.rest_shape import GeometrySigma, RestShape
 from tensegraph.models.values.readings import ModelError, SensorDrift, TendonLengths
@@ -146,6 +147,22 @@ def test_own_drift_is_found_and_its_sigma_is_true(estimator, example_structure, 
     plain = list(estimator(example_structure, still, Settings()).estimate([replace(f, drift=None) for f in frames]))
     missed = [np.linalg.norm(s[-1].node_position_m - still.node_position_m) for s in (shapes, plain)]
     assert missed[0] < 0.6 * missed[1]
+
+
+@pytest.mark.parametrize(("load_n", "learns"), [(0.0, True), (1.0, False)])
+def test_a_loaded_frame_says_nothing_of_drift(load_n, learns, example_structure, still, lengths_of) -> None:
+    frames, _ = drifting_frames(example_structure, still, lengths_of, 6e-4)
+    smoother = LiveSmoother(example_structure, still, Settings())
+    *_, last = (smoother.update(frame) for frame in frames[:60])
+    drift = smoother.drift
+    assert last.loads is not None
+    force_n = np.zeros((12, 3))
+    force_n[5, 2] = load_n
+    drift.kept = []
+    drift.admit(frames[60])
+    drift.observe(replace(last, loads=ExternalLoads(force_n, np.full(12, 0.05)), t_s=frames[60].t_s))
+    (update,) = drift.kept
+    assert learns == bool((np.diag(update.state.covariance) < np.diag(update.predicted.covariance)).any())
 
 
 def test_nothing_changes_while_sensors_do_not_differ(example_structure, still, lengths_of) -> None:
