@@ -185,6 +185,7 @@ class Pipeline:
         self.factor_watch = FactorWatch()
         is_told = trial.source == "lengths" and trial.rest_seconds > 0 and trial.rest_position_m is not None
         self._rest_watch = RestWatch(self.rest.lengths(trial.rest_seconds)) if is_told else None
+        self._rest_in_doubt = False
         self._repeat_watch = RepeatWatch(trial.rest_seconds, settings.gate) if trial.source == "lengths" else None
         self.own_frames = OwnFrames(self.rest, trial.own_frames, rest_clock, settings.pose.position_m)
         held = self.rest.structure.is_held
@@ -203,7 +204,8 @@ class Pipeline:
         references = np.setdiff1d(np.flatnonzero(trial.structure.joins_anchors & trial.structure.is_sensed), wound)
         self._frames = FrameAssembler(natural_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate)
         self._pauses = LengthPauses(tendons, settings.frames)
-        self.front_end = self._front_end(model, ReferenceTendons(np.concatenate([references, strips]), settings.drift))
+        drift = ReferenceTendons(np.concatenate([references, strips]), settings.drift, trial.board_of_tendon)
+        self.front_end = self._front_end(model, drift)
 
     def _taut_cables(self, mechanics: Mechanics) -> TautCables:
         """Return what stiff cables say of the nodes.
@@ -235,7 +237,6 @@ class Pipeline:
             settings=settings.front_end,
             frame_step_s=1 / settings.frames.rate_hz,
             references=references,
-            board=trial.board_of_tendon,
             is_held=trial.structure.is_held,
         )
 
@@ -272,7 +273,8 @@ class Pipeline:
             raise InputError(
                 f"method '{method}': expected one of {', '.join(WITH_FACTORS)}, which use the trial's [[factor]]"
             )
-        shapes = map(self.factor_watch.observe, self._shapes(frames, method, factory, progress))
+        taken = map(self._taken, frames)
+        shapes = map(self.factor_watch.observe, self._shapes(taken, method, factory, progress))
         shapes = map(self._at_rest, map(self._read, shapes))
         shapes = map(self.aid_use.observe, shapes)
         return in_one_thread(map(PossibleShapes(self.rest).check, shapes))
@@ -319,12 +321,21 @@ class Pipeline:
         self._repeat_watch.observe(shape)
         return shape.in_doubt(Reason.SENSORS) if self._repeat_watch.in_doubt else shape
 
+    def _taken(self, lengths: TendonLengths) -> TendonLengths:
+        """Return the lengths of one more frame, which the estimator takes; the last ones tell of the rest."""
+        self._rest_in_doubt = lengths.rest_in_doubt
+        return lengths
+
     def _at_rest(self, shape: Shape) -> Shape:
-        """Return a shape of one more frame, in doubt if the readings at rest do not fit the rest shape, or moved."""
+        """Return a shape of one more frame, in doubt if the readings at rest do not fit the rest shape, or moved.
+
+        What counts is what was known of the rest in the last frame that the estimator took: live that of the shape, and
+        in batch the last of the trial.
+        """
         if self._rest_watch:
             self._rest_watch.observe(shape)
-        moved = getattr(self.front_end, "moved_at_rest", False)
-        return shape.in_doubt(Reason.REST) if moved or self.rest_in_doubt else shape
+        by_lengths = self._rest_watch is not None and self._rest_watch.in_doubt
+        return shape.in_doubt(Reason.REST) if self._rest_in_doubt or by_lengths else shape
 
     def _not_held(self, method: str) -> Callable[[float], Estimator]:
         """Return what makes the estimator of a structure that hangs, stands on a floor, or has body coordinates alone.
@@ -346,40 +357,48 @@ class Pipeline:
 
         Args:
             readings: rows of boards, readings of resistance, or lengths, in order of arrival.
-            ahead: number of frames that are read before their lengths are computed, all at once. Live, each frame's are
-                wanted as soon as it is complete; offline, many frames at once take a third of the time, and the lengths
-                are the same.
+            ahead: number of frames, 1 or more, that are read before their lengths are computed, all at once. Live, each
+                frame's are wanted as soon as it is complete; offline, the front end takes 0.4 of the time for many
+                frames at once, and the lengths are the same.
         """
         aids: list[AidReading] = []
-        for reading in self._with_lengths(readings, ahead):
-            if isinstance(reading, AidReading):
-                self.aid_use.read(reading)
-                aid = self._passed(reading)
-                if aid is not None:
-                    yield from self._in_pause(aid.t_s, aids)
-                    insort(aids, aid, key=lambda aid: aid.t_s)  # boards are not synchronous
-            elif isinstance(reading, NaturalLengthReading):
-                self.winding.add(reading)
-            else:
-                if self.trial.source == "lengths":
-                    yield from self._in_pause(reading.t_s, aids)
-                    self._pauses.add(reading.t_s)
-                    reading = self._with_sigma(reading)
-                # of whole tendons: those of the strips, and of the strings that motors wind
-                yield self._with_aids(self.winding.applied(reading), aids)
+        for block in self._blocks(readings, ahead):
+            computed = iter(self.front_end.lengths([each for each in block if isinstance(each, ResistanceFrame)]))
+            for reading in block:
+                if isinstance(reading, AidReading):
+                    self.aid_use.read(reading)
+                    aid = self._passed(reading)
+                    if aid is not None:
+                        yield from self._in_pause(aid.t_s, aids)
+                        insort(aids, aid, key=lambda aid: aid.t_s)  # boards are not synchronous
+                elif isinstance(reading, NaturalLengthReading):
+                    self.winding.add(reading)
+                else:
+                    if isinstance(reading, TendonLengths):
+                        yield from self._in_pause(reading.t_s, aids)
+                        self._pauses.add(reading.t_s)
+                        lengths = self._with_sigma(reading)
+                    else:
+                        lengths = next(computed)  # strain and length, eqs. (2)-(4)
+                    # of whole tendons: those of the strips, and of the strings that motors wind
+                    yield self._with_aids(self.winding.applied(lengths), aids)
 
-    def _with_lengths(self, readings: Iterable[Reading], ahead: int) -> Iterator[TendonLengths | OtherReading]:
-        """Yield lengths in place of rows of counts and resistances, see `lengths`, and what else is read as it is."""
-        waiting: list[ResistanceFrame | TendonLengths | OtherReading] = []
-        frames: list[ResistanceFrame] = []
+    def _blocks(
+        self, readings: Iterable[Reading], ahead: int
+    ) -> Iterator[list[ResistanceFrame | TendonLengths | OtherReading]]:
+        """Yield readings with frames of resistance in place of rows, up to each `ahead`-th frame.
+
+        While no frame waits for others, each reading is a block of its own.
+        """
+        block: list[ResistanceFrame | TendonLengths | OtherReading] = []
+        frames = 0
         for reading in self._with_frames(readings):
-            waiting.append(reading)
-            if isinstance(reading, ResistanceFrame):
-                frames.append(reading)
-            if len(frames) in (0, ahead):
-                yield from self._converted(waiting, frames)
-                waiting, frames = [], []
-        yield from self._converted(waiting, frames)
+            block.append(reading)
+            frames += isinstance(reading, ResistanceFrame)
+            if frames in (0, ahead):
+                yield block
+                block, frames = [], 0
+        yield block
 
     def _with_frames(self, readings: Iterable[Reading]) -> Iterator[ResistanceFrame | TendonLengths | OtherReading]:
         """Yield frames of resistance in place of rows of counts and resistances, and what else is read as it is."""
@@ -390,14 +409,6 @@ class Pipeline:
             else:
                 yield reading
         yield from self._frames.finish()
-
-    def _converted(
-        self, readings: Iterable[ResistanceFrame | TendonLengths | OtherReading], frames: list[ResistanceFrame]
-    ) -> Iterator[TendonLengths | OtherReading]:
-        """Yield readings with lengths in place of the frames among them."""
-        lengths = iter(self.front_end.lengths(frames))  # strain and length, eqs. (2)-(4)
-        for reading in readings:
-            yield next(lengths) if isinstance(reading, ResistanceFrame) else reading
 
     def _in_pause(self, t_s: float, aids: list[AidReading]) -> Iterator[TendonLengths]:
         """Yield frames without lengths, where rows of lengths pause, and other sensors follow how a robot moves."""

@@ -208,7 +208,8 @@ def run_trial(trial: Trial, options: RunOptions, terminal: Terminal, bar: StageB
         start_s = time.perf_counter()
         readings = bar.track("lengths", trial.readings(), trial.row_count())
         with naming(trial.path):
-            frames = options.span.until_end(pipeline.lengths(readings, OFFLINE_FRAMES))
+            ahead = OFFLINE_FRAMES if options.span.to_s is None else 1
+            frames = options.span.until_end(pipeline.lengths(readings, ahead))
         # The estimator gets an iterator, which lets go of the list at its end: covariances need that memory.
         count, lengths = len(frames), iter(frames)
         del frames

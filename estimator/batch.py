@@ -18,7 +18,7 @@ from ..models.settings import Settings
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.shape import OtherShape, Shape, Status
 from ..models.structure.structure import Structure
-from ..models.values.errors import IndeterminateError
+from ..models.values.errors import UNDETERMINED, IndeterminateError
 from ..models.values.readings import Flag, TendonLengths
 from ..models.values.time_series import interpolated, parts
 from .changes.change_watch import Change
@@ -159,7 +159,7 @@ class BatchOptimizer:
                 problem = self._nearer(problem, frames, live, shapes)
             position_m, converged = minimised(self._chain(problem), problem.start_m, progress)
         except np.linalg.LinAlgError as error:
-            raise IndeterminateError("a node is undetermined: no shape prior, and too few lengths") from error
+            raise IndeterminateError(UNDETERMINED) from error
         return _Optimum(problem, position_m, converged)
 
     def _nearer(

@@ -57,11 +57,8 @@ class ModeChoice:
         self._last_s = np.nan
         self.kept: list[tuple[float, NDArray[np.float64]]] | None = None
         """Time and (tendons,) evidence of frames, for a smoother that puts a list here; live, memory is bounded."""
-
-    @property
-    def _share(self) -> float:
+        self.share = LIVE_SHARE
         """Share of the evidence that counts."""
-        return LIVE_SHARE if self.kept is None else BATCH_SHARE
 
     def choose(self, lengths: TendonLengths) -> TendonLengths:
         """Return the lengths with the evidence of the shapes before."""
@@ -83,7 +80,7 @@ class ModeChoice:
                 measured.sigma_m,
                 modes,
             )
-        self._log_odds += low_pass_weight(step_s, EVIDENCE_S) * (self._share * evidence - self._log_odds)
+        self._log_odds += low_pass_weight(step_s, EVIDENCE_S) * (self.share * evidence - self._log_odds)
         if self.kept is not None:
             self.kept.append((shape.t_s, evidence))
 
@@ -94,7 +91,7 @@ class ModeChoice:
         kept_s = np.array([t_s for t_s, _ in self.kept])
         evidence = np.array([evidence for _, evidence in self.kept])
         step_s = float(np.median(np.diff(kept_s)))
-        log_odds = self._share * gaussian_filter1d(evidence, EVIDENCE_S / step_s, axis=0, mode="nearest")
+        log_odds = self.share * gaussian_filter1d(evidence, EVIDENCE_S / step_s, axis=0, mode="nearest")
         between = interpolated(np.array([lengths.t_s for lengths in frames]), kept_s, log_odds)
         return list(map(self._chosen, frames, between))
 

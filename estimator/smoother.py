@@ -13,7 +13,7 @@ from ..models.settings import Settings
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.shape import Reason, Shape
 from ..models.structure.structure import Structure
-from ..models.values.errors import IndeterminateError
+from ..models.values.errors import UNDETERMINED, IndeterminateError
 from ..models.values.readings import TendonLengths
 from .branches import OtherBranch
 from .changes.change_watch import ChangeWatch
@@ -22,7 +22,7 @@ from .graph import GraphBuilder, status_of
 from .health import SensorHealth
 from .lag_compensation import VELOCITY_HOLDS_S, LagCompensation
 from .linear_frame import LinearFrame, linearised
-from .mode_choice import ModeChoice
+from .mode_choice import BATCH_SHARE, ModeChoice
 from .sensor_drift import OwnDrift
 from .uncertainty import FrameEvidence
 
@@ -30,6 +30,9 @@ FIRST_BYSTANDER = 2**60
 """Key of the first of `_bystanders`, beyond those of all frames."""
 CONTRADICTED = 0.2
 """Probability that the lengths are less exact than their sigmas say, above which sensors may drift apart."""
+
+INDETERMINATE = "linear system detected while working near variable"
+"""Words of gtsam's error when the factors leave a variable undetermined."""
 
 
 class LiveSmoother:
@@ -59,7 +62,7 @@ class LiveSmoother:
 
     def keep(self) -> None:
         """Keep what is learned in each frame, for a smoother; live, memory is bounded."""
-        self.modes.kept = []
+        self.modes.kept, self.modes.share = [], BATCH_SHARE
         self.drift.kept = []
         self.doubt.kept = []
         self.changes.kept = []
@@ -95,11 +98,8 @@ class LiveSmoother:
             self.doubt.observe(lengths.t_s, frame, scale)
             doubt = self.doubt.about(lengths)
             assessment = self._evidence.assess(frame, position, doubt)
-        except (RuntimeError, np.linalg.LinAlgError) as error:
-            raise IndeterminateError(
-                f"t = {lengths.t_s:.3f} s: a node is undetermined: too few lengths, or settings of which one is far "
-                "more certain than another"
-            ) from error
+        except np.linalg.LinAlgError as error:
+            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {UNDETERMINED}") from error
         self._forget()
         self._frame += 1
         self._positions.append(position)
@@ -135,7 +135,12 @@ class LiveSmoother:
         keys = list(self._builder.keys(self._frame))
         for key, position in zip(keys, self._predict(), strict=True):
             values.insertPoint3(key, position)
-        self._isam.update(graph, values, self._update_parameters())
+        try:
+            self._isam.update(graph, values, self._update_parameters())
+        except RuntimeError as error:
+            if INDETERMINATE not in str(error):
+                raise
+            raise np.linalg.LinAlgError(UNDETERMINED) from error
         return np.array(gtsam.utilities.extractPoint3(self._isam.calculateEstimate(keys)))
 
     def _predict(self) -> NDArray[np.float64]:

@@ -29,7 +29,7 @@ from ..models.estimation import DoubtSettings
 from ..models.structure.external_loads import ExternalLoads
 from ..models.structure.lengths import propagated_variance
 from ..models.structure.shape import Reason
-from ..models.values.errors import IndeterminateError
+from ..models.values.errors import UNDETERMINED, IndeterminateError
 from .doubt import WIDEST_M, Doubt
 from .graph import GraphBuilder
 from .linear_frame import LinearFrame
@@ -158,7 +158,7 @@ class FrameEvidence:
             step_m, free_covariance = self._mixed(frame, few, held, gradient, mixture)
             innovation = self._innovation(frame, held, gradient, few)
         except np.linalg.LinAlgError as error:
-            raise IndeterminateError("a node is undetermined: no shape prior, and too few lengths") from error
+            raise IndeterminateError(UNDETERMINED) from error
         covariance[..., free[:, None], free] += free_covariance
         mean_m = node_position_m.reshape(*lead, -1).copy()
         mean_m[..., free] += step_m

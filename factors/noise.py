@@ -37,7 +37,7 @@ class WeightedLengths:
 
     @property
     def shared(self) -> NDArray[np.float64] | None:
-        """(tendons,) the part of the errors that all sensors share, over sigma_m; None where errors are independent."""
+        """(tendons,) what `stacked_shared` returns of one frame."""
         stacked = stacked_shared([self])
         return None if stacked is None else stacked[0]
 
@@ -107,20 +107,20 @@ def rounded_sigma_m(sigma_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def stacked_shared(measured: Sequence[WeightedLengths]) -> NDArray[np.float64] | None:
-    """Return (frames, tendons) the shared part of the errors, see `WeightedLengths.shared`; None if there is none."""
-    errors = [(one, one.lengths.model_error) for one in measured]
-    known = [(one, error) for one, error in errors if error is not None]
-    if not known:
+    """Return (frames, tendons) the part of the errors that all sensors share, over sigma_m; None if there is none.
+
+    It is 0 in frames whose errors are independent.
+    """
+    known = np.array([one.lengths.model_error is not None for one in measured])
+    if not known.any():
         return None
-    sigma_m = np.array([one.sigma_m for one, _ in known])
-    length_m = np.array([one.lengths.length_m for one, _ in known])
-    scale = np.array([[one.scale] for one, _ in known])
-    shared = scale * ModelError.stacked([error for _, error in known]).shared_m(length_m) / sigma_m
-    of_frames = np.zeros((len(measured), sigma_m.shape[1]))
-    of_frames[[error is not None for _, error in errors]] = np.where(
-        np.isfinite(sigma_m), np.clip(shared, -MOST_SHARED, MOST_SHARED), 0.0
-    )
-    return of_frames
+    sigma_m = np.array([one.sigma_m for one in measured])
+    length_m = np.array([one.lengths.length_m for one in measured])
+    scale = np.array([[one.scale] for one in measured])
+    errors = ModelError.stacked([one.lengths.model_error for one in measured if one.lengths.model_error is not None])
+    shared = np.zeros_like(sigma_m)
+    shared[known] = scale[known] * errors.shared_m(length_m[known]) / sigma_m[known]
+    return np.where(np.isfinite(sigma_m), np.clip(shared, -MOST_SHARED, MOST_SHARED), 0.0)
 
 
 def independent_rows(rows: NDArray[np.float64], shared: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -107,6 +107,7 @@ class StrainFrontEnd:
             mode=told.mode,
             flags=flags | np.where(used & ~possible, int(Flag.OUT_OF_RANGE), 0),
             rest_sigma_m=np.where(possible, rest_sigma * self._L0, 0.0),
+            rest_in_doubt=self.moved_at_rest,
         )
 
     @property

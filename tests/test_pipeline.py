@@ -229,6 +229,36 @@ def test_readings_that_are_not_of_the_rest_shape_are_in_doubt(trial_copy) -> Non
     assert Reason.REST in result.doubts
 
 
+def test_doubt_about_the_rest_is_that_of_its_time(trial_copy) -> None:
+    """Codes of one board jump at 1 s of the rest: live, offline as well, not before that; in batch from the start."""
+
+    def jumped(rows):
+        cells = [row.rstrip("\n").split(",") for row in rows[1:]]
+        moved = [[*each[:3], *(str(int(code) + 12) for code in each[3:])] for each in cells[50:95]]
+        return [rows[0], *(",".join(each) + "\n" for each in [*cells[:50], *moved, *cells[95:]])]
+
+    trial = open_trial(trial_copy(rows=150, board0=lines(jumped)))
+    streamed = list(stream(trial.readings(), trial.description))
+    in_doubt = [shape.status is Status.DOUBT for shape in streamed]
+    assert not any(in_doubt[:45])
+    assert all(in_doubt[100:])
+    assert list(reconstruct(trial, "live").status) == [shape.status for shape in streamed]
+    assert all(status == Status.DOUBT for status in reconstruct(trial, "batch").status)
+
+
+def test_lengths_in_place_of_readings_of_boards(example) -> None:
+    """A length without sigma has that of the settings, a missing one none, whatever the trial is told to have."""
+    description = open_trial(example).description
+    length_m = description.structure.tendon_length_m(description.rest_position_m)
+    length_m[12] = np.nan
+    none = np.zeros(24, dtype=np.int64)
+    frames = [TendonLengths(0.02 * k, length_m, np.full(24, np.nan), none, none) for k in range(10)]
+    *_, last = stream(frames, description)
+    assert last.status is Status.PARTIAL
+    sigma_m = np.where(np.arange(24) == 12, np.inf, Settings().noise.unstated_m)
+    np.testing.assert_array_equal(last.lengths.sigma_m, sigma_m)
+
+
 def test_lengths_with_few_sigmas_with_gaps_and_with_stamps_that_go_back(trial_copy) -> None:
     path = trial_copy(rows=5)
     header = ",".join(["t_s", *(f"l{e}_m" for e in range(24)), "s3_m"])

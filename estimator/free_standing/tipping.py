@@ -26,6 +26,9 @@ ANY_HEADING_RAD = np.pi / np.sqrt(3)
 """Standard deviation of the turn when no node has stayed: the robot has rolled over several faces, and heads anywhere.
 Its centroid has rolled by its height above the floor times the angle or further: the standard deviation per axis."""
 
+LEAST_RISE = 1e-6
+"""Height of the centroid over the middle of two nodes, in their distance, below which it is rounding error."""
+
 
 def has_landed(placed: PlacedShape, floor: Floor, nodes: NDArray[np.bool_]) -> bool:
     """Return whether one of some nodes, which stand now, was predicted to be far above the floor."""
@@ -153,5 +156,6 @@ def tipping(
         across = np.linalg.svd(corner_m - middle_m)[2][2]
         up = -across if across @ up < 0 else across
     pivot_m = node_position_m[stayed].mean(axis=0) if stayed.any() else centroid_m
-    rise = float(np.linalg.norm(up))  # none where the centroid is in the middle of two nodes: it turns no further
-    return shortest_rotation(up / rise if rise > 0 else normal, normal), pivot_m
+    rise = float(np.linalg.norm(up))
+    is_in_the_middle = rise < LEAST_RISE * float(np.linalg.norm(np.ptp(corner_m, axis=0)))  # and turns no further
+    return shortest_rotation(normal if is_in_the_middle else up / rise, normal), pivot_m

@@ -1,7 +1,8 @@
 """The sensor front end: resistance to strain to length, eqs. (2)-(4), with sigma, mode and flags."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -22,12 +23,12 @@ from ..values.readings import (
     is_mode_uncertain,
 )
 from ..values.tables import Positive, Probability
-from ..values.time_series import before, held
+from ..values.time_series import last_seen, value_before
 from .bending import LagFree
 from .reference_drift import ReferenceTendons, without_drift
 from .sensor_model import SensorModel
-from .stretching import Extrapolation, FastSwing, StrainSpread, StretchingSensors
-from .taring import MOTION_SHARE, RestShift, Taring
+from .stretching import MOTION_SHARE, Extrapolation, FastSwing, StrainSpread, StretchingSensors
+from .taring import RestShift, Taring
 
 NO_LENGTH = int(Flag.MISSING | Flag.MISFIT)
 """Flags with which a tendon has no length."""
@@ -90,26 +91,10 @@ class _Strain:
     """(frames, tendons)"""
     sigma: NDArray[np.float64]
     """(frames, tendons)"""
-    model_sigma: NDArray[np.float64] | float = 0.0
+    model_sigma: NDArray[np.float64]
     """(frames, tendons) the part of sigma that comes from the model of stretched sensors."""
-    spread: NDArray[np.float64] | float = 0.0
-    """(frames, tendons) the standard deviation of strain in the last half minute, see `StrainSpread`."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Lengths:
-    """The lengths of some frames, see `TendonLengths`."""
-
-    length_m: NDArray[np.float64]
-    """(frames, tendons)"""
-    sigma_m: NDArray[np.float64]
-    """(frames, tendons)"""
-    flags: NDArray[np.int64]
-    """(frames, tendons)"""
-    rest_sigma_m: NDArray[np.float64]
-    """(frames, tendons)"""
-    model_error: list[ModelError]
-    """Of each frame."""
+    after_motion: NDArray[np.float64]
+    """(frames, tendons) see `ModelError`."""
 
 
 class FrontEnd:
@@ -124,7 +109,6 @@ class FrontEnd:
         settings: FrontEndSettings,
         frame_step_s: float,
         references: ReferenceTendons,
-        board: NDArray[np.int64] | None = None,
         *,
         is_held: bool = True,
     ) -> None:
@@ -136,7 +120,6 @@ class FrontEnd:
         self._R0 = natural_resistance_ohm
         self._L0 = natural_length_m
         self._references = references
-        self._board = board
         self._bending_log_odds = logit(settings.bending_share)
         self._bending = model.bending_curve(settings.bending_abscissa)
         self._taring = Taring(self._gauge, self._bending, rest, natural_length_m)
@@ -157,19 +140,21 @@ class FrontEnd:
     def lengths(self, frames: Sequence[ResistanceFrame]) -> list[TendonLengths]:
         """Return the lengths in more frames; the numbers are the same, however many frames are given at a time."""
         lengths: list[TendonLengths] = []
-        while len(lengths) < len(frames):
-            left = frames[len(lengths) :]
-            lengths += self._lengths_of(left[: self._count_alike(left)])
+        while len(lengths) < len(frames) and not self._taring.is_over(frames[len(lengths)].t_s):
+            lengths += self._lengths_of([frames[len(lengths)]])
+        for alike in self._parts(frames[len(lengths) :]):
+            lengths += self._lengths_of(alike)
         return lengths
 
-    def _count_alike(self, frames: Sequence[ResistanceFrame]) -> int:
-        """Return for how many frames nothing begins anew: neither taring, nor the history of a sensor after a gap."""
-        if len(frames) == 1 or not self._taring.is_over(frames[0].t_s):
-            return 1
+    def _parts(self, frames: Sequence[ResistanceFrame]) -> Iterator[Sequence[ResistanceFrame]]:
+        """Yield the frames in parts, each from where the history of some sensor begins anew, after a gap."""
+        if not frames:
+            return
         t_s = np.array([frame.t_s for frame in frames])
         seen = np.isfinite([frame.resistance_ohm[: len(self._L0)] for frame in frames])
         begins = (seen[1:] & ~seen[:-1]).any(axis=1) | (np.diff(t_s) > self._settings.settle_after_s)
-        return 1 + int(begins.argmax()) if begins.any() else len(frames)
+        for first, end in pairwise([0, *(1 + np.flatnonzero(begins)).tolist(), len(frames)]):
+            yield frames[first:end]
 
     def _lengths_of(self, frames: Sequence[ResistanceFrame]) -> list[TendonLengths]:
         """Return the lengths in frames in which nothing begins anew after the first one."""
@@ -192,23 +177,28 @@ class FrontEnd:
         swing, shaken = self._swing.run(strain.value, readings.seen, readings.step_s)
         flags = self._flags(readings, probability, (swing > 1.5 * strain.sigma) | shaken[:, None])
         strain = replace(strain, sigma=np.hypot(strain.sigma, swing))
-        lengths = self._possible(frames, strain, probability, flags)  # eq. (4)
+        missing, flags = self._missing(frames, strain, flags)
+        length_m = np.where(missing, np.nan, (1 + strain.value) * self._L0)  # eq. (4)
+        sigma_m = np.where(missing, np.inf, strain.sigma * self._L0)
+        rest_sigma_m = np.where(missing, 0.0, np.sqrt(1 - probability) * self._taring.rest_sigma * self._L0)
+        model_error = self._model_error(strain, missing)
         modes = self._in_each_mode(stretched, bent, swing, probability)
         per_change_m = self._L0 * (1 + readings.change) / self._gauge.slope(np.maximum(strain.value, 0))
-        taken_off = self._references.taken_off(drift, np.where(mode == STRETCHING, per_change_m, 0.0), self._board)
+        taken_off = self._references.taken_off(drift, np.where(mode == STRETCHING, per_change_m, 0.0))
         return [
             TendonLengths(
                 t_s=frame.t_s,
-                length_m=lengths.length_m[k],
-                sigma_m=lengths.sigma_m[k],
+                length_m=length_m[k],
+                sigma_m=sigma_m[k],
                 mode=mode[k],
-                flags=lengths.flags[k],
-                rest_sigma_m=lengths.rest_sigma_m[k],
+                flags=flags[k],
+                rest_sigma_m=rest_sigma_m[k],
                 lag_s=self._model.lag_s,
                 drift=taken_off[k],
-                modes=modes[k],
+                modes=modes.get(k),
                 change_since_rest=change[k] - self._taring.rest_change,
-                model_error=lengths.model_error[k],
+                model_error=model_error[k],
+                rest_in_doubt=self._taring.in_doubt or self._taring.moved,
             )
             for k, frame in enumerate(frames)
         ]
@@ -223,13 +213,13 @@ class FrontEnd:
         last_s = t_s[0] - self._frame_step_s if np.isnan(self._last_s) else self._last_s
         step_s = np.concatenate([t_s[:1] - last_s, t_s[1:] - t_s[:-1]])[:, None]
         fresh = seen[0] & (t_s[0] - self._seen_s > self._settings.settle_after_s)
-        whole = held(change, seen, self._change)
-        seen_s = held(t_s[:, None], seen, self._seen_s)
+        whole = last_seen(change, seen, self._change)
+        seen_s = last_seen(t_s[:, None], seen, self._seen_s)
         self._begin_anew(whole[0], t_s[0], seen[0], fresh)
         follows = seen.copy()
         follows[0] &= ~fresh
-        since_s = t_s[:, None] - np.where(follows, before(seen_s, self._seen_s), np.nan)
-        rate = np.where(follows, (whole - before(whole, self._change)) / since_s, 0.0)
+        since_s = t_s[:, None] - np.where(follows, value_before(seen_s, self._seen_s), np.nan)
+        rate = np.where(follows, (whole - value_before(whole, self._change)) / since_s, 0.0)
         self._last_s, self._change, self._seen_s, self._was_seen = t_s[-1], whole[-1], seen_s[-1], seen[-1]
         ranges = self._model.ranges
         in_range = (whole <= ranges.change[1]) & self._bending.in_range(whole)
@@ -260,7 +250,7 @@ class FrontEnd:
         """Return the strain of each tendon if it is stretched, f_3 of eq. (3)."""
         change, rate, step_s = readings.change, readings.rate_per_s, readings.step_s
         network = self._stretching.run(change, rate, step_s)
-        strain = self._rest_shift.corrected(network.strain, readings.seen & readings.resting)
+        strain = self._rest_shift.corrected(network.strain, readings.seen[0] & readings.resting)
         widening, beyond, _ = self._extrapolation.run(change, rate, strain, step_s)
         spread = self._spread.run(strain, step_s)
         sigma = network.sigma * widening * self._model.sigma_scale.at(spread)
@@ -268,7 +258,8 @@ class FrontEnd:
         warm_up = np.where(np.isnan(self._warm_s), 0.0, self._warm_sigma * left)
         parts = (sigma, self._taring.sigma(strain, change), network.curve_sigma, beyond, warm_up)
         whole_sigma = np.asarray(np.sqrt(sum(part**2 for part in parts)))
-        return _Strain(strain, whole_sigma, np.hypot(sigma, network.curve_sigma), spread)
+        model_sigma = np.hypot(sigma, network.curve_sigma)
+        return _Strain(strain, whole_sigma, model_sigma, MOTION_SHARE * spread / model_sigma)
 
     def _bent(self, lag_free: NDArray[np.float64], lag: NDArray[np.float64]) -> _Strain:
         """Return the strain of each tendon if it is bent, f_4 of eq. (3).
@@ -276,7 +267,8 @@ class FrontEnd:
         Half of the lag correction is added to sigma.
         """
         strain, sigma = self._bending.strain(lag_free, np.hypot(self._settings.bending_sigma, 0.5 * lag))
-        return _Strain(strain, np.hypot(sigma, self._taring.motion_sigma))
+        none = np.zeros_like(strain)
+        return _Strain(strain, np.hypot(sigma, self._taring.motion_sigma), none, none)
 
     def _bending_probability(self, lag_free: NDArray[np.float64], readings: _Readings) -> NDArray[np.float64]:
         """Return (frames, tendons) the probability that each tendon is bent; at rest its mode is known."""
@@ -295,22 +287,19 @@ class FrontEnd:
 
     def _in_each_mode(
         self, stretched: _Strain, bent: _Strain, swing: NDArray[np.float64], probability: NDArray[np.float64]
-    ) -> list[ModeReadings | None]:
-        """Return the lengths in both modes of each frame; None where no mode is uncertain.
+    ) -> dict[int, ModeReadings]:
+        """Return the lengths in both modes of the frames in which some mode is uncertain, by their number.
 
         In no mode is a length impossible.
         """
-        uncertain = np.asarray(is_mode_uncertain(probability).any(axis=-1))
-        if not uncertain.any():
-            return [None] * len(uncertain)
-        length_m = (1 + np.stack([stretched.value, bent.value], axis=1)) * self._L0
-        sigma_m = np.hypot(np.stack([stretched.sigma, bent.sigma], axis=1), swing[:, None]) * self._L0
+        asked = np.flatnonzero(is_mode_uncertain(probability).any(axis=-1))
+        strain = np.stack([stretched.value[asked], bent.value[asked]], axis=1)
+        sigma = np.hypot(np.stack([stretched.sigma[asked], bent.sigma[asked]], axis=1), swing[asked, None])
+        length_m, sigma_m = (1 + strain) * self._L0, sigma * self._L0
         impossible = is_impossible_length(length_m, self._L0)
-        probability = np.where(impossible[:, 0], 1.0, np.where(impossible[:, 1], 0.0, probability))
-        return [
-            ModeReadings(length_m[k], sigma_m[k], probability[k]) if asked else None
-            for k, asked in enumerate(uncertain.tolist())
-        ]
+        bent_share = np.where(impossible[:, 0], 1.0, np.where(impossible[:, 1], 0.0, probability[asked]))
+        of_frames = zip(length_m, sigma_m, bent_share, strict=True)
+        return {k: ModeReadings(*each) for k, each in zip(asked.tolist(), of_frames, strict=True)}
 
     @property
     def exchanged(self) -> list[tuple[int, int]]:
@@ -343,35 +332,25 @@ class FrontEnd:
             flags = flags | np.where(where, int(flag), 0)
         return flags
 
-    def _possible(
-        self,
-        frames: Sequence[ResistanceFrame],
-        strain: _Strain,
-        probability: NDArray[np.float64],
-        flags: NDArray[np.int64],
-    ) -> _Lengths:
-        """Return the lengths, eq. (4), without those that no tendon has."""
-        length_m = (1 + strain.value) * self._L0
-        impossible = is_impossible_length(length_m, self._L0) | (strain.sigma > MOST_STRETCH)
+    def _missing(
+        self, frames: Sequence[ResistanceFrame], strain: _Strain, flags: NDArray[np.int64]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+        """Return (frames, tendons) which tendons have no length that one can have, and the flags that say so."""
+        impossible = is_impossible_length((1 + strain.value) * self._L0, self._L0) | (strain.sigma > MOST_STRETCH)
         flags = flags | np.where(impossible, int(Flag.OUT_OF_RANGE), 0)
         no_reading = (flags & NO_LENGTH) != 0
-        missing = no_reading | impossible
         read = np.array([frame.flags for frame in frames])
-        rest_sigma_m = np.sqrt(1 - probability) * self._taring.rest_sigma * self._L0
-        model_sigma_m = np.where(missing, 0.0, strain.model_sigma * self._L0)
-        after_motion_m = MOTION_SHARE * strain.spread * self._L0
+        return no_reading | impossible, np.where(no_reading, read | (flags & int(Flag.MISFIT)), flags)
+
+    def _model_error(self, strain: _Strain, missing: NDArray[np.bool_]) -> list[ModelError]:
+        """Return the error of the sensor model in each frame; none where lengths are missing."""
+        sigma_m = np.where(missing, 0.0, strain.model_sigma * self._L0)
         tared_length_m = np.where(self._taring.tared, (1 + self._taring.rest_strain) * self._L0, np.nan)
         reach_m = self._taring.reach * self._L0
-        return _Lengths(
-            length_m=np.where(missing, np.nan, length_m),
-            sigma_m=np.where(missing, np.inf, strain.sigma * self._L0),
-            flags=np.where(no_reading, read | (flags & int(Flag.MISFIT)), flags),
-            rest_sigma_m=np.where(missing, 0.0, rest_sigma_m),
-            model_error=[
-                ModelError(sigma_m, tared_length_m, reach_m, moved_m)
-                for sigma_m, moved_m in zip(model_sigma_m, after_motion_m, strict=True)
-            ],
-        )
+        return [
+            ModelError(of_frame_m, tared_length_m, reach_m, after_motion)
+            for of_frame_m, after_motion in zip(sigma_m, strain.after_motion, strict=True)
+        ]
 
 
 def _in_its_mode(
@@ -381,4 +360,4 @@ def _in_its_mode(
     strain = np.where(mode == BENDING, bent.value, stretched.value)
     variance = (1 - probability) * (stretched.sigma**2 + (stretched.value - strain) ** 2)
     variance += probability * (bent.sigma**2 + (bent.value - strain) ** 2)
-    return _Strain(strain, np.sqrt(variance), (1 - probability) * stretched.model_sigma, stretched.spread)
+    return _Strain(strain, np.sqrt(variance), (1 - probability) * stretched.model_sigma, stretched.after_motion)

@@ -74,10 +74,19 @@ class ReferenceDrift:
 
 
 class ReferenceTendons:
-    """Estimates the drift of reference tendons, frame by frame, from the past alone."""
+    """Estimates the drift of reference tendons, frame by frame, from the past alone.
 
-    def __init__(self, tendons: NDArray[np.int64], settings: DriftSettings) -> None:
+    Args:
+        tendons: (references,) their numbers.
+        settings: what drift is expected.
+        board: (tendons,) number of the board that reads each sensor; None where it is not known.
+    """
+
+    def __init__(
+        self, tendons: NDArray[np.int64], settings: DriftSettings, board: NDArray[np.int64] | None = None
+    ) -> None:
         self.tendons = tendons
+        self._board = board
         self._settings = settings
         parts = 1 + len(tendons)
         rates = np.array(list(product(RATES_PER_S, RATES_PER_S)))
@@ -125,16 +134,13 @@ class ReferenceTendons:
             self._found = self._mixture()
         return self._found
 
-    def taken_off(
-        self, found: Sequence[ReferenceDrift], per_change_m: NDArray[np.float64], board: NDArray[np.int64] | None
-    ) -> list[SensorDrift]:
+    def taken_off(self, found: Sequence[ReferenceDrift], per_change_m: NDArray[np.float64]) -> list[SensorDrift]:
         """Return of each frame the drift that was taken off, with the change of length that it would make.
 
         Args:
             found: the drift in each frame, as `step` returns it.
             per_change_m: (frames, tendons) change of length for a relative change of resistance; 0 where it does not
                 count, as at a bent tendon.
-            board: (tendons,) number of the board that reads each sensor.
         """
         count = per_change_m.shape[-1]
         is_tendon = self.tendons < count  # and no dummy strip
@@ -147,7 +153,7 @@ class ReferenceTendons:
             sigma = np.full(count, one.common_sigma)
             total[tendons] += one.own[is_tendon]
             sigma[tendons] = one.own_sigma[is_tendon]
-            taken_off.append(SensorDrift(total, sigma, of_frame_m, one.own_rate_per_s, one.references, board))
+            taken_off.append(SensorDrift(total, sigma, of_frame_m, one.own_rate_per_s, one.references, self._board))
         return taken_off
 
     def _begin_anew(self, jumped: NDArray[np.bool_], used: NDArray[np.bool_], step_s: float) -> None:

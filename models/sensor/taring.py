@@ -26,10 +26,6 @@ LEAST_REACH = 0.03
 """Strain over which the model's error becomes another one, near zero strain. In the recordings of calibration, two
 errors of a strip differ in mean square by 1.8 times as much at strains 5 % apart as at the same strain, but by 1.2
 times where strain is above 10 %."""
-MOTION_SHARE = 0.06
-"""Standard deviation of the model's error at one and the same strain, which taring cannot take off, over that of strain
-in the last half minute. In the 18 recordings of irregular motion in calibration it is 0.03 to 0.10, 0.058 in the
-median."""
 
 MOVED_M = 0.0014
 """Change of length of three tendons above which the structure moved while it was tared. It is larger than the limit at
@@ -194,15 +190,17 @@ class RestShift:
         self._shift = np.zeros(len(rest_strain))
 
     def corrected(self, strain: NDArray[np.float64], resting: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return (samples, tendons) shifted strain; of tendons that are at rest, shifts are updated first."""
-        if not resting.any():
-            return strain + self._shift
-        total = np.cumsum(np.concatenate([self._sum[None], np.where(resting, strain, 0.0)]), axis=0)[1:]
-        count = self._count + np.cumsum(resting, axis=0)
-        shift = self._rest_strain - total / np.maximum(count, 1)
-        shift = np.where((count > 0) & np.isfinite(shift), shift, 0.0)
-        self._sum, self._count, self._shift = total[-1], count[-1], shift[-1]
-        return strain + shift
+        """Return (samples, tendons) shifted strain; of the (tendons,) that rest, the shifts are updated first.
+
+        While some rest, there is one sample at a time.
+        """
+        if resting.any():
+            (sample,) = strain
+            self._sum += np.where(resting, sample, 0.0)
+            self._count += resting
+            shift = self._rest_strain - self._sum / np.maximum(self._count, 1)
+            self._shift = np.where((self._count > 0) & np.isfinite(shift), shift, 0.0)
+        return strain + self._shift
 
 
 def _check_unit(change: NDArray[np.float64]) -> None:

@@ -27,7 +27,11 @@ class RecordingError(TensegraphError):
 
 
 class IndeterminateError(TensegraphError):
-    """The measurements and priors of a frame do not determine its shape: the text names the nodes and the reason."""
+    """The measurements and priors of a frame do not determine its shape: the text names the reason."""
+
+
+UNDETERMINED = "a node is undetermined: too few lengths, or settings of which one is far more certain than another"
+"""What a matrix without an inverse means."""
 
 
 @contextmanager

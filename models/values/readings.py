@@ -206,8 +206,9 @@ class ModelError:
     """(tendons,) l_0, the length at which each sensor was tared; nan for one that was not."""
     reach_m: NDArray[np.float64]
     """(tendons,) r, the change of length over which the model's error becomes another one."""
-    after_motion_m: NDArray[np.float64]
-    """(tendons,) h, standard deviation of the model's error at l_0 because the strip was moved since it was tared."""
+    after_motion: NDArray[np.float64]
+    """(tendons,) m, the standard deviation of the model's error at l_0 because the strip was moved in the last half
+    minute, over that of a sensor that is not tared."""
 
     @classmethod
     def stacked(cls, errors: Sequence["ModelError"]) -> "ModelError":
@@ -216,7 +217,7 @@ class ModelError:
             np.array([error.sigma_m for error in errors]),
             np.array([error.tared_length_m for error in errors]),
             np.array([error.reach_m for error in errors]),
-            np.array([error.after_motion_m for error in errors]),
+            np.array([error.after_motion for error in errors]),
         )
 
     def shared_m(self, length_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -224,11 +225,11 @@ class ModelError:
 
         Strips that are stretched alike err alike. Taring takes the error off at l_0; away from there it grows, too long
         on one side where it is too short on the other, and after motion a part is there at l_0, too:
-        s = sigma tanh((l - l_0) / r) + h, between -sigma and sigma.
+        s = sigma (tanh((l - l_0) / r) + m), between -sigma and sigma.
         """
-        away_m = self.sigma_m * np.tanh((length_m - self.tared_length_m) / self.reach_m) + self.after_motion_m
-        within_m = np.minimum(np.maximum(away_m, -self.sigma_m), self.sigma_m)
-        return np.where(np.isnan(self.tared_length_m), self.sigma_m, within_m)
+        share = np.tanh((length_m - self.tared_length_m) / self.reach_m) + self.after_motion
+        within = np.minimum(np.maximum(share, -1.0), 1.0)
+        return self.sigma_m * np.where(np.isnan(self.tared_length_m), 1.0, within)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -315,6 +316,8 @@ class TendonLengths:
     """What else says something of the nodes at t_s; the same in all frames of a trial."""
     model_error: ModelError | None = None
     """The error of the sensor model, which sigma_m contains; None for lengths of which it is not known."""
+    rest_in_doubt: bool = False
+    """Whether readings until now do not fit the rest shape to which the sensors were tared, or moved meanwhile."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:

@@ -30,8 +30,8 @@ def low_passed(
     """Return (samples, ...) the low-pass m of values from (...) a start: m += (y - m) w.
 
     Args:
-        value: (samples, ...); what has fewer than its dimensions is the same along them, here and in the weights.
-        weight: (samples, ...), see `low_pass_weight`.
+        value: (samples, ...)
+        weight: (samples, ...), see `low_pass_weight`; value and weight may have 1 where start has more.
         start: (...) m before the first sample.
     """
     passed = np.empty((len(value), *start.shape))
@@ -41,17 +41,17 @@ def low_passed(
     return passed
 
 
-def begun(start: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
+def start_or_first(start: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a (...) start, and where it is nan, the first of (samples, ...) values."""
     return np.where(np.isnan(start), value[0], start)
 
 
-def before(values: NDArray[Any], start: NDArray[Any]) -> NDArray[Any]:
+def value_before(values: NDArray[Any], start: NDArray[Any]) -> NDArray[Any]:
     """Return (samples, ...) the value before each of (samples, ...) values, the first of which is a (...) start."""
     return np.concatenate([start[None], values[:-1]])
 
 
-def held(value: NDArray[np.float64], seen: NDArray[np.bool_], start: NDArray[np.float64]) -> NDArray[np.float64]:
+def last_seen(value: NDArray[np.float64], seen: NDArray[np.bool_], start: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (samples, ...) values, or the last one `seen` where there is none; a (...) start before the first."""
     result = np.empty((len(value), *start.shape))
     last = start
@@ -80,7 +80,7 @@ class SmoothedRate:
         """
         rate = np.empty_like(value)
         per_s = low_pass_weight(step_s, self._time_constant_s) / step_s
-        smooth = begun(self._smooth, value)
+        smooth = start_or_first(self._smooth, value)
         for k in range(len(value)):
             rate[k] = (value[k] - smooth) * per_s[k]
             smooth = smooth + rate[k] * step_s[k]

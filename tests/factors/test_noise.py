@@ -74,13 +74,13 @@ def test_what_errors_share_by_hand() -> None:
 
 
 def test_what_errors_share_after_motion_by_hand() -> None:
-    """0.2 mm at the tared length, all of it a reach away on the one side and less on the other; never beyond sigma."""
+    """A third at the tared length, all of it a reach away on the one side and less on the other; never beyond sigma."""
     count = 5
     error = ModelError(
         np.full(count, 0.0006),
         np.array([0.18, 0.18, 0.18, np.nan, 0.18]),
         np.full(count, 0.01),
-        after_motion_m=np.array([0.0002, 0.0002, 0.0002, 0.0002, 0.0009]),
+        after_motion=np.array([1, 1, 1, 1, 4.5]) / 3,
     )
     length_m = np.array([0.18, 0.19, 0.17, 0.18, 0.18])
     away = 0.0006 * np.tanh(1)

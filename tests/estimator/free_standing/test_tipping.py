@@ -165,10 +165,13 @@ def test_the_heading_walks_with_every_tip_and_stays_as_uncertain_at_rest(balance
 
 
 def test_a_robot_that_stands_on_nodes_on_both_sides_of_its_middle_turns_no_further() -> None:
-    """The middle of all nodes is their centroid; so is the middle of two opposite ones of a box."""
+    """The middle of all nodes is their centroid; so is the middle of two opposite ones of a box, wherever it is."""
     box_m = np.array(np.meshgrid([-0.1, 0.1], [-0.2, 0.2], [-0.1, 0.1])).reshape(3, -1).T
-    for stands in (np.ones(8, dtype=bool), np.isin(np.arange(8), [0, 7])):
-        turn, pivot_m = tipping(box_m, stands, stands, UP)
-        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
-        np.testing.assert_allclose(pivot_m, 0, atol=1e-12)
-    np.testing.assert_allclose(turn, np.eye(3), atol=1e-12)
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        turned_m = box_m @ rotation(rng.normal(size=3)).T + rng.normal(size=3)
+        for stands in (np.ones(8, dtype=bool), np.isin(np.arange(8), [0, 7])):
+            turn, pivot_m = tipping(turned_m, stands, stands, UP)
+            np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+            np.testing.assert_allclose(pivot_m, turned_m.mean(axis=0), atol=1e-12)
+        np.testing.assert_allclose(turn, np.eye(3), atol=1e-12)

@@ -8,23 +8,23 @@ from hypothesis import strategies as st
 from tensegraph.models.values.time_series import (
     SmoothedRate,
     autocorrelation_of,
-    before,
-    begun,
     correlation_samples,
-    held,
+    last_seen,
     low_passed,
+    start_or_first,
+    value_before,
 )
 
 
 def test_filters_by_hand() -> None:
     value, start = np.array([[1.0, 5.0], [3.0, 5.0]]), np.array([0.0, np.nan])
-    np.testing.assert_array_equal(begun(start, value), [0, 5])
+    np.testing.assert_array_equal(start_or_first(start, value), [0, 5])
     np.testing.assert_allclose(
-        low_passed(value, np.array([[0.5], [0.25]]), begun(start, value)), [[0.5, 5], [1.125, 5]]
+        low_passed(value, np.array([[0.5], [0.25]]), start_or_first(start, value)), [[0.5, 5], [1.125, 5]]
     )
-    np.testing.assert_array_equal(before(value, start), [[0, np.nan], [1, 5]])
+    np.testing.assert_array_equal(value_before(value, start), [[0, np.nan], [1, 5]])
     seen = np.array([[False, True], [True, False]])
-    np.testing.assert_array_equal(held(value, seen, np.array([7.0, 8.0])), [[7, 5], [3, 5]])
+    np.testing.assert_array_equal(last_seen(value, seen, np.array([7.0, 8.0])), [[7, 5], [3, 5]])
 
 
 @settings(max_examples=30, deadline=None)
