@@ -32,6 +32,7 @@ from .models.pose.rest_clock import RestClock
 from .models.pose.robot import FreeStandingRobot, HangingRobot
 from .models.sensor.frames import FrameAssembler, LengthPauses
 from .models.sensor.front_end import FrontEnd
+from .models.sensor.gate import JumpGate
 from .models.sensor.reference_drift import ReferenceTendons
 from .models.sensor.sensor_model import SensorModel
 from .models.settings import Settings, checked_settings
@@ -48,6 +49,7 @@ from .models.values.aids import AidReading, ImuReading, PositionReading
 from .models.values.errors import InputError
 from .models.values.readings import (
     BoardReading,
+    Flag,
     NaturalLengthReading,
     NodeFactor,
     ResistanceFrame,
@@ -203,6 +205,7 @@ class Pipeline:
         wound = [tendon for motors in trial.motors for tendon in motors.tendons]
         references = np.setdiff1d(np.flatnonzero(trial.structure.joins_anchors & trial.structure.is_sensed), wound)
         self._frames = FrameAssembler(natural_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate)
+        self._length_gate = JumpGate(settings.gate, tendons)
         self._pauses = LengthPauses(tendons, settings.frames)
         drift = ReferenceTendons(np.concatenate([references, strips]), settings.drift, trial.board_of_tendon)
         self.front_end = self._front_end(model, drift)
@@ -431,8 +434,17 @@ class Pipeline:
         return self.boards.reading(reading)
 
     def _with_sigma(self, lengths: TendonLengths) -> TendonLengths:
+        """Return lengths that are told with a sigma each, without those that have jumped."""
         sigma_m = np.where(np.isnan(lengths.sigma_m), self.settings.noise.unstated_m, lengths.sigma_m)
-        return replace(lengths, sigma_m=np.where(np.isnan(lengths.length_m), np.inf, sigma_m))
+        natural_m = self.trial.structure.natural_length_m
+        jumped = self._length_gate.outliers(lengths.t_s, lengths.length_m / natural_m, sigma_m / natural_m)
+        length_m = np.where(jumped, np.nan, lengths.length_m)
+        return replace(
+            lengths,
+            length_m=length_m,
+            sigma_m=np.where(np.isnan(length_m), np.inf, sigma_m),
+            flags=lengths.flags | np.where(jumped, int(Flag.OUTLIER), 0),
+        )
 
     def _with_aids(self, lengths: TendonLengths, aids: list[AidReading]) -> TendonLengths:
         """Return the lengths with the readings of other sensors up to their time, taken from the list, and factors.

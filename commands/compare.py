@@ -16,6 +16,7 @@ from ..io.trial_directory import Trial, open_trial
 from ..io.whole import check_replaceable, check_writable, written_whole
 from ..models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow, comparison_row
 from ..models.settings import Settings
+from ..models.values.errors import InputError
 from ..pipeline import EstimatorFactory, estimator_plug_ins
 from ..scoring.method_scores import estimators_of, measure
 from .many import Many, Workers
@@ -139,8 +140,11 @@ def check_comparison(out: Path) -> None:
     Raises:
         InputError: when something else stands there, or it cannot be written.
     """
-    if (out / PARTS).is_dir():
-        check_writable(out / PARTS / "part")
+    parts = out / PARTS
+    if parts.is_dir() and all(part.suffix == ".npz" for part in parts.iterdir()):
+        check_writable(parts / "part")
+    elif out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise InputError(f"{out}: exists and is no earlier comparison: expected a new name")
     else:
         check_replaceable(out, COMPARISON_FILE)
 

@@ -11,7 +11,7 @@ from ..io.input_files import real_path
 from ..io.publish.ros2_node import check_ros2, ros2_publisher
 from ..io.publish.udp import UdpPublisher, udp_address
 from ..io.reports.terminal import Terminal
-from ..io.result import RUN_FILE
+from ..io.result import SHAPE_FILE
 from ..io.toml import read_settings
 from ..io.viewer.server import ViewerServer
 from ..io.whole import check_replaceable, check_vacant
@@ -173,11 +173,11 @@ def show_live(
     settings = read_settings(config)
     sensor_model = chosen_model(model)
     path = out or Path("results") / source.name
-    check_replaceable(path, RUN_FILE)
+    check_replaceable(path, SHAPE_FILE)
     if source.record is not None:
         check_vacant(source.record)
         record = real_path(source.record)
-        if real_path(path) in (record, *record.parents) and not (path / RUN_FILE).exists():
+        if real_path(path) in (record, *record.parents) and not (path / SHAPE_FILE).exists():
             raise InputError(f"{path}: expected another place for the result than for the recording: add --out")
     with outputs.page(terminal) as server, source.feed(settings, sensor_model, terminal) as feed:
         session = Session(feed, Pipeline(feed.description, settings, sensor_model))

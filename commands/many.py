@@ -1,5 +1,6 @@
 """Work on many inputs: in this process, in several processes of this machine, or on a cluster."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -17,6 +18,8 @@ from ..models.values.extras import needs_extra
 Job = TypeVar("Job")
 Made = TypeVar("Made")
 
+ADDRESS = re.compile(r"tcp://[^\s/@]+:\d{1,5}")
+"""Address of a scheduler; other transports need certificates, or are of one process."""
 DIED = "its process died while no other job was being done: is there enough memory?"
 
 
@@ -25,7 +28,7 @@ class Workers:
     """The processes that do the work.
 
     Raises:
-        InputError: when both processes of this machine and a scheduler are asked for.
+        InputError: when both processes of this machine and a scheduler are asked for, or the scheduler has no address.
     """
 
     jobs: int = 1
@@ -36,6 +39,8 @@ class Workers:
     def __post_init__(self) -> None:
         if self.scheduler is not None and self.jobs != 1:
             raise InputError("--jobs and --scheduler: expected one of them, got both")
+        if self.scheduler is not None and not ADDRESS.fullmatch(self.scheduler):
+            raise InputError(f"--scheduler: expected tcp://HOST:PORT, got '{self.scheduler}'")
 
     def place(self, path: Path) -> Path:
         """Return a path as the workers find it, which may have started in another directory."""
@@ -107,6 +112,7 @@ class Many:
         When a process dies, nobody knows at which job. Those that had begun are done again after the others, one by
         one, so that a job at which processes die takes no other with it.
         """
+        deaths = self._deaths()
         left, suspects = dict(jobs), dict[str, Job]()
         while left:
             begun: dict[str, Job] = {}
@@ -114,12 +120,12 @@ class Many:
                 for outcome in self._parallel(work, _moved(left, begun)):
                     del begun[outcome.name]
                     yield outcome
-            except self._deaths():
+            except deaths:
                 suspects |= begun
         for name, job in suspects.items():
             try:
                 yield from self._parallel(work, [(name, job)])
-            except self._deaths():
+            except deaths:
                 yield _Outcome(name, error=DIED)
 
     def _parallel(
@@ -138,8 +144,8 @@ class Many:
         if scheduler is None:
             yield self._workers.jobs
             return
-        with needs_extra("--scheduler", "cluster"):
-            from distributed import Client
+        from distributed import Client
+
         connect: Any = Client  # the library has no types
         try:
             client = connect(scheduler, set_as_default=False)
@@ -152,9 +158,10 @@ class Many:
         """Return the errors that say that a worker died."""
         if self._workers.scheduler is None:
             return (BrokenProcessPool,)
-        from distributed.scheduler import KilledWorker
-
-        return (KilledWorker,)
+        with needs_extra("--scheduler", "cluster"):
+            import distributed
+        killed: Any = distributed.scheduler.KilledWorker  # the library has no types
+        return (killed,)
 
 
 def _moved(left: dict[str, Job], begun: dict[str, Job]) -> Iterator[tuple[str, Job]]:

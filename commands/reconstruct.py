@@ -14,7 +14,7 @@ from rich.table import Table
 from ..io.provenance import FINGERPRINT, fingerprint, is_up_to_date, relative_path, versions
 from ..io.reports.progress import StageBar
 from ..io.reports.terminal import Terminal
-from ..io.result import RUN_FILE
+from ..io.result import RUN_FILE, SHAPE_FILE
 from ..io.toml import read_settings
 from ..io.trial_directory import Trial, open_trial
 from ..models.evaluation.metrics import node_rmse_m
@@ -158,7 +158,7 @@ def reconstruct_trials(
     settings = read_settings(config)
     estimator_of(method)  # refused here if it is none, not by every worker
     options = RunOptions(method, settings, placed_model(model, workers), figures, span)
-    paths = result_paths(trials, out, Path("results"), RUN_FILE)
+    paths = result_paths(trials, out, Path("results"), SHAPE_FILE)
     places = {str(trial): path for trial, path in zip(trials, paths, strict=True)}
     jobs = {name: TrialJob(workers.place(Path(name)), workers.place(path), options) for name, path in places.items()}
     many = Many(workers, terminal)

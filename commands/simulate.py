@@ -16,7 +16,7 @@ from ..io.whole import check_vacant, written_whole
 from ..models.trial_description import describe_trial
 from ..models.twin.plan import Plan
 from ..models.twin.virtual_trial import simulate as simulate_plan
-from ..models.values.errors import naming
+from ..models.values.errors import InputError, naming
 from ..models.values.extras import needs_extra
 from ..models.values.stamped_positions import StampedPositions
 from .paths import result_paths
@@ -62,6 +62,8 @@ def _simulated(
     with naming(path):
         trial = simulate_plan(plan, simulation_provenance(path, plan.seed), progress)
     describe_trial(trial.metadata, str(path))  # what nobody could read is not written
+    if not trial.readings:
+        raise InputError(f"{path}: boards.lost_rows: expected fewer than {plan.boards.lost_rows:g}: no row is left")
     with written_whole(out) as (inside,):
         with Recorder(inside, trial.metadata) as recorder:
             for reading in trial.readings:

@@ -30,6 +30,8 @@ from .toml import read_toml
 from .whole import check_replaceable, written_whole
 
 RUN_FILE = "run.toml"
+SHAPE_FILE = "shape.csv"
+"""A table that every result has, and nothing else that we write."""
 LOADS_FILE = "estimated_loads.csv"
 RUN_TABLES = ("structure", "settings", "inputs", "versions", "floor_normal")
 """The tables of run.toml that are read again."""
@@ -47,7 +49,7 @@ BLOCK_ROWS = 10_000
 
 
 @contextmanager
-def result_directory(path: Path, marker: str = RUN_FILE) -> Iterator[Path]:
+def result_directory(path: Path, marker: str = SHAPE_FILE) -> Iterator[Path]:
     """Give a temporary directory to write into; it is moved to `path` if the block succeeds.
 
     Args:
@@ -68,7 +70,7 @@ def write_tables(reconstruction: Reconstruction, probability: float, directory: 
 
     Rows are appended to tables that exist already, because a live run is written in parts.
     """
-    _append(directory / "shape.csv", _shape_rows(reconstruction))
+    _append(directory / SHAPE_FILE, _shape_rows(reconstruction))
     _append(directory / "ellipsoids.csv", _ellipsoid_rows(reconstruction, probability))
     _append(directory / "lengths.csv", _length_rows(reconstruction))
     _append(directory / "status.csv", _status_rows(reconstruction))
@@ -138,7 +140,7 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
     Raises:
         InputError: when a table cannot be read, or does not match shape.csv or the structure.
     """
-    positions = read_positions(directory / "shape.csv", structure.node_count, fewest=1)
+    positions = read_positions(directory / SHAPE_FILE, structure.node_count, fewest=1)
     t_s = positions.t_s
     if np.isnan(positions.node_position_m).any():
         raise InputError(f"{directory / 'shape.csv'}: expected the positions of all {structure.node_count} nodes")

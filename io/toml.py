@@ -51,7 +51,7 @@ def _check_values(table: dict[str, Any]) -> None:
                 left += [(part, f"{key}.{name}" if key else name, depth + 1) for name, part in value.items()]
             else:
                 left += [(part, f"{key}[{index}]", depth + 1) for index, part in enumerate(value)]
-        elif isinstance(value, int) and value.bit_length() >= INTEGER_BITS:
+        elif isinstance(value, int) and not -(1 << INTEGER_BITS - 1) <= value < 1 << INTEGER_BITS - 1:
             got = f"one of {value.bit_length()} bits"
             raise ValueError(f"{key}: expected a whole number of {INTEGER_BITS} bits, with its sign, got {got}")
 

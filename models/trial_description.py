@@ -28,6 +28,8 @@ from .values.tables import parse_table, unknown_keys
 
 FAR_FROM_ANCHOR_M = 0.01
 """Distance of a node's measured rest position from its anchor, beyond which they are told in different frames."""
+IN_ONE_PLANE = 1e-3
+"""Ratio of the least extent of a shape to its largest one, below which its nodes are in one plane."""
 FAR_FROM_FLOOR_M = 0.01
 """Distance of the lowest node of the measured rest shape from standing on the floor, beyond which it does not stand."""
 ASKEW_RAD = 0.2
@@ -211,8 +213,17 @@ def _robot(
             "rest: expected seconds above 0 and node_position_m with [ground]: a structure without anchors is where "
             "it stands at the start"
         )
+    if told.rest_position_m is not None:
+        _check_has_faces(told.rest_position_m)
     floor = _floor(table, table.ground, told.rest_position_m)
     return FreeStandingRobot(floor, imus, tuple(pairs), table.rest.seconds, len(_own_frames(table)))
+
+
+def _check_has_faces(rest_m: NDArray[np.float64]) -> None:
+    """Raise InputError for a rest shape that no floor carries on one of several faces."""
+    across_m = np.linalg.svd(rest_m - rest_m.mean(axis=0), compute_uv=False)
+    if len(rest_m) < 4 or across_m[2] < IN_ONE_PLANE * across_m[0]:
+        raise InputError("rest.node_position_m: expected nodes that are not all in one plane with [ground]")
 
 
 def _check_stands(floor: Floor, rest_m: NDArray[np.float64]) -> None:

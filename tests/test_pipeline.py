@@ -198,6 +198,23 @@ def test_lengths_stand_in_for_counts(trial_copy, plain) -> None:
     assert all(doubt is not None for doubt in reconstruct(path, "live").doubts[20:])  # each tendon has its neighbour's
 
 
+@pytest.mark.parametrize("method", ["live", "frame"])
+def test_a_length_that_jumps_is_left_out(plain, example, method) -> None:
+    """One cell of a file with a digit too many, of a tendon of 0.17 m; the next reading is believed again."""
+    trial = replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))
+    none = np.zeros(24, dtype=np.int64)
+    read = [
+        TendonLengths(t, m, np.full(24, np.nan), none, none) for t, m in zip(plain.t_s, plain.length_m, strict=True)
+    ]
+    wrong_m = np.where(np.arange(24) == 6, 0.8, read[60].length_m)
+    with_jump = [*read[:60], replace(read[60], length_m=wrong_m), *read[61:70]]
+    shapes, others = list(stream(with_jump, trial, method)), list(stream(read[:70], trial, method))
+    assert [k for k, shape in enumerate(shapes) if shape.lengths.flags[6] & Flag.OUTLIER] == [60]
+    assert shapes[60].status is Status.PARTIAL
+    for shape, other in zip(shapes, others, strict=True):
+        np.testing.assert_allclose(shape.node_position_m, other.node_position_m, atol=0.003)
+
+
 def test_lengths_that_are_told_again_and_again_are_in_doubt(plain, example) -> None:
     """A program that goes on to send its last row: every length is as plausible as before."""
     trial = replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))

@@ -7,11 +7,15 @@ import sys
 
 import numpy as np
 
+MOST_MEMORY_BYTES = 4 << 30
+"""Largest memory of this program: an hour of fifty markers takes half of it. A damaged file may ask for more."""
+
 
 def main(file: str, points: str) -> None:
     """Write points, residuals, labels, units, rate and first frame of a C3D file as arrays."""
     import ezc3d
 
+    _limit_memory()
     read = ezc3d.c3d(file)
     about = read["parameters"]["POINT"]
     np.savez(
@@ -23,6 +27,14 @@ def main(file: str, points: str) -> None:
         rate_hz=np.array(about["RATE"]["value"], dtype=np.float64),
         first_frame=read["header"]["points"]["first_frame"],
     )
+
+
+def _limit_memory() -> None:
+    try:
+        import resource
+    except ImportError:  # on Windows
+        return
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY_BYTES, MOST_MEMORY_BYTES))
 
 
 if __name__ == "__main__":

@@ -104,6 +104,11 @@ def _model(told: DescribedStructure, path: Path) -> str:
     rod_kg = np.broadcast_to(mechanics.rod_mass_kg, len(s.rods))
     if (rod_kg[: told.own_rods] <= 0).any():
         raise InputError(f"{path}: expected mechanics.rod_mass_kg above 0, which a model needs")
+    knot_kg = mechanics.node_mass_kg(s) - 0.5 * np.bincount(s.rods.ravel(), rod_kg.repeat(2), s.node_count)
+    loose = np.setdiff1d(np.arange(s.node_count), np.concatenate([s.rods.ravel(), s.anchors]))
+    massless = loose[knot_kg[loose] <= 0]
+    if len(massless):
+        raise InputError(f"{path}: expected mechanics.knot_mass_kg[{massless[0]}] above 0, of a node on no rod")
     body = Body(
         structure=s,
         rod_mass_kg=rod_kg,
@@ -115,7 +120,7 @@ def _model(told: DescribedStructure, path: Path) -> str:
         gravity_m_per_s2=9.81,
         ground_friction=None,
         rigid=told.bodies,
-        knot_mass_kg=mechanics.node_mass_kg(s) - 0.5 * np.bincount(s.rods.ravel(), rod_kg.repeat(2), s.node_count),
+        knot_mass_kg=knot_kg,
         own_rods=told.own_rods,
     )
     return mjcf(body, with_rods_as_told(s, _shape(told)), MODEL_STEP_S)

@@ -18,8 +18,8 @@ class GateSettings:
     """When a reading is rejected."""
 
     max_rate_per_s: Positive = 4.0
-    """Rate of dR/R above which a reading is an outlier. In the calibration recordings, random motion included, less
-    than one reading in 1000 exceeds it."""
+    """Rate of dR/R, and of the strain of lengths, above which a reading is an outlier. In the calibration recordings,
+    random motion included, less than one reading in 1000 exceeds it."""
     accept_after: AtLeastOne = 3
     """Number of successive outliers at about the same value after which the value is accepted."""
     stuck_s: Positive = 1.0
@@ -29,8 +29,8 @@ class GateSettings:
     often the sensor's code has stayed the same before."""
 
 
-class ReadingGate:
-    """Flags outliers and stuck sensors among the sensors of one source, and replaces their values by nan."""
+class JumpGate:
+    """Tells values that have jumped from the last one; a value that is read again and again is none."""
 
     def __init__(self, settings: GateSettings, sensors: int) -> None:
         self._settings = settings
@@ -38,30 +38,15 @@ class ReadingGate:
         self._accepted_s = np.full(sensors, np.nan)
         self._rejected = np.full(sensors, np.nan)
         self._rejections = np.zeros(sensors, dtype=np.int64)
-        self._last = np.full(sensors, np.nan)
-        self._last_s = np.nan
-        self._same_since_s = np.full(sensors, np.nan)
-        self._run_length = np.zeros(sensors)
-        self._repeats = np.full(sensors, 49.0)  # with `_readings`, the prior of a sensor with little noise
-        self._readings = np.full(sensors, 50.0)
 
-    def check(
-        self, t_s: float, value: NDArray[np.float64], sigma: NDArray[np.float64], flags: NDArray[np.int64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the values, nan where they are rejected, and the flags with the reasons added.
+    def outliers(self, t_s: float, value: NDArray[np.float64], sigma: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return (sensors,) whether each value is one.
 
         Args:
             t_s: time of the measurement.
-            value: (sensors,) dR/R, nan where there is none.
-            sigma: (sensors,) standard deviation of dR/R.
-            flags: (sensors,) `Flag` bits set so far.
+            value: (sensors,) dR/R or strain, nan where there is none.
+            sigma: (sensors,) its standard deviation.
         """
-        outlier = self._outliers(t_s, value, sigma)
-        stuck = self._stuck(t_s, value)
-        flags = flags | np.where(outlier, int(Flag.OUTLIER), 0) | np.where(stuck, int(Flag.STUCK), 0)
-        return np.where(outlier | stuck, np.nan, value), flags
-
-    def _outliers(self, t_s: float, value: NDArray[np.float64], sigma: NDArray[np.float64]) -> NDArray[np.bool_]:
         finite = np.isfinite(value)
         since_s = np.maximum(t_s - self._accepted_s, SHORTEST_JUMP_S)
         largest_change = self._settings.max_rate_per_s * since_s + 8 * sigma
@@ -82,6 +67,36 @@ class ReadingGate:
     def _accept(self, t_s: float, value: NDArray[np.float64], accepted: NDArray[np.bool_]) -> None:
         self._accepted = np.where(accepted, value, self._accepted)
         self._accepted_s = np.where(accepted, t_s, self._accepted_s)
+
+
+class ReadingGate:
+    """Flags outliers and stuck sensors among the sensors of one source, and replaces their values by nan."""
+
+    def __init__(self, settings: GateSettings, sensors: int) -> None:
+        self._settings = settings
+        self._jumps = JumpGate(settings, sensors)
+        self._last = np.full(sensors, np.nan)
+        self._last_s = np.nan
+        self._same_since_s = np.full(sensors, np.nan)
+        self._run_length = np.zeros(sensors)
+        self._repeats = np.full(sensors, 49.0)  # with `_readings`, the prior of a sensor with little noise
+        self._readings = np.full(sensors, 50.0)
+
+    def check(
+        self, t_s: float, value: NDArray[np.float64], sigma: NDArray[np.float64], flags: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return the values, nan where they are rejected, and the flags with the reasons added.
+
+        Args:
+            t_s: time of the measurement.
+            value: (sensors,) dR/R, nan where there is none.
+            sigma: (sensors,) standard deviation of dR/R.
+            flags: (sensors,) `Flag` bits set so far.
+        """
+        outlier = self._jumps.outliers(t_s, value, sigma)
+        stuck = self._stuck(t_s, value)
+        flags = flags | np.where(outlier, int(Flag.OUTLIER), 0) | np.where(stuck, int(Flag.STUCK), 0)
+        return np.where(outlier | stuck, np.nan, value), flags
 
     def _stuck(self, t_s: float, value: NDArray[np.float64]) -> NDArray[np.bool_]:
         finite = np.isfinite(value)

@@ -29,6 +29,8 @@ MOST_BYTES = 8 << 30
 """Memory that a simulation may take: half an hour of the paper's structure, in steps of a millisecond, takes 6 GiB."""
 BYTES_PER_ROW = 1000
 """Memory that a row of a board or of another sensor takes, as the object that a recorder is given."""
+LONGEST_DELAY_S = 60.0
+"""Longest delay of a row of a board in a plan; ports take milliseconds."""
 LEAST_STEP_S = 1e-4
 """Shortest step of the integration: coming to rest may take five minutes of simulated time."""
 
@@ -207,6 +209,8 @@ def _problems_of_boards(boards: BoardPhysics, tendons: int) -> Iterator[tuple[st
             if tendon in wired:
                 yield key, f"tendon {tendon} is wired already"
             wired.add(tendon)
+    if boards.minimum_delay_s + boards.delay_s > LONGEST_DELAY_S:
+        yield "boards.delay_s", f"expected at most {LONGEST_DELAY_S:g} s, got {boards.delay_s:g}"
     if not boards.tendon_of_channel:
         yield "boards.tendon_of_channel", "expected at least one board, got none"
 

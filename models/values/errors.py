@@ -39,7 +39,7 @@ def naming(path: Path) -> Iterator[None]:
     """Name a file or a directory in errors that name none, as where two files of a directory contradict each other."""
     try:
         yield
-    except (InputError, IndeterminateError) as error:
+    except TensegraphError as error:
         if str(path) in str(error):
             raise
         raise type(error)(f"{path}: {error}") from error

@@ -69,6 +69,21 @@ def test_a_trial_without_its_truth_is_refused_and_nothing_is_written(trial_copy,
     assert not (trial.parent / "out").exists()
 
 
+@pytest.mark.parametrize("mine", ["trials/a/notes.txt", "comparison.csv"])
+def test_a_folder_of_the_user_is_no_comparison(trial_copy, mine) -> None:
+    trial = trial_copy(rows=20)
+    file = trial.parent / mine
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text("mine")
+    refused = run("compare", trial, "--method", "frame", "--out", ".", cwd=trial.parent)
+    assert (refused.returncode, refused.stderr) == (
+        2,
+        "tensegraph: .: exists and is no earlier comparison: expected a new name\n",
+    )
+    assert file.read_text() == "mine"
+    assert {path.name for path in trial.parent.iterdir()} == {"trial", Path(mine).parts[0]}
+
+
 @pytest.mark.parametrize("changed", ["board0.csv", "truth.csv"])
 def test_a_file_in_a_folder_of_the_trial_that_has_changed_is_compared_anew(trial_copy, changed) -> None:
     trial = trial_copy(rows=40, trial=lambda text: text.replace('file = "', 'file = "raw/'))

@@ -152,7 +152,8 @@ def test_a_worker_with_other_code_is_refused(tmp_path, monkeypatch) -> None:
     ("options", "message"),
     [
         (("--jobs", "2", "--scheduler", "tcp://x:1"), "--jobs and --scheduler: expected one of them, got both"),
-        (("--scheduler", "nonsense://x"), "--scheduler nonsense://x: no scheduler answers: "),
+        (("--scheduler", "nonsense://x"), "--scheduler: expected tcp://HOST:PORT, got 'nonsense://x'"),
+        (("--scheduler", ""), "--scheduler: expected tcp://HOST:PORT, got ''"),
     ],
 )
 def test_workers_that_cannot_be_are_one_line(one_by_one, options, message) -> None:
@@ -160,6 +161,13 @@ def test_workers_that_cannot_be_are_one_line(one_by_one, options, message) -> No
     assert (result.returncode, result.stderr.count("\n")) == (2, 1)
     assert message in result.stderr
     assert not (one_by_one / "none").exists()
+
+
+def test_a_cluster_without_its_library_says_what_to_install(monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    many = Many(Workers(scheduler="tcp://127.0.0.1:1"), Terminal(quiet=True))
+    with pytest.raises(InputError, match=r"--scheduler needs distributed: pip install 'tensegraph\[cluster\]'"):
+        list(many.each(write_letter, {"a": Letter(Path("a"), "text")}, "letters"))
 
 
 def test_a_comparison_keeps_what_was_finished(one_by_one) -> None:

@@ -128,6 +128,22 @@ def test_faults_stand_in_the_truth(tmp_path) -> None:
     assert np.isfinite(result.node_position_m).all()
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("lost_rows", "0.9999999", "boards.lost_rows: expected fewer than 1: no row is left"),
+        ("delay_s", "1e9", "boards.delay_s: expected at most 60 s, got 1e+09"),
+    ],
+)
+def test_boards_of_which_nothing_would_be_read_are_refused(tmp_path, key, value, message) -> None:
+    text = PLANS["prism"].read_text()
+    text = text[: text.index("[[load.random]]")].replace("duration_s = 30.0", "duration_s = 3.0")
+    (tmp_path / "prism.toml").write_text(re.sub(rf"(?m)^{key} = \S+", f"{key} = {value}", text))
+    with pytest.raises(InputError, match=re.escape(message)):
+        simulate(tmp_path / "prism.toml", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_plan_that_is_not_there_and_a_trial_that_is(tmp_path) -> None:
     with pytest.raises(InputError, match=r"none.toml: no such file"):
         simulate(tmp_path / "none.toml", tmp_path / "out")

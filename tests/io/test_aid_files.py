@@ -1,11 +1,13 @@
 """The files of inertial sensors, ranges and positions, and what is refused in them and in trial.toml."""
 
 import shutil
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from tensegraph import InputError, open_trial
+from tensegraph.models.trial_description import describe_trial
 from tensegraph.models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 
 ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
@@ -114,6 +116,41 @@ REFUSED_TABLES = {
         "seconds = 2.0", "seconds = 0.0"
     ),
 }
+
+
+FLAT = """
+[structure]
+rods = [[0, 2], [1, 3]]
+tendons = [[0, 1], [1, 2], [2, 3], [0, 3]]
+rod_length_m = 0.42426
+natural_length_m = 0.28
+anchors = []
+anchor_position_m = []
+
+[rest]
+seconds = 0.5
+node_position_m = [[0, 0, 0], [0.3, 0, 0], [0.3, 0.3, 0], [0, 0.3, 0]]
+
+[mechanics]
+tendon_stiffness_n_per_m = 400.0
+rod_mass_kg = 0.03
+
+[lengths]
+file = "lengths.csv"
+
+[ground]
+height_m = 0.0
+"""
+
+
+def test_a_robot_that_is_flat_is_refused_on_a_floor() -> None:
+    """It has no faces onto which it could tip; held in a hand it is taken."""
+    table = tomllib.loads(FLAT)
+    with pytest.raises(InputError, match=r"rest\.node_position_m: expected nodes that are not all in one plane"):
+        describe_trial(table, "trial.toml")
+    del table["ground"]
+    _, description = describe_trial(table, "trial.toml")
+    assert description.robot is None
 
 
 @pytest.mark.parametrize("message", REFUSED_TABLES)

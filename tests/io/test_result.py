@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tensegraph import InputError, Reconstruction, open_trial, stream
-from tensegraph.io.result import read_estimate, write_tables
+from tensegraph.io.result import read_estimate, result_directory, write_tables
 from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.values.slip import Slip
 
@@ -16,6 +16,15 @@ def first_second(example):
     trial = open_trial(example)
     readings = (row for row in trial.readings() if row.host_s < 1.0)
     return Reconstruction.of(trial.description.structure, stream(readings, trial.description))
+
+
+def test_an_evaluation_is_not_replaced_by_a_result(tmp_path) -> None:
+    """Both have a run.toml."""
+    for name in ("run.toml", "evaluation.json"):
+        (tmp_path / name).write_text("")
+    with pytest.raises(InputError, match="exists and is no earlier result"), result_directory(tmp_path):
+        pass
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["evaluation.json", "run.toml"]
 
 
 def test_slips_have_a_row_each(first_second, tmp_path) -> None:

@@ -48,6 +48,12 @@ class TestSettings:
         with pytest.raises(InputError, match=message):
             read_settings(path)
 
+    def test_the_least_whole_number_of_64_bits_is_one(self, tmp_path) -> None:
+        path = tmp_path / "config.toml"
+        path.write_text(f"[smoother]\nlag = {-(2**63)}\n")
+        with pytest.raises(InputError, match=r"smoother\.lag: input should be greater than"):
+            read_settings(path)
+
     def test_only_the_prior_of_the_shape_may_be_infinite(self, tmp_path) -> None:
         """Infinity is no prior; anywhere else it meets another one, and their difference is no number."""
         path = tmp_path / "config.toml"

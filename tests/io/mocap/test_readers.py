@@ -1,12 +1,15 @@
 """Files of motion capture: each as its program writes it, and what is wrong with others, by row and column."""
 
+import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from capture_files import motive_text, take_of, trc_text, vicon_text, write_c3d
 from tensegraph import InputError
+from tensegraph.io.mocap import c3d_file
 from tensegraph.io.mocap.truth_file import read_truth
 from tensegraph.models.values.marker_tracks import MarkerTracks
 from tensegraph.models.values.stamped_positions import StampedPositions
@@ -153,6 +156,15 @@ def test_a_c3d_file_that_ends_its_reader_is_refused(path_of) -> None:
     path.write_bytes(content)
     with pytest.raises(InputError, match="cannot be read as C3D: the reader was ended by signal 11"):
         read_truth(path, 4)
+
+
+def test_the_reader_of_c3d_takes_no_more_memory_than_it_may() -> None:
+    """A damaged file may ask for any number of frames."""
+    folder = Path(c3d_file.__file__).parent
+    code = "import c3d_points, numpy; c3d_points._limit_memory(); numpy.ones(1 << 30)"
+    ended = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert "MemoryError" in ended.stderr
 
 
 def test_c3d_without_its_library_says_what_to_install(path_of, monkeypatch) -> None:

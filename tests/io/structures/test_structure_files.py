@@ -125,6 +125,21 @@ def test_a_flat_body_of_a_model_gets_a_node_off_its_plane(tmp_path: Path) -> Non
     assert abs(told.node_position_m[8, 2]) > 0.05
 
 
+def test_a_model_with_a_node_that_has_no_mass_is_not_written(tmp_path: Path) -> None:
+    told = read_structure(
+        written(
+            tmp_path,
+            YAML.replace("foot: [0, 0, 0]", "foot: [0, 0, 0]\n  knot: [2, 2, 2]").replace(
+                "    - [foot, left]\n", "    - [foot, left]\n    - [knot, left]\n    - [knot, top]\n"
+            ),
+            "robot.yaml",
+        )
+    )
+    with pytest.raises(InputError, match=r"mechanics\.knot_mass_kg\[1\] above 0, of a node on no rod"):
+        write_structure(told, [tmp_path / "robot.xml"], title="robot")
+    assert not (tmp_path / "robot.xml").exists()
+
+
 MALFORMED = {
     "robot.yaml: line 4: is no YAML": YAML.replace("foot: [0, 0, 0]", "foot: [0, 0, 0"),
     "robot.yaml: nodes.top: expected three numbers of a magnitude of at most 1e+15, got [0, 10]": YAML.replace(
