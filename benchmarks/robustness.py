@@ -95,7 +95,7 @@ def draw_dead_sensors(results: dict[str, tuple[np.ndarray, np.ndarray, float]], 
             xlabel="dead sensors",
             xticks=count,
             ylim=(0, 1.08 * max(held_mm, rmse_mm.max(), sigma_mm.max())),
-            ylabel="[mm]",
+            ylabel="node RMSE and sigma [mm]",
         )
         axis.set_title(name, fontsize=10)
         add_grid(axis)

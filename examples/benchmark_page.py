@@ -176,7 +176,7 @@ PARTS = [
         text=(
             f"Towers of three-strut prisms whose tendons are all measured, {growth.FRAMES} frames: CPU time of a frame "
             "from lengths to shape and covariance, and memory of the whole estimate. The rods of such a tower share "
-            "nodes, so that their forces depend on all of its shape: time grows with the square of the struts.\n\n"
+            "nodes, so that their forces depend on all of its shape: from some 24 struts on, time grows with their square.\n\n"
             f"![CPU time of a frame against the number of struts](figures/{GROWTH_FIGURE.name})"
         ),
         command=f"python benchmarks/growth.py --figure {GROWTH_FIGURE}",
@@ -217,7 +217,7 @@ def page(parts: dict[str, tuple[str, str]]) -> str:
         made_by, text = parts.get(part.name, (NOT_MADE, absent))
         sections.append(f"<!-- part: {part.name}, source {made_by} -->\n{text}<!-- end of {part.name} -->\n")
     sources = {made_by for made_by, _ in parts.values()}
-    warning = "\nParts of this page are of different sources, named under each table: run the command again.\n"
+    warning = "\nParts of this page are of different sources, named under each table.\n"
     return "\n".join([START + (warning if len(sources) > 1 else ""), *sections])
 
 

@@ -13,10 +13,12 @@ from typing import Any
 
 import pytest
 
+from import_graph import modules
 from installed import install
 
 ROOT = Path(__file__).parents[1]
-MODULES = [path for path in ROOT.rglob("*.py") if not {".venv", ".types", "tests", "site"} & set(path.parts)]
+SCRIPTS = ("benchmarks", "docs", "examples")
+MODULES = [*modules(ROOT).values(), *(path for folder in SCRIPTS for path in (ROOT / folder).rglob("*.py"))]
 IMPORTS = {"pickle", "marshal", "shelve", "dill", "socketserver", "http.server", "xmlrpc"}
 CALLS = {
     "eval",

@@ -121,7 +121,7 @@ def write_losses_figure(history: History, path: Path) -> None:
         axis.set_xlabel("epoch")
         add_grid(axis)
     left.set_yscale("log")
-    left.set_ylabel("squared error of strain / 0.05 [1]")
+    left.set_ylabel("(error of strain / 0.05)² [1]")
     left.set_title("first part: squared error", fontsize=10)
     right.set_ylabel("Gaussian loss, -log likelihood a sample [1]")
     right.set_title("second part: likelihood; sigma learns", fontsize=10)

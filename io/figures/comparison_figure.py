@@ -19,6 +19,8 @@ METHOD_COLORS = (GREY, ORANGE, GREEN, SKY_BLUE, BLUE, PURPLE, RED, BLACK)
 
 def write_comparison_figure(rows: Sequence[ComparisonRow], published_mm: Mapping[str, float], path: Path) -> None:
     """Draw node RMSE, coverage, sigma and time of each method on each trial, with published errors as marked lines."""
+    if len({row.trial for row in rows}) == 2:  # all are the only one
+        rows = [row for row in rows if row.trial != ALL]
     trials = list(dict.fromkeys(row.trial for row in rows))
     methods = len({row.method for row in rows})
     figure = Figure(figsize=(max(10.0, 1.7 * len(trials) + 3), 13), layout="constrained")
@@ -33,7 +35,7 @@ def write_comparison_figure(rows: Sequence[ComparisonRow], published_mm: Mapping
     covered.set(ylabel="within [%]", ylim=(0, 100), title="nodes within their ellipsoid of 95 % (dashed: 95 %)")
     title = "size of these ellipsoids: root of the trace of a node's covariance"
     sigma.set(ylabel="median sigma [mm]", title=title)
-    duration.set(ylabel="[ms per frame]", title="time from lengths to shapes with covariances")
+    duration.set(ylabel="time [ms per frame]", title="time from lengths to shapes with covariances")
     for axis in (sigma, duration):
         _make_logarithmic(axis)
         axis.yaxis.set_major_formatter(ScalarFormatter())
@@ -62,7 +64,7 @@ def write_spread_figure(rows: Sequence[ComparisonRow], published_mm: Mapping[str
         ("node RMSE [mm]", "linear", lambda row: 1e3 * row.errors.nodes.rmse_m),
         ("within their ellipsoid of 95 % [%]", "linear", lambda row: 100 * row.coverage_95),
         ("median sigma [mm]", "log", lambda row: 1e3 * row.median_sigma_m),
-        ("[ms per frame]", "log", lambda row: row.ms_per_frame),
+        ("time [ms per frame]", "log", lambda row: row.ms_per_frame),
     )
     axes = figure.subplots(len(panels), 1, sharex=True)
     for axis, (label, scale, value) in zip(axes, panels, strict=True):

@@ -163,7 +163,7 @@ def _draw_error_over_time(axis: Axes, e: Evaluation) -> None:
     c = e.compared
     expected_mm = 1e3 * np.sqrt(np.mean(c.node_sigma_m**2, axis=1))
     top = 1.08 * 1e3 * float(c.frame_error_m.max()) or 1.0  # an estimate that is the truth
-    axis.fill_between(c.t_s, 0, BAND * expected_mm, color=BLUE, alpha=0.25, lw=0, label="95 % band")
+    axis.fill_between(c.t_s, 0, BAND * expected_mm, color=BLUE, alpha=0.25, lw=0, label="1.96 times the expected RMS")
     axis.plot(c.t_s, 1e3 * c.frame_error_m, color=BLACK, lw=0.9, label="error")
     if c.wrong_branch.any():
         label = "on the wrong branch"
@@ -173,7 +173,7 @@ def _draw_error_over_time(axis: Axes, e: Evaluation) -> None:
         height = (0.98 - 0.06 * (k % 4)) * top  # labels of faults that begin at similar times do not overlap
         axis.text(fault.from_s, height, f" {fault.kind}, {fault.where}", fontsize=7, color=RED, va="top")
     axis.set(xlim=_span_s(c.t_s), ylim=(0, top), xlabel="time [s]", ylabel="RMS over the free nodes [mm]")
-    axis.set_title("error over time; the band is 1.96 times the expected RMS, cut at the axis", fontsize=10)
+    axis.set_title("error over time; the band is cut at the axis", fontsize=10)
     axis.legend(loc="upper left", bbox_to_anchor=(0, -0.09), fontsize=8, ncols=4, frameon=False)
     add_grid(axis)
 
@@ -201,7 +201,7 @@ def _draw_nodes(axis: Axes, e: Evaluation) -> None:
     sigma_mm = 1e3 * np.median(sigma_m, axis=0)
     axis.plot(place - 0.2, sigma_mm, color=BLACK, marker="_", ms=22, mew=2, ls="", label="median sigma")
     axis.set_xticks(place, [str(node) for node in free])
-    axis.set(xlabel="node", ylabel="[mm]")
+    axis.set(xlabel="node", ylabel="RMSE and sigma [mm]")
     axis.set_title("error of each free node, and the sigma it was given", fontsize=10)
     axis.legend(fontsize=8, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.13), frameon=False)
     add_grid(axis, along="y")

@@ -85,7 +85,7 @@ class LoadArrows:
 
     def draw(self, axis: Axes3D) -> None:
         """Draw them."""
-        axis.quiver(*self.tail_mm.T, *self.push_mm.T, color=PURPLE, lw=2, arrow_length_ratio=0.2, zorder=_order("load"))
+        axis.quiver(*self.tail_mm.T, *self.push_mm.T, color=PURPLE, lw=2, arrow_length_ratio=0.4, zorder=_order("load"))
 
 
 def draw_structure(axis: Axes3D, r: Reconstruction, k: int, probability: float, scale: Scale) -> None:

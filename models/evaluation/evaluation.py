@@ -159,6 +159,7 @@ class PoseScore:
     drift_share: float
     """Error of the centroid in the last frame, in proportion to the path; nan where that is less than a millimetre."""
     centroid_rmse_m: float
+    """RMSE of the centroid."""
     contacts: ContactScore | None
     """None when contacts were not estimated, or the true ones are not known."""
 
