@@ -176,7 +176,8 @@ PARTS = [
         text=(
             f"Towers of three-strut prisms whose tendons are all measured, {growth.FRAMES} frames: CPU time of a frame "
             "from lengths to shape and covariance, and memory of the whole estimate. The rods of such a tower share "
-            "nodes, so that their forces depend on all of its shape: from some 24 struts on, time grows with their square.\n\n"
+            "nodes, so that their forces depend on all of its shape: from some 24 struts on, time grows with their "
+            "square.\n\n"
             f"![CPU time of a frame against the number of struts](figures/{GROWTH_FIGURE.name})"
         ),
         command=f"python benchmarks/growth.py --figure {GROWTH_FIGURE}",
