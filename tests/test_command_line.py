@@ -24,7 +24,7 @@ REFUSED = [
     (["export", "trial", "--to", "mat"], "trial: is no result: expected a directory with run.toml"),
     (["compare", "nothing"], "nothing/trial.toml: no such file"),
     (["compare", "trial", "trial"], "two of these are named trial"),
-    (["compare", "trial", "--out", "trial"], "expected a new name, or a directory with comparison.csv"),
+    (["compare", "trial", "--out", "trial"], "exists and is no earlier comparison: expected a new name"),
     (["calibrate", "trial", "--out", "m.safetensors"], "row 1: expected '# natural_resistance_ohm = NUMBER'"),
     (["calibrate", "trial", "--out", "m"], "m: expected a name that ends in .safetensors"),
     (["calibrate", ".", "--out", "m.safetensors"], ".: holds no recordings: expected files *.csv"),
