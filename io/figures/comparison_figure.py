@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
 from ...models.evaluation.comparison import ALL, ComparisonRow
@@ -38,7 +38,6 @@ def write_comparison_figure(rows: Sequence[ComparisonRow], published_mm: Mapping
     duration.set(ylabel="time [ms per frame]", title="time from lengths to shapes with covariances")
     for axis in (sigma, duration):
         _make_logarithmic(axis)
-        axis.yaxis.set_major_formatter(ScalarFormatter())
     duration.set_xticks(np.arange(len(trials)), trials, parse_math=False)
     for axis in (error, covered, sigma, duration):
         add_grid(axis, along="y", which="both")
@@ -98,6 +97,10 @@ def _make_logarithmic(axis: Axes) -> None:
     """Make the vertical axis logarithmic, where there is anything on it: no method may have been run."""
     if any(np.isfinite(line.get_ydata()).any() for line in axis.lines):
         axis.set_yscale("log")
+        axis.margins(y=0.2)
+        axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _draw_published(axis: Axes, published_mm: Mapping[str, float]) -> None:
