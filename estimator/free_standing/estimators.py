@@ -132,7 +132,7 @@ class FreeStandingSmoother:
 
     def update(self, lengths: TendonLengths) -> tuple[Shape, PoseStep]:
         """Return the shape in one more frame, in body coordinates, and its pose."""
-        shape = self._without_contradictions(self.shapes.update(lengths))
+        shape = self._poses.without_contradictions(self.shapes.update(lengths))
         lengths = shape.lengths
         self._change.observe(shape.lengths)
         used = self._poses.used_imus
@@ -183,19 +183,6 @@ class FreeStandingSmoother:
     def contradicted_imus(self) -> NDArray[np.bool_]:
         """(imus,) which inertial sensors contradict their rods, gravity or themselves."""
         return self._poses.contradicted_imus
-
-    def _without_contradictions(self, shape: Shape) -> Shape:
-        """Return the shape with the readings that are used, and the nodes of positions that are left out."""
-        told = shape.lengths.aids
-        used = self._poses.without_contradictions(shape.t_s, shape.node_position_m, shape.covariance_m2, told)
-        if self._poses.doubts_positions:
-            shape = shape.in_doubt(Reason.POSITIONS)
-        if len(used) == len(told):
-            return shape
-        left_out = tuple(
-            reading.node for reading in told if isinstance(reading, PositionReading) and reading not in used
-        )
-        return replace(shape, lengths=replace(shape.lengths, aids=used), contradicted_positions=left_out)
 
     def _with_doubt(self, step: PoseStep, *, tips_unseen: bool) -> PoseStep:
         """Return the step with the faces that forces tell beside its own, if they do not tell its own.

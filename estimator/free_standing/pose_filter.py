@@ -25,6 +25,7 @@ from ...models.pose.position_trust import PositionTrust
 from ...models.pose.robot import FreeStandingRobot
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from ...models.structure.rest_shape import RestShape
+from ...models.structure.shape import Reason, Shape
 from ...models.values.aids import AidReading, ImuReading, PositionReading
 from ...models.values.rotations import rotation, rotation_vector
 from ...models.values.slip import Slip
@@ -328,26 +329,24 @@ class PoseFilter:
         self._standing = self._contacts.lift().nodes
         self._slide_watch.lift()
 
-    def without_contradictions(
-        self,
-        t_s: float,
-        body_m: NDArray[np.float64],
-        body_covariance_m2: NDArray[np.float64],
-        aids: Sequence[AidReading],
-    ) -> tuple[AidReading, ...]:
-        """Return the readings of a frame without the positions that contradict its shape or the pose before it.
+    def without_contradictions(self, shape: Shape) -> Shape:
+        """Return the newest shape, in body coordinates, without the positions that contradict it or the pose before it.
 
-        Args:
-            t_s: time of the frame.
-            body_m: (nodes, 3) the shape, in body coordinates.
-            body_covariance_m2: (3 nodes, 3 nodes) its covariance.
-            aids: the readings since the frame before.
+        It is in doubt where many do, and tells the nodes of those that are left out.
         """
+        aids = shape.lengths.aids
         positions = [reading for reading in aids if isinstance(reading, PositionReading)]
-        placed = PlacedShape(self.state, body_m - self.centre_m, body_covariance_m2)
-        step_s = self._step_s(t_s)
-        used = set(map(id, self._position_trust.trusted(t_s, positions, placed, self.covariance, step_s)))
-        return tuple(reading for reading in aids if not isinstance(reading, PositionReading) or id(reading) in used)
+        placed = PlacedShape(self.state, shape.node_position_m - self.centre_m, shape.covariance_m2)
+        step_s = self._step_s(shape.t_s)
+        trusted = self._position_trust.trusted(shape.t_s, positions, placed, self.covariance, step_s)
+        used = set(map(id, trusted))
+        if self.doubts_positions:
+            shape = shape.in_doubt(Reason.POSITIONS)
+        if len(used) == len(positions):
+            return shape
+        kept = tuple(each for each in aids if not isinstance(each, PositionReading) or id(each) in used)
+        left_out = tuple(each.node for each in positions if id(each) not in used)
+        return replace(shape, lengths=replace(shape.lengths, aids=kept), contradicted_positions=left_out)
 
     @property
     def doubts_positions(self) -> bool:

@@ -61,11 +61,11 @@ class HangingSmoother:
 
     def update(self, lengths: TendonLengths) -> tuple[Shape, PoseStep]:
         """Return the shape in one more frame, in body coordinates, and its pose."""
-        shape = self.shapes.update(lengths)
+        shape = self._poses.without_contradictions(self.shapes.update(lengths))
         if shape.t_s - self._looked_s > 0.999 * LOOK_EVERY_S:
             self._hands = self._look(shape, min(shape.t_s - self._looked_s, 1.0))
             self._looked_s = shape.t_s
-        step = self._poses.hang(shape, self._hands, lengths.aids)
+        step = self._poses.hang(shape, self._hands, shape.lengths.aids)
         if self.kept is not None:
             self.kept.append(self._hands)
         self._hang(shape.node_position_m, step.state, step.covariance)
@@ -80,6 +80,8 @@ class HangingSmoother:
         """Return what the newest step of the pose tells against the model."""
         if step.contradicted_imus.any():
             return Reason.IMU
+        if self._poses.doubts_positions:
+            return Reason.POSITIONS
         return Reason.HANGING if self._poses.is_contradicted else None
 
     def _look(self, shape: Shape, step_s: float) -> HandTorque | None:
@@ -124,6 +126,8 @@ class HangingOptimizer:
             live, shapes, doubts = self._live(frames)
             doubts = [Reason.IMU] * len(frames)
         assert live.kept is not None, "the live pass keeps the torques"
+        frames = [replace(lengths, aids=shape.lengths.aids) for lengths, shape in zip(frames, shapes, strict=True)]
+        left_out = [shape.contradicted_positions for shape in shapes]
         supports = [
             weight_of(self._structure, self._rest, shape.node_position_m, state, covariance)
             for shape, (state, covariance, _) in zip(shapes, self._poses(frames, shapes, live.kept), strict=True)
@@ -132,7 +136,8 @@ class HangingOptimizer:
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
         poses = self._poses(frames, shapes, live.kept)
-        for shape, (state, covariance, step), doubt in zip(shapes, poses, doubts, strict=True):
+        for shape, (state, covariance, step), doubt, nodes in zip(shapes, poses, doubts, left_out, strict=True):
+            shape = replace(shape, contradicted_positions=nodes)
             yield hung_in_world(shape, self._rest, state, covariance, step, doubt)
 
     def _live(self, frames: Sequence[TendonLengths]) -> tuple[HangingSmoother, list[Shape], list[Reason | None]]:

@@ -12,6 +12,7 @@ from tensegraph.estimator.free_standing.tipping import ANY_HEADING_RAD, tipping
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.pose.robot import FreeStandingRobot
 from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
+from tensegraph.models.structure.shape import Shape, Status
 from tensegraph.models.values.aids import Imu, ImuReading, OwnFrame, PositionReading
 from tensegraph.models.values.rotations import rotation, rotation_vector
 
@@ -233,13 +234,17 @@ def test_a_sensor_that_comes_late_or_never_does_not_keep_the_others_waiting(bala
 
 
 @pytest.mark.parametrize(("jump_m", "is_doubted"), [(0.0, False), (0.05, True)])
-def test_positions_that_all_jump_in_sight_are_doubted(balanced, jump_m: float, is_doubted: bool) -> None:
+def test_positions_that_all_jump_in_sight_are_doubted(
+    structure, balanced, lengths_of, jump_m: float, is_doubted: bool
+) -> None:
     """A knocked camera: the frame moves by 50 mm between two frames, and the robot stands."""
     x = balanced.node_position_m
     poses = PoseFilter(balanced, FreeStandingRobot(Floor(float(x[0, 2]), UP), (), (), 0.5), PoseSettings())
     for k in range(60):
         shift_m = np.array([jump_m, 0.0, 0.0]) * (k > 50)
-        aids = [PositionReading(0.02 * k, node, x[node] + shift_m) for node in (3, 5, 8, 11)]
+        aids = tuple(PositionReading(0.02 * k, node, x[node] + shift_m) for node in (3, 5, 8, 11))
         assert k > 50 or not poses.doubts_positions
-        poses.step(0.02 * k, x, 1e-6 * np.eye(36), poses.without_contradictions(0.02 * k, x, 1e-6 * np.eye(36), aids))
+        lengths = replace(lengths_of(structure, x, 0.02 * k), aids=aids)
+        shape = poses.without_contradictions(Shape(0.02 * k, x, 1e-6 * np.eye(36), Status.OK, lengths))
+        poses.step(shape.t_s, x, shape.covariance_m2, shape.lengths.aids)
     assert poses.doubts_positions == is_doubted

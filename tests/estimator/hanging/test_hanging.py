@@ -9,7 +9,7 @@ import pytest
 
 from command_line import run
 from plan_edits import PLANS
-from tensegraph import InputError, Settings, open_trial, reconstruct, simulate
+from tensegraph import InputError, Settings, open_trial, reconstruct, simulate, stream
 from tensegraph.estimator.hanging.hanging_filter import HangingFilter
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.evaluation.estimate import Estimate
@@ -193,3 +193,22 @@ def test_ranges_of_which_none_is_used_are_named(method, unit, warnings, hinge, t
     shapes = list(pipeline.estimate(trial.readings(), method))
     assert pipeline.aid_warnings().keys() == warnings
     assert sum(len(shape.outlying_ranges) for shape in shapes) == (len(rows) if warnings else 0)
+
+
+@pytest.mark.parametrize("method", ["live", "batch"])
+def test_a_position_that_is_wrong_is_left_out(method, hinge, tmp_path) -> None:
+    """A sign and two digits too many in one cell: the structure is where it was without that cell."""
+    path = told(hinge, tmp_path, lambda text: text + '\n[[position]]\nfile = "positions.csv"\n')
+    cut(path, 1.5)
+    rest_m = open_trial(hinge / "hinge_01").description.rest_position_m
+    rows = [(t_s, node, *rest_m[node]) for t_s in np.arange(0.05, 1.5, 0.05) for node in (8, 10, 11)]
+    shapes = {}
+    for name, wrong in (("right", 0), ("wrong", 1)):
+        rows[61] = (*rows[61][:4], rest_m[rows[61][1], 2] - 100.0 * wrong)
+        lines = [f"{t_s:.2f},{node},{x:.5f},{y:.5f},{z:.5f}" for t_s, node, x, y, z in rows]
+        (path / "positions.csv").write_text("\n".join(["t_s,node,x_m,y_m,z_m", *lines, ""]))
+        shapes[name] = list(stream(open_trial(path).readings(), open_trial(path).description, method))
+    assert not any(shape.contradicted_positions for shape in shapes["right"])
+    assert [nodes for shape in shapes["wrong"] for nodes in shape.contradicted_positions] == [rows[61][1]]
+    for right, wrong in zip(shapes["right"], shapes["wrong"], strict=True):
+        np.testing.assert_allclose(wrong.node_position_m, right.node_position_m, atol=0.003)

@@ -19,6 +19,15 @@ def test_what_no_sensor_can_measure_is_left_out() -> None:
     assert gate.counts()["imu 0: absurd samples"] == 2
 
 
+def test_a_rate_that_jumps_is_left_out_unless_it_is_confirmed() -> None:
+    """A lost decimal point in one row; a real blow lasts for longer than one sample."""
+    gate = ImuGate(1, RestClock(0.0))
+    rates = [0.1, -17.0, 0.2, 0.3, 14.0, 15.0, 14.0, 1.0, 1.1]
+    passed = [gate.passes(sample(k, rate=rate)) for k, rate in enumerate(rates)]
+    assert passed == [True, False, True, True, False, True, True, False, True]
+    assert gate.counts()["imu 0: absurd samples"] == 3
+
+
 def test_a_sensor_that_repeats_itself_is_stuck_until_it_moves() -> None:
     """Four equal samples may be chance; the fifth and all that follow are left out."""
     gate = ImuGate(1, RestClock(0.0))
