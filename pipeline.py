@@ -380,7 +380,7 @@ class Pipeline:
                     if isinstance(reading, TendonLengths):
                         yield from self._in_pause(reading.t_s, aids)
                         self._pauses.add(reading.t_s)
-                        lengths = self._with_sigma(reading)
+                        lengths = self._believed(reading)
                     else:
                         lengths = next(computed)  # strain and length, eqs. (2)-(4)
                     # of whole tendons: those of the strips, and of the strings that motors wind
@@ -433,8 +433,8 @@ class Pipeline:
         assert self.boards is not None, "rows of counts need a trial with boards"
         return self.boards.reading(reading)
 
-    def _with_sigma(self, lengths: TendonLengths) -> TendonLengths:
-        """Return lengths that are told with a sigma each, without those that have jumped."""
+    def _believed(self, lengths: TendonLengths) -> TendonLengths:
+        """Return lengths that are told, with a sigma each and without those that have jumped."""
         sigma_m = np.where(np.isnan(lengths.sigma_m), self.settings.noise.unstated_m, lengths.sigma_m)
         natural_m = self.trial.structure.natural_length_m
         jumped = self._length_gate.outliers(lengths.t_s, lengths.length_m / natural_m, sigma_m / natural_m)

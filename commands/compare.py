@@ -143,7 +143,7 @@ def check_comparison(out: Path) -> None:
     parts = out / PARTS
     if parts.is_dir() and all(part.suffix == ".npz" for part in parts.iterdir()):
         check_writable(parts / "part")
-    elif out.exists() and not (out.is_dir() and not any(out.iterdir())):
+    elif out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: exists and is no earlier comparison: expected a new name")
     else:
         check_replaceable(out, COMPARISON_FILE)

@@ -143,7 +143,7 @@ def read_estimate(directory: Path, structure: Structure) -> Estimate:
     positions = read_positions(directory / SHAPE_FILE, structure.node_count, fewest=1)
     t_s = positions.t_s
     if np.isnan(positions.node_position_m).any():
-        raise InputError(f"{directory / 'shape.csv'}: expected the positions of all {structure.node_count} nodes")
+        raise InputError(f"{directory / SHAPE_FILE}: expected the positions of all {structure.node_count} nodes")
     nodes = np.arange(structure.node_count)
     tendons = np.arange(len(structure.tendons))
     middle = ["x_m", "y_m", "z_m"]

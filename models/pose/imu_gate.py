@@ -63,12 +63,10 @@ class ImuGate:
             self._rested[reading.imu] += 1
             self._force_at_rest[reading.imu] += reading.specific_force_m_per_s2
         self._same[reading.imu] = self._same[reading.imu] + 1 if same else 0
-        if not (
-            all(abs(one) < MOST_RATE_RAD_PER_S for one in rate) and all(abs(one) < MOST_FORCE_M_PER_S2 for one in force)
-        ):
-            self.absurd[reading.imu] += 1
-            return False
-        if self._jumps(reading):
+        in_range = all(abs(one) < MOST_RATE_RAD_PER_S for one in rate) and all(
+            abs(one) < MOST_FORCE_M_PER_S2 for one in force
+        )
+        if not in_range or self._jumps(reading):
             self.absurd[reading.imu] += 1
             return False
         if self._same[reading.imu] >= STUCK_SAMPLES - 1:

@@ -139,6 +139,8 @@ class FrontEnd:
 
     def lengths(self, frames: Sequence[ResistanceFrame]) -> list[TendonLengths]:
         """Return the lengths in more frames; the numbers are the same, however many frames are given at a time."""
+        if len(frames) == 1:  # live, there is nothing to part
+            return self._lengths_of(frames)
         lengths: list[TendonLengths] = []
         while len(lengths) < len(frames) and not self._taring.is_over(frames[len(lengths)].t_s):
             lengths += self._lengths_of([frames[len(lengths)]])
@@ -293,6 +295,8 @@ class FrontEnd:
         In no mode is a length impossible.
         """
         asked = np.flatnonzero(is_mode_uncertain(probability).any(axis=-1))
+        if not len(asked):
+            return {}
         strain = np.stack([stretched.value[asked], bent.value[asked]], axis=1)
         sigma = np.hypot(np.stack([stretched.sigma[asked], bent.sigma[asked]], axis=1), swing[asked, None])
         length_m, sigma_m = (1 + strain) * self._L0, sigma * self._L0

@@ -7,7 +7,7 @@ import pytest
 
 from tensegraph import Flag, Mode, Settings
 from tensegraph.estimator.graph import GraphBuilder
-from tensegraph.estimator.mode_choice import BATCH_SHARE, LIVE_SHARE, ModeChoice
+from tensegraph.estimator.mode_choice import ModeChoice
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.factors.noise import weigh
 from tensegraph.models.values.readings import ModelError, ModeReadings
@@ -47,12 +47,15 @@ def test_the_shape_decides(true_mode: Mode, structure, balanced, lengths_of) -> 
     assert shape.lengths.model_error.sigma_m[TENDON] == pytest.approx(stretched, abs=2e-5)
 
 
-@pytest.mark.parametrize("share", [LIVE_SHARE, BATCH_SHARE])
-def test_evidence_by_hand(share: float, structure, balanced, lengths_of) -> None:
-    """The odds after a frame that tells the mode: a share of its log-likelihood ratio, averaged over 0.1 s."""
-    choice = ModeChoice(GraphBuilder(structure, balanced, Settings().noise), 0.05)
-    choice.share = share
+@pytest.mark.parametrize(("in_batch", "share"), [(False, 0.4), (True, 0.7)])
+def test_evidence_by_hand(in_batch: bool, share: float, structure, balanced, lengths_of) -> None:
+    """The odds after a frame that tells the mode: a share of its log-likelihood ratio, averaged over 0.1 s; in batch,
+    where it is kept, a larger share of it."""
     smoother = LiveSmoother(structure, balanced, Settings())
+    if in_batch:
+        smoother.keep()
+    choice = ModeChoice(GraphBuilder(structure, balanced, Settings().noise), 0.05)
+    choice.share = smoother.modes.share
     for t_s in (0.0, 0.02):
         frame = uncertain(lengths_of(structure, balanced.node_position_m, t_s), Mode.STRETCHING, 0.010, 0.25)
         shape = smoother.update(frame)

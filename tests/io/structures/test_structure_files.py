@@ -126,15 +126,9 @@ def test_a_flat_body_of_a_model_gets_a_node_off_its_plane(tmp_path: Path) -> Non
 
 
 def test_a_model_with_a_node_that_has_no_mass_is_not_written(tmp_path: Path) -> None:
-    told = read_structure(
-        written(
-            tmp_path,
-            YAML.replace("foot: [0, 0, 0]", "foot: [0, 0, 0]\n  knot: [2, 2, 2]").replace(
-                "    - [foot, left]\n", "    - [foot, left]\n    - [knot, left]\n    - [knot, top]\n"
-            ),
-            "robot.yaml",
-        )
-    )
+    text = YAML.replace("foot: [0, 0, 0]", "foot: [0, 0, 0]\n  knot: [2, 2, 2]")
+    text = text.replace("- [foot, left]", "- [foot, left]\n    - [knot, left]\n    - [knot, top]")
+    told = read_structure(written(tmp_path, text, "robot.yaml"))
     with pytest.raises(InputError, match=r"mechanics\.knot_mass_kg\[1\] above 0, of a node on no rod"):
         write_structure(told, [tmp_path / "robot.xml"], title="robot")
     assert not (tmp_path / "robot.xml").exists()
