@@ -29,6 +29,7 @@ from .mode_choice import is_uncertain, stacked_modes
 from .sensor_drift import DriftState, smoothed
 from .smoother import LiveSmoother
 from .uncertainty import Assessment, FrameEvidence, Mixture
+from .watches.rebound_watch import ReboundWatch
 from .whole_trial.parts import STACKED, WINDOW
 from .whole_trial.second_shapes import frames_to_search, second_shapes
 from .whole_trial.trial_balance import TrialBalance
@@ -69,6 +70,8 @@ class _Problem:
     """The doubt about the model in each frame."""
     changes: list[Change | None]
     """What has changed in each frame since the sensors were tared."""
+    rebound: float
+    """Ratio of the rebounds that the live pass has found after presses, see `ReboundWatch`."""
     balance: TrialBalance | None
     """The balance of forces near the start; None without mechanics."""
 
@@ -207,7 +210,8 @@ class BatchOptimizer:
         )
         balance = TrialBalance.of(self._builder, frames, supports)
         changes = live.changes.smoothed(frames)
-        return _Problem(start_m, measured, doubts, changes, balance.near(self._builder, start_m) if balance else None)
+        near = balance.near(self._builder, start_m) if balance else None
+        return _Problem(start_m, measured, doubts, changes, live.rebounds.ratio, near)
 
     def _measured(
         self, frames: list[TendonLengths], live: LiveSmoother, shapes: list[Shape], doubts: list[Doubt]
@@ -238,6 +242,7 @@ class BatchOptimizer:
         trial = replace(problem, balance=balance)
         t_s = problem.t_s
         search = np.array(frames_to_search(t_s, self._settings.branch.look_every_s))
+        rebounds = ReboundWatch(self._builder.rest, self._settings.doubt.load_n, trial.rebound)
         other: OtherShape | None = None
         for window in parts(len(t_s), WINDOW):
             assessment = self._assessed(trial, position_m, window)
@@ -248,6 +253,7 @@ class BatchOptimizer:
                 change = trial.changes[k]
                 if change is not None:
                     shape = change.doubted(shape, self._builder.structure.free_coordinates)
+                shape = rebounds.observe(shape)
                 yield shape.with_other(other) if other else shape
 
     def _shape(self, trial: _Problem, assessment: Assessment, k: int, converged: bool) -> Shape:

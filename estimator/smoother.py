@@ -25,6 +25,7 @@ from .linear_frame import LinearFrame, linearised
 from .mode_choice import BATCH_SHARE, ModeChoice
 from .sensor_drift import OwnDrift
 from .uncertainty import FrameEvidence
+from .watches.rebound_watch import ReboundWatch
 
 FIRST_BYSTANDER = 2**60
 """Key of the first of `_bystanders`, beyond those of all frames."""
@@ -44,6 +45,7 @@ class LiveSmoother:
         self._health = SensorHealth(self._builder, settings.health) if rest.mechanics else None
         self.doubt = ModelDoubt(self._builder, settings.doubt)
         self.changes = ChangeWatch(self._builder)
+        self.rebounds = ReboundWatch(rest, settings.doubt.load_n)
         self.modes = ModeChoice(self._builder, settings.front_end.ambiguous_probability)
         self.drift = OwnDrift(self._builder, settings.drift)
         self._branches = OtherBranch(self._builder, settings.branch)
@@ -121,7 +123,7 @@ class LiveSmoother:
         self.drift.observe(shape)
         self._builder.approach(position)
         self.modes.observe(shape, admitted)
-        return self.changes.doubted(shape)
+        return self.rebounds.observe(self.changes.doubted(shape))
 
     def _smoothed(self, measured: WeightedLengths) -> NDArray[np.float64]:
         """Add the newest frame to the graph, and return its (nodes, 3) positions."""

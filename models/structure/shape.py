@@ -55,6 +55,7 @@ class Reason(StrEnum):
     """What explains the readings better than the model; `advice` says what to do."""
 
     SENSORS = "sensors"
+    MEMORY = "memory"
     MOTION = "motion"
     LOADS = "many_loads"
     GEOMETRY = "geometry"
@@ -77,6 +78,7 @@ class Reason(StrEnum):
 
 REASON_ADVICE = {
     Reason.SENSORS: "lengths contradict each other beyond their sigma, or a row repeats: tare again, or calibrate",
+    Reason.MEMORY: "after presses it seems pulled the other way: strips remember more than in calibration, calibrate",
     Reason.MOTION: "the robot is shaken faster than its sensors follow: move it slower",
     Reason.LOADS: "many nodes are loaded at once, of which lengths say little: trust the ellipsoids, not the centres",
     Reason.GEOMETRY: "the geometry in trial.toml contradicts the balance of forces at rest: measure it again",

@@ -1,0 +1,113 @@
+"""Whether the strips remember their past more than those of the calibration did.
+
+The front end corrects what a strip remembers by as much as in calibration. What is left of a larger memory looks like
+loads: while a press is held it seems to fade, and when it ends the same nodes seem to be pulled the other way for a
+second, although no hand does that after every press. With the loads f of all nodes, F at the height of a press, the
+ratio of its rebound is
+
+    rho = max -f(t) . F / |F|^2     in `REBOUND_S` after f . F has fallen below 0.2 |F|^2
+
+In trials with strips like those of the calibration rho is 0.0 to 0.3 in the median of three presses, with loops and
+creep three times as large 0.4 to 0.7. A ratio above 1 is a hand that pulls: then all begins anew.
+
+The shape is not corrected, as the memory of each strip is not known. Its errors are about rho m, with the mean m of the
+deformation u over the last second, and while it changes rho (u - m): the covariance grows by
+
+    rho^2 (m m^T + (u - m) (u - m)^T)
+"""
+
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...models.structure.rest_shape import RestShape
+from ...models.structure.shape import Reason, Shape
+from ...models.values.time_series import low_pass_weight
+
+LEAST_PRESS = 0.7
+"""Load of a press over the standard deviation of that of a finger, above which its rebound is looked at."""
+ENDED = 0.2
+"""Share of its height below which a press has ended."""
+REBOUND_S = 1.5
+"""Time after the end of a press in which a rebound shows."""
+PRESSES = 3
+"""Least number of presses that tell, in their median."""
+LATEST_PRESSES = 7
+"""Largest number of them."""
+REMEMBERS = 0.35
+"""Median ratio above which the strips remember more than those of the calibration."""
+MEMORY_S = 1.0
+"""Time constant of the mean deformation: what is left of a press after its end fades so fast."""
+
+
+class ReboundWatch:
+    """Follows the loads of one shape after another; once the strips are found out, they are so to the end.
+
+    Args:
+        rest: the rest shape.
+        finger_n: standard deviation of the load of a finger.
+        ratio: that of the rebound, if the strips were found out before.
+    """
+
+    def __init__(self, rest: RestShape, finger_n: float, ratio: float = 0.0) -> None:
+        self._rest = rest
+        self._least_n = LEAST_PRESS * finger_n
+        self.ratio = ratio
+        """Of the rebound; 0 while nothing is found out."""
+        self._begin()
+        self._ratios: deque[float] = deque(maxlen=LATEST_PRESSES)
+        self._mean_m = np.zeros(len(rest.structure.free_coordinates))
+        self._last_s = np.nan
+
+    def observe(self, shape: Shape) -> Shape:
+        """Return the shape of one more frame, with doubt and a wider covariance if the strips remember more."""
+        structure = self._rest.structure
+        deformation_m = (shape.node_position_m - self._rest.node_position_m)[structure.free_nodes].ravel()
+        step_s = shape.t_s - self._last_s if np.isfinite(self._last_s) else 0.0
+        self._mean_m += low_pass_weight(step_s, MEMORY_S) * (deformation_m - self._mean_m)
+        self._last_s = shape.t_s
+        if shape.loads is None:
+            return shape
+        if shape.doubt is Reason.MOTION:  # these loads are inertia
+            self._begin()
+        else:
+            self._follow(shape.t_s, np.nan_to_num(shape.loads.force_n[structure.free_nodes]).ravel())
+        if not self.ratio:
+            return shape
+        free = structure.free_coordinates
+        covariance_m2 = shape.covariance_m2.copy()
+        errors_m = self.ratio * np.array([self._mean_m, deformation_m - self._mean_m])
+        covariance_m2[np.ix_(free, free)] += errors_m.T @ errors_m
+        return replace(shape, covariance_m2=covariance_m2).in_doubt(Reason.MEMORY)
+
+    def _begin(self) -> None:
+        """Wait for the next press."""
+        self._height_n: NDArray[np.float64] | None = None
+        self._ended_s = np.inf
+        self._rebound = 0.0
+
+    def _follow(self, t_s: float, load_n: NDArray[np.float64]) -> None:
+        """Take on the (free coordinates,) loads of one more frame."""
+        height_n = self._height_n
+        if height_n is None or (np.isinf(self._ended_s) and load_n @ height_n >= ENDED * (height_n @ height_n)):
+            if load_n @ load_n > (self._least_n**2 if height_n is None else height_n @ height_n):
+                self._height_n = load_n
+            return
+        self._ended_s = min(self._ended_s, t_s)
+        left = float(load_n @ height_n / (height_n @ height_n))
+        self._rebound = max(self._rebound, -left)
+        if t_s - self._ended_s > REBOUND_S or left > 0.5:  # over, or pressed again
+            self._learn(self._rebound)
+            self._begin()
+
+    def _learn(self, rebound: float) -> None:
+        """Take on the ratio of one more press."""
+        if rebound > 1:
+            self._ratios.clear()
+            return
+        self._ratios.append(rebound)
+        median = float(np.median(self._ratios))
+        if len(self._ratios) >= PRESSES and median > REMEMBERS:
+            self.ratio = max(self.ratio, median)

@@ -1,0 +1,133 @@
+"""Strips that remember more than those of the calibration: each press is followed by a pull that no hand makes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plan_edits import CAUSES
+from tensegraph import Settings, Status, simulate
+from tensegraph.estimator.watches.rebound_watch import MEMORY_S, ReboundWatch
+from tensegraph.io.model_file import read_sensor_model
+from tensegraph.models.structure.external_loads import ExternalLoads
+from tensegraph.models.structure.shape import Reason, Shape
+from tensegraph.pipeline import Pipeline
+
+STEP_S = 0.02
+FINGER_N = 1.5
+NODE = 8
+
+
+class Hand:
+    """Presses one node of a structure again and again, as a watch sees it."""
+
+    def __init__(self, rest, lengths_of) -> None:
+        self.rest = rest
+        self.watch = ReboundWatch(rest, FINGER_N)
+        self._lengths = lengths_of(rest.structure, rest.node_position_m)
+        self._t_s = 0.0
+
+    def load(self, force_n: float, seconds: float, doubt: Reason | None = None, moved_m: float = 0.0) -> Shape:
+        """Return the last shape of a time in which a force acts upwards on the node, or seems to."""
+        node_count = self.rest.structure.node_count
+        loads = ExternalLoads.unknown(node_count)
+        loads.force_n[self.rest.structure.free_nodes] = 0.0
+        loads.force_n[NODE] = [0.0, 0.0, force_n]
+        position_m = self.rest.node_position_m.copy()
+        position_m[NODE, 2] += moved_m
+        for _ in range(round(seconds / STEP_S)):
+            self._t_s += STEP_S
+            shape = Shape(
+                t_s=self._t_s,
+                node_position_m=position_m,
+                covariance_m2=1e-6 * np.eye(3 * node_count),
+                status=Status.OK,
+                lengths=self._lengths,
+                loads=loads,
+                doubt=doubt,
+            )
+            shape = self.watch.observe(shape)
+        return shape
+
+    def press(self, rebound_n: float) -> Shape:
+        """Return the last shape of a press with 2 N, with what seems to follow it, and a rest."""
+        self.load(-2.0, 1.0)
+        self.load(rebound_n, 0.5)
+        return self.load(0.0, 2.0)
+
+
+@pytest.fixture
+def hand(balanced, lengths_of) -> Hand:
+    return Hand(balanced, lengths_of)
+
+
+def test_the_third_press_with_a_rebound_raises_the_doubt(hand) -> None:
+    """The ratio is 1 N over 2 N; the shape is not moved."""
+    for _ in range(2):
+        assert hand.press(rebound_n=1.0).doubt is None
+    shape = hand.press(rebound_n=1.0)
+    assert (shape.status, shape.doubt) == (Status.DOUBT, Reason.MEMORY)
+    assert hand.watch.ratio == pytest.approx(0.5)
+    np.testing.assert_array_equal(shape.node_position_m, hand.rest.node_position_m)
+
+
+def test_the_doubt_stays_when_no_rebound_is_seen_any_more(hand) -> None:
+    for rebound_n in (1.0, 1.0, 1.0, 0.0, 0.0, 0.0):
+        shape = hand.press(rebound_n)
+    assert shape.doubt is Reason.MEMORY
+
+
+def test_the_ellipsoid_grows_by_the_deformation_that_is_remembered(hand) -> None:
+    """After one time constant at u = 10 mm: m = (1 - 1/e) u, so that rho^2 (m^2 + (u - m)^2) = (3.66 mm)^2 along z."""
+    for _ in range(3):
+        hand.press(rebound_n=1.0)
+    assert MEMORY_S == 1.0
+    shape = hand.load(0.0, 1.0, moved_m=0.010)
+    added_m2 = shape.node_covariance_m2[NODE] - 1e-6 * np.eye(3)
+    assert np.sqrt(added_m2[2, 2]) == pytest.approx(3.66e-3, rel=1e-3)
+    assert np.abs(np.delete(added_m2.ravel(), 8)).max() < 1e-12
+    still = hand.load(0.0, 10.0)
+    np.testing.assert_allclose(still.node_covariance_m2[NODE], 1e-6 * np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("rebound_n", [0.0, 0.5], ids=["none", "small"])
+def test_presses_as_in_calibration_raise_no_doubt(hand, rebound_n) -> None:
+    assert {hand.press(rebound_n).doubt for _ in range(8)} == {None}
+
+
+def test_a_hand_that_presses_and_pulls_raises_no_doubt(hand) -> None:
+    """It pulls harder than it pressed at times, as no rebound does."""
+    assert {hand.press(rebound_n).doubt for rebound_n in (1.8, 2.2, 1.9, 2.1) * 2} == {None}
+
+
+def test_inertia_is_no_press(hand) -> None:
+    for _ in range(8):
+        hand.load(-2.0, 0.5, Reason.MOTION)
+        shape = hand.load(1.0, 0.5, Reason.MOTION)
+    assert (shape.doubt, hand.watch.ratio) == (Reason.MOTION, 0.0)
+
+
+def test_a_worse_status_stands_and_without_forces_nothing_is_told(hand) -> None:
+    for _ in range(3):
+        shape = hand.press(rebound_n=1.0)
+    worse = replace(shape, t_s=shape.t_s + STEP_S, status=Status.NOT_CONVERGED, doubt=None)
+    assert hand.watch.observe(worse).status is Status.NOT_CONVERGED
+    fresh = ReboundWatch(hand.rest, FINGER_N)
+    without = replace(shape, loads=None, status=Status.OK, doubt=None)
+    assert fresh.observe(without) is without
+
+
+@pytest.mark.parametrize("plan", ["hysteresis", "healthy"])
+def test_strips_with_three_times_the_memory_are_found_out(plan, tmp_path) -> None:
+    """In batch in all frames, live after three presses; strips like those of the calibration in none."""
+    trial = simulate(CAUSES[plan], tmp_path / plan, 2)
+    pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
+    frames = list(pipeline.lengths(trial.readings(), 500))[:800]
+    batch = [shape.doubt for shape in pipeline.shapes(frames, "batch")]
+    live = [shape.doubt for shape in pipeline.shapes(frames, "live")]
+    if plan == "healthy":
+        assert set(batch) == set(live) == {None}
+    else:
+        assert set(batch) == {Reason.MEMORY}
+        assert live[0] is None
+        assert set(live[-100:]) == {Reason.MEMORY}
