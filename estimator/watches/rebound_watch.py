@@ -7,7 +7,7 @@ ratio of its rebound is
 
     rho = max -f(t) . F / |F|^2     in `REBOUND_S` after f . F has fallen below 0.2 |F|^2
 
-In trials with strips like those of the calibration rho is 0.0 to 0.3 in the median of three presses, with loops and
+In trials with strips like those of the calibration rho is 0.0 to 0.3 in the median of a few presses, with loops and
 creep three times as large 0.4 to 0.7. A ratio above 1 is a hand that pulls: then all begins anew.
 
 The shape is not corrected, as the memory of each strip is not known. Its errors are about rho m, with the mean m of the
@@ -32,12 +32,13 @@ ENDED = 0.2
 """Share of its height below which a press has ended."""
 REBOUND_S = 1.5
 """Time after the end of a press in which a rebound shows."""
-PRESSES = 3
-"""Least number of presses that tell, in their median."""
+PRESSES = 2
+"""Least number of presses that tell."""
 LATEST_PRESSES = 7
 """Largest number of them."""
 REMEMBERS = 0.35
-"""Median ratio above which the strips remember more than those of the calibration."""
+"""Median ratio of these presses, of an even number the lower one of both in the middle, above which the strips remember
+more than those of the calibration."""
 MEMORY_S = 1.0
 """Time constant of the mean deformation: what is left of a press after its end fades so fast."""
 
@@ -108,6 +109,6 @@ class ReboundWatch:
             self._ratios.clear()
             return
         self._ratios.append(rebound)
-        median = float(np.median(self._ratios))
+        median = sorted(self._ratios)[(len(self._ratios) - 1) // 2]
         if len(self._ratios) >= PRESSES and median > REMEMBERS:
             self.ratio = max(self.ratio, median)
