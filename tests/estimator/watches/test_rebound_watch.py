@@ -94,8 +94,15 @@ def test_presses_as_in_calibration_raise_no_doubt(hand, rebound_n) -> None:
     assert {hand.press(rebound_n).doubt for _ in range(8)} == {None}
 
 
-def test_rebounds_of_half_of_the_presses_raise_no_doubt(hand) -> None:
-    assert {hand.press(rebound_n).doubt for rebound_n in (0.0, 1.0) * 3} == {None}
+def test_rebounds_of_a_third_of_the_presses_raise_no_doubt(hand) -> None:
+    assert {hand.press(rebound_n).doubt for rebound_n in (0.0, 0.0, 1.0) * 3} == {None}
+
+
+def test_small_rebounds_of_all_presses_raise_the_doubt(hand) -> None:
+    """0.3 is improbable with strips like those of the calibration, and the more so each time."""
+    found = [hand.press(rebound_n=0.6).doubt for _ in range(6)]
+    assert found[0] is None
+    assert found[-1] is Reason.MEMORY
 
 
 def test_a_hand_that_presses_and_pulls_raises_no_doubt(hand) -> None:
