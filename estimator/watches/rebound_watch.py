@@ -32,9 +32,9 @@ ENDED = 0.2
 """Share of its height below which a press has ended."""
 REBOUND_S = 1.5
 """Time after the end of a press in which a rebound shows."""
-REMEMBERING_SHARE = 0.01
+REMEMBERING_SHARE = 0.003
 """Prior probability that the strips remember more than those of the calibration."""
-CALIBRATED = (0.1, 0.1, 0.03)
+CALIBRATED = (0.1, 0.1, 0.08)
 """Mean and standard deviation of the ratio with strips like those of the calibration, and share of presses with any."""
 REMEMBERING = (0.4, 0.13, 0.15)
 """The same of strips that remember more."""
