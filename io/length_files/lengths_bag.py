@@ -1,7 +1,7 @@
 """Lengths of tendons from a bag of ROS 2: an MCAP file, or the directory that `ros2 bag record` writes."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -100,9 +100,19 @@ class LengthsBag:
         except Exception as error:  # what rosbags and its readers of YAML, SQLite and MCAP raise
             raise InputError(f"{self.path}: cannot be read as a bag: {_one_line(error)}") from error
         try:
+            self._check_topics(reader.connections)
             yield reader
         finally:
             reader.close()
+
+    def _check_topics(self, connections: Iterable[Any]) -> None:
+        """Raise InputError for topics whose names or numbers of messages are none; rosbags takes what the YAML says."""
+        for connection in connections:
+            topic, count = connection.topic, connection.msgcount
+            if not isinstance(topic, str):
+                raise InputError(f"{self.path}: topic: expected a name, got {topic!r}")
+            if type(count) is not int or not 0 <= count < 2**63:
+                raise InputError(f"{self.path}: {topic}: message_count: expected a number of messages, got {count!r}")
 
     def _choice(self, reader: Any, topic: str | None) -> str:
         """Return the topic that is asked for, or the only one that fits."""

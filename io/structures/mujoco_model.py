@@ -20,6 +20,8 @@ NOT_READ = ("option", "visual", "statistic")
 MOST_COPIES = 500
 """Number of copies of one part above which a model is not read: MuJoCo takes seconds for a thousand, and hours for a
 million, which a line of text can ask for."""
+MOST_POINTS = 3e7
+"""Number of points of textures and height fields, the same: MuJoCo makes them, although a structure has none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +50,7 @@ def read_model(path: Path) -> MujocoModel:
     """
     with needs_extra("a MuJoCo model", "twin"):
         import mujoco
-    _check_copies(path)
+    _check_size(path)
     warnings: list[str] = []
     mujoco.set_mju_user_warning(warnings.append)  # MuJoCo itself writes them to the terminal and into a file
     try:
@@ -66,8 +68,8 @@ def read_model(path: Path) -> MujocoModel:
     return found
 
 
-def _check_copies(path: Path) -> None:
-    """Raise InputError for elements that make more copies than a structure has parts, or for a pipe as a file.
+def _check_size(path: Path) -> None:
+    """Raise InputError for more copies of a part than a structure has, for huge images, or for a pipe as a file.
 
     What is no XML, MuJoCo tells.
     """
@@ -75,24 +77,32 @@ def _check_copies(path: Path) -> None:
         roots = {file: ElementTree.parse(file).getroot() for file in _files(path, path.parent, set())}
     except (OSError, ElementTree.ParseError, RecursionError, ValueError):
         return
-    copies = 1.0
+    copies, points = 1.0, 0.0
     for root in roots.values():
         left = [(root, 1.0)]
         while left:
             element, outer = left.pop()
             inner = outer * _copies(element)
             copies = max(copies, inner)
+            points += _product(element, "width", "height") + _product(element, "nrow", "ncol")
             left += [(part, inner) for part in element]
     if copies > MOST_COPIES:
         raise InputError(f"{path}: expected at most {MOST_COPIES} copies of a part, got {copies:g}")
+    if points > MOST_POINTS:
+        raise InputError(f"{path}: expected textures and height fields of {MOST_POINTS:g} points, got {points:g}")
 
 
 def _copies(element: ElementTree.Element) -> float:
     """Return how many copies an element makes of what is in it: the product of its `count`, else 1."""
+    return max(_product(element, "count"), 1.0)
+
+
+def _product(element: ElementTree.Element, *names: str) -> float:
+    """Return the product of all numbers in some attributes; 0 where one is missing or holds something else."""
     try:
-        return prod(max(float(number), 1.0) for number in element.get("count", "1").split())
-    except ValueError:
-        return 1.0
+        return prod(max(float(number), 1.0) for name in names for number in element.attrib[name].split())
+    except (KeyError, ValueError):
+        return 0.0
 
 
 def _check_extent(found: MujocoModel) -> None:

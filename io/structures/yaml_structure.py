@@ -5,6 +5,7 @@ up there, so that (x, y, z) become (x, -z, y). Others write `connections`, and b
 A tendon's natural length follows from its pretension T, l - T / k, or from `initial_length_ratio`.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
@@ -22,6 +23,8 @@ from ..toml import INTEGER_BITS
 ROD_WORDS = ("rod", "bar", "strut")
 TENDON_WORDS = ("string", "cable", "actuator", "muscle", "tendon", "spring")
 """Words in the class, the type or the name of a builder by which its members are rods or tendons."""
+FLOAT = re.compile(r"[-+]?([0-9]+|[0-9]*\.[0-9]+|[0-9]+\.)([eE][-+]?[0-9]+)?$")
+"""A number of YAML 1.2; those of YAML 1.1, as PyYAML reads them, need a dot."""
 MOST_VALUES = 10**6
 """Number of values, aliases written out, below which a document is no bomb: a few aliases of aliases make billions."""
 
@@ -85,7 +88,7 @@ def _document(path: Path) -> dict[str, Any]:
         import yaml
     check_regular(path, LARGEST_TOML_BYTES)
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
+        document = _loader(yaml)(path.read_text(encoding="utf-8-sig")).get_single_data()
         size = _size(document, {})
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
@@ -104,6 +107,24 @@ def _document(path: Path) -> dict[str, Any]:
         if name in document:
             raise InputError(f"{path}: {name}: is not read: expected all nodes and members in this file")
     return document
+
+
+def _loader(yaml: Any) -> Any:
+    """Return PyYAML's safe loader, which also reads `1e-05` as a number, and refuses a key that comes twice."""
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]
+        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+            known: set[tuple[str, str]] = set()
+            for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+                if (key.tag, key.value) in known:
+                    raise yaml.constructor.ConstructorError(
+                        problem=f"the key '{key.value}' comes twice", problem_mark=key.start_mark
+                    )
+                known.add((key.tag, key.value))
+            return super().construct_mapping(node, deep)
+
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("+-.0123456789"))
+    return Loader
 
 
 def _size(value: object, known: dict[int, float]) -> float:

@@ -1,6 +1,7 @@
 """The plausibility of samples of inertial sensors: absurd ones and those of a sensor that is stuck are left out.
 
-Absurd is also a rate that is far from the one before, unless the next sample confirms it.
+Absurd is also a rate that is far from the one before, and of a sensor that does not turn a specific force that is,
+unless the next sample confirms it.
 
 Of a sensor whose samples are mostly absurd, as those in another unit, the others are left out, too.
 """
@@ -19,6 +20,12 @@ MOST_FORCE_M_PER_S2 = 400.0
 MOST_JUMP_RAD_PER_S = 12.0
 """Change of the rate from one sample to the next above which the second has to be confirmed. Impacts at which caps hit
 the floor change it by up to 6.1 in the development trials, at 100 samples a second."""
+MOST_JUMP_M_PER_S2 = 1.0
+"""Change of the specific force above which the same holds for a sensor that does not turn: noise changes it by 0.1, and
+what turns it, or an impact at the end of a tip, turns the sensor, too. Eight samples in half a second of which one axis
+reads 0 turned a robot at rest so far that it was 0.4 m off."""
+STILL_RAD_PER_S = 0.05
+"""Rate below which a sensor does not turn."""
 STUCK_SAMPLES = 5
 """Number of successive samples, all six values the same, from which a sensor is stuck: a live one is never so quiet."""
 ATTITUDE_HOLDS_S = 0.2
@@ -36,10 +43,10 @@ class ImuGate:
         self._force_at_rest = np.zeros((imus, 3))
         self._last: list[list[float]] = [[]] * imus
         self._same = np.zeros(imus, dtype=np.int64)
-        self._rate_rad_per_s = np.full((imus, 3), np.nan)
-        self._jumped_rad_per_s = np.full((imus, 3), np.nan)
+        self._passed = np.full((imus, 6), np.nan)  # rate and specific force of the last sample that passed
+        self._jumped = np.full((imus, 6), np.nan)  # the same of one that jumped since
         self.absurd = np.zeros(imus, dtype=np.int64)
-        """(imus,) number of samples that no sensor can have measured, or whose rate jumped and was not confirmed."""
+        """(imus,) number of samples that no sensor can have measured, or that jumped and were not confirmed."""
         self.stuck = np.zeros(imus, dtype=np.int64)
         """(imus,) number of samples that only repeat those before."""
         self.silent_frames = np.zeros(imus, dtype=np.int64)
@@ -75,13 +82,15 @@ class ImuGate:
         return bool(2 * self.absurd[reading.imu] <= self._samples[reading.imu])
 
     def _jumps(self, reading: ImuReading) -> bool:
-        """Return whether the rate of a sample is far from the last one that passed, and from one that jumped since."""
-        rate, imu = reading.rate_rad_per_s, reading.imu
-        jumps = bool((np.abs(rate - self._rate_rad_per_s[imu]) > MOST_JUMP_RAD_PER_S).any())
-        jumps &= not (np.abs(rate - self._jumped_rad_per_s[imu]) < MOST_JUMP_RAD_PER_S).all()
-        (self._jumped_rad_per_s if jumps else self._rate_rad_per_s)[imu] = rate
+        """Return whether a sample is far from the last one that passed, and from one that jumped since."""
+        imu, value = reading.imu, np.concatenate([reading.rate_rad_per_s, reading.specific_force_m_per_s2])
+        passed = self._passed[imu]
+        is_still = bool(np.abs([value[:3], passed[:3]]).max() < STILL_RAD_PER_S)
+        limit = np.repeat([MOST_JUMP_RAD_PER_S, MOST_JUMP_M_PER_S2 if is_still else np.inf], 3)
+        jumps = bool((np.abs(value - passed) > limit).any() and not (np.abs(value - self._jumped[imu]) < limit).all())
+        (self._jumped if jumps else self._passed)[imu] = value
         if not jumps:
-            self._jumped_rad_per_s[imu] = np.nan
+            self._jumped[imu] = np.nan
         return jumps
 
     def warnings(self) -> dict[str, str]:

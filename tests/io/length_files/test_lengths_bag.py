@@ -174,6 +174,24 @@ def test_a_damaged_bag_is_one_line(ros, tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("told", "instead", "message"),
+    [
+        ("message_count: 3\n", "message_count: null\n", "/l: message_count: expected a number of messages, got None"),
+        ("message_count: 3\n", "message_count: .inf\n", "/l: message_count: expected a number of messages, got inf"),
+        ("message_count: 3\n", "message_count: -5\n", "/l: message_count: expected a number of messages, got -5"),
+        ("name: /l\n", "name: []\n", ""),
+    ],
+)
+def test_metadata_that_are_none_are_one_line(told, instead, message, ros, tmp_path) -> None:
+    write_bag(ros, tmp_path / "bag", {"/l": [joint_state(ros, EPOCH_NS + k, [1, 2]) for k in range(3)]})
+    path = tmp_path / "bag" / "metadata.yaml"
+    text = path.read_text()
+    assert told in text
+    path.write_text(text.replace(told, instead))
+    assert message in refused(tmp_path / "bag", None, 2)
+
+
+@pytest.mark.parametrize(
     ("kind", "field", "damaged"),
     [
         ("array", b"data_offset", b"dqta_offset"),

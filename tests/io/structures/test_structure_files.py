@@ -39,6 +39,17 @@ def test_a_yaml_file_in_decimetres_by_hand(tmp_path: Path) -> None:
     assert told.structure.is_free_standing
 
 
+@pytest.mark.parametrize("number", ["1e1", "1E+01", "+1.0e1", "10", "10."])
+def test_numbers_of_yaml_1_2_are_read(number: str, tmp_path: Path) -> None:
+    told = read_structure(written(tmp_path, YAML.replace("[0, 10, 0]", f"[-1e-05, {number}, 0]"), "robot.yaml"))
+    assert told.node_position_m[1] == pytest.approx([-1e-5, 0, 10])
+
+
+def test_keys_that_a_merge_brings_may_be_told_anew(tmp_path: Path) -> None:
+    merged = YAML.replace("{stiffness: 100", "{<<: {stiffness: 7}, stiffness: 100")
+    assert read_structure(written(tmp_path, merged, "robot.yaml")).mechanics.stiffness_n_per_m[0] == 100
+
+
 def test_other_simulators_name_connections_and_types(tmp_path: Path) -> None:
     text = YAML.replace("pair_groups", "connections").replace("class: tgRodInfo, ", "type: bar, ")
     text = text.replace("class: tgBasicActuatorInfo, parameters: {stiffness: 100, pretension: 50}",
@@ -162,6 +173,7 @@ MALFORMED = {
     "robot.yaml: nodes or": "",
     "robot.yaml: expected nodes": "- 1",
     "robot.yaml: expected at most 1 MiB, got 2 MiB": YAML + "#\n" * (2 << 19),
+    "robot.yaml: line 4: is no YAML: the key 'foot' comes twice": YAML.replace("  top:", "  foot:", 1),
     "robot.yaml: substructures: is not read": YAML + "substructures: {}\n",
     "robot.yaml: is no YAML: unacceptable character #x000b": YAML + "# \x0b\n",
     "robot.yaml: line 2: is no YAML": "nodes:\n  a: !!python/object/apply:os.system [ls]\n",
@@ -177,6 +189,13 @@ MALFORMED = {
         "<worldbody>",
         '<worldbody><replicate count="1000" offset="0 0 1"><replicate count="1000" offset="1 0 0">'
         '<body><freejoint/><geom size="1"/></body></replicate></replicate>',
+    ),
+    "robot.xml: expected textures and height fields of 3e+07 points, got 9e+08": XML.replace(
+        "<worldbody>",
+        '<asset><texture name="m" type="2d" builtin="flat" width="30000" height="30000"/></asset><worldbody>',
+    ),
+    "robot.xml: expected textures and height fields of 3e+07 points, got 4e+08": XML.replace(
+        "<worldbody>", '<asset><hfield name="m" nrow="20000" ncol="20000" size="1 1 1 1"/></asset><worldbody>'
     ),
     "robot.xml: tendon 't1': expected a spatial tendon from one site to another": XML.replace(
         '<site site="a"/><site site="n1"/>', '<site site="a"/><site site="n1"/><site site="n2"/>'

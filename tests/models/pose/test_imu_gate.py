@@ -28,6 +28,18 @@ def test_a_rate_that_jumps_is_left_out_unless_it_is_confirmed() -> None:
     assert gate.counts()["imu 0: absurd samples"] == 3
 
 
+@pytest.mark.parametrize(
+    ("rate", "expected"),
+    [(0.01, [True, False, True, False, True, True]), (0.3, [True] * 6)],
+    ids=["still", "turning"],
+)
+def test_a_force_that_jumps_while_nothing_turns_is_left_out_unless_it_is_confirmed(rate, expected) -> None:
+    """An axis that reads 0 in one row; a sensor that turns may be hit."""
+    gate = ImuGate(1, RestClock(0.0))
+    forces = [9.8, 0.0, 9.7, 12.0, 12.5, 12.4]
+    assert [gate.passes(sample(k, rate=rate, force=force)) for k, force in enumerate(forces)] == expected
+
+
 def test_a_sensor_that_repeats_itself_is_stuck_until_it_moves() -> None:
     """Four equal samples may be chance; the fifth and all that follow are left out."""
     gate = ImuGate(1, RestClock(0.0))
