@@ -3,6 +3,8 @@
 Absurd is also a rate that is far from the one before, and of a sensor that does not turn a specific force that is,
 unless the next sample confirms it.
 
+A single axis is stuck, too: that of a gyroscope which turned about it made a robot with ranges slide by 6 m.
+
 Of a sensor whose samples are mostly absurd, as those in another unit, the others are left out, too.
 """
 
@@ -28,6 +30,11 @@ STILL_RAD_PER_S = 0.05
 """Rate below which a sensor does not turn."""
 STUCK_SAMPLES = 5
 """Number of successive samples, all six values the same, from which a sensor is stuck: a live one is never so quiet."""
+STUCK_AXIS_SAMPLES = 20
+"""Number of successive samples, one value the same while both other axes change, from which that axis is stuck: noise
+of a third of its resolution repeats a value so often once in a thousand times."""
+CHANGING_SAMPLES = 5
+"""Number of successive equal values below which the other axes change."""
 ATTITUDE_HOLDS_S = 0.2
 """Time after its last reading from which a sensor is silent: what it said no longer tells how the robot is turned."""
 
@@ -42,13 +49,13 @@ class ImuGate:
         self._rested = np.zeros(imus, dtype=np.int64)
         self._force_at_rest = np.zeros((imus, 3))
         self._last: list[list[float]] = [[]] * imus
-        self._same = np.zeros(imus, dtype=np.int64)
+        self._same = [[1] * 6 for _ in range(imus)]  # how often each value was read in succession
         self._passed = np.full((imus, 6), np.nan)  # rate and specific force of the last sample that passed
         self._jumped = np.full((imus, 6), np.nan)  # the same of one that jumped since
         self.absurd = np.zeros(imus, dtype=np.int64)
         """(imus,) number of samples that no sensor can have measured, or that jumped and were not confirmed."""
         self.stuck = np.zeros(imus, dtype=np.int64)
-        """(imus,) number of samples that only repeat those before."""
+        """(imus,) number of samples that only repeat those before, or in which one axis does."""
         self.silent_frames = np.zeros(imus, dtype=np.int64)
         """(imus,) number of frames in which the sensor was silent."""
         self._newest_s = np.full(imus, np.nan)
@@ -62,21 +69,23 @@ class ImuGate:
     def passes(self, reading: ImuReading) -> bool:
         """Return whether a sample is to be used."""
         rate, force = reading.rate_rad_per_s.tolist(), reading.specific_force_m_per_s2.tolist()
-        same = rate + force == self._last[reading.imu]
-        self._last[reading.imu] = rate + force
+        values = rate + force
+        same = self._same[reading.imu]
+        for axis, (value, before) in enumerate(zip(values, self._last[reading.imu], strict=False)):
+            same[axis] = same[axis] + 1 if value == before else 1
+        self._last[reading.imu] = values
         self._newest_s[reading.imu] = reading.t_s
         self._samples[reading.imu] += 1
         if self._rest_clock.is_at_rest(reading.t_s):
             self._rested[reading.imu] += 1
             self._force_at_rest[reading.imu] += reading.specific_force_m_per_s2
-        self._same[reading.imu] = self._same[reading.imu] + 1 if same else 0
         in_range = all(abs(one) < MOST_RATE_RAD_PER_S for one in rate) and all(
             abs(one) < MOST_FORCE_M_PER_S2 for one in force
         )
         if not in_range or self._jumps(reading):
             self.absurd[reading.imu] += 1
             return False
-        if self._same[reading.imu] >= STUCK_SAMPLES - 1:
+        if min(same) >= STUCK_SAMPLES or _is_one_stuck(same[:3]) or _is_one_stuck(same[3:]):
             self.stuck[reading.imu] += 1
             return False
         return bool(2 * self.absurd[reading.imu] <= self._samples[reading.imu])
@@ -109,3 +118,9 @@ class ImuGate:
         counts = {f"imu {i}: absurd samples": int(n) for i, n in enumerate(self.absurd)}
         counts |= {f"imu {i}: stuck samples": int(n) for i, n in enumerate(self.stuck)}
         return counts | {f"imu {i}: silent frames": int(n) for i, n in enumerate(self.silent_frames)}
+
+
+def _is_one_stuck(same: list[int]) -> bool:
+    """Return whether one of three axes is stuck, of which each value was read so often in succession."""
+    changing = [count < CHANGING_SAMPLES for count in same]
+    return sum(changing) == 2 and max(same) >= STUCK_AXIS_SAMPLES

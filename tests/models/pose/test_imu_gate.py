@@ -49,6 +49,19 @@ def test_a_sensor_that_repeats_itself_is_stuck_until_it_moves() -> None:
     assert gate.counts()["imu 0: stuck samples"] == 4
 
 
+def test_one_axis_that_repeats_itself_while_the_others_change_is_stuck_until_it_moves() -> None:
+    """Where all axes are coarse, each repeats itself for long, and none is stuck."""
+    rng = np.random.default_rng(5)
+    for stuck_axis, resolution, expected in ((1, 1e-6, 11), (None, 1e-6, 0), (None, 0.1, 0)):
+        gate = ImuGate(1, RestClock(0.0))
+        for k in range(50):
+            rate = resolution * np.round(rng.normal(0, 1e-3, 3) / resolution)
+            if stuck_axis is not None and k < 30:
+                rate[stuck_axis] = 0.01
+            gate.passes(ImuReading(0, 0.01 * k, rate, np.array([0, 0, 9.8]) + rng.normal(0, 0.03, 3)))
+        assert gate.stuck.tolist() == [expected]
+
+
 def test_frames_without_samples_are_counted() -> None:
     """By hand: silent for more than 0.2 s in the frames of 0.3, 0.4 and 0.5 s; another sensor never says anything."""
     gate = ImuGate(2, RestClock(0.0))
