@@ -41,6 +41,8 @@ LEARN_EVERY_S = 0.1
 times a second."""
 DOUBT_EVERY_S = 0.2
 """Time between two comparisons of explanations in it: their evidence is counted by time, and changes in seconds."""
+FOUND_AFTER_S = 0.2
+"""Time after which a fault that is found at once is left out in it: batch leaves it out in the frames before, too."""
 DRIFT_EVERY_S = 0.5
 """Time between two updates of the drift in it, which a smoother keeps: in this time a length drifts by 0.02 mm."""
 SOFT = 3.0
@@ -343,18 +345,21 @@ def _some_of(frames: Sequence[TendonLengths]) -> Iterator[TendonLengths]:
 
 
 def _admitted(frames: list[TendonLengths], shapes: list[Shape], drift: list[DriftState]) -> list[TendonLengths]:
-    """Return the lengths without the drift as estimated from all frames, and without those that live left out."""
+    """Return the lengths without the drift as estimated from all frames, and without those that live left out soon."""
     t_s = [lengths.t_s for lengths in frames]
     latest_drift = np.searchsorted([state.t_s for state in drift], t_s, side="right") - 1
-    latest_shape = np.searchsorted([shape.t_s for shape in shapes], t_s, side="right") - 1
+    shape_s = np.array([shape.t_s for shape in shapes])
+    left_out = np.array([shape.lengths.flags & int(Flag.IMPLAUSIBLE) for shape in shapes])
+    first = np.searchsorted(shape_s, t_s, side="right") - 1
+    end = np.searchsorted(shape_s, np.array(t_s) + FOUND_AFTER_S, side="right")
     admitted = []
-    for lengths, k, latest in zip(frames, latest_drift, latest_shape, strict=True):
+    for lengths, k, looks in zip(frames, latest_drift, map(slice, first, end), strict=True):
         corrected = lengths
         if drift and lengths.drift is not None:
             first_s = frames[0].t_s
             before = drift[0].earlier((lengths.t_s - first_s) / (drift[0].t_s - first_s)) if k < 0 else drift[k]
             corrected = before.corrected(lengths)
-        implausible = shapes[latest].lengths.flags & int(Flag.IMPLAUSIBLE)
+        implausible = np.bitwise_or.reduce(left_out[looks])
         if implausible.any():
             sigma_m = np.where(implausible > 0, np.inf, corrected.sigma_m)
             corrected = replace(corrected, sigma_m=sigma_m, flags=corrected.flags | implausible)

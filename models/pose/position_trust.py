@@ -6,7 +6,8 @@ At rest the nodes are at x, as `[rest] node_position_m` says. There a position y
 
 with the covariance C of x; and so do positions of several nodes of which no two have their distance. A node of which
 most positions at rest contradict is not where it is told to be, and a recording of which most nodes do so is told in
-another frame, unit or order of axes. Neither is used afterwards.
+another frame, unit or order of axes. Neither is used afterwards. A node that is told to be in two places at one instant
+is taken to be in neither.
 
 Later the pose may be wrong, and the distances tell (`position_gate`). The scale s of an instant minimises
 
@@ -132,7 +133,12 @@ class PositionTrust:
         total_m2 = expected.total_covariance_m2(covariance) if positions else covariance
         for _, instant in groupby(positions, key=lambda reading: (reading.t_s, reading.recording)):
             at_once = list(instant)
-            used = self._of_instant(at_once, expected, total_m2, step_s)
+            places: dict[int, set[tuple[float, ...]]] = defaultdict(set)
+            for reading in at_once:
+                places[reading.node].add(tuple(reading.position_m.tolist()))
+            told = [reading for reading in at_once if len(places[reading.node]) == 1]
+            used_of_told = iter(self._of_instant(told, expected, total_m2, step_s) if told else [])
+            used = [len(places[reading.node]) == 1 and next(used_of_told) for reading in at_once]
             found += [reading for reading, is_used in zip(at_once, used, strict=True) if is_used]
             self._recent.extend((t_s, is_used) for is_used in used)
         while self._recent and t_s - self._recent[0][0] > RECENT_S:

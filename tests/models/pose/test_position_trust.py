@@ -89,6 +89,15 @@ def test_right_positions_are_used_and_a_wrong_one_is_left_out_without_doubt(watc
     assert not watched.trust.is_doubted
 
 
+@pytest.mark.parametrize("seconds", [0.1, 1.0], ids=["at rest", "later"])
+def test_a_node_in_two_places_at_one_instant_is_in_neither(watched, seconds) -> None:
+    """A marker that has the name of another, too; a row that was written twice is no contradiction."""
+    seen = watched.see(seconds, right)
+    assert seen == set(SEEN)
+    assert watched.see(STEP_S, lambda node, x: shifted(9, x) if node == 11 else (node, x)) == {2, 4}
+    assert watched.see(STEP_S, right, nodes=(2, 4, 9, 9, 11)) == set(SEEN)
+
+
 def test_all_nodes_that_jump_in_sight_are_doubted_until_they_are_back(watched) -> None:
     watched.see(1.0, right)
     assert watched.see(1.0, shifted) == set()
