@@ -6,6 +6,7 @@ import numpy as np
 
 from tensegraph import Settings
 from tensegraph.estimator.batch import BatchOptimizer, averaged_forces
+from tensegraph.models.values.readings import Flag
 
 
 def test_batch_takes_lengths_without_their_lag(structure, rest, lengths_of) -> None:
@@ -28,3 +29,17 @@ def test_loads_are_averaged_up_to_a_gap_and_not_across_it() -> None:
     t_s = np.concatenate([np.arange(0, 1, 0.02), np.arange(2, 3, 0.02)])
     force_n = np.repeat([0.0, 3.0], 50)[:, None, None] * np.ones((1, 2, 3))
     np.testing.assert_allclose(averaged_forces(force_n, t_s, 6.0), force_n, atol=1e-12)
+
+
+def test_a_fault_of_all_frames_is_left_out_in_the_first_one_too(balanced, lengths_of) -> None:
+    """The live pass finds it after one or two of its looks."""
+    structure, rng = balanced.structure, np.random.default_rng(3)
+    wrong = np.where(np.arange(len(structure.tendons)) == 8, -0.03, 0.0)
+    frames = [
+        lengths_of(structure, balanced.node_position_m, 0.02 * k, noise=wrong + rng.normal(0, 2e-4, len(wrong)))
+        for k in range(60)
+    ]
+    shapes = list(BatchOptimizer(structure, balanced, Settings()).estimate(frames))
+    for shape in shapes:
+        assert np.flatnonzero(shape.lengths.flags & int(Flag.IMPLAUSIBLE)).tolist() == [8]
+        assert np.abs(shape.node_position_m - balanced.node_position_m).max() < 0.003
