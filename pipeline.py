@@ -313,7 +313,7 @@ class Pipeline:
 
     @property
     def rest_in_doubt(self) -> bool:
-        """Whether at least half of the sensors, or of the lengths, do not fit the rest shape."""
+        """Whether at least half of the sensors, or of the lengths, do not fit the rest shape, or two are exchanged."""
         by_sensors = getattr(self.front_end, "rest_in_doubt", False)  # one of one's own may have `lengths` alone
         return by_sensors or (self._rest_watch is not None and self._rest_watch.in_doubt)
 
@@ -327,6 +327,8 @@ class Pipeline:
     def _taken(self, lengths: TendonLengths) -> TendonLengths:
         """Return the lengths of one more frame, which the estimator takes; the last ones tell of the rest."""
         self._rest_in_doubt = lengths.rest_in_doubt
+        if self._rest_watch:
+            self._rest_watch.observe(lengths)
         return lengths
 
     def _at_rest(self, shape: Shape) -> Shape:
@@ -335,8 +337,6 @@ class Pipeline:
         What counts is what was known of the rest in the last frame that the estimator took: live that of the shape, and
         in batch the last of the trial.
         """
-        if self._rest_watch:
-            self._rest_watch.observe(shape)
         by_lengths = self._rest_watch is not None and self._rest_watch.in_doubt
         return shape.in_doubt(Reason.REST) if self._rest_in_doubt or by_lengths else shape
 

@@ -215,6 +215,27 @@ def test_a_length_that_jumps_is_left_out(plain, example, method) -> None:
         np.testing.assert_allclose(shape.node_position_m, other.node_position_m, atol=0.003)
 
 
+@pytest.mark.parametrize("method", ["live", "batch"])
+def test_two_columns_of_lengths_that_are_exchanged_are_in_doubt(plain, example, method) -> None:
+    """Two lengths that differ by millimetres at rest: each is told as the other. One that is wrong alone is no exchange."""
+    trial = replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))
+    read = [
+        TendonLengths(t, length, sigma, np.zeros(24, dtype=np.int64), np.zeros(24, dtype=np.int64))
+        for t, length, sigma in zip(plain.t_s[:80], plain.length_m, plain.sigma_m, strict=False)
+    ]
+    columns = np.arange(24)
+    columns[[4, 20]] = 20, 4
+    apart_m = np.diff(np.mean([one.length_m[[4, 20]] for one in read], axis=0))[0]
+    assert abs(apart_m) > 0.002
+    exchanged = [replace(one, length_m=one.length_m[columns]) for one in read]
+    alone = [replace(one, length_m=one.length_m + apart_m * (np.arange(24) == 4)) for one in read]
+    doubted = [
+        [shape.doubt is Reason.REST for shape in stream(told, trial, method)] for told in (exchanged, alone, read)
+    ]
+    assert all(doubted[0][20:])
+    assert not any(doubted[1] + doubted[2])
+
+
 def test_lengths_that_are_told_again_and_again_are_in_doubt(plain, example) -> None:
     """A program that goes on to send its last row: every length is as plausible as before."""
     trial = replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))

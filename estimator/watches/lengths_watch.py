@@ -3,7 +3,8 @@
 What the front end tares agrees with the rest shape by construction, and it tells itself whether its readings could be
 those of this structure. Lengths that are recorded as such are compared here: with the mean m_e over the time at rest of
 tendon e and the rest shape's length l_e, at least half of the tendons have |m_e - l_e| > 5 sigma_e when the structure
-is another one, columns are exchanged, or there was no rest.
+is another one, most columns are in another order, or there was no rest. When two columns are exchanged, two tendons a
+and b have it, but not |m_a - l_b| > 5 sigma_b and |m_b - l_a| > 5 sigma_a.
 
 A program between sensors and host may go on to send the last row when the sensors fall silent. Lengths that are read
 have noise: if r of the n rows at rest are equal to the row before, the next one is so with the probability
@@ -15,18 +16,19 @@ equal at rest too: then p is about 1, and nothing is told.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...models.pose.rest_clock import RestClock
 from ...models.sensor.gate import GateSettings
 from ...models.structure.shape import Shape
-from ...models.values.readings import RestLengths
+from ...models.values.readings import RestLengths, TendonLengths
 
 REST_APART_SIGMA = 5.0
 """Number of standard deviations beyond which a tendon's length at rest is not that of the rest shape."""
 
 
 class RestWatch:
-    """Compares the lengths at rest of one shape after another with those of the rest shape."""
+    """Compares the lengths of one frame after another at rest with those of the rest shape."""
 
     def __init__(self, rest: RestLengths) -> None:
         self._rest = rest
@@ -34,21 +36,28 @@ class RestWatch:
         self._count = np.zeros(len(rest.length_m))
         self._misfit_m = np.zeros(len(rest.length_m))
         self.in_doubt = False
-        """Whether at least half of the tendons do not fit."""
+        """Whether at least half of the tendons do not fit, or two fit that are exchanged."""
 
-    def observe(self, shape: Shape) -> None:
+    def observe(self, lengths: TendonLengths) -> None:
         """Take on the lengths of one more frame while the structure rests."""
         if self._start_s is None:
-            self._start_s = shape.t_s
-        if shape.t_s - self._start_s >= self._rest.seconds:
+            self._start_s = lengths.t_s
+        if lengths.t_s - self._start_s >= self._rest.seconds:
             return
-        length_m, sigma_m = shape.lengths.length_m, shape.lengths.sigma_m
-        read = np.isfinite(length_m) & np.isfinite(sigma_m)
+        read = np.isfinite(lengths.length_m) & np.isfinite(lengths.sigma_m)
         self._count += read
-        error_m = length_m[read] - self._rest.length_m[read]
+        error_m = lengths.length_m[read] - self._rest.length_m[read]
         self._misfit_m[read] += (error_m - self._misfit_m[read]) / self._count[read]
-        beyond = np.abs(self._misfit_m[read]) > REST_APART_SIGMA * np.hypot(sigma_m[read], self._rest.sigma_m[read])
-        self.in_doubt = bool(2 * beyond.sum() >= read.sum() > 0)
+        limit_m = REST_APART_SIGMA * np.hypot(lengths.sigma_m, self._rest.sigma_m)
+        beyond = read & (np.abs(self._misfit_m) > limit_m)
+        self.in_doubt = bool(2 * beyond.sum() >= read.sum() > 0) or self._are_exchanged(beyond, limit_m)
+
+    def _are_exchanged(self, beyond: NDArray[np.bool_], limit_m: NDArray[np.float64]) -> bool:
+        """Return whether two of the tendons that do not fit have each other's lengths."""
+        rest_m = self._rest.length_m[beyond]
+        read_m = rest_m + self._misfit_m[beyond]
+        fits = np.abs(read_m[:, None] - rest_m) < limit_m[beyond]  # the length of one to the other's at rest
+        return bool((fits & fits.T).any())
 
 
 class RepeatWatch:
