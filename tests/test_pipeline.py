@@ -217,7 +217,7 @@ def test_a_length_that_jumps_is_left_out(plain, example, method) -> None:
 
 @pytest.mark.parametrize("method", ["live", "batch"])
 def test_two_columns_of_lengths_that_are_exchanged_are_in_doubt(plain, example, method) -> None:
-    """Two lengths that differ by millimetres at rest, each told as the other; one that is wrong alone is no exchange."""
+    """Two lengths that differ by millimetres at rest, each told as the other; one alone that is wrong is none."""
     trial = replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))
     read = [
         TendonLengths(t, length, sigma, np.zeros(24, dtype=np.int64), np.zeros(24, dtype=np.int64))

@@ -38,7 +38,7 @@ CALIBRATED = (0.1, 0.1, 0.08)
 """Mean and standard deviation of the ratio with strips like those of the calibration, and share of presses with any."""
 REMEMBERING = (0.4, 0.13, 0.15)
 """The same of strips that remember more."""
-MEMORY_S = 1.0
+DEFORMATION_MEMORY_S = 1.0
 """Time constant of the mean deformation: what is left of a press after its end fades so fast."""
 
 
@@ -66,7 +66,7 @@ class ReboundWatch:
         structure = self._rest.structure
         deformation_m = (shape.node_position_m - self._rest.node_position_m)[structure.free_nodes].ravel()
         step_s = shape.t_s - self._last_s if np.isfinite(self._last_s) else 0.0
-        self._mean_m += low_pass_weight(step_s, MEMORY_S) * (deformation_m - self._mean_m)
+        self._mean_m += low_pass_weight(step_s, DEFORMATION_MEMORY_S) * (deformation_m - self._mean_m)
         self._last_s = shape.t_s
         if shape.loads is None:
             return shape

@@ -20,7 +20,7 @@ NOT_READ = ("option", "visual", "statistic")
 MOST_COPIES = 500
 """Number of copies of one part above which a model is not read: MuJoCo takes seconds for a thousand, and hours for a
 million, which a line of text can ask for."""
-MOST_POINTS = 3e7
+MOST_PIXELS = 3e7
 """Number of points of textures and height fields, the same: MuJoCo makes them, although a structure has none."""
 
 
@@ -88,8 +88,8 @@ def _check_size(path: Path) -> None:
             left += [(part, inner) for part in element]
     if copies > MOST_COPIES:
         raise InputError(f"{path}: expected at most {MOST_COPIES} copies of a part, got {copies:g}")
-    if points > MOST_POINTS:
-        raise InputError(f"{path}: expected textures and height fields of {MOST_POINTS:g} points, got {points:g}")
+    if points > MOST_PIXELS:
+        raise InputError(f"{path}: expected textures and height fields of {MOST_PIXELS:g} points, got {points:g}")
 
 
 def _copies(element: ElementTree.Element) -> float:

@@ -23,7 +23,7 @@ from ..toml import INTEGER_BITS
 ROD_WORDS = ("rod", "bar", "strut")
 TENDON_WORDS = ("string", "cable", "actuator", "muscle", "tendon", "spring")
 """Words in the class, the type or the name of a builder by which its members are rods or tendons."""
-FLOAT = re.compile(r"[-+]?([0-9]+|[0-9]*\.[0-9]+|[0-9]+\.)([eE][-+]?[0-9]+)?$")
+REAL_NUMBER = re.compile(r"[-+]?([0-9]+|[0-9]*\.[0-9]+|[0-9]+\.)([eE][-+]?[0-9]+)?$")
 """A number of YAML 1.2; those of YAML 1.1, as PyYAML reads them, need a dot."""
 MOST_VALUES = 10**6
 """Number of values, aliases written out, below which a document is no bomb: a few aliases of aliases make billions."""
@@ -123,7 +123,7 @@ def _loader(yaml: Any) -> Any:
                 known.add((key.tag, key.value))
             return super().construct_mapping(node, deep)
 
-    Loader.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("+-.0123456789"))
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", REAL_NUMBER, list("+-.0123456789"))
     return Loader
 
 

@@ -26,8 +26,8 @@ MOST_JUMP_M_PER_S2 = 1.0
 """Change of the specific force above which the same holds for a sensor that does not turn: noise changes it by 0.1, and
 what turns it, or an impact at the end of a tip, turns the sensor, too. Eight samples in half a second of which one axis
 reads 0 turned a robot at rest so far that it was 0.4 m off."""
-STILL_RAD_PER_S = 0.05
-"""Rate below which a sensor does not turn."""
+TURNS_RAD_PER_S = 0.05
+"""Rate from which a sensor turns."""
 STUCK_SAMPLES = 5
 """Number of successive samples, all six values the same, from which a sensor is stuck: a live one is never so quiet."""
 STUCK_AXIS_SAMPLES = 20
@@ -94,7 +94,7 @@ class ImuGate:
         """Return whether a sample is far from the last one that passed, and from one that jumped since."""
         imu, value = reading.imu, np.concatenate([reading.rate_rad_per_s, reading.specific_force_m_per_s2])
         passed = self._passed[imu]
-        is_still = bool(np.abs([value[:3], passed[:3]]).max() < STILL_RAD_PER_S)
+        is_still = bool(np.abs([value[:3], passed[:3]]).max() < TURNS_RAD_PER_S)
         limit = np.repeat([MOST_JUMP_RAD_PER_S, MOST_JUMP_M_PER_S2 if is_still else np.inf], 3)
         jumps = bool((np.abs(value - passed) > limit).any() and not (np.abs(value - self._jumped[imu]) < limit).all())
         (self._jumped if jumps else self._passed)[imu] = value

@@ -55,7 +55,6 @@ class Reason(StrEnum):
     """What explains the readings better than the model; `advice` says what to do."""
 
     SENSORS = "sensors"
-    MEMORY = "memory"
     MOTION = "motion"
     LOADS = "many_loads"
     GEOMETRY = "geometry"
@@ -69,6 +68,7 @@ class Reason(StrEnum):
     HANGING = "hanging"
     POSITIONS = "positions"
     FACTOR = "factor"
+    MEMORY = "memory"
 
     @property
     def advice(self) -> str:
@@ -78,7 +78,6 @@ class Reason(StrEnum):
 
 REASON_ADVICE = {
     Reason.SENSORS: "lengths contradict each other beyond their sigma, or a row repeats: tare again, or calibrate",
-    Reason.MEMORY: "after presses it seems pulled the other way: strips remember more than in calibration, calibrate",
     Reason.MOTION: "the robot is shaken faster than its sensors follow: move it slower",
     Reason.LOADS: "many nodes are loaded at once, of which lengths say little: trust the ellipsoids, not the centres",
     Reason.GEOMETRY: "the geometry in trial.toml contradicts the balance of forces at rest: measure it again",
@@ -92,6 +91,7 @@ REASON_ADVICE = {
     Reason.POSITIONS: "half of the positions contradict the robot, or all jumped: are frame, unit, axes, nodes right?",
     Reason.FACTOR: "a factor of your own, or a stiff cable, contradicts lengths and forces: is what it says right?",
     Reason.ATTITUDE: "nothing measures how the robot is turned, a push would be missed: add an [[imu]], or [mechanics]",
+    Reason.MEMORY: "after presses it seems pulled the other way: calibrate these strips, which remember more",
 }
 
 

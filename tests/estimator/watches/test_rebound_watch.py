@@ -7,7 +7,7 @@ import pytest
 
 from plan_edits import CAUSES
 from tensegraph import Settings, Status, simulate
-from tensegraph.estimator.watches.rebound_watch import MEMORY_S, ReboundWatch
+from tensegraph.estimator.watches.rebound_watch import DEFORMATION_MEMORY_S, ReboundWatch
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.structure.external_loads import ExternalLoads
 from tensegraph.models.structure.shape import Reason, Shape
@@ -80,7 +80,7 @@ def test_the_ellipsoid_grows_by_the_deformation_that_is_remembered(hand) -> None
     """After one time constant at u = 10 mm: m = (1 - 1/e) u, so that rho^2 (m^2 + (u - m)^2) = (3.66 mm)^2 along z."""
     for _ in range(2):
         hand.press(rebound_n=1.0)
-    assert MEMORY_S == 1.0
+    assert DEFORMATION_MEMORY_S == 1.0
     shape = hand.load(0.0, 1.0, moved_m=0.010)
     added_m2 = shape.node_covariance_m2[NODE] - 1e-6 * np.eye(3)
     assert np.sqrt(added_m2[2, 2]) == pytest.approx(3.66e-3, rel=1e-3)
