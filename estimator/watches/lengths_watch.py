@@ -4,7 +4,7 @@ What the front end tares agrees with the rest shape by construction, and it tell
 those of this structure. Lengths that are recorded as such are compared here: with the mean m_e over the time at rest of
 tendon e and the rest shape's length l_e, at least half of the tendons have |m_e - l_e| > 5 sigma_e when the structure
 is another one, most columns are in another order, or there was no rest. When two columns are exchanged, two tendons a
-and b have it, but not |m_a - l_b| > 5 sigma_b and |m_b - l_a| > 5 sigma_a.
+and b have it, but not |m_a - l_b| > 5 sigma_b and |m_b - l_a| > 5 sigma_a, which are less than half as large.
 
 A program between sensors and host may go on to send the last row when the sensors fall silent. Lengths that are read
 have noise: if r of the n rows at rest are equal to the row before, the next one is so with the probability
@@ -35,6 +35,7 @@ class RestWatch:
         self._start_s: float | None = None
         self._count = np.zeros(len(rest.length_m))
         self._misfit_m = np.zeros(len(rest.length_m))
+        self._sigma_m = np.zeros(len(rest.length_m))
         self.in_doubt = False
         """Whether at least half of the tendons do not fit, or two fit that are exchanged."""
 
@@ -48,15 +49,17 @@ class RestWatch:
         self._count += read
         error_m = lengths.length_m[read] - self._rest.length_m[read]
         self._misfit_m[read] += (error_m - self._misfit_m[read]) / self._count[read]
-        limit_m = REST_APART_SIGMA * np.hypot(lengths.sigma_m, self._rest.sigma_m)
-        beyond = read & (np.abs(self._misfit_m) > limit_m)
-        self.in_doubt = bool(2 * beyond.sum() >= read.sum() > 0) or self._are_exchanged(beyond, limit_m)
+        self._sigma_m[read] = lengths.sigma_m[read]
+        limit_m = REST_APART_SIGMA * np.hypot(self._sigma_m, self._rest.sigma_m)
+        was_read = self._count > 0
+        beyond = was_read & (np.abs(self._misfit_m) > limit_m)
+        self.in_doubt = bool(2 * beyond.sum() >= was_read.sum() > 0) or self._are_exchanged(beyond, limit_m)
 
     def _are_exchanged(self, beyond: NDArray[np.bool_], limit_m: NDArray[np.float64]) -> bool:
         """Return whether two of the tendons that do not fit have each other's lengths."""
-        rest_m = self._rest.length_m[beyond]
-        read_m = rest_m + self._misfit_m[beyond]
-        fits = np.abs(read_m[:, None] - rest_m) < limit_m[beyond]  # the length of one to the other's at rest
+        rest_m, misfit_m = self._rest.length_m[beyond], self._misfit_m[beyond]
+        apart_m = np.abs((rest_m + misfit_m)[:, None] - rest_m)  # the length of one from the other's at rest
+        fits = (apart_m < limit_m[beyond]) & (apart_m < 0.5 * np.abs(misfit_m)[:, None])
         return bool((fits & fits.T).any())
 
 

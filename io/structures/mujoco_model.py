@@ -84,7 +84,7 @@ def _check_size(path: Path) -> None:
             element, outer = left.pop()
             inner = outer * _copies(element)
             copies = max(copies, inner)
-            points += _product(element, "width", "height") + _product(element, "nrow", "ncol")
+            points += _points(element)
             left += [(part, inner) for part in element]
     if copies > MOST_COPIES:
         raise InputError(f"{path}: expected at most {MOST_COPIES} copies of a part, got {copies:g}")
@@ -95,6 +95,14 @@ def _check_size(path: Path) -> None:
 def _copies(element: ElementTree.Element) -> float:
     """Return how many copies an element makes of what is in it: the product of its `count`, else 1."""
     return max(_product(element, "count"), 1.0)
+
+
+def _points(element: ElementTree.Element) -> float:
+    """Return the number of points of a texture or a height field; a texture is a cube unless its type is 2d."""
+    width, height = _product(element, "width"), _product(element, "height")
+    if element.tag == "texture" and element.get("type") != "2d":
+        height = max(height, 6 * width)
+    return width * height + _product(element, "nrow", "ncol")
 
 
 def _product(element: ElementTree.Element, *names: str) -> float:

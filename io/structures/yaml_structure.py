@@ -113,7 +113,8 @@ def _loader(yaml: Any) -> Any:
     """Return PyYAML's safe loader, which also reads `1e-05` as a number, and refuses a key that comes twice."""
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
-        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        def compose_mapping_node(self, anchor: Any) -> Any:
+            node = super().compose_mapping_node(anchor)
             known: set[tuple[str, str]] = set()
             for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
                 if (key.tag, key.value) in known:
@@ -121,7 +122,7 @@ def _loader(yaml: Any) -> Any:
                         problem=f"the key '{key.value}' comes twice", problem_mark=key.start_mark
                     )
                 known.add((key.tag, key.value))
-            return super().construct_mapping(node, deep)
+            return node
 
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", REAL_NUMBER, list("+-.0123456789"))
     return Loader

@@ -23,18 +23,22 @@ MOST_JUMP_RAD_PER_S = 12.0
 """Change of the rate from one sample to the next above which the second has to be confirmed. Impacts at which caps hit
 the floor change it by up to 6.1 in the development trials, at 100 samples a second."""
 MOST_JUMP_M_PER_S2 = 1.0
-"""Change of the specific force above which the same holds for a sensor that does not turn: noise changes it by 0.1, and
-what turns it, or an impact at the end of a tip, turns the sensor, too. Eight samples in half a second of which one axis
-reads 0 turned a robot at rest so far that it was 0.4 m off."""
+"""Change of the specific force above which the same holds for a sensor that does not turn, or `CHANGES` times its mean
+change: what turns it, or an impact at the end of a tip, turns the sensor, too. Eight samples in half a second of which
+one axis reads 0 turned a robot at rest so far that it was 0.4 m off."""
+CHANGES = 5.0
+"""Ratio of a jump to the mean change: samples of a sensor that is noisy, or that a motor shakes, are no jumps."""
+CHANGE_WEIGHT = 0.05
+"""Weight of one more sample in the mean change."""
 TURNS_RAD_PER_S = 0.05
 """Rate from which a sensor turns."""
 STUCK_SAMPLES = 5
 """Number of successive samples, all six values the same, from which a sensor is stuck: a live one is never so quiet."""
 STUCK_AXIS_SAMPLES = 20
-"""Number of successive samples, one value the same while both other axes change, from which that axis is stuck: noise
-of a third of its resolution repeats a value so often once in a thousand times."""
-CHANGING_SAMPLES = 5
-"""Number of successive equal values below which the other axes change."""
+"""Least number of successive samples with one value the same, from which that axis is stuck."""
+STUCK_PROBABILITY = 1e-6
+"""Probability of so many equal values in succession, below which it is. A value is repeated as often as the axis has
+repeated itself before, or one of the others, which have the same noise and resolution."""
 ATTITUDE_HOLDS_S = 0.2
 """Time after its last reading from which a sensor is silent: what it said no longer tells how the robot is turned."""
 
@@ -52,6 +56,8 @@ class ImuGate:
         self._same = [[1] * 6 for _ in range(imus)]  # how often each value was read in succession
         self._passed = np.full((imus, 6), np.nan)  # rate and specific force of the last sample that passed
         self._jumped = np.full((imus, 6), np.nan)  # the same of one that jumped since
+        self._change_m_per_s2 = np.zeros(imus)  # mean of the largest change of the force from sample to sample
+        self._repeats = np.zeros((imus, 6), dtype=np.int64)
         self.absurd = np.zeros(imus, dtype=np.int64)
         """(imus,) number of samples that no sensor can have measured, or that jumped and were not confirmed."""
         self.stuck = np.zeros(imus, dtype=np.int64)
@@ -73,6 +79,7 @@ class ImuGate:
         same = self._same[reading.imu]
         for axis, (value, before) in enumerate(zip(values, self._last[reading.imu], strict=False)):
             same[axis] = same[axis] + 1 if value == before else 1
+            self._repeats[reading.imu, axis] += value == before
         self._last[reading.imu] = values
         self._newest_s[reading.imu] = reading.t_s
         self._samples[reading.imu] += 1
@@ -85,7 +92,7 @@ class ImuGate:
         if not in_range or self._jumps(reading):
             self.absurd[reading.imu] += 1
             return False
-        if min(same) >= STUCK_SAMPLES or _is_one_stuck(same[:3]) or _is_one_stuck(same[3:]):
+        if min(same) >= STUCK_SAMPLES or self._is_an_axis_stuck(reading.imu):
             self.stuck[reading.imu] += 1
             return False
         return bool(2 * self.absurd[reading.imu] <= self._samples[reading.imu])
@@ -93,14 +100,34 @@ class ImuGate:
     def _jumps(self, reading: ImuReading) -> bool:
         """Return whether a sample is far from the last one that passed, and from one that jumped since."""
         imu, value = reading.imu, np.concatenate([reading.rate_rad_per_s, reading.specific_force_m_per_s2])
-        passed = self._passed[imu]
+        passed, jumped = self._passed[imu], self._jumped[imu]
+        change = np.abs(value - (passed if np.isnan(jumped[0]) else jumped))
+        most_force = max(MOST_JUMP_M_PER_S2, CHANGES * self._change_m_per_s2[imu])
+        if not np.isnan(change[0]):
+            latest = min(float(change[3:].max()), most_force)
+            self._change_m_per_s2[imu] += CHANGE_WEIGHT * (latest - self._change_m_per_s2[imu])
         is_still = bool(np.abs([value[:3], passed[:3]]).max() < TURNS_RAD_PER_S)
-        limit = np.repeat([MOST_JUMP_RAD_PER_S, MOST_JUMP_M_PER_S2 if is_still else np.inf], 3)
-        jumps = bool((np.abs(value - passed) > limit).any() and not (np.abs(value - self._jumped[imu]) < limit).all())
+        limit = np.repeat([MOST_JUMP_RAD_PER_S, most_force if is_still else np.inf], 3)
+        jumps = bool((np.abs(value - passed) > limit).any() and not (np.abs(value - jumped) < limit).all())
         (self._jumped if jumps else self._passed)[imu] = value
         if not jumps:
             self._jumped[imu] = np.nan
         return jumps
+
+    def _is_an_axis_stuck(self, imu: int) -> bool:
+        """Return whether one axis repeats itself for longer than the others make likely."""
+        same, n = self._same[imu], int(self._samples[imu])
+        for axis in (axis for axis, count in enumerate(same) if count >= STUCK_AXIS_SAMPLES):
+            run = same[axis]
+            if run == n and self._last[imu][axis] == 0:  # simulated without noise, and in a plane
+                continue
+            kind = 3 * (axis // 3)
+            others = [other for other in range(kind, kind + 3) if other != axis]
+            by_others = (int(self._repeats[imu, others].max()) + 1) / (n + 1)
+            before = (int(self._repeats[imu, axis]) - run + 2) / (n - run + 2)
+            if max(by_others, before) ** run < STUCK_PROBABILITY:
+                return True
+        return False
 
     def warnings(self) -> dict[str, str]:
         """Return what looks wrongly told of a sensor, by its name."""
@@ -118,9 +145,3 @@ class ImuGate:
         counts = {f"imu {i}: absurd samples": int(n) for i, n in enumerate(self.absurd)}
         counts |= {f"imu {i}: stuck samples": int(n) for i, n in enumerate(self.stuck)}
         return counts | {f"imu {i}: silent frames": int(n) for i, n in enumerate(self.silent_frames)}
-
-
-def _is_one_stuck(same: list[int]) -> bool:
-    """Return whether one of three axes is stuck, of which each value was read so often in succession."""
-    changing = [count < CHANGING_SAMPLES for count in same]
-    return sum(changing) == 2 and max(same) >= STUCK_AXIS_SAMPLES

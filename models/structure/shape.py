@@ -91,7 +91,7 @@ REASON_ADVICE = {
     Reason.POSITIONS: "half of the positions contradict the robot, or all jumped: are frame, unit, axes, nodes right?",
     Reason.FACTOR: "a factor of your own, or a stiff cable, contradicts lengths and forces: is what it says right?",
     Reason.ATTITUDE: "nothing measures how the robot is turned, a push would be missed: add an [[imu]], or [mechanics]",
-    Reason.MEMORY: "after presses it seems pulled the other way: calibrate these strips, which remember more",
+    Reason.MEMORY: "after presses it seems pulled the other way: calibrate these sensors, which remember more",
 }
 
 
@@ -193,9 +193,13 @@ class Shape:
         return replace(self, covariance_m2=NO_COVARIANCE)
 
     def in_doubt(self, reason: Reason) -> "Shape":
-        """Return the shape with the status `doubt` for a reason, unless another reason or a worse status stands."""
+        """Return the shape with the status `doubt` for a reason, unless another reason or a worse status stands.
+
+        That the strips remember more stands to the end of a trial, and gives way to any other reason.
+        """
         worse = self.status in (Status.PRIOR_ONLY, Status.NOT_CONVERGED, Status.FAILED)
-        return self if worse or self.doubt is not None else replace(self, status=Status.DOUBT, doubt=reason)
+        stands = self.doubt is not None and self.doubt is not Reason.MEMORY
+        return self if worse or stands else replace(self, status=Status.DOUBT, doubt=reason)
 
     def with_other(self, other: OtherShape) -> "Shape":
         """Return the shape with a second one, and the status `two_shapes` unless a worse status stands."""

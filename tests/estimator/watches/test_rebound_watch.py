@@ -24,8 +24,8 @@ class Hand:
     def __init__(self, rest, lengths_of) -> None:
         self.rest = rest
         self.watch = ReboundWatch(rest, FINGER_N)
-        self._lengths = lengths_of(rest.structure, rest.node_position_m)
-        self._t_s = 0.0
+        self.lengths = lengths_of(rest.structure, rest.node_position_m)
+        self.t_s = 0.0
 
     def load(self, force_n: float, seconds: float, doubt: Reason | None = None, moved_m: float = 0.0) -> Shape:
         """Return the last shape of a time in which a force acts upwards on the node, or seems to."""
@@ -36,13 +36,13 @@ class Hand:
         position_m = self.rest.node_position_m.copy()
         position_m[NODE, 2] += moved_m
         for _ in range(round(seconds / STEP_S)):
-            self._t_s += STEP_S
+            self.t_s += STEP_S
             shape = Shape(
-                t_s=self._t_s,
+                t_s=self.t_s,
                 node_position_m=position_m,
                 covariance_m2=1e-6 * np.eye(3 * node_count),
                 status=Status.OK,
-                lengths=self._lengths,
+                lengths=self.lengths,
                 loads=loads,
                 doubt=doubt,
             )
@@ -70,10 +70,32 @@ def test_the_second_press_with_a_rebound_raises_the_doubt(hand) -> None:
     np.testing.assert_array_equal(shape.node_position_m, hand.rest.node_position_m)
 
 
-def test_the_doubt_stays_when_no_rebound_is_seen_any_more(hand) -> None:
-    for rebound_n in (1.0, 1.0, 0.0, 0.0, 0.0):
-        shape = hand.press(rebound_n)
-    assert shape.doubt is Reason.MEMORY
+def test_the_doubt_stays_until_it_is_less_probable_than_at_the_start(hand) -> None:
+    """A pull of a hand, as strong as the press, does not end it."""
+    found = [hand.press(rebound_n).doubt is Reason.MEMORY for rebound_n in (1.0, 1.0, 2.2, *[0.2] * 9)]
+    assert found[:5] == [False, True, True, True, True]
+    assert not any(found[-4:])
+
+
+def test_presses_whose_end_is_not_seen_tell_nothing(hand) -> None:
+    """Without readings, or in a gap of time; afterwards all is as it was."""
+    for unseen in (True, False) * 4:
+        hand.load(-2.0, 1.0)
+        if unseen:
+            hand.lengths = replace(hand.lengths, sigma_m=np.full_like(hand.lengths.sigma_m, np.inf))
+            hand.load(0.0, 2.0)
+            hand.lengths = replace(hand.lengths, sigma_m=np.full_like(hand.lengths.sigma_m, 5e-4))
+        else:
+            hand.t_s += 2.0
+    hand.press(rebound_n=1.0)
+    assert hand.press(rebound_n=1.0).doubt is Reason.MEMORY
+
+
+def test_any_other_reason_is_told_in_place_of_it(hand) -> None:
+    for _ in range(2):
+        shape = hand.press(rebound_n=1.0)
+    assert shape.in_doubt(Reason.IMU).doubt is Reason.IMU
+    assert shape.in_doubt(Reason.IMU).in_doubt(Reason.MEMORY).doubt is Reason.IMU
 
 
 def test_the_ellipsoid_grows_by_the_deformation_that_is_remembered(hand) -> None:
