@@ -278,7 +278,9 @@ class Run:
         for line in flagged_sensors(r):
             table.add_row("flagged", line)
         if self.pipeline.rest_in_doubt:
-            table.add_row("rest in doubt", "sensors do not fit the rest shape: was it still, and this structure?")
+            table.add_row(
+                "rest in doubt", "sensors do not fit the rest shape: was it still, this structure, these columns?"
+            )
         if self.pipeline.front_end.moved_at_rest:
             table.add_row(
                 "moved at rest", "the structure moved while its sensors were tared, sigmas are widened: tare again"

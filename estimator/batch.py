@@ -42,7 +42,8 @@ times a second."""
 DOUBT_EVERY_S = 0.2
 """Time between two comparisons of explanations in it: their evidence is counted by time, and changes in seconds."""
 FOUND_AFTER_S = 0.2
-"""Time after which a fault that is found at once is left out in it: batch leaves it out in the frames before, too."""
+"""Time after which a fault that is found at once is left out in it: batch leaves it out in the frames before, too, and
+with it some readings before a fault that begins later."""
 DRIFT_EVERY_S = 0.5
 """Time between two updates of the drift in it, which a smoother keeps: in this time a length drifts by 0.02 mm."""
 SOFT = 3.0

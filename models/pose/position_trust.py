@@ -137,10 +137,9 @@ class PositionTrust:
             for reading in at_once:
                 places[reading.node].add(tuple(reading.position_m.tolist()))
             told = [reading for reading in at_once if len(places[reading.node]) == 1]
-            used_of_told = iter(self._of_instant(told, expected, total_m2, step_s) if told else [])
-            used = [len(places[reading.node]) == 1 and next(used_of_told) for reading in at_once]
-            found += [reading for reading, is_used in zip(at_once, used, strict=True) if is_used]
-            self._recent.extend((t_s, is_used) for is_used in used)
+            used = self._of_instant(told, expected, total_m2, step_s) if told else []
+            found += [reading for reading, is_used in zip(told, used, strict=True) if is_used]
+            self._recent.extend((t_s, is_used) for is_used in [*used, *[False] * (len(at_once) - len(told))])
         while self._recent and t_s - self._recent[0][0] > RECENT_S:
             self._recent.popleft()
         return found

@@ -1,0 +1,49 @@
+"""Lengths at rest that are, or are not, those of the rest shape."""
+
+import numpy as np
+import pytest
+
+from tensegraph.estimator.watches.lengths_watch import RestWatch
+from tensegraph.models.values.readings import RestLengths, TendonLengths
+
+REST_M = np.array([0.2005, 0.2, 0.21, 0.19, 0.22, 0.23])
+SIGMA_M = 0.001
+
+
+def in_doubt(*frames_m: np.ndarray) -> bool:
+    """Return whether a watch is in doubt after some frames at rest and one later."""
+    watch = RestWatch(RestLengths(1.0, REST_M, np.full(6, SIGMA_M)))
+    none = np.zeros(6, dtype=np.int64)
+    for k, length_m in enumerate([*frames_m, REST_M]):
+        t_s = 2.0 if k == len(frames_m) else 0.02 * k
+        sigma_m = np.where(np.isfinite(length_m), SIGMA_M, np.inf)
+        watch.observe(TendonLengths(t_s, length_m, sigma_m, none, none))
+    return watch.in_doubt
+
+
+EXCHANGED_M = REST_M[[0, 1, 3, 2, 4, 5]]
+BLANK_M = np.where(np.arange(6) == 2, np.nan, EXCHANGED_M)
+
+
+@pytest.mark.parametrize(
+    ("frames_m", "expected"),
+    [
+        ([REST_M], False),
+        ([REST_M + 0.02 * (np.arange(6) < 3)], True),
+        ([REST_M + 0.02 * (np.arange(6) < 2)], False),
+        ([EXCHANGED_M], True),
+        ([EXCHANGED_M, BLANK_M], True),
+        ([REST_M + np.array([-0.0075, 0.0075, 0, 0, 0, 0])], False),
+    ],
+    ids=[
+        "right",
+        "half wrong",
+        "two wrong",
+        "exchanged",
+        "exchanged, the last cell blank",
+        "two wrong of nearly one length",
+    ],
+)
+def test_half_of_the_lengths_or_two_exchanged_ones_are_doubted(frames_m, expected) -> None:
+    """The limit is 7.1 mm: 5 times the sigma of both. An exchange has to explain what is wrong."""
+    assert in_doubt(*frames_m) is expected
