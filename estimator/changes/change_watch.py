@@ -55,9 +55,7 @@ class Change:
             shape: of a frame.
             free: (free,) its free coordinates.
         """
-        covariance_m2 = shape.covariance_m2.copy()
-        covariance_m2[np.ix_(free, free)] += np.outer(self.shift_m, self.shift_m)
-        return replace(shape, covariance_m2=covariance_m2).in_doubt(self.reason)
+        return shape.widened(free, np.outer(self.shift_m, self.shift_m)).in_doubt(self.reason)
 
 
 class ChangeWatch:

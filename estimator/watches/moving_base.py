@@ -8,7 +8,6 @@ turned about their rods. A base that slides without turning is not seen, nor wha
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,9 +67,7 @@ class MovingBase:
             self._has_turned = bool(np.median(self._angle(self._turn, shape)[heard]) >= APART_SIGMA * sigma)
         if not self._has_turned:
             return shape
-        covariance = shape.covariance_m2.copy()
-        covariance[self._free, self._free] += self._size_m**2
-        return replace(shape, covariance_m2=covariance).in_doubt(Reason.BASE)
+        return shape.widened(self._free, self._size_m**2 * np.eye(len(self._free))).in_doubt(Reason.BASE)
 
     def _start_anew(self, readings: list[ImuReading], shape: Shape) -> set[int]:
         """Take the attitude of sensors that were silent, or were not read yet, from a shape; return their numbers.

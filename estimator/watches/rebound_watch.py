@@ -19,8 +19,6 @@ deformation u over the last second, and while it changes rho (u - m): the covari
     rho^2 (m m^T + (u - m) (u - m)^T)
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -79,11 +77,8 @@ class ReboundWatch:
             self._follow(shape.t_s, np.nan_to_num(shape.loads.force_n[structure.free_nodes]).ravel())
         if not self.ratio:
             return shape
-        free = structure.free_coordinates
-        covariance_m2 = shape.covariance_m2.copy()
         errors_m = self.ratio * np.array([self._mean_m, deformation_m - self._mean_m])
-        covariance_m2[np.ix_(free, free)] += errors_m.T @ errors_m
-        return replace(shape, covariance_m2=covariance_m2).in_doubt(Reason.MEMORY)
+        return shape.widened(structure.free_coordinates, errors_m.T @ errors_m).in_doubt(Reason.MEMORY)
 
     def _begin(self) -> None:
         """Wait for the next press."""

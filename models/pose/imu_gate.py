@@ -54,10 +54,10 @@ class ImuGate:
         self._force_at_rest = np.zeros((imus, 3))
         self._last: list[list[float]] = [[]] * imus
         self._same = [[1] * 6 for _ in range(imus)]  # how often each value was read in succession
-        self._passed = np.full((imus, 6), np.nan)  # rate and specific force of the last sample that passed
-        self._jumped = np.full((imus, 6), np.nan)  # the same of one that jumped since
-        self._change_m_per_s2 = np.zeros(imus)  # mean of the largest change of the force from sample to sample
-        self._repeats = np.zeros((imus, 6), dtype=np.int64)
+        self._repeats = [[0] * 6 for _ in range(imus)]  # and how often it was the one before, in all
+        self._passed: list[list[float] | None] = [None] * imus  # rate and specific force of the last sample that passed
+        self._jumped: list[list[float] | None] = [None] * imus  # the same of one that jumped since
+        self._change_m_per_s2 = [0.0] * imus  # mean of the largest change of the force from sample to sample
         self.absurd = np.zeros(imus, dtype=np.int64)
         """(imus,) number of samples that no sensor can have measured, or that jumped and were not confirmed."""
         self.stuck = np.zeros(imus, dtype=np.int64)
@@ -76,10 +76,13 @@ class ImuGate:
         """Return whether a sample is to be used."""
         rate, force = reading.rate_rad_per_s.tolist(), reading.specific_force_m_per_s2.tolist()
         values = rate + force
-        same = self._same[reading.imu]
+        same, repeats = self._same[reading.imu], self._repeats[reading.imu]
         for axis, (value, before) in enumerate(zip(values, self._last[reading.imu], strict=False)):
-            same[axis] = same[axis] + 1 if value == before else 1
-            self._repeats[reading.imu, axis] += value == before
+            if value == before:
+                same[axis] += 1
+                repeats[axis] += 1
+            else:
+                same[axis] = 1
         self._last[reading.imu] = values
         self._newest_s[reading.imu] = reading.t_s
         self._samples[reading.imu] += 1
@@ -89,42 +92,48 @@ class ImuGate:
         in_range = all(abs(one) < MOST_RATE_RAD_PER_S for one in rate) and all(
             abs(one) < MOST_FORCE_M_PER_S2 for one in force
         )
-        if not in_range or self._jumps(reading):
+        if not in_range or self._jumps(reading.imu, values):
             self.absurd[reading.imu] += 1
             return False
-        if min(same) >= STUCK_SAMPLES or self._is_an_axis_stuck(reading.imu):
+        if min(same) >= STUCK_SAMPLES or (max(same) >= STUCK_AXIS_SAMPLES and self._is_an_axis_stuck(reading.imu)):
             self.stuck[reading.imu] += 1
             return False
         return bool(2 * self.absurd[reading.imu] <= self._samples[reading.imu])
 
-    def _jumps(self, reading: ImuReading) -> bool:
+    def _jumps(self, imu: int, values: list[float]) -> bool:
         """Return whether a sample is far from the last one that passed, and from one that jumped since."""
-        imu, value = reading.imu, np.concatenate([reading.rate_rad_per_s, reading.specific_force_m_per_s2])
         passed, jumped = self._passed[imu], self._jumped[imu]
-        change = np.abs(value - (passed if np.isnan(jumped[0]) else jumped))
+        if passed is None:
+            self._passed[imu] = values
+            return False
         most_force = max(MOST_JUMP_M_PER_S2, CHANGES * self._change_m_per_s2[imu])
-        if not np.isnan(change[0]):
-            latest = min(float(change[3:].max()), most_force)
-            self._change_m_per_s2[imu] += CHANGE_WEIGHT * (latest - self._change_m_per_s2[imu])
-        is_still = bool(np.abs([value[:3], passed[:3]]).max() < TURNS_RAD_PER_S)
-        limit = np.repeat([MOST_JUMP_RAD_PER_S, most_force if is_still else np.inf], 3)
-        jumps = bool((np.abs(value - passed) > limit).any() and not (np.abs(value - jumped) < limit).all())
-        (self._jumped if jumps else self._passed)[imu] = value
-        if not jumps:
-            self._jumped[imu] = np.nan
+        change = min(_furthest(values[3:], (jumped or passed)[3:]), most_force)
+        self._change_m_per_s2[imu] += CHANGE_WEIGHT * (change - self._change_m_per_s2[imu])
+        is_still = max(map(abs, values[:3] + passed[:3])) < TURNS_RAD_PER_S
+
+        def is_near(before: list[float]) -> bool:
+            if _furthest(values[:3], before[:3]) > MOST_JUMP_RAD_PER_S:
+                return False
+            return not is_still or _furthest(values[3:], before[3:]) <= most_force
+
+        jumps = not is_near(passed) and (jumped is None or not is_near(jumped))
+        if jumps:
+            self._jumped[imu] = values
+        else:
+            self._passed[imu], self._jumped[imu] = values, None
         return jumps
 
     def _is_an_axis_stuck(self, imu: int) -> bool:
         """Return whether one axis repeats itself for longer than the others make likely."""
-        same, n = self._same[imu], int(self._samples[imu])
+        same, repeats, n = self._same[imu], self._repeats[imu], int(self._samples[imu])
         for axis in (axis for axis, count in enumerate(same) if count >= STUCK_AXIS_SAMPLES):
             run = same[axis]
             if run == n and self._last[imu][axis] == 0:  # simulated without noise, and in a plane
                 continue
             kind = 3 * (axis // 3)
             others = [other for other in range(kind, kind + 3) if other != axis]
-            by_others = (int(self._repeats[imu, others].max()) + 1) / (n + 1)
-            before = (int(self._repeats[imu, axis]) - run + 2) / (n - run + 2)
+            by_others = (max(repeats[other] for other in others) + 1) / (n + 1)
+            before = (repeats[axis] - run + 2) / (n - run + 2)
             if max(by_others, before) ** run < STUCK_PROBABILITY:
                 return True
         return False
@@ -145,3 +154,8 @@ class ImuGate:
         counts = {f"imu {i}: absurd samples": int(n) for i, n in enumerate(self.absurd)}
         counts |= {f"imu {i}: stuck samples": int(n) for i, n in enumerate(self.stuck)}
         return counts | {f"imu {i}: silent frames": int(n) for i, n in enumerate(self.silent_frames)}
+
+
+def _furthest(values: list[float], others: list[float]) -> float:
+    """Return the largest difference of two numbers at the same place."""
+    return max(abs(value - other) for value, other in zip(values, others, strict=True))
