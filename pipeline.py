@@ -332,13 +332,15 @@ class Pipeline:
         return lengths
 
     def _at_rest(self, shape: Shape) -> Shape:
-        """Return a shape of one more frame, in doubt if the readings at rest do not fit the rest shape, or moved.
+        """Return a shape of one more frame, in doubt if readings or forces at rest do not fit the rest shape, or moved.
 
         What counts is what was known of the rest in the last frame that the estimator took: live that of the shape, and
         in batch the last of the trial.
         """
         by_lengths = self._rest_watch is not None and self._rest_watch.in_doubt
-        return shape.in_doubt(Reason.REST) if self._rest_in_doubt or by_lengths else shape
+        if self._rest_in_doubt or by_lengths:
+            return shape.in_doubt(Reason.REST)
+        return shape.in_doubt(Reason.GEOMETRY) if self.rest.is_doubted else shape
 
     def _not_held(self, method: str) -> Callable[[float], Estimator]:
         """Return what makes the estimator of a structure that hangs, stands on a floor, or has body coordinates alone.

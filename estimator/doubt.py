@@ -172,7 +172,7 @@ class ModelDoubt:
             reason = Reason.SENSORS
         elif many_loads > 0.5:
             reason = Reason.LOADS
-        elif self._builder.rest.wrong in ("hubs", "rest shape"):
+        elif self._builder.rest.is_doubted:
             reason = Reason.GEOMETRY
         if reason is not None:  # then the readings are no evidence that lengths are more exact than their sigmas say
             length_scale = max(length_scale, 1.0)

@@ -351,3 +351,14 @@ class TestReferenceStrips:
         trial = trial_copy(trial=lambda text: text.replace("[0, 1, 2,", '["dummy", 1, 2,'))
         with pytest.raises(InputError, match="or 'reference', got 'dummy'"):
             reconstruct(trial)
+
+
+@pytest.mark.parametrize("method", ["frame", "least-squares"])
+def test_geometry_that_contradicts_the_forces_at_rest_is_doubted_by_every_method(trial_copy, method) -> None:
+    """Live and batch doubt it themselves; the other methods know no doubt of their own."""
+    trial = open_trial(trial_copy(rows=100))
+    pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
+    pipeline.rest = replace(pipeline.rest, wrong="hubs")
+    shapes = list(pipeline.estimate(trial.readings(), method))
+    assert {shape.doubt for shape in shapes} == {Reason.GEOMETRY}
+    assert {shape.status for shape in shapes} == {Status.DOUBT}

@@ -72,6 +72,11 @@ class RestShape:
     """Root mean square of the unbalanced forces at this shape, with nominal and with tared mechanics."""
 
     @property
+    def is_doubted(self) -> bool:
+        """Whether what is wrong of the geometry was not mended, so that every shape is in doubt."""
+        return self.wrong in ("hubs", "rest shape")
+
+    @property
     def largest_sigma_m(self) -> float:
         """Largest standard deviation of a coordinate."""
         return float(np.sqrt(np.diag(self.covariance_m2).max()))
