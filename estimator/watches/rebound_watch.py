@@ -58,6 +58,7 @@ class ReboundWatch:
         """Of the rebound; 0 while nothing is found out."""
         self._begin()
         self._anew()
+        self._log_odds = 0.0 if ratio else PRIOR_LOG_ODDS  # at which the strips are found out
         self._mean_m = np.zeros(len(rest.structure.free_coordinates))
         self._last_s = np.nan
 

@@ -77,6 +77,13 @@ def test_the_doubt_stays_until_it_is_less_probable_than_at_the_start(hand) -> No
     assert not any(found[-4:])
 
 
+def test_strips_that_were_found_out_before_stay_so_after_one_press_without_rebound(hand) -> None:
+    """As in batch, which knows what the live pass has found."""
+    hand.watch = ReboundWatch(hand.rest, FINGER_N, ratio=0.5)
+    assert hand.press(rebound_n=0.4).doubt is Reason.MEMORY
+    assert hand.watch.ratio == 0.5
+
+
 def test_presses_whose_end_is_not_seen_tell_nothing(hand) -> None:
     """Without readings, or in a gap of time; afterwards all is as it was."""
     for unseen in (True, False) * 4:
