@@ -21,6 +21,7 @@ from .doubt import ModelDoubt
 from .graph import GraphBuilder, status_of
 from .health import SensorHealth
 from .lag_compensation import VELOCITY_HOLDS_S, LagCompensation
+from .lasting_errors import LastingErrors
 from .linear_frame import LinearFrame, linearised
 from .mode_choice import BATCH_SHARE, ModeChoice
 from .sensor_drift import OwnDrift
@@ -46,6 +47,7 @@ class LiveSmoother:
         self.doubt = ModelDoubt(self._builder, settings.doubt)
         self.changes = ChangeWatch(self._builder)
         self.rebounds = ReboundWatch(rest, settings.doubt.load_n)
+        self._lasting = LastingErrors(structure, rest)
         self.modes = ModeChoice(self._builder, settings.front_end.ambiguous_probability)
         self.drift = OwnDrift(self._builder, settings.drift)
         self._branches = OtherBranch(self._builder, settings.branch)
@@ -75,7 +77,7 @@ class LiveSmoother:
         Raises:
             IndeterminateError: when measurements and priors leave some node undetermined.
         """
-        return self._branches.with_other(self.first_shape(lengths))
+        return self._lasting.observe(self._branches.with_other(self.first_shape(lengths)))
 
     def first_shape(self, lengths: TendonLengths) -> Shape:
         """Return the shape in one more frame, without the search for a second one.
