@@ -24,7 +24,7 @@ from ..models.values.time_series import interpolated, parts
 from .changes.change_watch import Change
 from .doubt import Doubt
 from .graph import GraphBuilder, status_of
-from .lasting_errors import LastingErrors
+from .lasting_errors import LastingErrors, averaged_frames
 from .linear_frame import FrameData, linearised_frames
 from .mode_choice import is_uncertain, stacked_modes
 from .sensor_drift import DriftState, smoothed
@@ -249,6 +249,7 @@ class BatchOptimizer:
         rebounds = ReboundWatch(self._builder.rest, self._settings.doubt.load_n, trial.rebound)
         lasting = LastingErrors(self._builder.structure, self._builder.rest)
         velocity_m_per_s = np.gradient(position_m, t_s, axis=0) if len(t_s) > 1 else np.zeros_like(position_m)
+        averaged = averaged_frames(t_s)
         other: OtherShape | None = None
         for window in parts(len(t_s), WINDOW):
             assessment = self._assessed(trial, position_m, window)
@@ -259,7 +260,7 @@ class BatchOptimizer:
                 change = trial.changes[k]
                 if change is not None:
                     shape = change.doubted(shape, self._builder.structure.free_coordinates)
-                shape = lasting.of_trial(rebounds.observe(shape), velocity_m_per_s[k])
+                shape = lasting.of_trial(rebounds.observe(shape), velocity_m_per_s[k], is_averaged=bool(averaged[k]))
                 yield shape.with_other(other) if other else shape
 
     def _shape(self, trial: _Problem, assessment: Assessment, k: int, converged: bool) -> Shape:

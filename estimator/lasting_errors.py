@@ -1,52 +1,85 @@
-"""What the covariance of one frame does not contain: errors that grow with the deformation and with its speed.
+"""What a frame alone does not tell of its errors: those that grow with the deformation and with its speed.
 
 They last from frame to frame, and all strips err alike, so that neither many sensors nor many frames average them:
 
-    C' = C + kappa^2 u u^T + tau^2 v v^T
+    C' = C_rest + a (C - C_rest) + kappa^2 u u^T + tau^2 v v^T
 
-with u the displacement of all nodes from the rest shape, and v their velocity. In the calibration's recordings of
-irregular motion, changes of strain of 0.5 to 1.5 % are shown 7 % too small in the mean of 17 recordings, and 1 to 2 %
-too small where they are larger, by 4 % more or less from strip to strip; the balance of forces, in which no load is
-more probable than one, draws shapes to rest by 1 to 5 % even with true lengths. The error of strain grows with its rate
-by 0.035 to 0.06 s times that rate, with either sign.
+with u the displacement of all nodes from the rest shape, and v their velocity; a is `AVERAGED` in batch, where all
+tendons are stretched and the status is `ok`, and else 1. In the calibration's recordings of irregular motion, changes
+of strain of 0.5 to 1.5 % are shown 7 % too small in the mean of 17 recordings, and 1 to 2 % too small where they are
+larger, by 4 % more or less from strip to strip; the balance of forces, in which no load is more probable than one,
+draws shapes to rest by 1 to 5 % even with true lengths. The error of strain grows with its rate by 0.035 to 0.06 s
+times that rate, with either sign.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..models.structure.rest_shape import RestShape
-from ..models.structure.shape import Reason, Shape
+from ..models.structure.shape import Reason, Shape, Status
 from ..models.structure.structure import Structure
+from ..models.values.readings import BENDING, Flag
 from ..models.values.time_series import SmoothedRate
 
 DEFORMATION_SHARE = 0.07
 """kappa, the standard deviation of the error that all strips share over the deformation."""
 RATE_S = 0.05
 """tau, the standard deviation of the error that comes from motion over the velocity."""
+AVERAGED = 0.7
+"""Share of the variance of one frame that is left where the smoother averages frames before and after it: of the errors
+of stretched tendons, a mean over half a second leaves half of the variance at rest and 0.6 to 0.7 of it between
+presses; that of loads, rods and rest shape is not averaged."""
 VELOCITY_S = 0.1
 """Time constant of the smoothing of live shapes before their velocity is taken."""
+AVERAGED_S = 0.5
+"""Time over which the smoother averages."""
+MANY = 10
+"""Number of frames in that time from which on their noise is averaged."""
+
+
+def averaged_frames(t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return (frames,) whether there are many frames near each."""
+    after, before = (np.searchsorted(t_s, t_s + half_s) for half_s in (AVERAGED_S / 2, -AVERAGED_S / 2))
+    return np.asarray(after - before >= MANY)
 
 
 class LastingErrors:
-    """Adds errors that grow with the deformation and with its speed to the covariances of shapes."""
+    """Turns the covariances of single frames into those of shapes in a trial."""
 
     def __init__(self, structure: Structure, rest: RestShape) -> None:
         self._free = structure.free_coordinates
         self._rest_m = rest.node_position_m.reshape(-1)[self._free]
+        self._rest_m2 = rest.covariance_m2[np.ix_(self._free, self._free)]
         self._velocity = SmoothedRate(len(self._free), VELOCITY_S)
         self._last_s = np.nan
 
     def observe(self, shape: Shape) -> Shape:
-        """Return a live shape, in order of time, with these errors in its covariance."""
+        """Return a live shape with these errors in its covariance; shapes are given in order of time."""
         step_s = shape.t_s - self._last_s
         self._last_s = shape.t_s
         position_m = shape.node_position_m.reshape(1, -1)[:, self._free]
         step = np.array([[VELOCITY_S if np.isnan(step_s) else step_s]])
         return self._widened(shape, self._velocity.run(position_m, step)[0])
 
-    def of_trial(self, shape: Shape, velocity_m_per_s: NDArray[np.float64]) -> Shape:
-        """Return a shape with these errors in its covariance, from its (nodes, 3) velocity."""
+    def of_trial(self, shape: Shape, velocity_m_per_s: NDArray[np.float64], *, is_averaged: bool) -> Shape:
+        """Return a shape of a whole trial, with a (nodes, 3) velocity, with these errors in its covariance.
+
+        Args:
+            shape: the shape.
+            velocity_m_per_s: (nodes, 3) its velocity.
+            is_averaged: whether the smoother has averaged the noise of many frames around it.
+        """
+        shape = self._without_noise(shape) if is_averaged else shape
         return self._widened(shape, velocity_m_per_s.reshape(-1)[self._free])
+
+    def _without_noise(self, shape: Shape) -> Shape:
+        """Return a shape without the noise that other frames average; errors of bent tendons last."""
+        lengths = shape.lengths
+        bent = (lengths.mode == BENDING) | (lengths.flags & int(Flag.AMBIGUOUS) != 0)
+        if shape.status is not Status.OK or (bent & lengths.usable).any():
+            return shape
+        of_frame_m2 = shape.covariance_m2[np.ix_(self._free, self._free)] - self._rest_m2
+        return shape.widened(self._free, (AVERAGED - 1) * of_frame_m2)
 
     def _widened(self, shape: Shape, velocity_m_per_s: NDArray[np.float64]) -> Shape:
         """Return the shape widened; of a shaken robot the covariance is that of its swings already."""

@@ -1,0 +1,140 @@
+"""Covariances contain errors that grow with the deformation and its speed, and lack noise that frames average."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+import tensegraph as tg
+from tensegraph.estimator.lasting_errors import (
+    AVERAGED,
+    DEFORMATION_SHARE,
+    RATE_S,
+    LastingErrors,
+    averaged_frames,
+)
+from tensegraph.io.model_file import read_sensor_model
+from tensegraph.models.evaluation.alignment import interpolated
+from tensegraph.models.structure.rest_shape import RestShape
+from tensegraph.models.structure.shape import Reason, Shape, Status
+from tensegraph.models.structure.structure import Structure
+from tensegraph.models.values.readings import BENDING, STRETCHING, Flag, TendonLengths
+from tensegraph.pipeline import Pipeline
+
+SIGMA_M = 1e-3
+NODE = 5
+"""A free node."""
+
+
+def shown(rest: RestShape, *, moved_m: float = 0.0, t_s: float = 0.0, mode: int = STRETCHING, flag: int = 0) -> Shape:
+    """The rest shape with one node moved along x; its covariance is the rest shape's and noise."""
+    tendons = len(rest.structure.tendons)
+    position_m = rest.node_position_m.copy()
+    position_m[NODE, 0] += moved_m
+    modes, flags = np.full(tendons, STRETCHING), np.zeros(tendons, dtype=np.int64)
+    modes[0], flags[0] = mode, flag
+    lengths = TendonLengths(t_s, np.full(tendons, 0.17), np.full(tendons, 0.001), modes, flags)
+    covariance_m2 = rest.covariance_m2 + SIGMA_M**2 * np.eye(position_m.size)
+    return Shape(t_s, position_m, covariance_m2, Status.OK, lengths)
+
+
+def along_x_m2(shape: Shape) -> float:
+    """The variance of the moved node along x."""
+    return float(shape.node_covariance_m2[NODE, 0, 0])
+
+
+def test_numbers_worked_by_hand(structure: Structure, rest: RestShape) -> None:
+    """10 mm of deformation add (0.07 10 mm)^2 = 0.49 mm^2, 20 mm/s add (0.05 s 20 mm/s)^2 = 1 mm^2, live and later."""
+    assert (DEFORMATION_SHARE, RATE_S) == (0.07, 0.05)
+    lasting = LastingErrors(structure, rest)
+    shape = shown(rest, moved_m=0.01)
+    still = np.zeros_like(shape.node_position_m)
+    moving = still.copy()
+    moving[NODE, 0] = 0.02
+    for velocity, added_m2 in ((still, 0.49e-6), (moving, 1.49e-6)):
+        widened = lasting.of_trial(shape, velocity, is_averaged=False)
+        assert along_x_m2(widened) - along_x_m2(shape) == pytest.approx(added_m2)
+    frames = [shown(rest, moved_m=0.02 * t_s, t_s=t_s) for t_s in np.arange(0.0, 2.0, 0.02)]
+    for shape in frames:
+        live = lasting.observe(shape)
+    deformation_m = 0.02 * frames[-1].t_s
+    assert along_x_m2(live) - along_x_m2(shape) == pytest.approx(1e-6 + (0.07 * deformation_m) ** 2, rel=0.01)
+
+
+def test_a_robot_that_stands_at_rest_has_the_covariance_of_its_frame(structure: Structure, rest: RestShape) -> None:
+    lasting = LastingErrors(structure, rest)
+    for t_s in (0.0, 0.02, 10.0):
+        shape = shown(rest, t_s=t_s)
+        np.testing.assert_array_equal(lasting.observe(shape).covariance_m2, shape.covariance_m2)
+
+
+@pytest.mark.parametrize(
+    ("change", "is_less"),
+    [
+        pytest.param({}, True, id="all stretched"),
+        pytest.param({"mode": BENDING}, False, id="a bent tendon"),
+        pytest.param({"flag": int(Flag.AMBIGUOUS)}, False, id="an ambiguous tendon"),
+        pytest.param({"status": Status.PARTIAL}, False, id="sensors left out"),
+        pytest.param({"status": Status.DOUBT}, False, id="in doubt"),
+    ],
+)
+def test_noise_of_frames_is_averaged_where_it_is_noise(structure: Structure, rest: RestShape, change, is_less) -> None:
+    """The part of the rest shape stays as it is: all frames have the same."""
+    status = change.pop("status", Status.OK)
+    shape = replace(shown(rest, **change), status=status)
+    still = np.zeros_like(shape.node_position_m)
+    lasting = LastingErrors(structure, rest)
+    free = structure.free_coordinates
+    averaged = lasting.of_trial(shape, still, is_averaged=True).covariance_m2[np.ix_(free, free)]
+    of_rest_m2 = rest.covariance_m2[np.ix_(free, free)]
+    share = AVERAGED if is_less else 1.0
+    np.testing.assert_allclose(averaged - of_rest_m2, share * SIGMA_M**2 * np.eye(len(free)), atol=1e-18)
+
+
+@given(moved_m=st.floats(-0.1, 0.1), m_per_s=st.floats(-3.0, 3.0), is_averaged=st.booleans())
+def test_covariances_stay_positive_definite(
+    structure: Structure, rest: RestShape, moved_m: float, m_per_s: float, is_averaged: bool
+) -> None:
+    shape = shown(rest, moved_m=moved_m)
+    velocity = np.full_like(shape.node_position_m, m_per_s)
+    covariance_m2 = LastingErrors(structure, rest).of_trial(shape, velocity, is_averaged=is_averaged).covariance_m2
+    np.testing.assert_array_equal(covariance_m2, covariance_m2.T)
+    assert np.linalg.eigvalsh(covariance_m2).min() > 0
+
+
+def test_a_shaken_robot_keeps_the_covariance_of_its_swings(structure: Structure, rest: RestShape) -> None:
+    shape = shown(rest, moved_m=0.03).in_doubt(Reason.MOTION)
+    fast = np.ones_like(shape.node_position_m)
+    kept = LastingErrors(structure, rest).of_trial(shape, fast, is_averaged=True)
+    np.testing.assert_array_equal(kept.covariance_m2, shape.covariance_m2)
+
+
+def test_few_frames_average_nothing() -> None:
+    """Neither a single frame nor slow frames do, nor those beside a gap."""
+    assert averaged_frames(np.arange(0.0, 5.0, 0.02)).all()
+    assert not averaged_frames(np.array([0.0])).any()
+    assert not averaged_frames(np.arange(0.0, 5.0, 0.1)).any()
+    assert averaged_frames(np.append(np.arange(0.0, 5.0, 0.02), 15.0)).tolist() == [True] * 250 + [False]
+
+
+@pytest.mark.parametrize("method", ["live", "batch"])
+def test_pressed_and_fast_nodes_are_in_their_ellipsoids(example, method: str) -> None:
+    """On the example: 85 to 100 % of the nodes that are far from rest or fast, and hardly any beyond 99.9 %."""
+    trial = tg.open_trial(example)
+    pipeline = Pipeline(trial.description, tg.Settings(), read_sensor_model())
+    shapes = list(pipeline.shapes(pipeline.lengths(trial.readings()), method))
+    free = trial.description.structure.free_nodes
+    truth = trial.truth()
+    truth_m = interpolated(np.array([shape.t_s for shape in shapes]), truth.t_s, truth.node_position_m)[:, free]
+    error_m = np.array([shape.node_position_m[free] for shape in shapes]) - truth_m
+    covariance_m2 = np.array([shape.node_covariance_m2[free] for shape in shapes])
+    nees = np.einsum("fni,fnij,fnj->fn", error_m, np.linalg.inv(covariance_m2), error_m)
+    far = np.linalg.norm(truth_m - truth_m[0], axis=-1) > 0.01
+    fast = np.linalg.norm(np.gradient(truth_m, axis=0), axis=-1) > 0.03 / 50  # 0.03 m/s
+    for chosen in (far, fast):
+        assert chosen.sum() > 100
+        assert (nees[chosen] < chi2.ppf(0.95, 3)).mean() > 0.8
+    assert (nees > chi2.ppf(0.999, 3)).mean() < 0.005
