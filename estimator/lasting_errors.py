@@ -76,7 +76,7 @@ class LastingErrors:
         """Return a shape without the noise that other frames average; errors of bent tendons last."""
         lengths = shape.lengths
         bent = (lengths.mode == BENDING) | (lengths.flags & int(Flag.AMBIGUOUS) != 0)
-        if shape.status is not Status.OK or (bent & lengths.usable).any():
+        if shape.status is not Status.OK or lengths.rest_in_doubt or (bent & lengths.usable).any():
             return shape
         of_frame_m2 = shape.covariance_m2[np.ix_(self._free, self._free)] - self._rest_m2
         return shape.widened(self._free, (AVERAGED - 1) * of_frame_m2)

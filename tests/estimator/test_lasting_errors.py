@@ -29,14 +29,16 @@ NODE = 5
 """A free node."""
 
 
-def shown(rest: RestShape, *, moved_m: float = 0.0, t_s: float = 0.0, mode: int = STRETCHING, flag: int = 0) -> Shape:
+def shown(
+    rest: RestShape, *, moved_m: float = 0.0, t_s: float = 0.0, mode: int = STRETCHING, flag: int = 0, **more
+) -> Shape:
     """The rest shape with one node moved along x; its covariance is the rest shape's and noise."""
     tendons = len(rest.structure.tendons)
     position_m = rest.node_position_m.copy()
     position_m[NODE, 0] += moved_m
     modes, flags = np.full(tendons, STRETCHING), np.zeros(tendons, dtype=np.int64)
     modes[0], flags[0] = mode, flag
-    lengths = TendonLengths(t_s, np.full(tendons, 0.17), np.full(tendons, 0.001), modes, flags)
+    lengths = TendonLengths(t_s, np.full(tendons, 0.17), np.full(tendons, 0.001), modes, flags, **more)
     covariance_m2 = rest.covariance_m2 + SIGMA_M**2 * np.eye(position_m.size)
     return Shape(t_s, position_m, covariance_m2, Status.OK, lengths)
 
@@ -79,6 +81,7 @@ def test_a_robot_that_stands_at_rest_has_the_covariance_of_its_frame(structure: 
         pytest.param({"flag": int(Flag.AMBIGUOUS)}, False, id="an ambiguous tendon"),
         pytest.param({"status": Status.PARTIAL}, False, id="sensors left out"),
         pytest.param({"status": Status.DOUBT}, False, id="in doubt"),
+        pytest.param({"rest_in_doubt": True}, False, id="the rest in doubt"),
     ],
 )
 def test_noise_of_frames_is_averaged_where_it_is_noise(structure: Structure, rest: RestShape, change, is_less) -> None:
