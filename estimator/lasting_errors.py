@@ -2,14 +2,17 @@
 
 They last from frame to frame, and all strips err alike, so that neither many sensors nor many frames average them:
 
-    C' = C_rest + a (C - C_rest) + kappa^2 u u^T + tau^2 v v^T
+    C' = C_rest + a (C - C_rest) + kappa^2 u u^T + kappa_c^2 m m^T + tau^2 v v^T
 
-with u the displacement of all nodes from the rest shape, and v their velocity; a is `AVERAGED` in batch, where all
-tendons are stretched and the status is `ok`, and else 1. In the calibration's recordings of irregular motion, changes
-of strain of 0.5 to 1.5 % are shown 7 % too small in the mean of 17 recordings, and 1 to 2 % too small where they are
-larger, by 4 % more or less from strip to strip; the balance of forces, in which no load is more probable than one,
-draws shapes to rest by 1 to 5 % even with true lengths. The error of strain grows with its rate by 0.035 to 0.06 s
-times that rate, with either sign.
+with u the displacement of all nodes from the rest shape, m its running mean over 10 s, and v their velocity; a is
+`AVERAGED` in batch, where all tendons are stretched and the status is `ok`, and else 1.
+
+In the calibration's recordings of irregular motion, changes of strain of 0.5 to 1.5 % are shown 7 % too small in the
+mean of 17 recordings, and 1 to 2 % too small where they are larger, by 4 % more or less from strip to strip; the
+balance of forces, in which no load is more probable than one, draws shapes to rest by 1 to 5 % even with true lengths.
+The error of strain grows with its rate by 0.035 to 0.06 s times that rate, with either sign. Strips that are held creep
+for longer than in those recordings, in which they move all the time, and remember it: in presses of the twin that last
+for 8 s, lengths lose a seventh to a third.
 """
 
 import numpy as np
@@ -19,10 +22,14 @@ from ..models.structure.rest_shape import RestShape
 from ..models.structure.shape import Reason, Shape, Status
 from ..models.structure.structure import Structure
 from ..models.values.readings import BENDING, Flag
-from ..models.values.time_series import SmoothedRate
+from ..models.values.time_series import SmoothedRate, low_pass_weight
 
 DEFORMATION_SHARE = 0.07
 """kappa, the standard deviation of the error that all strips share over the deformation."""
+CREEP_SHARE = 0.2
+"""kappa_c, the standard deviation of what strips creep while they are held over the deformation."""
+CREEP_S = 10.0
+"""Time constant of the mean of the deformation that they remember."""
 RATE_S = 0.05
 """tau, the standard deviation of the error that comes from motion over the velocity."""
 AVERAGED = 0.7
@@ -51,21 +58,20 @@ class LastingErrors:
         self._rest_m = rest.node_position_m.reshape(-1)[self._free]
         self._rest_m2 = rest.covariance_m2[np.ix_(self._free, self._free)]
         self._velocity = SmoothedRate(len(self._free), VELOCITY_S)
+        self._remembered_m = np.zeros(len(self._free))
         self._last_s = np.nan
 
     def observe(self, shape: Shape) -> Shape:
         """Return a live shape with these errors in its covariance; shapes are given in order of time."""
-        step_s = shape.t_s - self._last_s
-        self._last_s = shape.t_s
+        step_s = VELOCITY_S if np.isnan(self._last_s) else shape.t_s - self._last_s
         position_m = shape.node_position_m.reshape(1, -1)[:, self._free]
-        step = np.array([[VELOCITY_S if np.isnan(step_s) else step_s]])
-        return self._widened(shape, self._velocity.run(position_m, step)[0])
+        return self._widened(shape, self._velocity.run(position_m, np.array([[step_s]]))[0])
 
     def of_trial(self, shape: Shape, velocity_m_per_s: NDArray[np.float64], *, is_averaged: bool) -> Shape:
-        """Return a shape of a whole trial, with a (nodes, 3) velocity, with these errors in its covariance.
+        """Return a shape of a whole trial with these errors in its covariance.
 
         Args:
-            shape: the shape.
+            shape: the shape; shapes are given in order of time.
             velocity_m_per_s: (nodes, 3) its velocity.
             is_averaged: whether the smoother has averaged the noise of many frames around it.
         """
@@ -83,9 +89,14 @@ class LastingErrors:
 
     def _widened(self, shape: Shape, velocity_m_per_s: NDArray[np.float64]) -> Shape:
         """Return the shape widened; of a shaken robot the covariance is that of its swings already."""
+        deformation_m = shape.node_position_m.reshape(-1)[self._free] - self._rest_m
+        if not np.isnan(self._last_s):
+            weight = low_pass_weight(np.array(shape.t_s - self._last_s), CREEP_S)
+            self._remembered_m = self._remembered_m + weight * (deformation_m - self._remembered_m)
+        self._last_s = shape.t_s
         if shape.doubt is Reason.MOTION:
             return shape
-        by_deformation_m = DEFORMATION_SHARE * (shape.node_position_m.reshape(-1)[self._free] - self._rest_m)
-        by_motion_m = RATE_S * velocity_m_per_s
-        added_m2 = np.outer(by_deformation_m, by_deformation_m) + np.outer(by_motion_m, by_motion_m)
-        return shape.widened(self._free, added_m2)
+        parts_m = np.stack(
+            [DEFORMATION_SHARE * deformation_m, CREEP_SHARE * self._remembered_m, RATE_S * velocity_m_per_s]
+        )
+        return shape.widened(self._free, parts_m.T @ parts_m)

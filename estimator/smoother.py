@@ -47,6 +47,7 @@ class LiveSmoother:
         self.doubt = ModelDoubt(self._builder, settings.doubt)
         self.changes = ChangeWatch(self._builder)
         self.rebounds = ReboundWatch(rest, settings.doubt.load_n)
+        self._compensation = LagCompensation()
         self._lasting = LastingErrors(structure, rest)
         self.modes = ModeChoice(self._builder, settings.front_end.ambiguous_probability)
         self.drift = OwnDrift(self._builder, settings.drift)
@@ -62,7 +63,11 @@ class LiveSmoother:
 
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
         """Yield the shape at the time of each frame, as soon as the frame arrives."""
-        return map(LagCompensation().now, map(self.update, frames))
+        return map(self.now, map(self.update, frames))
+
+    def now(self, shape: Shape) -> Shape:
+        """Return a shape of `update` at the time of its frame, with the errors that last; in order of time."""
+        return self._lasting.observe(self._compensation.now(shape))
 
     def keep(self) -> None:
         """Keep what is learned in each frame, for a smoother; live, memory is bounded."""
@@ -77,7 +82,7 @@ class LiveSmoother:
         Raises:
             IndeterminateError: when measurements and priors leave some node undetermined.
         """
-        return self._lasting.observe(self._branches.with_other(self.first_shape(lengths)))
+        return self._branches.with_other(self.first_shape(lengths))
 
     def first_shape(self, lengths: TendonLengths) -> Shape:
         """Return the shape in one more frame, without the search for a second one.

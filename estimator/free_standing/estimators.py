@@ -25,7 +25,6 @@ from ...models.structure.structure import Structure
 from ...models.values.aids import AidReading, ImuReading, PositionReading
 from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
-from ..lag_compensation import LagCompensation
 from ..smoother import LiveSmoother
 from .contacts import Standing, nothing_stands
 from .imu_trust import without_sensors
@@ -122,10 +121,9 @@ class FreeStandingSmoother:
 
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
         """Yield a shape in the world for each frame, as soon as the frame arrives."""
-        compensation = LagCompensation()
         for lengths in frames:
             shape, step = self.update(lengths)
-            shape = compensation.now(shape)
+            shape = self.shapes.now(shape)
             yield in_world(
                 shape, self._rest, self._robot.floor, step.state, step.covariance, step, self._settings.branch
             )

@@ -26,7 +26,6 @@ from ..free_standing.imu_trust import without_sensors
 from ..free_standing.pose_smoother import PoseStep, smoothed
 from ..free_standing.resting_faces import balances_at
 from ..free_standing.world import support_of
-from ..lag_compensation import LagCompensation
 from ..smoother import LiveSmoother
 from .hands import Hands, HandTorque
 from .hanging_filter import HangingFilter
@@ -53,10 +52,9 @@ class HangingSmoother:
 
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
         """Yield a shape in the world for each frame, as soon as the frame arrives."""
-        compensation = LagCompensation()
         for lengths in frames:
             shape, step = self.update(lengths)
-            shape = compensation.now(shape)
+            shape = self.shapes.now(shape)
             yield hung_in_world(shape, self._rest, step.state, step.covariance, step, self.doubt_of(step))
 
     def update(self, lengths: TendonLengths) -> tuple[Shape, PoseStep]:

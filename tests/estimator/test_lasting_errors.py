@@ -11,6 +11,8 @@ from scipy.stats import chi2
 import tensegraph as tg
 from tensegraph.estimator.lasting_errors import (
     AVERAGED,
+    CREEP_S,
+    CREEP_SHARE,
     DEFORMATION_SHARE,
     RATE_S,
     LastingErrors,
@@ -59,11 +61,28 @@ def test_numbers_worked_by_hand(structure: Structure, rest: RestShape) -> None:
     for velocity, added_m2 in ((still, 0.49e-6), (moving, 1.49e-6)):
         widened = lasting.of_trial(shape, velocity, is_averaged=False)
         assert along_x_m2(widened) - along_x_m2(shape) == pytest.approx(added_m2)
-    frames = [shown(rest, moved_m=0.02 * t_s, t_s=t_s) for t_s in np.arange(0.0, 2.0, 0.02)]
-    for shape in frames:
+    lasting = LastingErrors(structure, rest)
+    for t_s in np.arange(0.0, 2.0, 0.02):
+        shape = shown(rest, moved_m=0.02 * t_s, t_s=t_s)
         live = lasting.observe(shape)
-    deformation_m = 0.02 * frames[-1].t_s
-    assert along_x_m2(live) - along_x_m2(shape) == pytest.approx(1e-6 + (0.07 * deformation_m) ** 2, rel=0.01)
+    remembered_m = 0.02 * (t_s - 10.0 * (1 - np.exp(-t_s / 10.0)))
+    expected_m2 = 1e-6 + (0.07 * 0.02 * t_s) ** 2 + (0.2 * remembered_m) ** 2
+    assert along_x_m2(live) - along_x_m2(shape) == pytest.approx(expected_m2, rel=0.01)
+
+
+def test_strips_remember_how_long_they_were_held(structure: Structure, rest: RestShape) -> None:
+    """10 mm for 10 s add (0.2 (1 - 1/e) 10 mm)^2 to (0.07 10 mm)^2, and 1/e of that is left in m 10 s after."""
+    assert (CREEP_SHARE, CREEP_S) == (0.2, 10.0)
+    lasting = LastingErrors(structure, rest)
+    still = np.zeros_like(rest.node_position_m)
+    lasting.of_trial(shown(rest), still, is_averaged=False)
+    for t_s in np.linspace(0.1, 10.0, 100):
+        shape = shown(rest, moved_m=0.01, t_s=t_s)
+        held = lasting.of_trial(shape, still, is_averaged=False)
+    remembered_m = (1 - np.exp(-1)) * 0.01
+    assert along_x_m2(held) - along_x_m2(shape) == pytest.approx(0.49e-6 + (0.2 * remembered_m) ** 2)
+    after = lasting.of_trial(shown(rest, t_s=20.0), still, is_averaged=False)
+    assert along_x_m2(after) - along_x_m2(shape) == pytest.approx((0.2 * np.exp(-1) * remembered_m) ** 2)
 
 
 def test_a_robot_that_stands_at_rest_has_the_covariance_of_its_frame(structure: Structure, rest: RestShape) -> None:
