@@ -38,7 +38,7 @@ def main() -> None:
     shares.grid(alpha=0.3)
     time.axhline(0, color=GREY, lw=0.7)
     time.set(xlabel="time [s]", ylabel="height: estimate minus truth [mm]", title=f"(b) node {NODE}, batch")
-    time.set_ylim(-4, 5)
+    time.set_ylim(-7, 8)
     time.legend(frameon=False, ncols=2, loc="upper right")
     save(figure, "covariance.png")
 
