@@ -38,16 +38,18 @@ of stretched tendons, a mean over half a second leaves half of the variance at r
 presses; that of loads, rods and rest shape is not averaged."""
 VELOCITY_S = 0.1
 """Time constant of the smoothing of live shapes before their velocity is taken."""
-AVERAGED_S = 0.5
-"""Time over which the smoother averages."""
-MANY = 10
-"""Number of frames in that time from which on their noise is averaged."""
+HALF_S = 0.25
+"""Time before and after a frame over which the smoother averages."""
+MANY = 5
+"""Number of frames in that time, the frame included, from which on their noise is averaged."""
 
 
 def averaged_frames(t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return (frames,) whether there are many frames near each."""
-    after, before = (np.searchsorted(t_s, t_s + half_s) for half_s in (AVERAGED_S / 2, -AVERAGED_S / 2))
-    return np.asarray(after - before >= MANY)
+    """Return (frames,) whether there are many frames both before and after each: the last one is as it is live."""
+    frame = np.arange(len(t_s))
+    after = np.searchsorted(t_s, t_s + HALF_S) - frame
+    before = frame + 1 - np.searchsorted(t_s, t_s - HALF_S)
+    return np.asarray(np.minimum(before, after) >= MANY)
 
 
 class LastingErrors:
