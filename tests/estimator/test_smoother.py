@@ -15,7 +15,10 @@ from tensegraph.models.estimation import SmootherSettings
 
 
 def test_live_with_a_long_lag_ends_where_batch_ends(structure, rest, lengths_of) -> None:
-    """The newest frame's posterior is the same whether old frames are kept, marginalised or optimised at once."""
+    """The newest frame's posterior is the same whether old frames are kept, marginalised or optimised at once.
+
+    The velocity of noise, which enters the covariance, is that of two frames in batch, and smoothed live.
+    """
     rng = np.random.default_rng(3)
     frames = [
         lengths_of(structure, rest.node_position_m, 0.02 * k, noise=1e-5 * rng.standard_normal(24)) for k in range(30)
@@ -27,7 +30,7 @@ def test_live_with_a_long_lag_ends_where_batch_ends(structure, rest, lengths_of)
             LiveSmoother(structure, rest, replace(settings, smoother=SmootherSettings(lag=lag))).estimate(frames)
         )[-1]
         np.testing.assert_allclose(live.node_position_m, batch.node_position_m, atol=5e-6)
-        np.testing.assert_allclose(live.covariance_m2, batch.covariance_m2, rtol=0.02, atol=1e-10)
+        np.testing.assert_allclose(live.covariance_m2, batch.covariance_m2, rtol=0.02, atol=3e-9)
 
 
 def test_live_uses_the_past_only(structure, rest, lengths_of) -> None:
