@@ -160,6 +160,7 @@ class BatchOptimizer:
         """Return the optimum from a live estimate, see `refined`; None without frames."""
         if not frames:
             return None
+        self._builder.begin(frames[0])
         problem = self._problem(frames, live, shapes, supports)
         try:
             if len(shapes) < len(frames) and self._builder.statics is not None:
@@ -233,7 +234,7 @@ class BatchOptimizer:
         """Return the frames with the motion prior between them."""
         rest = self._builder.rest
         factors = TrialFactors(self._builder, problem.measured, problem.balance)
-        sigma_m = rest.largest_sigma_m if rest.at_start else None
+        sigma_m = rest.largest_sigma_m if self._builder.starts_at_rest else None
         rows = motion_rows(problem.t_s, self._builder.noise.motion_m_per_s15, sigma_m)
         return TrialChain(factors, rows, self._builder.structure.free_coordinates, rest.node_position_m)
 

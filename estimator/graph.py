@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from ..factors.anchor import anchor_factors
 from ..factors.body_frame import body_frame_rows
@@ -30,6 +31,9 @@ from .own_evidence import own_graph_rows, own_rows
 MAX_FRAME_ITERATIONS = 100
 ERROR_TOLERANCE = 1e-2
 """Absolute tolerance of a frame's error, which is half a sum of squares: a seventh of one sigma of one length."""
+
+REST_PROBABILITY = 1e-3
+"""Probability of first lengths as far from those at rest, below which the structure does not start at rest."""
 
 NEAR_M = 0.001
 """Motion of a node, or winding of a tendon, over which the standard deviation of the balance of forces changes by less
@@ -88,6 +92,8 @@ class GraphBuilder:
         self.node_count = structure.node_count
         self._free = structure.free_nodes.tolist()
         self.statics = Statics(structure, rest.mechanics) if rest.mechanics else None
+        self.starts_at_rest = rest.at_start
+        """Whether the structure is at its rest shape in the first frame, as far as is known; see `begin`."""
         self.fixed_motions = motions_left(structure, rest.node_position_m).T
         """(motions, 3 nodes) rigid motions that the anchors leave, and that are fixed; no rows with three anchors."""
         self._near_m = np.full_like(rest.node_position_m, np.inf)
@@ -96,6 +102,18 @@ class GraphBuilder:
         self._near_variance = np.zeros(0)
         self._near_natural: NaturalLengths | None = None
         self.approach(rest.node_position_m)
+
+    def begin(self, lengths: TendonLengths) -> None:
+        """Take the first frame: whether it has the lengths at rest, but for the worst, whose sensor may be faulty.
+
+        Of n lengths l_e that are those at rest, r_e, the sum of (l_e - r_e)^2 / (sigma_l^2 + sigma_r^2) has a
+        chi-square distribution with n degrees of freedom.
+        """
+        rest, read = self.rest.lengths(0.0), lengths.usable
+        squared = (lengths.length_m - rest.length_m)[read] ** 2 / (lengths.sigma_m**2 + rest.sigma_m**2)[read]
+        others = squared.sum() - squared.max(initial=0.0)
+        contradicts = bool(chdtrc(read.sum() - 1, others) < REST_PROBABILITY)
+        self.starts_at_rest = self.rest.at_start and not contradicts
 
     def approach(self, node_position_m: NDArray[np.float64]) -> None:
         """Compute the standard deviation of the balance of forces near a shape, if it is not near the last one."""
@@ -215,8 +233,7 @@ class GraphBuilder:
     def add_motion(self, graph: gtsam.NonlinearFactorGraph, frame: int, times_s: Sequence[float]) -> None:
         """Add the factors that connect a frame to the two before it, or the first frame to the rest shape.
 
-        A frame that has fewer than two frames before it gets these factors only when the structure is at rest at the
-        start.
+        A frame that has fewer than two frames before it gets these factors only when the structure starts at rest.
 
         Args:
             graph: the graph that the factors are added to.
@@ -225,7 +242,7 @@ class GraphBuilder:
         """
         q = self.noise.motion_m_per_s15
         keys = self.keys(frame)
-        if frame < 2 and not self.rest.at_start:
+        if frame < 2 and not self.starts_at_rest:
             return
         if frame == 0:
             _add(graph, shape_prior_factors(self._free, keys, self.rest.node_position_m, self.rest.largest_sigma_m))

@@ -135,9 +135,11 @@ class LiveSmoother:
     def _smoothed(self, measured: WeightedLengths) -> NDArray[np.float64]:
         """Add the newest frame to the graph, and return its (nodes, 3) positions."""
         graph = gtsam.NonlinearFactorGraph()
+        if self._frame == 0:
+            self._builder.begin(measured.lengths)
         self._builder.add_frame(graph, self._frame, measured)
         self._builder.add_motion(graph, self._frame, self._times_s)
-        if self._frame == 0 and not self._builder.rest.at_start:
+        if self._frame == 0 and not self._builder.starts_at_rest:
             start_m = self._builder.search(measured, self._builder.rest.node_position_m).finished().node_position_m
             self._positions.extend([start_m] * 2)
         values = gtsam.Values()
