@@ -7,7 +7,7 @@ from typing import Any
 from ...models.plug_ins import PlugIn, errors_of_plug_in, plug_ins
 from ...models.structure.labelled import TABLES
 from ...models.structure.reconstruction import Reconstruction
-from ...models.values.errors import InputError
+from ...models.values.errors import InputError, printable
 from ..whole import check_writable, written_whole
 
 SUFFIXES = {
@@ -74,7 +74,8 @@ def export(
     paths = paths_of(path, format_name)
     for place in paths:
         check_file(place)
-    told = {**(about or {}), "coordinate_frame": result.coordinate_frame, "probability": probability}
+    attributes = {name: printable(text) for name, text in (about or {}).items()}
+    told = {**attributes, "coordinate_frame": result.coordinate_frame, "probability": probability}
     with written_whole(*paths) as inside:
         if format_name in OF_ONE_FRAME:
             _write_frame(result, format_name, at_s, probability, told, inside[0])

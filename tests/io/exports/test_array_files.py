@@ -51,7 +51,7 @@ def test_an_npz_file_without_pickles(short_run, tmp_path) -> None:
 
 def test_a_netcdf_file(short_run, tmp_path) -> None:
     netcdf = pytest.importorskip("netCDF4")
-    (path,) = tg.export(short_run, tmp_path / "run.nc")
+    (path,) = tg.export(short_run, tmp_path / "run.nc", about={"trial": "nul \0 in a name"})
     with netcdf.Dataset(path) as read:
         np.testing.assert_array_equal(read["node_position_m"][:], short_run.node_position_m)
         assert read["node_position_m"].dimensions == ("t_s", "node", "axis")
@@ -61,6 +61,7 @@ def test_a_netcdf_file(short_run, tmp_path) -> None:
         assert list(read["axis"][:]) == ["x", "y", "z"]
         assert read["doubt"][-1] == "many_loads"
         assert read.coordinate_frame == "anchors"
+        assert read.trial == r"nul \x00 in a name"
 
 
 def test_xarray_finds_frames_and_components_by_their_labels(short_run, tmp_path) -> None:
