@@ -19,8 +19,9 @@ covariance W_i^-1, where W = S^-1:
 
     chi_i^2 = (W e)_i^T W_i^-1 (W e)_i
 
-The sensor is outvoted whose chi^2 is larger than that of all others by `OUTVOTED_SIGMA`^2: of two that disagree, none
-is.
+A turn that is wrong lasts for more than a frame, so that chi^2 is added up, with a memory of `DISPUTE_MEMORY_S`. The
+sensor is outvoted whose sum is larger than that of all others by `OUTVOTED_SIGMA`^2. Of two that disagree none may be:
+where the largest sum is beyond this limit and no sensor is outvoted, all beyond it are in dispute, and doubted.
 """
 
 from collections.abc import Sequence
@@ -52,6 +53,11 @@ TRUST_MEMORY_S = 0.5
 """Time constant of the mean difference."""
 OUTVOTED_SIGMA = 5.0
 """Standard deviations by which a sensor differs from what the others leave for it when it is outvoted."""
+DISPUTE_MEMORY_S = 0.2
+"""Time constant of the sum of chi^2. Of two sensors, one whose rates were wrong by 9 rad/s from one frame on turned a
+robot that hung by 600 mm within half a second, and chi^2 of a frame was no larger than 38."""
+AGREE = 1.0
+"""Chi^2 of all sensors together below which they agree."""
 
 
 class ImuTrust:
@@ -63,6 +69,9 @@ class ImuTrust:
         self.is_lost = np.zeros(imus, dtype=np.bool_)
         """(imus,) sensors that were silent or outvoted, and are not taken on again yet."""
         self._is_outvoted = np.zeros(imus, dtype=np.bool_)
+        self._is_in_dispute = np.zeros(imus, dtype=np.bool_)
+        self._disagreed = np.zeros(imus)
+        self._last_s = np.nan
         self._heard_s = np.full(imus, -np.inf)
         self._apart = np.zeros(imus)
         self._agreement = ImuAgreement(imus, rest_until_s, settings)
@@ -79,7 +88,7 @@ class ImuTrust:
     @property
     def contradicted(self) -> NDArray[np.bool_]:
         """(imus,) sensors that contradict their rods, gravity, themselves or the other sensors."""
-        return ~(self.is_trusted & self._agreement.has_size) | self._is_outvoted
+        return ~(self.is_trusted & self._agreement.has_size) | self._is_outvoted | self._is_in_dispute
 
     def start(self, imus: ImuArray, arm_m: NDArray[np.float64]) -> None:
         """Lose the sensors whose turn about their rods gravity does not tell, with (nodes, 3) nodes in world axes."""
@@ -97,6 +106,9 @@ class ImuTrust:
         """Learn from a frame which sensors are silent, and which contradict gravity or themselves."""
         is_heard = samples.count > 0
         self._heard_s[is_heard] = t_s
+        if np.isfinite(self._last_s):
+            self._disagreed *= np.exp(-(t_s - self._last_s) / DISPUTE_MEMORY_S)
+        self._last_s = t_s
         is_silent = t_s - self._heard_s > ATTITUDE_HOLDS_S
         self._agreement.forget(is_silent)
         self._agreement.observe(t_s, samples.rate_rad_per_s, samples.specific_force_m_per_s2, is_heard)
@@ -110,25 +122,35 @@ class ImuTrust:
             imus: the sensors.
             predicted: what is expected of the frame, by the rates of all sensors that are used.
         """
+        self._is_in_dispute = np.zeros_like(self.is_used)
         used = np.flatnonzero(self.is_used)
         if len(used) < 2:
             return False
+        disagreed = self._disagreed.copy()
+        disagreed[used] += self._apart_from_others(imus, predicted, used)
+        second, first = used[np.argsort(disagreed[used])[-2:]]
+        limit = OUTVOTED_SIGMA**2
+        if disagreed[first] - disagreed[second] < limit:
+            self._disagreed = disagreed
+            self._is_in_dispute[used] = disagreed[used] > limit
+            return False
+        self.is_lost, self._is_outvoted = self.is_lost.copy(), self._is_outvoted.copy()
+        self.is_lost[first] = self._is_outvoted[first] = True
+        self._disagreed[first] = 0.0
+        return True
+
+    def _apart_from_others(self, imus: ImuArray, predicted: Prediction, used: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return (used,) chi_i^2, how far the turn of each sensor's rod is from what the others leave for it."""
         rows = imus.direction_rows(predicted.placed, 1.0, used)
         variance = rows.variance + self._deformed_rad**2
-        if rows.error**2 @ (1 / variance) < OUTVOTED_SIGMA**2:  # no chi^2 is larger
-            return False
+        if rows.error**2 @ (1 / variance) < AGREE:  # no chi^2 is larger
+            return np.zeros(len(used))
         S = rows.jacobian @ predicted.covariance @ rows.jacobian.T
         S[np.diag_indices(len(S))] += variance
         W = np.linalg.inv(S)
         apart = (W @ rows.error).reshape(-1, 2)
         own = W.reshape(len(used), 2, len(used), 2)[range(len(used)), :, range(len(used))]
-        chi2 = np.einsum("ia,ia->i", apart, np.linalg.solve(own, apart[:, :, None])[:, :, 0])
-        second, first = np.argsort(chi2)[-2:]
-        if chi2[first] - chi2[second] < OUTVOTED_SIGMA**2:
-            return False
-        self.is_lost, self._is_outvoted = self.is_lost.copy(), self._is_outvoted.copy()
-        self.is_lost[used[first]] = self._is_outvoted[used[first]] = True
-        return True
+        return np.asarray(np.einsum("ia,ia->i", apart, np.linalg.solve(own, apart[:, :, None])[:, :, 0]))
 
     def back(self, imus: ImuArray, arm_m: NDArray[np.float64], samples: ImuSamples) -> NDArray[np.int64]:
         """Return the lost sensors that are back, which are lost no longer: they move slowly and agree with their rods.
