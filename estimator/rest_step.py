@@ -12,12 +12,14 @@ all k does not change the balance; the prior determines it, and it has little ef
 balance at rest, in contrast, would shift the shape in every frame.
 
 What was told of the geometry may be wrong. The minimum is therefore also computed with each part of it less certain
-(rods, anchors, the measured shape, the ends of the tendons), and the evidence, which is the Laplace approximation of
-the probability of all that is known, decides:
+(rods, anchors, the measured shape or its axes, the ends of the tendons), and the evidence, which is the Laplace
+approximation of the probability of all that is known, decides:
 
     log p = -1/2 (minimum) - 1/2 log |H| - sum log sigma,    H = half the second derivative at the minimum
 
-Rods and anchors keep, in all frames, the lengths and positions that they have in the estimated rest shape.
+Rods and anchors keep, in all frames, the lengths and positions that they have in the estimated rest shape. Anchors that
+are told too high or too low cannot be told from a rest shape that was measured in tilted axes: where neither is much
+more probable, the axes are doubted.
 """
 
 from dataclasses import dataclass, replace
@@ -34,7 +36,7 @@ from ..models.structure.floor import UP, Floor
 from ..models.structure.lengths import length_jacobian, member_length_m
 from ..models.structure.mechanics import Mechanics
 from ..models.structure.rest_shape import GeometrySigma, RestSettings, RestShape, WrongPart
-from ..models.structure.rigidity import find_rest_shape
+from ..models.structure.rigidity import find_rest_shape, rigid_motions
 from ..models.structure.structure import Structure
 from ..models.trial_description import TrialDescription
 from ..models.values.errors import IndeterminateError
@@ -46,12 +48,20 @@ WRONG_ANCHOR_M = 0.002
 """Standard deviation of an anchor's position per axis, if the anchors are what was told wrongly."""
 WRONG_SHAPE_M = 0.002
 """Standard deviation of a measured position per axis, if the measured shape is what was told wrongly."""
+WRONG_AXES_M = 0.005
+"""Root mean square over the nodes of what a measured shape is moved by, if it was measured in other axes than those of
+the anchors: a turn by 2 degrees about its middle, or a shift."""
 WRONG_HUB_M = 0.0075
 """Distance from a rod's end at which its tendons end, if it was not told that they end on hubs."""
 MOST_STEPS = 200
 """Number of steps to a minimum after which there is none; six to eight are usual, from a measured shape."""
 LOG_PRIOR_ODDS = 3.0
 """Log of the prior odds of a part told correctly to one told wrongly: one trial in twenty."""
+ALIKE_LOG_ODDS = 3.0
+"""Log of the odds of wrong anchors to wrong axes, below which they are about as probable."""
+OFF_FLOOR_M = 0.002
+"""Distance of one of the three lowest nodes of the rest shape from standing on the floor, beyond which height or normal
+of the floor are others than told."""
 
 
 def rest_step(
@@ -79,11 +89,15 @@ def rest_step(
     """
     known_m, sigma_m = _known_shape(structure, mechanics, measured_position_m, near_position_m, settings)
     support = _support(structure, mechanics, known_m, floor)
-    told = _RestProblem(structure, mechanics, known_m, sigma_m, geometry, settings, support)
+    root_m = sigma_m * np.eye(known_m.size)
+    told = _RestProblem(structure, mechanics, known_m, root_m, geometry, settings, support)
     source: Literal["measured", "found"] = "found" if measured_position_m is None else "measured"
     problem, minimum, wrong = _most_probable(told, source)
     position_m = problem.position_m(minimum.z)
     coordinates = problem.coordinates
+    covariance = np.linalg.inv(minimum.information)[:coordinates, :coordinates]
+    if wrong is None and floor is not None and _is_off(floor, position_m):
+        wrong = "floor"
     found = RestShape(
         structure=replace(
             structure,
@@ -91,7 +105,7 @@ def rest_step(
             anchor_position_m=position_m[structure.anchors],
         ),
         node_position_m=position_m,
-        covariance_m2=np.asarray(problem.sigma_m**2 * np.linalg.inv(minimum.information)[:coordinates, :coordinates]),
+        covariance_m2=problem.root_m @ covariance @ problem.root_m.T,
         source=source,
         wrong=wrong,
     )
@@ -166,15 +180,15 @@ class _RestProblem:
     """The sum to minimise as a function of z.
 
     z holds the deviations of nodes, log stiffnesses, natural lengths, and forces of the floor at the nodes that it
-    carries from their known values, each divided by its sigma.
+    carries from their known values, each divided by its sigma, or by the root of their covariance.
     """
 
     structure: Structure
     nominal: Mechanics | None
     known_m: NDArray[np.float64]
     """(nodes, 3) the positions known beforehand, x_known."""
-    sigma_m: float
-    """Standard deviation of known_m, per axis."""
+    root_m: NDArray[np.float64]
+    """(3 nodes, 3 nodes) square root of the covariance of known_m."""
     geometry: GeometrySigma
     settings: RestSettings
     support: Support | None
@@ -199,7 +213,7 @@ class _RestProblem:
 
     def position_m(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (nodes, 3) positions at z."""
-        return self.known_m + self.sigma_m * z[: self.coordinates].reshape(-1, 3)
+        return self.known_m + (self.root_m @ z[: self.coordinates]).reshape(-1, 3)
 
     def tared(self, nominal: Mechanics, z: NDArray[np.float64]) -> Mechanics:
         """Return the nominal mechanics with the stiffnesses and natural lengths at z."""
@@ -244,7 +258,7 @@ class _RestProblem:
             ]
         )
         jacobian = np.zeros((len(by_position), len(z)))
-        jacobian[:, : self.coordinates] = self.sigma_m * by_position
+        jacobian[:, : self.coordinates] = by_position @ self.root_m
         force_rows, force_jacobian = self._balance(z)
         rows = [rod_error / self.geometry.rod_length_m, anchor_error / self.geometry.anchor_m, cable_rows, force_rows]
         return np.concatenate(rows), np.concatenate([jacobian, force_jacobian])
@@ -294,7 +308,7 @@ class _RestProblem:
         r, by_position = statics.residual_and_jacobian(position)
         by_log_stiffness, by_natural_length = statics.mechanics_jacobian(position)
         parts = [
-            self.sigma_m * by_position,
+            by_position @ self.root_m,
             self.settings.stiffness_spread * by_log_stiffness,
             self.settings.natural_length_sigma_m * by_natural_length,
             by_force.reshape(len(r), -1),
@@ -316,14 +330,18 @@ def _most_probable(
         "anchors": replace(told, geometry=replace(sigma, anchor_m=max(sigma.anchor_m, WRONG_ANCHOR_M))),
     }
     if source == "measured":
-        less_certain["rest shape"] = replace(told, sigma_m=max(told.sigma_m, WRONG_SHAPE_M))
+        sigma_m = max(told.settings.measured_sigma_m, WRONG_SHAPE_M)
+        less_certain["rest shape"] = replace(told, root_m=sigma_m * np.eye(told.coordinates))
+        if told.structure.is_held:
+            less_certain["axes"] = replace(told, root_m=_root_in_other_axes_m(told.known_m, told.settings))
     if told.nominal is not None and sigma.hub_radius_m == 0:
         less_certain["hubs"] = replace(told, geometry=replace(sigma, hub_radius_m=WRONG_HUB_M))
     chosen: tuple[_RestProblem, _Minimum, WrongPart | None] = (told, told.minimum(), None)
     least = chosen[1].log_evidence + LOG_PRIOR_ODDS
     for part, problem in less_certain.items():
         minimum = problem.minimum()
-        if minimum.log_evidence > least:
+        alike = ALIKE_LOG_ODDS if (chosen[2], part) == ("anchors", "axes") else 0.0
+        if minimum.log_evidence > least - alike:
             least = minimum.log_evidence
             chosen = (problem, minimum, part)
     if np.isinf(chosen[1].log_evidence):
@@ -332,6 +350,19 @@ def _most_probable(
             "in N/m and the masses in kg?"
         )
     return chosen
+
+
+def _root_in_other_axes_m(known_m: NDArray[np.float64], settings: RestSettings) -> NDArray[np.float64]:
+    """Return the root of the covariance of (nodes, 3) positions that were measured in axes that are known roughly."""
+    sigma_m = settings.measured_sigma_m
+    motions = rigid_motions(known_m)
+    moved_m = np.hypot(sigma_m, WRONG_AXES_M * np.sqrt(len(known_m)))
+    return np.asarray(sigma_m * np.eye(known_m.size) + (moved_m - sigma_m) * motions @ motions.T)
+
+
+def _is_off(floor: Floor, rest_m: NDArray[np.float64]) -> bool:
+    """Return whether the three lowest nodes of (nodes, 3) a rest shape are elsewhere than nodes that stand."""
+    return bool(np.abs(np.sort(floor.clearance_m(rest_m))[:3]).max() > OFF_FLOOR_M)
 
 
 def _support(

@@ -30,8 +30,9 @@ class RestSettings:
     """Standard deviation of the balance of forces at rest: sway, creep and hysteresis of the rubber."""
 
 
-WrongPart = Literal["rods", "anchors", "rest shape", "hubs"]
-"""A part of the geometry that may have been told wrongly; `hubs` means that tendons end beside the ends of the rods."""
+WrongPart = Literal["rods", "anchors", "rest shape", "axes", "hubs", "floor"]
+"""A part of the geometry that may have been told wrongly: `axes` are those in which the rest shape was measured, and
+`hubs` means that tendons end beside the ends of the rods."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +75,7 @@ class RestShape:
     @property
     def is_doubted(self) -> bool:
         """Whether what is wrong of the geometry was not mended, so that every shape is in doubt."""
-        return self.wrong in ("hubs", "rest shape")
+        return self.wrong not in (None, "rods", "anchors")
 
     @property
     def largest_sigma_m(self) -> float:

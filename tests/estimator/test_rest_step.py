@@ -10,9 +10,11 @@ from balance import K, nominal
 from tensegraph import Structure, open_trial
 from tensegraph.estimator.rest_step import rest_step
 from tensegraph.models.balance.statics import Statics
+from tensegraph.models.structure.floor import UP, Floor
 from tensegraph.models.structure.lengths import length_jacobian, member_length_m
 from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.structure.rest_shape import GeometrySigma, RestSettings
+from tensegraph.models.values.rotations import rotation
 
 
 def test_measured_rest_shape_keeps_rods_and_anchors(structure: Structure, rest) -> None:
@@ -109,6 +111,20 @@ class TestWrongGeometry:
             off - balanced.node_position_m
         )
 
+    @pytest.mark.parametrize("turn_rad", [[0.035, 0, 0], [0, 0, 0.035], [0.02, -0.05, 0]])
+    def test_a_shape_measured_in_other_axes_than_the_anchors(self, turn_rad, structure, balanced, measured) -> None:
+        """Turned by 2 to 3 degrees: the shape is that in the axes of the anchors, and in doubt."""
+        middle_m = measured.mean(axis=0)
+        found = self.found(structure, (measured - middle_m) @ rotation(np.array(turn_rad)).T + middle_m + 0.002)
+        assert found.wrong == "axes"
+        assert found.is_doubted
+        assert np.abs(found.node_position_m - balanced.node_position_m).max() < 0.002
+
+    def test_an_anchor_told_too_high_is_no_other_than_tilted_axes(self, structure, measured) -> None:
+        shift = np.array([[0, 0, 0.003], [0, 0, 0], [0, 0, 0]])
+        told = replace(structure, anchor_position_m=structure.anchor_position_m + shift)
+        assert self.found(told, measured).is_doubted
+
     def test_hubs_that_were_told_widen_the_balance(self, structure, measured) -> None:
         hubs = GeometrySigma(hub_radius_m=0.0075)
         found = rest_step(structure, nominal(structure), measured, hubs, RestSettings())
@@ -117,6 +133,25 @@ class TestWrongGeometry:
         assert found.hub_force_n == pytest.approx(0.0075 * per_m, rel=0.05)
         statics = Statics(found.structure, found.mechanics)
         assert np.abs(statics.residual_n(found.node_position_m)).max() < 1e-9  # what hubs leave is subtracted
+
+
+@pytest.mark.parametrize(
+    ("floor", "wrong"),
+    [
+        (Floor(0.010, UP), None),
+        (Floor(0.013, UP), "floor"),
+        (Floor(0.007, UP), "floor"),
+        (Floor(0.010, np.array([0.026, 0.0, np.sqrt(1 - 0.026**2)])), "floor"),
+    ],
+)
+def test_a_floor_on_which_the_rest_shape_does_not_stand(floor: Floor, wrong: str | None) -> None:
+    """Its height is wrong by 3 mm, or its normal by 1.5 degrees."""
+    trial = open_trial(Path(__file__).parents[2] / "examples" / "roll_02").description
+    found = rest_step(
+        trial.structure, trial.mechanics, trial.rest_position_m, trial.geometry, RestSettings(), floor, None
+    )
+    assert found.wrong == wrong
+    assert found.is_doubted == (wrong is not None)
 
 
 def test_a_floor_that_carries_nothing_at_a_node_is_no_obstacle() -> None:
