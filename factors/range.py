@@ -19,6 +19,15 @@ OUTLIER = 5.0
 """Studentised error from which a range is left out."""
 
 
+def range_error(placed: PlacedShape, reading: RangeReading, pair: int) -> tuple[float, NDArray[np.float64]]:
+    """Return the range minus that predicted, and the (size,) derivative of the predicted by the errors of the state."""
+    difference = placed.node_position_m[reading.node] - reading.beacon_position_m
+    distance = float(np.linalg.norm(difference))
+    jacobian = difference / distance @ placed.jacobian[reading.node]
+    jacobian[placed.state.layout.range_offset.start + pair] = 1.0
+    return reading.range_m - distance - float(placed.state.range_offset_m[pair]), jacobian
+
+
 def range_rows(
     placed: PlacedShape,
     readings: Sequence[RangeReading],
@@ -38,7 +47,7 @@ def range_rows(
     size = placed.state.layout.size
     rows = []
     for reading in readings:
-        error, jacobian = _error(placed, reading, number_of_pair[reading.pair])
+        error, jacobian = range_error(placed, reading, number_of_pair[reading.pair])
         studentised = _studentised(error, jacobian, covariance, sigma_m)
         if studentised < OUTLIER:
             rows.append((error, jacobian, sigma_m**2 * max(studentised / HUBER, 1.0)))
@@ -59,19 +68,10 @@ def outlying(
     """Return the ranges that are outliers, of which there is no row; arguments as those of `range_rows`."""
     found = []
     for reading in readings:
-        error, jacobian = _error(placed, reading, number_of_pair[reading.pair])
+        error, jacobian = range_error(placed, reading, number_of_pair[reading.pair])
         if _studentised(error, jacobian, covariance, sigma_m) >= OUTLIER:
             found.append(reading)
     return found
-
-
-def _error(placed: PlacedShape, reading: RangeReading, pair: int) -> tuple[float, NDArray[np.float64]]:
-    """Return the range minus that predicted, and the (size,) derivative of the predicted by the errors of the state."""
-    difference = placed.node_position_m[reading.node] - reading.beacon_position_m
-    distance = float(np.linalg.norm(difference))
-    jacobian = difference / distance @ placed.jacobian[reading.node]
-    jacobian[placed.state.layout.range_offset.start + pair] = 1.0
-    return reading.range_m - distance - float(placed.state.range_offset_m[pair]), jacobian
 
 
 def _studentised(error: float, jacobian: NDArray[np.float64], covariance: NDArray[np.float64], sigma_m: float) -> float:

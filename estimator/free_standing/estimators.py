@@ -315,6 +315,7 @@ class FreeStandingOptimizer:
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
         poses = self._poses(frames, shapes, self._contacts(live, frames, shapes))
         assert live.kept is not None, "the live pass keeps what it learns"
+        doubts_ranges = bool(poses) and poses[-1][2].doubts_ranges  # those of before may be wrong, too
         for shape, (state, covariance, step), kept in zip(shapes, poses, live.kept, strict=True):
             if kept.standing.contradicted:
                 standing = replace(step.standing, others=kept.standing.others, contradicted=True)
@@ -322,7 +323,8 @@ class FreeStandingOptimizer:
             shape = replace(shape, contradicted_positions=kept.contradicted_positions)
             if kept.doubts_positions:
                 shape = shape.in_doubt(Reason.POSITIONS)
-            step = replace(step, contradicted_imus=step.contradicted_imus | contradicted)
+            contradicted_imus = step.contradicted_imus | contradicted
+            step = replace(step, contradicted_imus=contradicted_imus, doubts_ranges=doubts_ranges)
             yield in_world(shape, self._rest, self._robot.floor, state, covariance, step, self._settings.branch)
 
     def _live(self, frames: Sequence[TendonLengths]) -> tuple[FreeStandingSmoother, list[Shape]]:

@@ -36,6 +36,7 @@ from .pose_model import Pose, PoseModel
 from .pose_smoother import PoseStep
 from .pose_start import covariance_at_rest, state_at_rest
 from .prediction import Frame, Prediction
+from .range_trust import RangeTrust
 from .tipping import MISSED_RAD, has_landed, heading_missed, misplaced, tipped, tipping
 from .watches.jump_watch import JumpWatch
 from .watches.rise_watch import RiseWatch, risen
@@ -78,6 +79,7 @@ class PoseFilter:
         self._read_s = np.full(len(rest.node_position_m), -np.inf)
         self._trust = ImuTrust(self._imus.count, robot.rest_until_s, settings)
         self._position_trust = PositionTrust(rest, robot.rest_until_s, settings.position_m)
+        self._range_trust = RangeTrust(self._model.number_of_pair, robot.rest_until_s, settings)
         self._jump_watch = JumpWatch(settings)
         self._flies = False
         self._lifted_since_s = np.inf
@@ -109,6 +111,8 @@ class PoseFilter:
             sliding: (nodes,) which of them slide; None to tell it from inertial sensors.
         """
         frame, predicted = self._expected(t_s, body_m, body_covariance_m2, aids)
+        left_out = self._range_trust.left_out(frame, predicted)
+        frame = replace(frame, aids=[aid for aid in frame.aids if aid not in left_out]) if left_out else frame
         self._jump_watch.observe(predicted, frame)
         by_heights = standing is None
         standing = self._contacts_of(predicted, frame, standing)
@@ -144,7 +148,9 @@ class PoseFilter:
             lifted_since_s=self._lifted_since_s,
             contradicted_imus=self._trust.contradicted,
             strays=strays,
-            outlying_ranges=self._model.outlying_ranges(predicted, frame),
+            outlying_ranges=self._model.outlying_ranges(predicted, frame)
+            + tuple(reading.pair[0] for reading in left_out),
+            doubts_ranges=self._range_trust.in_doubt,
         )
 
     def _expected(

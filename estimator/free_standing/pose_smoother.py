@@ -41,6 +41,8 @@ class PoseStep:
     """Whether the robot is further from where it was held last than it is long."""
     outlying_ranges: tuple[int, ...]
     """See `Shape.outlying_ranges`."""
+    doubts_ranges: bool
+    """Whether beacons contradict the rest, or many of them the pose, see `RangeTrust`."""
 
 
 def smoothed(steps: Sequence[PoseStep]) -> list[tuple[PoseState, NDArray[np.float64]]]:

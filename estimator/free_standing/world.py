@@ -73,6 +73,8 @@ def in_world(
         shape = shape.in_doubt(Reason.CONTACTS)
     if step.contradicted_imus.any():
         shape = shape.in_doubt(Reason.IMU)
+    if step.doubts_ranges:
+        shape = shape.in_doubt(Reason.RANGES)
     if step.strays:
         shape = shape.in_doubt(Reason.CONTACTS)
     if stands.assumed:

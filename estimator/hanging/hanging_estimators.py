@@ -78,6 +78,8 @@ class HangingSmoother:
         """Return what the newest step of the pose tells against the model."""
         if step.contradicted_imus.any():
             return Reason.IMU
+        if step.doubts_ranges:
+            return Reason.RANGES
         if self._poses.doubts_positions:
             return Reason.POSITIONS
         return Reason.HANGING if self._poses.is_contradicted else None

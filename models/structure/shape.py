@@ -67,6 +67,7 @@ class Reason(StrEnum):
     ATTITUDE = "attitude"
     HANGING = "hanging"
     POSITIONS = "positions"
+    RANGES = "ranges"
     FACTOR = "factor"
     MEMORY = "memory"
 
@@ -89,6 +90,7 @@ REASON_ADVICE = {
     Reason.HANGING: "it is turned otherwise than weight and hands can hold it: fix sensors on rods of other directions",
     Reason.CONTACTS: "what stands by heights cannot carry it: is it held, lifted, on a step? Are sensors on two rods?",
     Reason.POSITIONS: "half of the positions contradict the robot, or all jumped: are frame, unit, axes, nodes right?",
+    Reason.RANGES: "ranges of several beacons contradict the robot: are these where told, with nothing in between?",
     Reason.FACTOR: "a factor of your own, or a stiff cable, contradicts lengths and forces: is what it says right?",
     Reason.ATTITUDE: "nothing measures how the robot is turned, a push would be missed: add an [[imu]], or [mechanics]",
     Reason.MEMORY: "after presses it seems pulled the other way: calibrate these sensors, which remember more",
