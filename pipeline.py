@@ -26,6 +26,7 @@ from .io.result import floor_table, result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
 from .models.plug_ins import PlugIn, plug_ins
 from .models.pose.aid_use import OLD_S, AidUse
+from .models.pose.filled_positions import FilledPositions
 from .models.pose.imu_gate import ImuGate
 from .models.pose.position_frames import OwnFrames
 from .models.pose.rest_clock import RestClock
@@ -189,6 +190,7 @@ class Pipeline:
         self._rest_watch = RestWatch(self.rest.lengths(trial.rest_seconds)) if is_told else None
         self._rest_in_doubt = False
         self._repeat_watch = RepeatWatch(trial.rest_seconds, settings.gate) if trial.source == "lengths" else None
+        self._filled_positions = FilledPositions()
         self.own_frames = OwnFrames(self.rest, trial.own_frames, rest_clock, settings.pose.position_m)
         held = self.rest.structure.is_held
         ranges, positions = len(trial.beacon_position_m), trial.world_positions
@@ -309,6 +311,7 @@ class Pipeline:
     def aid_counts(self) -> dict[str, int]:
         """Return how many readings of other sensors were left out, and how many frames had none; none that is zero."""
         counts = self.imu_gate.counts() | self.winding.counts() | self.own_frames.counts()
+        counts |= self._filled_positions.counts()
         return {name: n for name, n in counts.items() if n}
 
     @property
@@ -424,7 +427,7 @@ class Pipeline:
     def _passed(self, reading: AidReading) -> AidReading | None:
         """Return a reading of another sensor as the estimators use it; None where it is left out."""
         if isinstance(reading, PositionReading):
-            return self.own_frames.placed(reading)
+            return self.own_frames.placed(reading) if self._filled_positions.passes(reading) else None
         if isinstance(reading, ImuReading) and not self.imu_gate.passes(reading):
             return None
         return reading
