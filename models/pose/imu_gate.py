@@ -39,6 +39,11 @@ STUCK_AXIS_SAMPLES = 20
 STUCK_PROBABILITY = 1e-6
 """Probability of so many equal values in succession, below which it is. A value is repeated as often as the axis has
 repeated itself before, or one of the others, which have the same noise and resolution."""
+SLOW_S = 0.02
+"""Mean time between two samples, not counting those that are read again, above which a sensor misses impacts: of two
+trials with 25 samples a second, 4 and 8 % of the nodes were `ok` and outside of their ellipsoids of 99.9 %."""
+COUNTED = 100
+"""Number of samples from which this mean is known."""
 ATTITUDE_HOLDS_S = 0.2
 """Time after its last reading from which a sensor is silent: what it said no longer tells how the robot is turned."""
 
@@ -50,6 +55,9 @@ class ImuGate:
         """Begin; `rest_clock` is told the frames that are counted here."""
         self._rest_clock = rest_clock
         self._samples = np.zeros(imus, dtype=np.int64)
+        self._fresh = np.zeros(imus, dtype=np.int64)
+        self._first_s = np.full(imus, np.nan)
+        self._latest_s = np.full(imus, np.nan)
         self._rested = np.zeros(imus, dtype=np.int64)
         self._force_at_rest = np.zeros((imus, 3))
         self._last: list[list[float]] = [[]] * imus
@@ -83,6 +91,11 @@ class ImuGate:
                 repeats[axis] += 1
             else:
                 same[axis] = 1
+        if values != self._last[reading.imu]:
+            self._fresh[reading.imu] += 1
+            self._latest_s[reading.imu] = reading.t_s
+        if not self._last[reading.imu]:
+            self._first_s[reading.imu] = reading.t_s
         self._last[reading.imu] = values
         self._newest_s[reading.imu] = reading.t_s
         self._samples[reading.imu] += 1
@@ -145,6 +158,12 @@ class ImuGate:
         warnings = {
             f"imu {i}": f"specific force at rest: expected {GRAVITY_M_PER_S2:.2f} m/s^2, got {size[i]:.4g}: unit?"
             for i in np.flatnonzero(wrong)
+        }
+        period_s = (self._latest_s - self._first_s) / np.maximum(self._fresh - 1, 1)
+        slow = np.flatnonzero((self._fresh >= COUNTED) & (period_s > SLOW_S))
+        warnings |= {
+            f"imu {i}": f"a new sample each {period_s[i]:.2g} s: expected 100 a second, impacts between them are missed"
+            for i in slow
         }
         mostly_absurd = np.flatnonzero(2 * self.absurd > self._samples)
         return {f"imu {i}": "most samples are absurd, and none is used: unit?" for i in mostly_absurd} | warnings

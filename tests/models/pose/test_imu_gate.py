@@ -49,6 +49,21 @@ def test_a_sensor_that_repeats_itself_is_stuck_until_it_moves() -> None:
     assert gate.counts()["imu 0: stuck samples"] == 4
 
 
+@pytest.mark.parametrize(
+    ("every", "reads", "expected"),
+    [(1, 1, None), (2, 1, None), (4, 1, "0.04"), (1, 5, "0.05")],
+    ids=["100 Hz", "50 Hz", "25 Hz", "20 Hz, each read five times"],
+)
+def test_a_sensor_that_measures_too_rarely_is_told(every: int, reads: int, expected: str | None) -> None:
+    gate, rng = ImuGate(1, RestClock(0.0)), np.random.default_rng(4)
+    for k in range(600):
+        if k % reads == 0:
+            rate = float(rng.normal(0, 0.005))
+        gate.passes(sample(every * k, rate=rate))
+    told = gate.warnings().get("imu 0")
+    assert told is None if expected is None else told.startswith(f"a new sample each {expected} s:")
+
+
 def test_a_sensor_that_is_noisy_or_shaken_while_it_does_not_turn_is_used() -> None:
     """Vibration of a motor, and 3 cm to and fro at 2 Hz at 50 samples a second."""
     rng = np.random.default_rng(4)
