@@ -16,7 +16,7 @@ from ..factors.noise import WeightedLengths, weigh
 from ..models.balance.support import Support
 from ..models.settings import Settings
 from ..models.structure.rest_shape import RestShape
-from ..models.structure.shape import OtherShape, Shape, Status
+from ..models.structure.shape import OtherShape, Reason, Shape, Status
 from ..models.structure.structure import Structure
 from ..models.values.errors import UNDETERMINED, IndeterminateError
 from ..models.values.readings import Flag, TendonLengths
@@ -27,7 +27,7 @@ from .graph import GraphBuilder, status_of
 from .lasting_errors import LastingErrors, averaged_frames
 from .linear_frame import FrameData, linearised_frames
 from .mode_choice import is_uncertain, stacked_modes
-from .sensor_drift import DriftState, smoothed
+from .sensor_drift import DriftState, is_of_a_board, smoothed
 from .smoother import LiveSmoother
 from .uncertainty import Assessment, FrameEvidence, Mixture
 from .watches.rebound_watch import ReboundWatch
@@ -251,6 +251,7 @@ class BatchOptimizer:
         lasting = LastingErrors(self._builder.structure, self._builder.rest)
         velocity_m_per_s = np.gradient(position_m, t_s, axis=0) if len(t_s) > 1 else np.zeros_like(position_m)
         averaged = averaged_frames(t_s)
+        of_a_board = any(is_of_a_board(one.lengths.drift) for one in trial.measured)  # as drift, at all times
         other: OtherShape | None = None
         for window in parts(len(t_s), WINDOW):
             assessment = self._assessed(trial, position_m, window)
@@ -261,6 +262,7 @@ class BatchOptimizer:
                 change = trial.changes[k]
                 if change is not None:
                     shape = change.doubted(shape, self._builder.structure.free_coordinates)
+                shape = shape.in_doubt(Reason.BOARD) if of_a_board else shape
                 shape = lasting.of_trial(rebounds.observe(shape), velocity_m_per_s[k], is_averaged=bool(averaged[k]))
                 yield shape.with_other(other) if other else shape
 

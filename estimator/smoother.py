@@ -24,7 +24,7 @@ from .lag_compensation import VELOCITY_HOLDS_S, LagCompensation
 from .lasting_errors import LastingErrors
 from .linear_frame import LinearFrame, linearised
 from .mode_choice import BATCH_SHARE, ModeChoice
-from .sensor_drift import OwnDrift
+from .sensor_drift import OwnDrift, is_of_a_board
 from .uncertainty import FrameEvidence
 from .watches.rebound_watch import ReboundWatch
 
@@ -130,7 +130,10 @@ class LiveSmoother:
         self.drift.observe(shape)
         self._builder.approach(position)
         self.modes.observe(shape, admitted)
-        return self.rebounds.observe(self.changes.doubted(shape))
+        shape = self.changes.doubted(shape)
+        if is_of_a_board(shape.lengths.drift):
+            shape = shape.in_doubt(Reason.BOARD)
+        return self.rebounds.observe(shape)
 
     def _smoothed(self, measured: WeightedLengths) -> NDArray[np.float64]:
         """Add the newest frame to the graph, and return its (nodes, 3) positions."""

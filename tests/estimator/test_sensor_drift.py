@@ -12,7 +12,7 @@ from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.graph import FrameSearch, GraphBuilder
 from tensegraph.estimator.linear_frame import linearised
 from tensegraph.estimator.rest_step import rest_step
-from tensegraph.estimator.sensor_drift import DriftState, DriftUpdate, length_evidence, smoothed
+from tensegraph.estimator.sensor_drift import DriftState, DriftUpdate, is_of_a_board, length_evidence, smoothed
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.estimator.uncertainty import FrameEvidence
 from tensegraph.factors.noise import weigh
@@ -198,3 +198,14 @@ def test_lengths_that_contradict_each_other_begin_it(example_structure, still, l
     smoother.drift.admit(lengths)
     assert smoother.drift.admit(replace(lengths, t_s=5.0), contradicted=True).drift.covariance_m2 is not None
     assert smoother.drift.begins
+
+
+@pytest.mark.parametrize(("of_second_board", "expected"), [(0.0, False), (0.005, False), (0.03, True)])
+def test_a_drift_that_goes_with_the_board_is_of_the_board(of_second_board: float, expected: bool) -> None:
+    """Each sensor has drifted by its own 1 %: boards differ by 0.4 %, more or less. One board has lost more."""
+    own = 0.01 * np.random.default_rng(3).standard_normal(24)
+    board = np.repeat([0, 1], 12)
+    drift = SensorDrift(own + of_second_board * board, np.full(24, 0.004), np.ones(24), board=board)
+    assert not is_of_a_board(drift), "each sensor's own is not estimated"
+    assert is_of_a_board(replace(drift, covariance_m2=np.eye(24))) == expected
+    assert not is_of_a_board(replace(drift, covariance_m2=np.eye(24), board=np.zeros(24, dtype=np.int64)))
