@@ -1,5 +1,7 @@
 """Samples of inertial sensors that are absurd, or stuck."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -62,6 +64,17 @@ def test_a_sensor_that_measures_too_rarely_is_told(every: int, reads: int, expec
         gate.passes(sample(every * k, rate=rate))
     told = gate.warnings().get("imu 0")
     assert told is None if expected is None else told.startswith(f"a new sample each {expected} s:")
+
+
+def test_samples_that_are_stamped_on_arrival_in_packets_are_told() -> None:
+    rng, gates = np.random.default_rng(4), [ImuGate(1, RestClock(0.0)) for _ in range(2)]
+    for k in range(400):
+        measured = sample(k, rate=float(rng.normal(0, 0.005)))
+        arrived_s = 0.1 * np.ceil(measured.t_s / 0.1 - 1e-9) + 1e-4 * (k % 10)
+        for gate, t_s in zip(gates, (measured.t_s + rng.uniform(0, 0.003), arrived_s), strict=True):
+            gate.passes(replace(measured, t_s=t_s))
+    assert gates[0].warnings().get("imu 0") is None
+    assert gates[1].warnings()["imu 0"].startswith("most samples come in packets")
 
 
 def test_a_sensor_that_is_noisy_or_shaken_while_it_does_not_turn_is_used() -> None:
