@@ -57,8 +57,9 @@ MOST_STEPS = 200
 """Number of steps to a minimum after which there is none; six to eight are usual, from a measured shape."""
 LOG_PRIOR_ODDS = 3.0
 """Log of the prior odds of a part told correctly to one told wrongly: one trial in twenty."""
-ALIKE_LOG_ODDS = 3.0
-"""Log of the odds of wrong anchors to wrong axes, below which they are about as probable."""
+ALIKE_LOG_ODDS = 10.0
+"""Log of the odds of wrong anchors to wrong axes, below which one cannot be told from the other: 1 to 4 where a shape is
+turned, tilted or shifted by 3 mm to 4 degrees, and 36 or more where each anchor is 2 mm off by itself."""
 OFF_FLOOR_M = 0.002
 """Distance of one of the three lowest nodes of the rest shape from standing on the floor, beyond which height or normal
 of the floor are others than told."""

@@ -35,7 +35,7 @@ MISPLACED_PROBABILITY = 1e-4
 """Probability of the errors at rest below which beacons are elsewhere than told."""
 MEMORY_S = 1.0
 """Time constant of the mean error of a beacon's ranges."""
-OFF_SIGMA = 5.0
+OFF_SIGMA = 4.0
 """Mean error of the ranges of a beacon, in standard deviations, beyond which it is off."""
 
 
