@@ -160,7 +160,7 @@ class BatchOptimizer:
         """Return the optimum from a live estimate, see `refined`; None without frames."""
         if not frames:
             return None
-        self._builder.begin(frames[0])
+        self._builder.starts_at_rest = live.builder.starts_at_rest
         problem = self._problem(frames, live, shapes, supports)
         try:
             if len(shapes) < len(frames) and self._builder.statics is not None:

@@ -106,13 +106,13 @@ class GraphBuilder:
     def begin(self, lengths: TendonLengths) -> None:
         """Take the first frame: whether it has the lengths at rest, but for the worst, whose sensor may be faulty.
 
-        Of n lengths l_e that are those at rest, r_e, the sum of (l_e - r_e)^2 / (sigma_l^2 + sigma_r^2) has a
-        chi-square distribution with n degrees of freedom.
+        Of n lengths l_e that are those at rest, r_e, the sum of (l_e - r_e)^2 / (sigma_l^2 + sigma_r^2) without the
+        largest one is smaller than one with a chi-square distribution with n - 1 degrees of freedom.
         """
         rest, read = self.rest.lengths(0.0), lengths.usable
         squared = (lengths.length_m - rest.length_m)[read] ** 2 / (lengths.sigma_m**2 + rest.sigma_m**2)[read]
         others = squared.sum() - squared.max(initial=0.0)
-        contradicts = bool(chdtrc(read.sum() - 1, others) < REST_PROBABILITY)
+        contradicts = read.sum() > 1 and bool(chdtrc(read.sum() - 1, others) < REST_PROBABILITY)
         self.starts_at_rest = self.rest.at_start and not contradicts
 
     def approach(self, node_position_m: NDArray[np.float64]) -> None:

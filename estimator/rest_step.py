@@ -58,8 +58,8 @@ MOST_STEPS = 200
 LOG_PRIOR_ODDS = 3.0
 """Log of the prior odds of a part told correctly to one told wrongly: one trial in twenty."""
 ALIKE_LOG_ODDS = 10.0
-"""Log of the odds of wrong anchors to wrong axes, below which one cannot be told from the other: 1 to 4 where a shape is
-turned, tilted or shifted by 3 mm to 4 degrees, and 36 or more where each anchor is 2 mm off by itself."""
+"""Log of the odds of wrong anchors to wrong axes, below which one cannot be told from the other: 1 to 4 where a shape
+was measured in axes that are turned by 1 to 4 degrees or shifted by 3 mm, 36 or more where each anchor is 2 mm off."""
 OFF_FLOOR_M = 0.002
 """Distance of one of the three lowest nodes of the rest shape from standing on the floor, beyond which height or normal
 of the floor are others than told."""
@@ -97,7 +97,7 @@ def rest_step(
     position_m = problem.position_m(minimum.z)
     coordinates = problem.coordinates
     covariance = np.linalg.inv(minimum.information)[:coordinates, :coordinates]
-    if wrong is None and floor is not None and _is_off(floor, position_m):
+    if wrong is None and floor is not None and floor.normal_sigma_rad == 0 and _is_off(floor, position_m):
         wrong = "floor"
     found = RestShape(
         structure=replace(
@@ -337,14 +337,14 @@ def _most_probable(
             less_certain["axes"] = replace(told, root_m=_root_in_other_axes_m(told.known_m, told.settings))
     if told.nominal is not None and sigma.hub_radius_m == 0:
         less_certain["hubs"] = replace(told, geometry=replace(sigma, hub_radius_m=WRONG_HUB_M))
+    minima = {part: problem.minimum() for part, problem in less_certain.items()}
     chosen: tuple[_RestProblem, _Minimum, WrongPart | None] = (told, told.minimum(), None)
-    least = chosen[1].log_evidence + LOG_PRIOR_ODDS
-    for part, problem in less_certain.items():
-        minimum = problem.minimum()
-        alike = ALIKE_LOG_ODDS if (chosen[2], part) == ("anchors", "axes") else 0.0
-        if minimum.log_evidence > least - alike:
-            least = minimum.log_evidence
-            chosen = (problem, minimum, part)
+    likeliest = max(minima, key=lambda part: minima[part].log_evidence)
+    if minima[likeliest].log_evidence > chosen[1].log_evidence + LOG_PRIOR_ODDS:
+        if likeliest == "anchors" and "axes" in minima:
+            less_probable = minima["anchors"].log_evidence - minima["axes"].log_evidence
+            likeliest = "axes" if less_probable < ALIKE_LOG_ODDS else likeliest
+        chosen = (less_certain[likeliest], minima[likeliest], likeliest)
     if np.isinf(chosen[1].log_evidence):
         raise IndeterminateError(
             f"no forces of the tendons balance at rest, in {MOST_STEPS} steps: are all lengths in m, the stiffnesses "

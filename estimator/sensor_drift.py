@@ -16,8 +16,8 @@ there, errors of the sensor model and of the loads last as long as the load, and
 lasts for `correlation_s`, and this much time counts as one frame. Live this is a Kalman filter, in batch its smoother.
 
 The drifts of sensors have nothing to do with the board that reads them. Where those of one board differ from the others
-in the mean by more than `APART_SIGMA` of what they differ by among themselves, it is the board that has changed, and
-what the drifts are is wrong.
+in the mean by more than `BOARD_SIGMA` of what they differ by among themselves, it is the board that has changed, and
+the estimated drifts are wrong.
 """
 
 from collections.abc import Sequence
@@ -36,9 +36,12 @@ from .linear_frame import linearised
 
 CONTRADICTED_RATE_PER_S = 5e-4
 """Sigma of the sensors' own rates when their lengths contradict each other: 1.8 % in a minute."""
-APART_SIGMA = 5.0
+BOARD_SIGMA = 5.0
 """Difference of the drifts of one board to those of the others, in standard deviations, from which the board changed:
 1.5 at most in trials in which each sensor drifts by its own 3 %, 6 to 9 where the reference of one board sags."""
+
+FEWEST_OF_A_BOARD = 6
+"""Number of sensors on a board, and on all others, from which their drifts tell how much sensors differ."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,17 +91,19 @@ def is_of_a_board(drift: SensorDrift | None) -> bool:
         return False
     known = np.isfinite(drift.change) & (drift.board >= 0)
     for board in range(drift.board.max() + 1):
-        groups = [
-            (drift.change[chosen], drift.sigma[chosen])
-            for chosen in (known & (drift.board == board), known & (drift.board != board))
-        ]
-        if min(len(change) for change, _ in groups) < 2:
-            return False
-        variance = sum((np.var(change, ddof=1) + np.mean(sigma**2)) / len(change) for change, sigma in groups)
-        (one, _), (others, _) = groups
-        if (one.mean() - others.mean()) ** 2 > APART_SIGMA**2 * variance:
+        groups = [known & (drift.board == board), known & (drift.board != board)]
+        if min(group.sum() for group in groups) < FEWEST_OF_A_BOARD:
+            continue
+        (one, of_one), (others, of_others) = (_mean_and_variance(drift, group) for group in groups)
+        if (one - others) ** 2 > BOARD_SIGMA**2 * (of_one + of_others):
             return True
     return False
+
+
+def _mean_and_variance(drift: SensorDrift, group: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the mean drift of (tendons,) some sensors, and its variance if they drift by themselves."""
+    change, sigma = drift.change[group], drift.sigma[group]
+    return float(change.mean()), float((np.var(change, ddof=1) + np.mean(sigma**2)) / len(change))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,9 +19,10 @@ covariance W_i^-1, where W = S^-1:
 
     chi_i^2 = (W e)_i^T W_i^-1 (W e)_i
 
-A turn that is wrong lasts for more than a frame, so that chi^2 is added up, with a memory of `DISPUTE_MEMORY_S`. The
-sensor is outvoted whose sum is larger than that of all others by `OUTVOTED_SIGMA`^2. Of two that disagree none may be:
-where the largest sum is beyond this limit and no sensor is outvoted, all beyond it are in dispute, and doubted.
+A turn that is wrong lasts for more than a frame, so that what chi^2 exceeds its mean of 2 by is added up, with a memory
+of `DISPUTE_MEMORY_S`. The sensor is outvoted whose sum is larger than that of all others by `OUTVOTED_SIGMA`^2. Of two
+that disagree none may be: where the largest sum is beyond this limit and no sensor is outvoted, all beyond it are in
+dispute, and doubted from then on, because what the wrong one told stays in place and heading.
 """
 
 from collections.abc import Sequence
@@ -122,17 +123,16 @@ class ImuTrust:
             imus: the sensors.
             predicted: what is expected of the frame, by the rates of all sensors that are used.
         """
-        self._is_in_dispute = np.zeros_like(self.is_used)
         used = np.flatnonzero(self.is_used)
         if len(used) < 2:
             return False
         disagreed = self._disagreed.copy()
-        disagreed[used] += self._apart_from_others(imus, predicted, used)
+        disagreed[used] = np.maximum(disagreed[used] + self._apart_from_others(imus, predicted, used) - 2.0, 0.0)
         second, first = used[np.argsort(disagreed[used])[-2:]]
         limit = OUTVOTED_SIGMA**2
         if disagreed[first] - disagreed[second] < limit:
             self._disagreed = disagreed
-            self._is_in_dispute[used] = disagreed[used] > limit
+            self._is_in_dispute = self._is_in_dispute | (disagreed > limit)
             return False
         self.is_lost, self._is_outvoted = self.is_lost.copy(), self._is_outvoted.copy()
         self.is_lost[first] = self._is_outvoted[first] = True

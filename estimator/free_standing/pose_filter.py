@@ -36,9 +36,9 @@ from .pose_model import Pose, PoseModel
 from .pose_smoother import PoseStep
 from .pose_start import covariance_at_rest, state_at_rest
 from .prediction import Frame, Prediction
-from .range_trust import RangeTrust
 from .tipping import MISSED_RAD, has_landed, heading_missed, misplaced, tipped, tipping
 from .watches.jump_watch import JumpWatch
+from .watches.range_trust import RangeTrust
 from .watches.rise_watch import RiseWatch, risen
 from .watches.slide_watch import SlideWatch
 from .watches.stand_watch import StandWatch

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,7 +160,6 @@ def following_heading(
     return F
 
 
-@lru_cache(maxsize=8)  # a frame asks for that of each state up to three times; states and floors are told by identity
 def heading_direction(state: PoseState, floor: Floor) -> NDArray[np.float64]:
     """Return (size,) N, the derivative of the state's errors by a turn of all about the floor's normal, as estimated.
 
@@ -178,5 +176,4 @@ def heading_direction(state: PoseState, floor: Floor) -> NDArray[np.float64]:
     N[at.position], N[at.rate], N[at.velocity], *of_footholds = vectors @ cross_matrix(n).T
     N[at.foothold] = (np.array(of_footholds) @ floor.axes.T).ravel()
     N[at.imu_turn] = np.tile(n, len(state.imu_turn))
-    N.flags.writeable = False
     return N

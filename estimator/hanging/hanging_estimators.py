@@ -136,6 +136,8 @@ class HangingOptimizer:
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
         poses = self._poses(frames, shapes, live.kept)
+        if poses and poses[-1][2].doubts_ranges:  # those of before may be wrong, too
+            doubts = [doubt or Reason.RANGES for doubt in doubts]
         for shape, (state, covariance, step), doubt, nodes in zip(shapes, poses, doubts, left_out, strict=True):
             shape = replace(shape, contradicted_positions=nodes)
             yield hung_in_world(shape, self._rest, state, covariance, step, doubt)

@@ -2,8 +2,9 @@
 
 It repeats the last position, draws a straight line to the next one, or a cubic. All of these have third differences of
 zero in time, which measured positions, with their noise, hardly ever have: if r of n positions before have them, the
-next one has them with the probability (r + 1) / (n + 1), by Laplace's rule, and k in succession with its k-th power.
-Positions without noise, or smoothed ones, have them all the time, and nothing is told.
+next one has them with the probability (r + 1) / (n + 1), by Laplace's rule, and several in succession with the product.
+Slow and fast positions are counted apart, because those of a robot that rests may be without noise, as simulated or
+rounded ones, and those of one that moves are not smooth.
 """
 
 from collections import Counter, defaultdict, deque
@@ -15,6 +16,10 @@ from ..values.aids import PositionReading
 
 SMOOTH_M = 1e-4
 """Third difference below which it is zero, per axis: positions are written to a hundredth of a millimetre."""
+SLOW_M = 0.002
+"""Way over four positions below which a node is slow."""
+KNOWN = 20
+"""Number of slow positions, or of fast ones, from which they are counted apart."""
 LEAST_RUN = 4
 """Least number of positions in succession, with third differences of zero, that are filled in."""
 FILLED_PROBABILITY = 1e-6
@@ -28,29 +33,41 @@ class _Track:
 
     def __init__(self) -> None:
         self._last: deque[tuple[float, NDArray[np.float64]]] = deque(maxlen=4)
-        self._differences = 0
-        self._smooth = 0
-        self._run = 0
+        self._counted = {slow: np.zeros(2, dtype=np.int64) for slow in (False, True)}  # all, and smooth ones
+        self._run: Counter[bool] = Counter()  # slow and fast ones of the smooth positions in succession
+        self._log_probability = 0.0
+        self._is_filled = False
 
     def is_filled(self, t_s: float, position_m: NDArray[np.float64]) -> bool:
         """Take on one more position; return whether it is filled in."""
-        if self._last and not self._last[0][0] < t_s < self._last[0][0] + LONGEST_S:
+        if self._last and not self._last[-1][0] < t_s < self._last[0][0] + LONGEST_S:
             self._last.clear()
+            self._end_run()
         self._last.append((t_s, position_m))
         if len(self._last) < 4:
             return False
-        times_s, positions_m = zip(*self._last, strict=True)
-        if min(np.diff(times_s)) <= 0:  # two positions at one instant
+        times_s, positions_m = (np.array(values) for values in zip(*self._last, strict=True))
+        slow = bool(np.abs(positions_m - positions_m[0]).max() < SLOW_M)
+        if np.abs(_third_difference(times_s, positions_m)).max() >= SMOOTH_M:
+            self._end_run()
+            self._counted[slow] += [1, 0]
             return False
-        third_m = _third_difference(np.array(times_s), np.array(positions_m))
-        is_smooth = bool(np.abs(third_m).max() < SMOOTH_M)
-        self._differences += 1
-        self._smooth += is_smooth
-        self._run = self._run + 1 if is_smooth else 0
-        if self._run < LEAST_RUN:
-            return False
-        before = (self._smooth - self._run + 1) / (self._differences - self._run + 1)
-        return bool(before**self._run < FILLED_PROBABILITY)
+        counted = self._counted[slow]
+        count, smooth = counted if counted[0] >= KNOWN else self._counted[False] + self._counted[True]
+        self._log_probability += float(np.log((smooth + 1) / (count + 1)))
+        self._run[slow] += 1
+        is_improbable = self._log_probability < np.log(FILLED_PROBABILITY)
+        self._is_filled |= self._run.total() >= LEAST_RUN and bool(is_improbable)
+        return self._is_filled
+
+    def _end_run(self) -> None:
+        """Count the smooth positions in succession, unless they were filled in."""
+        if not self._is_filled:
+            for slow, count in self._run.items():
+                self._counted[slow] += count
+        self._run.clear()
+        self._log_probability = 0.0
+        self._is_filled = False
 
 
 class FilledPositions:
@@ -74,7 +91,7 @@ class FilledPositions:
 
 
 def _third_difference(t_s: NDArray[np.float64], position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (3,) the third difference of (4, 3) positions at four times, as of equal steps of their mean."""
+    """Return (3,) the third difference of (4, 3) positions at four rising times, as of equal steps of their mean."""
     difference = position_m
     for order in (1, 2, 3):
         difference = np.diff(difference, axis=0) / (t_s[order:] - t_s[:-order])[:, None]

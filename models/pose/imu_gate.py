@@ -13,6 +13,7 @@ import numpy as np
 from ..structure.floor import GRAVITY_M_PER_S2
 from ..values.aids import ImuReading
 from .imu_agreement import has_size_of_gravity
+from .imu_cadence import ImuCadence
 from .rest_clock import RestClock
 
 MOST_RATE_RAD_PER_S = 70.0
@@ -39,14 +40,6 @@ STUCK_AXIS_SAMPLES = 20
 STUCK_PROBABILITY = 1e-6
 """Probability of so many equal values in succession, below which it is. A value is repeated as often as the axis has
 repeated itself before, or one of the others, which have the same noise and resolution."""
-SLOW_S = 0.02
-"""Mean time between two samples, not counting those that are read again, above which a sensor misses impacts: of two
-trials with 25 samples a second, 4 and 8 % of the nodes were `ok` and outside of their ellipsoids of 99.9 %."""
-PACKED = 0.25
-"""Share of this time, below which two samples were stamped as they arrived, in one packet. Of a trial with packets of
-0.1 s, 12 % of the nodes were `ok` and outside of their ellipsoids of 99.9 %."""
-COUNTED = 100
-"""Number of samples from which this mean is known."""
 ATTITUDE_HOLDS_S = 0.2
 """Time after its last reading from which a sensor is silent: what it said no longer tells how the robot is turned."""
 
@@ -58,10 +51,7 @@ class ImuGate:
         """Begin; `rest_clock` is told the frames that are counted here."""
         self._rest_clock = rest_clock
         self._samples = np.zeros(imus, dtype=np.int64)
-        self._fresh = np.zeros(imus, dtype=np.int64)
-        self._first_s = np.full(imus, np.nan)
-        self._latest_s = np.full(imus, np.nan)
-        self._packed = np.zeros(imus, dtype=np.int64)
+        self._cadence = ImuCadence(imus, ATTITUDE_HOLDS_S)
         self._rested = np.zeros(imus, dtype=np.int64)
         self._force_at_rest = np.zeros((imus, 3))
         self._last: list[list[float]] = [[]] * imus
@@ -96,7 +86,7 @@ class ImuGate:
             else:
                 same[axis] = 1
         if values != self._last[reading.imu]:
-            self._count_fresh(reading.imu, reading.t_s)
+            self._cadence.observe(reading.imu, reading.t_s)
         self._last[reading.imu] = values
         self._newest_s[reading.imu] = reading.t_s
         self._samples[reading.imu] += 1
@@ -113,16 +103,6 @@ class ImuGate:
             self.stuck[reading.imu] += 1
             return False
         return bool(2 * self.absurd[reading.imu] <= self._samples[reading.imu])
-
-    def _count_fresh(self, imu: int, t_s: float) -> None:
-        """Count one more sample that is not the one before, read again."""
-        if self._fresh[imu] == 0:
-            self._first_s[imu] = t_s
-        else:
-            period_s = (t_s - self._first_s[imu]) / self._fresh[imu]
-            self._packed[imu] += t_s - self._latest_s[imu] < PACKED * period_s
-        self._fresh[imu] += 1
-        self._latest_s[imu] = t_s
 
     def _jumps(self, imu: int, values: list[float]) -> bool:
         """Return whether a sample is far from the last one that passed, and from one that jumped since."""
@@ -166,20 +146,12 @@ class ImuGate:
         """Return what looks wrongly told of a sensor, by its name."""
         size = np.linalg.norm(self._force_at_rest, axis=1) / np.maximum(self._rested, 1)
         wrong = (self._rested > 0) & ~has_size_of_gravity(size)
-        warnings = {
+        warnings = self._cadence.warnings() | {
             f"imu {i}": f"specific force at rest: expected {GRAVITY_M_PER_S2:.2f} m/s^2, got {size[i]:.4g}: unit?"
             for i in np.flatnonzero(wrong)
         }
-        period_s = (self._latest_s - self._first_s) / np.maximum(self._fresh - 1, 1)
-        slow = np.flatnonzero((self._fresh >= COUNTED) & (period_s > SLOW_S))
-        warnings |= {
-            f"imu {i}": f"a new sample each {period_s[i]:.2g} s: expected 100 a second, impacts between them are missed"
-            for i in slow
-        }
-        packed = np.flatnonzero((self._fresh >= COUNTED) & (2 * self._packed > self._fresh))
-        warnings |= {f"imu {i}": "most samples come in packets: tell when each was measured, not read" for i in packed}
         mostly_absurd = np.flatnonzero(2 * self.absurd > self._samples)
-        return {f"imu {i}": "most samples are absurd, and none is used: unit?" for i in mostly_absurd} | warnings
+        return warnings | {f"imu {i}": "most samples are absurd, and none is used: unit?" for i in mostly_absurd}
 
     def counts(self) -> dict[str, int]:
         """Return the number of samples that were left out, by sensor and cause."""

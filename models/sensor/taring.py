@@ -109,14 +109,17 @@ class Taring:
     def _contradict(self, misfit: NDArray[np.bool_]) -> bool:
         """Return whether at least half of the sensors do not fit, or all others fit too badly together.
 
-        Of the n others, z = (y - g(e)) / sigma_y, but for what all have in common, such as warmth, has a chi-square
-        distribution with n - 1 degrees of freedom.
+        Of the n others, the sum of ((y - g(e) - c) / sigma_y)^2, with the most probable c that all have in common, such
+        as warmth, has a chi-square distribution with n - 1 degrees of freedom.
         """
         if 2 * misfit.sum() >= self.tared.sum():
             return True
         others = self.tared & ~misfit
-        z = ((self._mean - self.rest_change) / self._rest_change_sigma)[others]
-        return bool(chdtrc(len(z) - 1, np.sum((z - z.mean()) ** 2)) < NO_REST_PROBABILITY)
+        if others.sum() < 2:
+            return False
+        error, sigma = (self._mean - self.rest_change)[others], self._rest_change_sigma[others]
+        common = np.average(error, weights=sigma**-2)
+        return bool(chdtrc(len(error) - 1, np.sum(((error - common) / sigma) ** 2)) < NO_REST_PROBABILITY)
 
     def _fits(self, change: NDArray[np.float64]) -> NDArray[np.bool_]:
         difference = np.abs(change - self.rest_change)

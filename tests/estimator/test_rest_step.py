@@ -16,6 +16,8 @@ from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.structure.rest_shape import GeometrySigma, RestSettings
 from tensegraph.models.values.rotations import rotation
 
+TILTED = np.array([0.026, 0.0, np.sqrt(1 - 0.026**2)])
+
 
 def test_measured_rest_shape_keeps_rods_and_anchors(structure: Structure, rest) -> None:
     """Exact rods and anchors: the measured nodes move onto them, and their uncertainty shrinks alike."""
@@ -141,11 +143,12 @@ class TestWrongGeometry:
         (Floor(0.010, UP), None),
         (Floor(0.013, UP), "floor"),
         (Floor(0.007, UP), "floor"),
-        (Floor(0.010, np.array([0.026, 0.0, np.sqrt(1 - 0.026**2)])), "floor"),
+        (Floor(0.010, TILTED), "floor"),
+        (Floor(0.010, TILTED, normal_sigma_rad=0.17), None),
     ],
 )
 def test_a_floor_on_which_the_rest_shape_does_not_stand(floor: Floor, wrong: str | None) -> None:
-    """Its height is wrong by 3 mm, or its normal by 1.5 degrees."""
+    """Its height is wrong by 3 mm, or its normal by 1.5 degrees, unless that is estimated."""
     trial = open_trial(Path(__file__).parents[2] / "examples" / "roll_02").description
     found = rest_step(
         trial.structure, trial.mechanics, trial.rest_position_m, trial.geometry, RestSettings(), floor, None

@@ -209,3 +209,5 @@ def test_a_drift_that_goes_with_the_board_is_of_the_board(of_second_board: float
     assert not is_of_a_board(drift), "each sensor's own is not estimated"
     assert is_of_a_board(replace(drift, covariance_m2=np.eye(24))) == expected
     assert not is_of_a_board(replace(drift, covariance_m2=np.eye(24), board=np.zeros(24, dtype=np.int64)))
+    later = np.where(board > 0, 2, 1)  # no tendon is on board 0
+    assert is_of_a_board(replace(drift, covariance_m2=np.eye(24), board=later)) == expected

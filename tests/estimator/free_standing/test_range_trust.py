@@ -79,6 +79,19 @@ def test_a_beacon_that_somebody_stands_before_is_left_out_until_it_is_free(balan
     assert left_out[280:].sum() == 0
 
 
+def test_a_range_that_is_no_number_and_a_beacon_that_fell_silent_while_off_say_nothing(balanced) -> None:
+    """Beacon 0 is off by 0.4 m until it falls silent at 4 s; later one other is off: one of the three that are read."""
+
+    def late_m(t_s: float, b: int) -> float:
+        if b == 0:
+            return 0.4 if 3.0 <= t_s < 4.0 else np.nan if t_s >= 4.0 else 0.0
+        return 0.4 if b == 1 and t_s >= 5.2 else 0.0
+
+    found = list(steps(balanced, late_m=late_m))
+    assert not any(doubted(found))
+    assert sum(len(step.outlying_ranges) for step in found[270:]) > 5
+
+
 def test_where_half_of_the_beacons_are_off_ranges_stay_in_doubt(balanced) -> None:
     found = list(steps(balanced, late_m=lambda t_s, b: 0.4 if b < 2 and t_s >= 3.0 else 0.0))
     assert not any(doubted(found)[:150])

@@ -61,6 +61,16 @@ def test_positions_without_noise_pass() -> None:
     assert passed(t_s, smooth_m)[0].all()
 
 
+@pytest.mark.parametrize("noise_m", [0.0, 1e-5])
+def test_a_robot_that_rests_after_it_has_moved_is_seen(noise_m: float) -> None:
+    """With less noise than the hundredth of a millimetre to which positions are rounded."""
+    t_s = np.arange(3000) / 60
+    moves = np.where((t_s > 5) & (t_s < 25), t_s - 5, np.where(t_s >= 25, 20.0, 0.0))
+    x = np.stack([0.1 * np.sin(3 * moves), 0.05 * np.sin(7 * moves), 0.1 + 0.02 * np.sin(5 * moves)], axis=1)
+    used, _ = passed(t_s, x + noise_m * np.random.default_rng(2).standard_normal(x.shape))
+    assert used.mean() > 0.99
+
+
 def test_two_positions_at_one_instant_and_pauses_begin_anew() -> None:
     t_s, x = walk(60)
     t_s[20] = t_s[19]

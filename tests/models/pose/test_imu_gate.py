@@ -66,6 +66,17 @@ def test_a_sensor_that_measures_too_rarely_is_told(every: int, reads: int, expec
     assert told is None if expected is None else told.startswith(f"a new sample each {expected} s:")
 
 
+def test_pauses_are_no_slow_samples_and_a_wrong_unit_comes_first() -> None:
+    gate, rng = ImuGate(1, RestClock(0.0)), np.random.default_rng(4)
+    for k in range(400):
+        gate.passes(replace(sample(k, rate=float(rng.normal(0, 0.005))), t_s=0.01 * k + (600.0 if k > 200 else 0.0)))
+    assert "imu 0" not in gate.warnings()
+    in_degrees = ImuGate(1, RestClock(0.0))
+    for k in range(400):
+        in_degrees.passes(sample(4 * k, rate=float(rng.normal(500, 100))))
+    assert "unit?" in in_degrees.warnings()["imu 0"]
+
+
 def test_samples_that_are_stamped_on_arrival_in_packets_are_told() -> None:
     rng, gates = np.random.default_rng(4), [ImuGate(1, RestClock(0.0)) for _ in range(2)]
     for k in range(400):

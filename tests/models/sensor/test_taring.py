@@ -75,3 +75,11 @@ class TestTaring:
         taring = Taring(a_gauge(), BendingCurve(), rest, np.ones(12))
         taring.common_change(0.0, np.full(12, 0.1 + 3 * np.sqrt(0.006**2 + 0.003**2 + CURVE_SIGMA**2)))
         assert not taring.in_doubt
+
+    def test_nor_is_it_where_some_sensors_are_known_less_exactly(self) -> None:
+        """Half of the strips are near zero strain, where eq. (9) adds 0.01."""
+        strain = np.tile([0.1, 0.01], 6)
+        rest = RestLengths(1.0, 1 + strain, np.full(12, 1e-9))
+        taring = Taring(a_gauge(), BendingCurve(), rest, np.ones(12))
+        taring.common_change(0.0, taring.rest_change + 0.018)
+        assert not taring.in_doubt
