@@ -146,12 +146,13 @@ class ImuGate:
         """Return what looks wrongly told of a sensor, by its name."""
         size = np.linalg.norm(self._force_at_rest, axis=1) / np.maximum(self._rested, 1)
         wrong = (self._rested > 0) & ~has_size_of_gravity(size)
-        warnings = self._cadence.warnings() | {
+        mostly_absurd = np.flatnonzero(2 * self.absurd > self._samples)
+        warnings = self._cadence.warnings()
+        warnings |= {f"imu {i}": "most samples are absurd, and none is used: unit?" for i in mostly_absurd}
+        return warnings | {
             f"imu {i}": f"specific force at rest: expected {GRAVITY_M_PER_S2:.2f} m/s^2, got {size[i]:.4g}: unit?"
             for i in np.flatnonzero(wrong)
         }
-        mostly_absurd = np.flatnonzero(2 * self.absurd > self._samples)
-        return warnings | {f"imu {i}": "most samples are absurd, and none is used: unit?" for i in mostly_absurd}
 
     def counts(self) -> dict[str, int]:
         """Return the number of samples that were left out, by sensor and cause."""
