@@ -316,7 +316,7 @@ class Pipeline:
 
     @property
     def rest_in_doubt(self) -> bool:
-        """Whether the sensors together, or half of the lengths, do not fit the rest shape, or two are exchanged."""
+        """Whether at least half of the sensors, or of the lengths, do not fit the rest shape, or two are exchanged."""
         by_sensors = getattr(self.front_end, "rest_in_doubt", False)  # one of one's own may have `lengths` alone
         return by_sensors or (self._rest_watch is not None and self._rest_watch.in_doubt)
 

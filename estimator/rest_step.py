@@ -57,6 +57,9 @@ MOST_STEPS = 200
 """Number of steps to a minimum after which there is none; six to eight are usual, from a measured shape."""
 LOG_PRIOR_ODDS = 3.0
 """Log of the prior odds of a part told correctly to one told wrongly: one trial in twenty."""
+ASIDE_M = 0.0015
+"""Distance of an anchor from where it is told to be, beyond which the axes may be others: less is an error of measured
+positions, by which the nodes are as little off."""
 ALIKE_LOG_ODDS = 10.0
 """Log of the odds of wrong anchors to wrong axes, below which one cannot be told from the other: 1 to 4 where a shape
 was measured in axes that are turned by 1 to 4 degrees or shifted by 3 mm, 36 or more where each anchor is 2 mm off."""
@@ -338,6 +341,10 @@ def _most_probable(
     if told.nominal is not None and sigma.hub_radius_m == 0:
         less_certain["hubs"] = replace(told, geometry=replace(sigma, hub_radius_m=WRONG_HUB_M))
     minima = {part: problem.minimum() for part, problem in less_certain.items()}
+    anchors = told.structure.anchors
+    aside_m = less_certain["anchors"].position_m(minima["anchors"].z)[anchors] - told.structure.anchor_position_m
+    if np.abs(aside_m).max(initial=0.0) < ASIDE_M:
+        minima.pop("axes", None)
     chosen: tuple[_RestProblem, _Minimum, WrongPart | None] = (told, told.minimum(), None)
     likeliest = max(minima, key=lambda part: minima[part].log_evidence)
     if minima[likeliest].log_evidence > chosen[1].log_evidence + LOG_PRIOR_ODDS:

@@ -20,9 +20,10 @@ covariance W_i^-1, where W = S^-1:
     chi_i^2 = (W e)_i^T W_i^-1 (W e)_i
 
 A turn that is wrong lasts for more than a frame, so that what chi^2 exceeds its mean of 2 by is added up, with a memory
-of `DISPUTE_MEMORY_S`. The sensor is outvoted whose sum is larger than that of all others by `OUTVOTED_SIGMA`^2. Of two
-that disagree none may be: where the largest sum is beyond this limit and no sensor is outvoted, all beyond it are in
-dispute, and doubted from then on, because what the wrong one told stays in place and heading.
+of `DISPUTE_MEMORY_S`, and in proportion to the time since the frame before, 1 for `WHOLE_STEP_S`. The sensor is
+outvoted whose sum is larger than that of all others by `OUTVOTED_SIGMA`^2. Of two that disagree none may be: where the
+largest sum is beyond this limit and no sensor is outvoted, all beyond it are in dispute, and doubted from then on,
+because what the wrong one told stays in place and heading.
 """
 
 from collections.abc import Sequence
@@ -57,6 +58,8 @@ OUTVOTED_SIGMA = 5.0
 DISPUTE_MEMORY_S = 0.2
 """Time constant of the sum of chi^2. Of two sensors, one whose rates were wrong by 9 rad/s from one frame on turned a
 robot that hung by 600 mm within half a second, and chi^2 of a frame was no larger than 38."""
+WHOLE_STEP_S = 0.02
+"""Time between frames whose chi^2 counts once: the errors of shapes at higher rates are not independent."""
 AGREE = 1.0
 """Chi^2 of all sensors together below which they agree."""
 
@@ -73,6 +76,7 @@ class ImuTrust:
         self._is_in_dispute = np.zeros(imus, dtype=np.bool_)
         self._disagreed = np.zeros(imus)
         self._last_s = np.nan
+        self._share = 1.0
         self._heard_s = np.full(imus, -np.inf)
         self._apart = np.zeros(imus)
         self._agreement = ImuAgreement(imus, rest_until_s, settings)
@@ -109,6 +113,7 @@ class ImuTrust:
         self._heard_s[is_heard] = t_s
         if np.isfinite(self._last_s):
             self._disagreed *= np.exp(-(t_s - self._last_s) / DISPUTE_MEMORY_S)
+            self._share = float(np.clip((t_s - self._last_s) / WHOLE_STEP_S, 0.0, 1.0))
         self._last_s = t_s
         is_silent = t_s - self._heard_s > ATTITUDE_HOLDS_S
         self._agreement.forget(is_silent)
@@ -127,7 +132,8 @@ class ImuTrust:
         if len(used) < 2:
             return False
         disagreed = self._disagreed.copy()
-        disagreed[used] = np.maximum(disagreed[used] + self._apart_from_others(imus, predicted, used) - 2.0, 0.0)
+        excess = self._apart_from_others(imus, predicted, used) - 2.0
+        disagreed[used] = np.maximum(disagreed[used] + self._share * excess, 0.0)
         second, first = used[np.argsort(disagreed[used])[-2:]]
         limit = OUTVOTED_SIGMA**2
         if disagreed[first] - disagreed[second] < limit:

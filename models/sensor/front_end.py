@@ -312,7 +312,7 @@ class FrontEnd:
 
     @property
     def rest_in_doubt(self) -> bool:
-        """Whether the sensors together do not fit the rest shape."""
+        """Whether at least half of the sensors do not fit the rest shape."""
         return self._taring.in_doubt
 
     @property

@@ -4,7 +4,6 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from ..values.errors import InputError
 from ..values.readings import RestLengths
@@ -22,11 +21,6 @@ FOLD_STRAIN = 0.02
 MISFIT_SIGMA = 5.0
 """Number of standard deviations above which a reading at rest cannot be explained by gain and offset. It corresponds to
 a natural resistance that is wrong by 4 %. The 192 sensors of the development trials stay below 2.2."""
-
-NO_REST_PROBABILITY = 1e-3
-"""Probability of the readings of all sensors at rest, below which there was no rest, or it was at another shape. The
-sum of squares of 60 trials is 33 or less, where 50 is the limit; it is 50 to 100 in most of those that begin while a
-hand holds a node more than 17 mm from its place."""
 
 LEAST_REACH = 0.03
 """Strain over which the model's error becomes another one, near zero strain. In the recordings of calibration, two
@@ -86,7 +80,7 @@ class Taring:
         self.misfit = np.zeros(count, dtype=np.bool_)
         """(tendons,) which sensors have a reading at rest that is impossible for their tendon; none when `in_doubt`."""
         self.in_doubt = False
-        """Whether the sensors together do not fit: then the rest shape is wrong, or there was no rest."""
+        """Whether at least half of the sensors do not fit: then the rest shape is wrong, or there was no rest."""
 
     def exchanged(self, natural_resistance_ohm: NDArray[np.float64]) -> list[tuple[int, int]]:
         """Return pairs of misfit sensors that would fit if their channels were exchanged.
@@ -105,21 +99,6 @@ class Taring:
             if self._fits(change).all():
                 pairs.append((a, b))
         return pairs
-
-    def _contradict(self, misfit: NDArray[np.bool_]) -> bool:
-        """Return whether at least half of the sensors do not fit, or all others fit too badly together.
-
-        Of the n others, the sum of ((y - g(e) - c) / sigma_y)^2, with the most probable c that all have in common, such
-        as warmth, has a chi-square distribution with n - 1 degrees of freedom.
-        """
-        if 2 * misfit.sum() >= self.tared.sum():
-            return True
-        others = self.tared & ~misfit
-        if others.sum() < 2:
-            return False
-        error, sigma = (self._mean - self.rest_change)[others], self._rest_change_sigma[others]
-        common = np.average(error, weights=sigma**-2)
-        return bool(chdtrc(len(error) - 1, np.sum(((error - common) / sigma) ** 2)) < NO_REST_PROBABILITY)
 
     def _fits(self, change: NDArray[np.float64]) -> NDArray[np.bool_]:
         difference = np.abs(change - self.rest_change)
@@ -191,7 +170,7 @@ class Taring:
         self._count += seen
         self._mean[seen] += (change[seen] - self._mean[seen]) / self._count[seen]
         misfit = self.tared & ~self._fits(self._mean)
-        self.in_doubt = bool(self.tared.any()) and self._contradict(misfit)
+        self.in_doubt = bool(2 * misfit.sum() >= self.tared.sum() > 0)
         self.misfit = misfit & (not self.in_doubt)
         innovation = self._mean - self.rest_change
         at_zero = np.abs(self.rest_change) < 1e-6

@@ -3,8 +3,9 @@
 At rest nodes and beacons are where they are told to be, so that the mean error e of the n ranges of a pair is its
 offset, with sigma^2 = sigma_o^2 + sigma_y^2 / n. With z = e / sigma, at most `MOST_AT_REST` for reflections, the sum of
 (z - mean z)^2 over the pairs of each beacon has a chi-square distribution; so has the sum over beacons of m^2, with the
-median m of the z of their pairs, which may all have the same offset. Where one of both is improbable, the frame of a
-recording's beacons, their order or unit is another one than told, and none of its ranges is used.
+median m of the z of their pairs, which may all have the same offset. Where one of both is improbable, also if offsets
+are `LARGER` than told, the frame of a recording's beacons, their order or unit is another one than told, and none of
+its ranges is used.
 
 Later somebody may stand between a beacon and the robot: all ranges of the beacon are too long, for seconds, each by
 less than an outlier. The mean e of their errors by the predicted pose over `RECENT_RANGES_S`, and its variance
@@ -17,7 +18,7 @@ beacons that are read, or more, are off, the pose may be what is wrong: their ra
 on, because the offsets that are estimated may be what was wrong.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -33,6 +34,10 @@ MOST_AT_REST = 3.0
 """Error of a pair at rest, in standard deviations, as which a larger one counts."""
 MISPLACED_PROBABILITY = 1e-4
 """Probability of the errors at rest below which beacons are elsewhere than told."""
+LARGER = 1.7
+"""Ratio of offsets to what is told of them that is no contradiction yet."""
+LEAST_RANGES = 10
+"""Number of ranges of a beacon at rest from which they count: a single one may be reflected."""
 RECENT_RANGES_S = 1.0
 """Time constant of the mean error of a beacon's ranges, and time after which a beacon that is silent says nothing."""
 OFF_SIGMA = 4.0
@@ -144,13 +149,20 @@ class RangeTrust:
         """Return whether the beacons of a recording are elsewhere than told, by their ranges at rest."""
         offset_m, noise_m = self._settings.range_offset_m, self._settings.range_m
         z_of_beacon: dict[int, list[float]] = defaultdict(list)
+        count: Counter[int] = Counter()
         for (number, beacon, _), pair in self._at_rest.items():
             if number == recording:
                 z_of_beacon[beacon].append(pair.mean_m / float(np.hypot(offset_m, noise_m / np.sqrt(pair.count))))
-        among = sum(float(np.median(z)) ** 2 for z in z_of_beacon.values())
-        if chdtrc(len(z_of_beacon), among) < MISPLACED_PROBABILITY:
-            return True
-        counted = [np.clip(z, -MOST_AT_REST, MOST_AT_REST) for z in z_of_beacon.values()]
+                count[beacon] += pair.count
+        known = [np.array(z) for beacon, z in z_of_beacon.items() if count[beacon] >= LEAST_RANGES]
+        counted = [np.clip(z, -MOST_AT_REST, MOST_AT_REST) for z in known]
+        among = sum(float(np.median(z)) ** 2 for z in known)
         within = sum(float(np.sum((z - z.mean()) ** 2)) for z in counted)
-        degrees = sum(len(z) - 1 for z in counted)
-        return degrees > 0 and bool(chdtrc(degrees, within) < MISPLACED_PROBABILITY)
+        return _is_improbable(among, len(known)) or _is_improbable(within, sum(len(z) - 1 for z in known))
+
+
+def _is_improbable(squares: float, degrees: int) -> bool:
+    """Return whether a sum of squares is improbable, and larger than that of larger offsets."""
+    if degrees == 0 or squares < LARGER**2 * degrees:
+        return False
+    return bool(chdtrc(degrees, squares) < MISPLACED_PROBABILITY)
