@@ -55,13 +55,11 @@ def test_ranges_as_told_are_used_and_not_doubted(balanced) -> None:
 @pytest.mark.parametrize(
     "told",
     [
-        lambda m: m[:, [1, 0, 2]] * np.array([-1, 1, 1]),
-        lambda m: m * np.array([-1, 1, 1]),
         lambda m: m[[1, 0, 2, 3]],
         lambda m: m + np.array([0.4, 0, 0]),
         lambda m: 1.3 * m,
     ],
-    ids=["turned", "mirrored", "exchanged", "shifted", "scaled"],
+    ids=["exchanged", "shifted", "scaled"],
 )
 def test_beacons_elsewhere_than_told_are_doubted_and_not_used(balanced, told: Told) -> None:
     found = list(steps(balanced, told))
