@@ -3,9 +3,9 @@
 At rest nodes and beacons are where they are told to be, so that the mean error e of the n ranges of a pair is its
 offset, with sigma^2 = sigma_o^2 + sigma_y^2 / n. With z = e / sigma, at most `MOST_AT_REST` for reflections, the sum of
 (z - mean z)^2 over the pairs of each beacon has a chi-square distribution; so has the sum over beacons of m^2, with the
-median m of the z of their pairs, which may all have the same offset. Where one of both is improbable, also if offsets
-are `LARGER` than told, the frame of a recording's beacons, their order or unit is another one than told, and none of
-its ranges is used.
+median m of the z of their pairs, which may all have the same offset. Where one of both is improbable, and larger than
+offsets of `LARGER` sigma_o would make it, the frame of a recording's beacons, their order or unit is another one than
+told, and none of its ranges is used.
 
 Later somebody may stand between a beacon and the robot: all ranges of the beacon are too long, for seconds, each by
 less than an outlier. The mean e of their errors by the predicted pose over `RECENT_RANGES_S`, and its variance
@@ -35,7 +35,7 @@ MOST_AT_REST = 3.0
 MISPLACED_PROBABILITY = 1e-4
 """Probability of the errors at rest below which beacons are elsewhere than told."""
 LARGER = 1.7
-"""Ratio of offsets to what is told of them that is no contradiction yet."""
+"""Ratio of offsets to their standard deviation as told that is no contradiction yet."""
 LEAST_RANGES = 10
 """Number of ranges of a beacon at rest from which they count: a single one may be reflected."""
 RECENT_RANGES_S = 1.0
