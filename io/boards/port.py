@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from errno import EINVAL
+from errno import EINVAL, EIO, ENODEV, ENXIO
 
 import serial
 from serial.tools import list_ports
@@ -138,7 +138,7 @@ _PORT_ERRORS = _port_errors()
 def _reason(error: Exception) -> str:
     """Return the reason that the system gives, without the text that pyserial adds."""
     number = getattr(error, "errno", None)
-    if number is None:
+    if number in (None, EIO, ENODEV, ENXIO):
         return "the device is gone"
     reason = {2: "not there", 11: "in use by another program", 13: "no permission", 16: "in use by another program"}
     return reason.get(number, f"cannot be opened: {error}")
