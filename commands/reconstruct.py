@@ -350,16 +350,15 @@ def position_counts(contradicted: Sequence[Sequence[int]]) -> dict[str, int]:
 
 def wrong_geometry(wrong: WrongPart) -> str:
     """Return what the evidence at rest says of the geometry that was told, and what to do."""
-    used = "those estimated are used" if wrong in ("rods", "anchors") else "sigmas are widened"
     told = {
-        "rods": "the rods have other lengths than trial.toml tells",
-        "anchors": "the anchors are elsewhere than trial.toml tells",
-        "rest shape": "the measured rest shape does not balance: was it measured in this state?",
+        "rods": "the rods have other lengths than trial.toml tells; those estimated are used",
+        "anchors": "the anchors are elsewhere than trial.toml tells; those estimated are used",
+        "rest shape": "the measured rest shape does not balance: was it measured in this state?; sigmas are widened",
         "axes": "the rest shape seems to be measured in other axes than the anchors: measure both in the same",
-        "hubs": "the tendons seem to end beside the ends of the rods: tell structure.hub_radius_m",
+        "hubs": "the tendons seem to end beside the ends of the rods: tell structure.hub_radius_m; sigmas are widened",
         "floor": "the lowest nodes at rest are off the floor: are height_m, normal and the rest shape right?",
     }
-    return told[wrong] if wrong in ("axes", "floor") else f"{told[wrong]}; {used}"
+    return told[wrong]
 
 
 def rest_balance(rest: RestShape) -> list[tuple[str, str]]:

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from ..factors.anchor import anchor_factors
 from ..factors.body_frame import body_frame_rows
@@ -22,7 +21,7 @@ from ..models.estimation import NoiseSettings
 from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.rigidity import SINGULAR, motions_left
-from ..models.structure.shape import Reason, Status
+from ..models.structure.shape import Reason, Status, chi_squared_quantile
 from ..models.structure.structure import Structure
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import NaturalLengths, TendonLengths
@@ -112,7 +111,8 @@ class GraphBuilder:
         rest, read = self.rest.lengths(0.0), lengths.usable
         squared = (lengths.length_m - rest.length_m)[read] ** 2 / (lengths.sigma_m**2 + rest.sigma_m**2)[read]
         others = squared.sum() - squared.max(initial=0.0)
-        contradicts = read.sum() > 1 and bool(chdtrc(read.sum() - 1, others) < REST_PROBABILITY)
+        degrees = int(read.sum()) - 1
+        contradicts = degrees > 0 and bool(others > chi_squared_quantile(1 - REST_PROBABILITY, degrees))
         self.starts_at_rest = self.rest.at_start and not contradicts
 
     def approach(self, node_position_m: NDArray[np.float64]) -> None:

@@ -336,15 +336,14 @@ def _most_probable(
     if source == "measured":
         sigma_m = max(told.settings.measured_sigma_m, WRONG_SHAPE_M)
         less_certain["rest shape"] = replace(told, root_m=sigma_m * np.eye(told.coordinates))
-        if told.structure.is_held:
-            less_certain["axes"] = replace(told, root_m=_root_in_other_axes_m(told.known_m, told.settings))
     if told.nominal is not None and sigma.hub_radius_m == 0:
         less_certain["hubs"] = replace(told, geometry=replace(sigma, hub_radius_m=WRONG_HUB_M))
     minima = {part: problem.minimum() for part, problem in less_certain.items()}
     anchors = told.structure.anchors
     aside_m = less_certain["anchors"].position_m(minima["anchors"].z)[anchors] - told.structure.anchor_position_m
-    if np.abs(aside_m).max(initial=0.0) < ASIDE_M:
-        minima.pop("axes", None)
+    if source == "measured" and told.structure.is_held and np.abs(aside_m).max() >= ASIDE_M:
+        less_certain["axes"] = replace(told, root_m=_root_in_other_axes_m(told.known_m, told.settings))
+        minima["axes"] = less_certain["axes"].minimum()
     chosen: tuple[_RestProblem, _Minimum, WrongPart | None] = (told, told.minimum(), None)
     likeliest = max(minima, key=lambda part: minima[part].log_evidence)
     if minima[likeliest].log_evidence > chosen[1].log_evidence + LOG_PRIOR_ODDS:

@@ -23,10 +23,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc
 
 from ....factors.range import OUTLIER, range_error
 from ....models.pose.pose_settings import PoseSettings
+from ....models.structure.shape import chi_squared_quantile
 from ....models.values.aids import RangeReading
 from ..prediction import Frame, Prediction
 
@@ -163,6 +163,6 @@ class RangeTrust:
 
 def _is_improbable(squares: float, degrees: int) -> bool:
     """Return whether a sum of squares is improbable, and larger than that of larger offsets."""
-    if degrees == 0 or squares < LARGER**2 * degrees:
+    if degrees == 0:
         return False
-    return bool(chdtrc(degrees, squares) < MISPLACED_PROBABILITY)
+    return squares >= max(LARGER**2 * degrees, float(chi_squared_quantile(1 - MISPLACED_PROBABILITY, degrees)))
