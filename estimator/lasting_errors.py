@@ -77,20 +77,14 @@ class LastingErrors:
             velocity_m_per_s: (nodes, 3) its velocity.
             is_averaged: whether the smoother has averaged the noise of many frames around it.
         """
-        shape = self._without_noise(shape) if is_averaged else shape
-        return self._widened(shape, velocity_m_per_s.reshape(-1)[self._free])
+        velocity_m_per_s = velocity_m_per_s.reshape(-1)[self._free]
+        return self._widened(shape, velocity_m_per_s, of_noise=is_averaged and _is_stretched(shape))
 
-    def _without_noise(self, shape: Shape) -> Shape:
-        """Return a shape without the noise that other frames average; errors of bent tendons last."""
-        lengths = shape.lengths
-        bent = (lengths.mode == BENDING) | (lengths.flags & int(Flag.AMBIGUOUS) != 0)
-        if shape.status is not Status.OK or lengths.rest_in_doubt or (bent & lengths.usable).any():
-            return shape
-        of_frame_m2 = shape.covariance_m2[np.ix_(self._free, self._free)] - self._rest_m2
-        return shape.widened(self._free, (AVERAGED - 1) * of_frame_m2)
+    def _widened(self, shape: Shape, velocity_m_per_s: NDArray[np.float64], *, of_noise: bool = False) -> Shape:
+        """Return the shape with the errors that last, and without what other frames average of its noise.
 
-    def _widened(self, shape: Shape, velocity_m_per_s: NDArray[np.float64]) -> Shape:
-        """Return the shape widened; of a shaken robot the covariance is that of its swings already."""
+        Of a shaken robot the covariance is that of its swings already.
+        """
         deformation_m = shape.node_position_m.reshape(-1)[self._free] - self._rest_m
         if not np.isnan(self._last_s):
             weight = low_pass_weight(np.array(shape.t_s - self._last_s), CREEP_S)
@@ -101,4 +95,15 @@ class LastingErrors:
         parts_m = np.stack(
             [DEFORMATION_SHARE * deformation_m, CREEP_SHARE * self._remembered_m, RATE_S * velocity_m_per_s]
         )
-        return shape.widened(self._free, parts_m.T @ parts_m)
+        added_m2 = parts_m.T @ parts_m
+        if of_noise:
+            of_frame_m2 = shape.covariance_m2[self._free[:, None], self._free] - self._rest_m2
+            added_m2 -= (1 - AVERAGED) * of_frame_m2
+        return shape.widened(self._free, added_m2)
+
+
+def _is_stretched(shape: Shape) -> bool:
+    """Return whether no tendon is or may be bent, whose errors last, and nothing is in doubt."""
+    lengths = shape.lengths
+    bent = (lengths.mode == BENDING) | (lengths.flags & int(Flag.AMBIGUOUS) != 0)
+    return shape.status is Status.OK and not lengths.rest_in_doubt and not (bent & lengths.usable).any()

@@ -55,4 +55,8 @@ class PossibleShapes:
             return False
         if not structure.is_free_standing and np.abs(x - self._rest.node_position_m).max() > self._size_m:
             return False
-        return bool((np.linalg.eigvalsh(shape.node_covariance_m2) >= -ROUNDING_M2).all())
+        try:
+            np.linalg.cholesky(shape.node_covariance_m2 + ROUNDING_M2 * np.eye(3))
+        except np.linalg.LinAlgError:
+            return False
+        return True

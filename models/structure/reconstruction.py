@@ -438,10 +438,10 @@ class Reconstruction:
         """(frames,) smallest singular value of the length Jacobian, (frames, free coordinates) its right vector."""
         singular_value, motion = [], []
         for block in parts(len(self), BLOCK_FRAMES):
-            _, s, v = np.linalg.svd(held_jacobian(self.structure, self.node_position_m[block]))
-            full_rank = s.shape[-1] == v.shape[-1]
-            singular_value.append(s[:, -1] if full_rank else np.zeros(len(s)))
-            motion.append(v[:, -1].copy())  # a view would keep all of v
+            jacobian = held_jacobian(self.structure, self.node_position_m[block])
+            square, vector = np.linalg.eigh(np.swapaxes(jacobian, 1, 2) @ jacobian)
+            singular_value.append(np.sqrt(np.maximum(square[:, 0], 0.0)))
+            motion.append(vector[:, :, 0].copy())  # a view would keep all vectors
         return np.concatenate(singular_value), np.concatenate(motion)
 
     @property

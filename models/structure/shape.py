@@ -197,7 +197,7 @@ class Shape:
     def widened(self, coordinates: NDArray[np.int64], added_m2: NDArray[np.float64]) -> "Shape":
         """Return the shape with a covariance added, (n, n), to that of some of its (n,) coordinates."""
         covariance_m2 = self.covariance_m2.copy()
-        covariance_m2[np.ix_(coordinates, coordinates)] += added_m2
+        covariance_m2[coordinates[:, None], coordinates] += added_m2
         return replace(self, covariance_m2=covariance_m2)
 
     def in_doubt(self, reason: Reason) -> "Shape":
