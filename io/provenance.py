@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..models.plug_ins import PlugIn
-from .input_files import real_path
+from .input_files import check_regular, real_path
 from .model_file import model_path
 from .shape_network_file import shape_network_path
 from .toml import read_toml
@@ -30,9 +30,19 @@ def versions(solver: str = "gtsam") -> dict[str, str]:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """Return the SHA-256 of a file, or of the names and bytes of all files of a directory.
+
+    Raises:
+        InputError: for what is no file in the directory, such as a pipe.
+    """
+    digest = hashlib.sha256()
+    for part in sorted(path.iterdir()) if path.is_dir() else [path]:
+        if part != path:
+            check_regular(part)
+            digest.update(part.name.encode())
+        with part.open("rb") as file:
+            hashlib.file_digest(file, lambda: digest)
+    return digest.hexdigest()
 
 
 @cache

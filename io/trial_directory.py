@@ -49,10 +49,12 @@ from .aid_files import (
     range_readings,
 )
 from .csv import CsvFile
-from .length_files.lengths_bag import LengthsBag, bag_bytes, is_bag
+from .input_files import line_count
+from .length_files.lengths_bag import LengthsBag, is_bag
 from .length_files.lengths_reader import ReadLengths, reader_of
 from .mocap.truth_file import read_truth
 from .positions import read_contacts, read_forces
+from .provenance import sha256_of
 from .structures.structure_file import with_structure_file
 from .toml import read_toml
 
@@ -151,13 +153,13 @@ class Trial:
         bag = self._bag()
         others = [self.path / str(factor["file"]) for factor in self.table.factor if "file" in factor]
         tables = [name for name in self.files() if self.path / name not in [*others, *([bag.path] if bag else [])]]
-        rows = sum(max((self.path / name).read_bytes().count(b"\n") - 1, 0) for name in tables)
+        rows = sum(max(line_count(self.path / name) - 1, 0) for name in tables)
         return rows + (bag.message_count() if bag else 0)
 
     def hashes(self) -> dict[str, str]:
         """Return the SHA-256 of every input: files of measurements, and trial.toml without [truth]."""
         inputs = {key: value for key, value in self.toml.items() if key != "truth"}
-        return {"trial.toml": _sha256_of_table(inputs)} | {name: _sha256_of(self.path / name) for name in self.files()}
+        return {"trial.toml": _sha256_of_table(inputs)} | {name: sha256_of(self.path / name) for name in self.files()}
 
     def truth_hashes(self) -> dict[str, str]:
         """Return the SHA-256 of [truth] in trial.toml, and of each file that it names and that is there."""
@@ -165,9 +167,7 @@ class Trial:
         if truth is None:
             return {}
         named = [name for name in (truth.file, truth.loads, truth.contacts) if name and (self.path / name).is_file()]
-        return {"[truth]": _sha256_of_table(self.toml["truth"])} | {
-            name: _sha256_of(self.path / name) for name in named
-        }
+        return {"[truth]": _sha256_of_table(self.toml["truth"])} | {name: sha256_of(self.path / name) for name in named}
 
     def truth(self) -> StampedPositions | None:
         """Return the true positions, if the trial has them. Evaluation only.
@@ -374,14 +374,6 @@ class Trial:
 
 def _sha256_of_table(table: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(table, sort_keys=True, default=str).encode()).hexdigest()
-
-
-def _sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file, or of all files of a bag."""
-    digest = hashlib.sha256()
-    for part in bag_bytes(path):
-        digest.update(part)
-    return digest.hexdigest()
 
 
 def arrival_s(reading: Reading) -> float:

@@ -1,6 +1,5 @@
 """Calibration recordings: a folder of CSV files, each of one sensor on a test rig."""
 
-import hashlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from ...models.sensor.stretching import SETTLING_S
 from ...models.values.errors import InputError
 from ...models.values.tables import parse_table, unknown_keys
 from ..csv import CsvFile
+from ..provenance import sha256_of
 from ..toml import read_toml
 
 FEWEST_ROWS = 5
@@ -71,7 +71,7 @@ def read_recordings(folder: Path, rig: StripRig) -> RecordingFolder:
     for path in paths:
         try:
             found.recordings.append(read_recording(path, rig))
-            found.sha256[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+            found.sha256[path.name] = sha256_of(path)
         except InputError as error:
             found.left_out.append(str(error))
     if not found.recordings:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ...models.values.errors import InputError
 from ...models.values.extras import needs_extra
-from ..input_files import check_regular
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
@@ -21,21 +20,6 @@ SUFFIXES_OF_BAGS = (".mcap", ".db3")
 def is_bag(path: Path) -> bool:
     """Return whether a path is that of a bag, by its name, or because it is a directory."""
     return path.suffix in SUFFIXES_OF_BAGS or path.is_dir()
-
-
-def bag_bytes(path: Path) -> Iterator[bytes]:
-    """Yield the bytes of a file, or of all files of a directory with their names, for a hash.
-
-    Raises:
-        InputError: for what is no file in the directory, such as a pipe.
-    """
-    if path.is_file():
-        yield path.read_bytes()
-        return
-    for part in sorted(path.iterdir()):
-        check_regular(part)
-        yield part.name.encode()
-        yield part.read_bytes()
 
 
 class LengthsBag:

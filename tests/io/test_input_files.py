@@ -1,6 +1,8 @@
 """Files that never end or wait for ever, and names that lead out of a trial: as a user meets them, and at once."""
 
+import hashlib
 import os
+import tracemalloc
 from io import StringIO
 from pathlib import Path
 
@@ -9,10 +11,10 @@ import pytest
 from command_line import run
 from tensegraph import InputError
 from tensegraph.io.csv import CsvFile
-from tensegraph.io.input_files import LONGEST_LINE, check_regular, lines_of
-from tensegraph.io.length_files.lengths_bag import bag_bytes
+from tensegraph.io.input_files import LONGEST_LINE, check_regular, line_count, lines_of
 from tensegraph.io.mocap.truth_file import read_truth
 from tensegraph.io.model_file import read_sensor_model
+from tensegraph.io.provenance import sha256_of
 from tensegraph.io.toml import read_toml
 
 READERS = {
@@ -46,6 +48,24 @@ def test_a_line_of_a_gigabyte_is_not_read_to_its_end(tmp_path) -> None:
         list(CsvFile(path, ["t_s"]))
     with pytest.raises(InputError, match="expected at most 1 MiB, got 1024 MiB"):
         read_toml(path)
+
+
+def test_a_large_file_is_hashed_and_counted_in_parts(tmp_path) -> None:
+    path = tmp_path / "rows.csv"
+    path.write_bytes(b"t_s\n1\n")
+    os.truncate(path, 1 << 28)
+    tracemalloc.start()
+    told = sha256_of(path), line_count(path)
+    _, peak_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert told == (hashlib.sha256(path.read_bytes()).hexdigest(), 2)
+    assert peak_bytes < 1 << 23
+
+
+def test_the_hash_of_a_directory_is_that_of_the_names_and_bytes_of_its_files(tmp_path) -> None:
+    for name in ("b.db3", "a.yaml"):
+        (tmp_path / name).write_bytes(b"of " + name.encode())
+    assert sha256_of(tmp_path) == hashlib.sha256(b"a.yamlof a.yamlb.db3of b.db3").hexdigest()
 
 
 def test_lines_keep_their_ends() -> None:
@@ -83,7 +103,7 @@ def test_a_pipe_beside_the_files_of_a_bag_is_not_waited_for(tmp_path) -> None:
     (tmp_path / "bag").mkdir()
     os.mkfifo(tmp_path / "bag" / "pipe.db3")
     with pytest.raises(InputError, match=r"pipe\.db3: expected a file, got a pipe"):
-        list(bag_bytes(tmp_path / "bag"))
+        sha256_of(tmp_path / "bag")
 
 
 def test_a_link_in_a_trial_may_lead_out_of_it(trial_copy) -> None:
