@@ -91,7 +91,7 @@ class CsvFile:
             for row, line in enumerate(
                 islice(lines_of(file, self.path), head.first_row - 1, None), start=head.first_row
             ):
-                if not line.endswith("\n"):
+                if not line.endswith(("\n", "\r")):
                     self.half_lines += 1
                     return
                 cells = line.rstrip("\r\n").split(",")

@@ -46,3 +46,14 @@ def test_a_number_that_may_be_infinite_has_a_range_too(tmp_path) -> None:
     assert next(rows) == [-np.inf]
     with pytest.raises(InputError, match=r"row 3, column fx_n: expected a magnitude of at most 1e\+07, got -4e\+305"):
         next(rows)
+
+
+def test_only_a_last_line_without_its_end_is_half(tmp_path) -> None:
+    """A carriage return alone ends a line, too: rows after it are not lost."""
+    (tmp_path / "mac.csv").write_bytes(b"a,b\r1,2\r3,4\r5,")
+    file = CsvFile(tmp_path / "mac.csv", ["a", "b"])
+    assert list(file) == [[1.0, 2.0], [3.0, 4.0]]
+    assert file.half_lines == 1
+    (tmp_path / "mixed.csv").write_bytes(b"a,b\r\n1,2\r \n3,4\r\n")
+    with pytest.raises(InputError, match="row 3: expected 2 fields, got 1"):
+        list(CsvFile(tmp_path / "mixed.csv", ["a", "b"]))
