@@ -33,12 +33,12 @@ def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file, or of the names and bytes of all files of a directory.
 
     Raises:
-        InputError: for what is no file in the directory, such as a pipe.
+        InputError: for what is neither, or is no file in the directory, such as a pipe.
     """
     digest = hashlib.sha256()
     for part in sorted(path.iterdir()) if path.is_dir() else [path]:
+        check_regular(part)
         if part != path:
-            check_regular(part)
             digest.update(part.name.encode())
         with part.open("rb") as file:
             hashlib.file_digest(file, lambda: digest)
