@@ -57,6 +57,8 @@ AXES = {
 """Axes of every tensor, see `checked_tensors`, in the words of the docstrings of `SensorModel` and its parts."""
 BENDING_AXES = {"bending": "6", "bending_covariance": "6, 6"}
 """Axes of the tensors that are there if a strip was bent in the recordings."""
+LARGEST_BYTES = 64 << 20
+"""Size above which a file is no model; the one of the package has 39 kB."""
 LEAST_SCALE = 1e-6
 """Least scale of an input of the curve, in dR/R: no ADC resolves so little."""
 
@@ -104,7 +106,7 @@ def read_sensor_model(path: Path | None = None) -> SensorModel:
         InputError: when the file is missing or is no sound model.
     """
     path = model_path(path)
-    check_regular(path)
+    check_regular(path, LARGEST_BYTES)
     try:
         with safe_open(path, framework="numpy") as file:
             metadata = json.loads((file.metadata() or {}).get(METADATA_KEY, "{}"))

@@ -7,8 +7,10 @@ step, so that one network is valid from 10 to 100 Hz, and the differences betwee
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
 from ..values.tables import Positive
@@ -29,7 +31,7 @@ short, compared with the last time constant, to fit its effect."""
 class Scaling:
     """Scales that bring the network's inputs to a magnitude of about 1."""
 
-    change_middle: float = 0.15
+    change_middle: Annotated[float, Interval(ge=-10, le=10)] = 0.15
     """Value that is subtracted from dR/R before it is divided by `change`."""
     change: Positive = 0.3
     """Divisor of dR/R and of its differences from its running means."""

@@ -99,6 +99,11 @@ def test_the_bag_of_lengths_does_not_lead_out_of_the_trial(trial_copy, name) -> 
     assert "expected a file in the directory of this one, or below it" in ended.stderr
 
 
+def test_a_device_is_not_hashed() -> None:
+    with pytest.raises(InputError, match=r"/dev/zero: expected a file, got a device or a socket"):
+        sha256_of(Path("/dev/zero"))
+
+
 def test_a_pipe_beside_the_files_of_a_bag_is_not_waited_for(tmp_path) -> None:
     (tmp_path / "bag").mkdir()
     os.mkfifo(tmp_path / "bag" / "pipe.db3")

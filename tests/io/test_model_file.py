@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from dataclasses import asdict
 from pathlib import Path
 
@@ -104,6 +105,7 @@ class TestModelFile:
             ("lag_s", float("inf"), "metadata: lag_s: .*less than or equal to 60, got inf"),
             ("sigma_scale", [0.0, 0.0], r"sigma_scale\[0\]"),
             ("scaling", {"change": 0.0}, "scaling.change: .*greater than 0"),
+            ("scaling", {"change_middle": float("nan")}, "scaling.change_middle: .*, got nan"),
             ("ranges", {"change": [1, 0], "rate_per_s": 1, "strain": [0, 1], "step_s": [0.01, 0.1]}, "ranges.change"),
             ("format", 3, "expected format 2, got 3"),
         ],
@@ -120,6 +122,13 @@ class TestModelFile:
         save_file({"a": np.zeros(1)}, tmp_path / "m", {"tensegraph": text})
         with pytest.raises(InputError, match=r"is no model file|expected format 2, got"):
             read_sensor_model(tmp_path / "m")
+
+    def test_a_file_too_large_to_be_a_model_is_not_mapped(self, tmp_path) -> None:
+        path = tmp_path / "model.safetensors"
+        path.touch()
+        os.truncate(path, 1 << 30)
+        with pytest.raises(InputError, match=r"expected at most 64 MiB, got 1024 MiB"):
+            read_sensor_model(path)
 
     def test_what_is_no_model_is_refused(self, tmp_path) -> None:
         (tmp_path / "m").write_text("no model")
