@@ -54,9 +54,10 @@ def lines_of(file: TextIO, path: Path) -> Iterator[str]:
 
 
 def line_count(path: Path) -> int:
-    """Return how many lines of a file have ended; it is read in parts."""
+    """Return about how many lines of a file have ended, by whichever line end; it is read in parts."""
     with path.open("rb") as file:
-        return sum(part.count(b"\n") for part in iter(lambda: file.read(LONGEST_LINE), b""))
+        parts = iter(lambda: file.read(LONGEST_LINE), b"")
+        return sum(max(part.count(b"\n"), part.count(b"\r")) for part in parts)
 
 
 def _kind(mode: int) -> str:

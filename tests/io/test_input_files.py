@@ -68,6 +68,12 @@ def test_the_hash_of_a_directory_is_that_of_the_names_and_bytes_of_its_files(tmp
     assert sha256_of(tmp_path) == hashlib.sha256(b"a.yamlof a.yamlb.db3of b.db3").hexdigest()
 
 
+@pytest.mark.parametrize("end", ["\n", "\r", "\r\n"])
+def test_lines_are_counted_by_any_line_end(tmp_path, end) -> None:
+    (tmp_path / "rows.csv").write_text(f"t_s{end}1{end}2{end}3", newline="")
+    assert line_count(tmp_path / "rows.csv") == 3
+
+
 def test_lines_keep_their_ends() -> None:
     text = "a\n\nb\r\nc"
     assert list(lines_of(StringIO(text, newline=""), Path("x"))) == ["a\n", "\n", "b\r\n", "c"]
