@@ -440,7 +440,8 @@ class Reconstruction:
         for block in parts(len(self), BLOCK_FRAMES):
             jacobian = held_jacobian(self.structure, self.node_position_m[block])
             square, vector = np.linalg.eigh(np.swapaxes(jacobian, 1, 2) @ jacobian)
-            singular_value.append(np.sqrt(np.maximum(square[:, 0], 0.0)))
+            rows, columns = jacobian.shape[1:]
+            singular_value.append(np.sqrt(np.maximum(square[:, 0], 0.0)) if rows >= columns else np.zeros(len(square)))
             motion.append(vector[:, :, 0].copy())  # a view would keep all vectors
         return np.concatenate(singular_value), np.concatenate(motion)
 
