@@ -76,6 +76,7 @@ def with_structure_file(
     own = {key: value for key, value in structure.items() if key not in ("file", "unit_m")}
     merged = {"structure": {**below["structure"], **own}} if "structure" in below else {"structure": own}
     for table in set(others) & below.keys():
-        above = told.get(table)
-        merged[table] = {**below[table], **(above or {})} if isinstance(below[table], dict) else above or below[table]
+        of_file, beside = below[table], told.get(table, below[table])
+        both = isinstance(of_file, Mapping) and isinstance(beside, Mapping)
+        merged[table] = {**of_file, **beside} if both else beside
     return {**told, **merged}

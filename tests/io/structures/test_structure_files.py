@@ -231,3 +231,19 @@ def test_a_model_that_includes_a_pipe_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path, XML.replace("<worldbody>", '<include file="part.xml"/><worldbody>'), "robot.xml")
     with pytest.raises(InputError, match=r"part\.xml: expected a file, got a pipe"):
         read_structure(path)
+
+
+def test_keys_beside_the_name_of_a_file_replace_its_own(tmp_path: Path) -> None:
+    written(tmp_path, XML, "robot.xml")
+    beside = '[structure]\nfile = "robot.xml"\n[mechanics]\ntendon_stiffness_n_per_m = 7.0\n'
+    told = read_structure(written(tmp_path, beside, "robot.toml"))
+    assert told.mechanics.stiffness_n_per_m == pytest.approx([7.0] * 3)
+    assert told.mechanics.rod_mass_kg == pytest.approx([0.05])
+
+
+@pytest.mark.parametrize("value", ["[1.0]", "0"])
+def test_what_is_no_table_beside_the_name_of_a_file_is_refused(value: str, tmp_path: Path) -> None:
+    written(tmp_path, XML, "robot.xml")
+    path = written(tmp_path, f'mechanics = {value}\n[structure]\nfile = "robot.xml"\n', "robot.toml")
+    with pytest.raises(InputError, match=r"robot\.toml: mechanics: "):
+        read_structure(path)
