@@ -17,9 +17,12 @@ from .structure.rest_shape import RestSettings
 from .values.errors import InputError
 from .values.tables import Positive, Probability, parse_table
 
-FARTHEST = 1e4
-"""Ratio of a setting to its default, or of the default to it, beyond which it is in another unit, or a typing error.
-A share or a probability may be as small as it likes."""
+FARTHEST = 500.0
+"""Ratio of a setting to its default beyond which it is in another unit: in millimetres or milliseconds, a thousandfold.
+"""
+LEAST = 1e-4
+"""The least such ratio: a setting may be small where a robot or its sensors are exact, and a share or a probability as
+small as it likes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +64,7 @@ def _check_scale(name: str, value: object, default: object) -> None:
     """
     if isinstance(value, float) and isinstance(default, float) and default > 0:
         is_share = name.endswith(("share", "probability"))
-        least, most = 0.0 if is_share else default / FARTHEST, default * FARTHEST
+        least, most = 0.0 if is_share else default * LEAST, default * FARTHEST
         if 0 < value < least or most < value < math.inf:
             raise InputError(f"{name}: expected {least:g} to {most:g}, got {value:g}: is the unit right?")
     elif is_dataclass(default):

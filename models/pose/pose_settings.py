@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 
-from ..values.tables import NotNegative, Positive
+from ..values.tables import AngularRate, NotNegative, Positive
 
 
 @dataclass(frozen=True, slots=True)
 class PoseSettings:
     """Motion of the body, footholds, and the errors of inertial sensors, ranges and positions."""
 
-    turn_rad_per_s: Positive = 1.5
+    turn_rad_per_s: AngularRate = 1.5
     """Standard deviation of the angular rate: a robot that tips over an edge."""
     motion_m_per_s: Positive = 0.3
     """Standard deviation of the velocity of the centroid, for the same motion."""
@@ -42,9 +42,9 @@ class PoseSettings:
     """Bias of the rate at the start."""
     rate_bias_rad_per_s15: Positive = 1e-4
     """Random walk of this bias."""
-    deformation_rad_per_s: Positive = 0.1
+    deformation_rad_per_s: AngularRate = 0.1
     """Rate at which a rod turns against the body, because the structure deforms."""
-    spin_rad_per_s: Positive = 0.3
+    spin_rad_per_s: AngularRate = 0.3
     """Rate at which a rod spins about itself against the body, in which tendons hold it loosely."""
     force_m_per_s2: Positive = 0.1
     """Noise of the specific force over a frame, in slow motion."""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
-from annotated_types import Ge, Gt, Interval
+from annotated_types import Ge, Gt, Interval, Le
 from pydantic import AfterValidator, AllowInfNan, TypeAdapter, ValidationError
 
 from .errors import InputError
@@ -28,6 +28,8 @@ PositiveOrInfinite = Annotated[float, Gt(0), AfterValidator(_not_tiny)]
 """A number above zero, or infinity."""
 Positive = Annotated[PositiveOrInfinite, AllowInfNan(False)]
 """A finite number above zero."""
+AngularRate = Annotated[Positive, Le(35)]
+"""That of a body in rad/s: up to the range of usual inertial sensors, 2000 degrees a second."""
 NotNegative = Annotated[float, Ge(0), AllowInfNan(False)]
 """Zero or a finite positive number."""
 AtLeastOne = Annotated[int, Ge(1)]
