@@ -37,12 +37,14 @@ from .whole_trial.trial_balance import TrialBalance
 from .whole_trial.trial_chain import TrialChain, minimised
 from .whole_trial.trial_factors import TrialFactors
 
-LEARN_EVERY_S = 0.1
-"""Time between the frames of the live pass, from which modes, drift and health are learned: sensors are checked ten
-times a second."""
+LEARN_EVERY_S = 0.2
+"""Time between the frames of the live pass, from which modes, drift and health are learned."""
+START_EVERY_S = 0.1
+"""The same without the balance of forces, where frames between them start too far from their shapes in twice that
+time: the shapes of `slack_01` become mirrored ones, of 21 mm of error in place of 7."""
 DOUBT_EVERY_S = 0.2
 """Time between two comparisons of explanations in it: their evidence is counted by time, and changes in seconds."""
-FOUND_AFTER_S = 0.2
+FOUND_AFTER_S = 0.4
 """Time after which a fault that is found at once is left out in it: batch leaves it out in the frames before, too, and
 with it some readings before a fault that begins later."""
 DRIFT_EVERY_S = 0.5
@@ -74,8 +76,6 @@ class _Problem:
     """The doubt about the model in each frame."""
     changes: list[Change | None]
     """What has changed in each frame since the sensors were tared."""
-    rebound: float
-    """Ratio of the rebounds that the live pass has found after presses, see `ReboundWatch`."""
     balance: TrialBalance | None
     """The balance of forces near the start; None without mechanics."""
 
@@ -83,6 +83,11 @@ class _Problem:
     def t_s(self) -> NDArray[np.float64]:
         """(frames,) their times."""
         return np.array([measured.lengths.t_s for measured in self.measured])
+
+    @property
+    def frames_per_push(self) -> float:
+        """Number of frames in `PUSH_S`; 1 for a single frame."""
+        return PUSH_S / float(np.median(np.diff(self.t_s))) if len(self.measured) > 1 else 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,7 +151,8 @@ class BatchOptimizer:
         live = LiveSmoother(self._builder.structure, self._builder.rest, _learning(self._settings))
         live.keep()
         frames = without_lag(list(frames))
-        shapes = [live.first_shape(lengths).without_covariance() for lengths in _some_of(frames)]
+        every_s = START_EVERY_S if self._builder.statics is None else LEARN_EVERY_S
+        shapes = [live.first_shape(lengths).without_covariance() for lengths in _some_of(frames, every_s)]
         return self._optimum(frames, live, shapes, None, progress)
 
     def _optimum(
@@ -216,7 +222,7 @@ class BatchOptimizer:
         balance = TrialBalance.of(self._builder, frames, supports)
         changes = live.changes.smoothed(frames)
         near = balance.near(self._builder, start_m) if balance else None
-        return _Problem(start_m, measured, doubts, changes, live.rebounds.ratio, near)
+        return _Problem(start_m, measured, doubts, changes, near)
 
     def _measured(
         self, frames: list[TendonLengths], live: LiveSmoother, shapes: list[Shape], doubts: list[Doubt]
@@ -247,7 +253,7 @@ class BatchOptimizer:
         trial = replace(problem, balance=balance)
         t_s = problem.t_s
         search = np.array(frames_to_search(t_s, self._settings.branch.look_every_s))
-        rebounds = ReboundWatch(self._builder.rest, self._settings.doubt.load_n, trial.rebound)
+        rebounds = self._rebounds(trial, position_m)
         lasting = LastingErrors(self._builder.structure, self._builder.rest)
         velocity_m_per_s = np.gradient(position_m, t_s, axis=0) if len(t_s) > 1 else np.zeros_like(position_m)
         averaged = averaged_frames(t_s)
@@ -263,8 +269,18 @@ class BatchOptimizer:
                 if change is not None:
                     shape = change.doubted(shape, self._builder.structure.free_coordinates)
                 shape = shape.in_doubt(Reason.BOARD) if of_a_board else shape
-                shape = lasting.of_trial(rebounds.observe(shape), velocity_m_per_s[k], is_averaged=bool(averaged[k]))
+                shape = lasting.of_trial(rebounds.widened(shape), velocity_m_per_s[k], is_averaged=bool(averaged[k]))
                 yield shape.with_other(other) if other else shape
+
+    def _rebounds(self, trial: _Problem, position_m: NDArray[np.float64]) -> ReboundWatch:
+        """Return what all presses of the trial tell of the memory of the strips."""
+        rebounds = ReboundWatch(self._builder.rest, self._settings.doubt.load_n)
+        if trial.balance is None:
+            return rebounds
+        force_n = averaged_forces(trial.balance.load_n(position_m), trial.t_s, trial.frames_per_push)
+        for measured, doubt, loads_n in zip(trial.measured, trial.doubts, force_n, strict=True):
+            rebounds.learn(measured.lengths, loads_n, in_motion=doubt.reason is Reason.MOTION)
+        return rebounds
 
     def _shape(self, trial: _Problem, assessment: Assessment, k: int, converged: bool) -> Shape:
         """Return the shape of one frame, with the status that its lengths and the doubt about it give."""
@@ -282,14 +298,13 @@ class BatchOptimizer:
 
     def _assessed(self, trial: _Problem, position_m: NDArray[np.float64], window: slice) -> Assessment:
         """Return the shapes of a window of frames, with their covariances and the loads averaged over `PUSH_S`."""
-        count = len(position_m)
-        frames_per_push = PUSH_S / float(np.median(np.diff(trial.t_s))) if count > 1 else 0.0
+        frames_per_push = trial.frames_per_push
         reach = int(np.ceil(FILTER_REACH * frames_per_push))
-        around = np.arange(max(window.start - reach, 0), min(window.stop + reach, count))
+        around = np.arange(max(window.start - reach, 0), min(window.stop + reach, len(position_m)))
         assessment = Assessment.joined(
             [self._assessed_frames(trial, position_m, around[part]) for part in parts(len(around), STACKED)]
         )
-        if assessment.loads is not None and frames_per_push:
+        if assessment.loads is not None:
             averaged_n = averaged_forces(assessment.loads.force_n, trial.t_s[around], frames_per_push)
             assessment = replace(assessment, loads=replace(assessment.loads, force_n=averaged_n))
         first = window.start - int(around[0])
@@ -343,11 +358,11 @@ def _learning(settings: Settings) -> Settings:
     )
 
 
-def _some_of(frames: Sequence[TendonLengths]) -> Iterator[TendonLengths]:
-    """Yield frames that are `LEARN_EVERY_S` apart or more, the first and the last ones included."""
+def _some_of(frames: Sequence[TendonLengths], every_s: float) -> Iterator[TendonLengths]:
+    """Yield frames that are `every_s` apart or more, the first and the last ones included."""
     latest_s = -np.inf
     for k, lengths in enumerate(frames):
-        if lengths.t_s - latest_s >= 0.999 * LEARN_EVERY_S or k == len(frames) - 1:
+        if lengths.t_s - latest_s >= 0.999 * every_s or k == len(frames) - 1:
             latest_s = lengths.t_s
             yield lengths
 

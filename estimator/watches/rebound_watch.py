@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
+from ...models.values.readings import TendonLengths
 from ...models.values.time_series import low_pass_weight
 
 LEAST_PRESS = 0.7
@@ -43,43 +44,58 @@ DEFORMATION_MEMORY_S = 1.0
 
 
 class ReboundWatch:
-    """Follows the loads of one shape after another.
+    """Follows the loads of one frame after another.
 
     Args:
         rest: the rest shape.
         finger_n: standard deviation of the load of a finger.
-        ratio: that of the rebound, if the strips were found out before.
     """
 
-    def __init__(self, rest: RestShape, finger_n: float, ratio: float = 0.0) -> None:
+    def __init__(self, rest: RestShape, finger_n: float) -> None:
         self._rest = rest
         self._least_n = LEAST_PRESS * finger_n
-        self.ratio = ratio
+        self.ratio = 0.0
         """Of the rebound; 0 while nothing is found out."""
         self._begin()
         self._anew()
-        self._log_odds = 0.0 if ratio else PRIOR_LOG_ODDS  # at which the strips are found out
+        self._learned_s = np.nan
         self._mean_m = np.zeros(len(rest.structure.free_coordinates))
         self._last_s = np.nan
 
     def observe(self, shape: Shape) -> Shape:
         """Return the shape of one more frame, with doubt and a wider covariance if the strips remember more."""
+        if shape.loads is not None:
+            self.learn(shape.lengths, shape.loads.force_n, in_motion=shape.doubt is Reason.MOTION)
+        return self.widened(shape)
+
+    def learn(self, lengths: TendonLengths, force_n: NDArray[np.float64], *, in_motion: bool) -> None:
+        """Learn from the loads in one more frame.
+
+        Args:
+            lengths: of the frame.
+            force_n: (nodes, 3) the loads; nan at anchors.
+            in_motion: whether the robot is shaken, so that they are inertia.
+        """
         structure = self._rest.structure
-        deformation_m = (shape.node_position_m - self._rest.node_position_m)[structure.free_nodes].ravel()
+        measured = np.isfinite(lengths.sigma_m[structure.sensed_tendons])
+        gap_s = lengths.t_s - self._learned_s
+        self._learned_s = lengths.t_s
+        if gap_s > REBOUND_S / 2 or 2 * np.count_nonzero(measured) < len(measured):
+            self._begin()  # nothing tells how a press ended
+        elif not in_motion:
+            self._follow(lengths.t_s, np.nan_to_num(force_n[structure.free_nodes]).ravel())
+
+    def widened(self, shape: Shape) -> Shape:
+        """Return a shape with doubt and a wider covariance if the strips remember more; shapes in order of time."""
+        free = self._rest.structure.free_coordinates
+        deformation_m = (shape.node_position_m - self._rest.node_position_m).reshape(-1)[free]
         step_s = shape.t_s - self._last_s if np.isfinite(self._last_s) else 0.0
         self._mean_m += low_pass_weight(step_s, DEFORMATION_MEMORY_S) * (deformation_m - self._mean_m)
         self._last_s = shape.t_s
-        if shape.loads is None:
-            return shape
-        measured = np.isfinite(shape.lengths.sigma_m[structure.sensed_tendons])
-        if step_s > REBOUND_S / 2 or 2 * np.count_nonzero(measured) < len(measured):
-            self._begin()  # nothing tells how a press ended
-        elif shape.doubt is not Reason.MOTION:  # whose loads are inertia
-            self._follow(shape.t_s, np.nan_to_num(shape.loads.force_n[structure.free_nodes]).ravel())
         if not self.ratio:
             return shape
         errors_m = self.ratio * np.array([self._mean_m, deformation_m - self._mean_m])
-        return shape.widened(structure.free_coordinates, errors_m.T @ errors_m).in_doubt(Reason.MEMORY)
+        return shape.widened(free, errors_m.T @ errors_m).in_doubt(Reason.MEMORY)
 
     def _begin(self) -> None:
         """Wait for the next press."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...models.balance.observable_loads import external_loads
 from ...models.balance.statics import Statics
 from ...models.balance.support import Support
 from ...models.values.readings import NaturalLengths, TendonLengths
@@ -71,6 +72,15 @@ class TrialBalance:
         natural = tuple(self.natural[k] for k in frames) if self.natural else ()
         natural_m = self.natural_m[frames] if natural else self.natural_m
         return replace(self, natural=natural, natural_m=natural_m, supports=supports, sigma_n=self.sigma_n[frames])
+
+    def load_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (frames, nodes, 3) the loads that balance the forces of (frames, nodes, 3) shapes; nan at anchors."""
+        loads = []
+        for frames in parts(len(node_position_m), STACKED):
+            statics, x = self.statics_of(frames), node_position_m[frames]
+            residual_n = statics.residual_n(x)
+            loads.append(external_loads(statics, x, residual_n, np.zeros_like(residual_n)).force_n)
+        return np.concatenate(loads)
 
     def near(self, builder: GraphBuilder, node_position_m: NDArray[np.float64]) -> "TrialBalance":
         """Return the balance with its standard deviation near (frames, nodes, 3) shapes.

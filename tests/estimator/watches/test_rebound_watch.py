@@ -42,7 +42,7 @@ class Hand:
                 node_position_m=position_m,
                 covariance_m2=1e-6 * np.eye(3 * node_count),
                 status=Status.OK,
-                lengths=self.lengths,
+                lengths=replace(self.lengths, t_s=self.t_s),
                 loads=loads,
                 doubt=doubt,
             )
@@ -75,13 +75,6 @@ def test_the_doubt_stays_until_it_is_less_probable_than_at_the_start(hand) -> No
     found = [hand.press(rebound_n).doubt is Reason.MEMORY for rebound_n in (1.0, 1.0, 2.2, *[0.2] * 9)]
     assert found[:5] == [False, True, True, True, True]
     assert not any(found[-4:])
-
-
-def test_strips_that_were_found_out_before_stay_so_after_one_press_without_rebound(hand) -> None:
-    """As in batch, which knows what the live pass has found."""
-    hand.watch = ReboundWatch(hand.rest, FINGER_N, ratio=0.5)
-    assert hand.press(rebound_n=0.4).doubt is Reason.MEMORY
-    assert hand.watch.ratio == 0.5
 
 
 def test_presses_whose_end_is_not_seen_tell_nothing(hand) -> None:
