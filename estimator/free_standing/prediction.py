@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,6 +161,7 @@ def following_heading(
     return F
 
 
+@lru_cache(maxsize=8)  # a frame asks several times for the state before it, as predicted, and as corrected
 def heading_direction(state: PoseState, floor: Floor) -> NDArray[np.float64]:
     """Return (size,) N, the derivative of the state's errors by a turn of all about the floor's normal, as estimated.
 
