@@ -53,6 +53,16 @@ def lines_of(file: TextIO, path: Path) -> Iterator[str]:
         yield line
 
 
+def check_first_line(path: Path) -> None:
+    """Check that a table begins with a line, before all of it is read for another purpose than its numbers.
+
+    Raises:
+        InputError: see `lines_of`.
+    """
+    with path.open(encoding="utf-8", errors="replace", newline="") as file:
+        next(lines_of(file, path), None)
+
+
 def line_count(path: Path) -> int:
     """Return about how many lines of a file have ended, by whichever line end; it is read in parts."""
     with path.open("rb") as file:

@@ -199,4 +199,6 @@ def _connections(reader: Any, topic: str) -> list[Any]:
 
 
 def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or "it is damaged"
+    """Return what an error says; of bag metadata, rosbags repeats the words of Python."""
+    said = " ".join(str(error).split()) or "it is damaged"
+    return "metadata.yaml is not that of a bag" if said.startswith("Invalid bag metadata") else said

@@ -50,6 +50,14 @@ def test_a_line_of_a_gigabyte_is_not_read_to_its_end(tmp_path) -> None:
         read_toml(path)
 
 
+def test_a_table_without_a_first_line_is_not_hashed(tmp_path) -> None:
+    path = tmp_path / "rows.csv"
+    path.touch()
+    os.truncate(path, 1 << 40)
+    with pytest.raises(InputError, match=f"row 1: expected at most {LONGEST_LINE} characters in a line"):
+        sha256_of(path)
+
+
 def test_a_large_file_is_hashed_and_counted_in_parts(tmp_path) -> None:
     path = tmp_path / "rows.csv"
     path.write_bytes(b"t_s\n1\n")
