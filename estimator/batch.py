@@ -39,9 +39,10 @@ from .whole_trial.trial_factors import TrialFactors
 
 LEARN_EVERY_S = 0.2
 """Time between the frames of the live pass, from which modes, drift and health are learned."""
-START_EVERY_S = 0.1
-"""The same without the balance of forces, where frames between them start too far from their shapes in twice that
-time: the shapes of `slack_01` become mirrored ones, of 21 mm of error in place of 7."""
+LEARN_EVERY_M = 0.0015
+"""Change of a length after which the pass takes a frame sooner: where the robot is pressed fast, frames between would
+start too far from their shapes, and fall into mirrored ones. With the time alone, a slack trial of the twin comes to
+17.7 mm in place of 6.7."""
 DOUBT_EVERY_S = 0.2
 """Time between two comparisons of explanations in it: their evidence is counted by time, and changes in seconds."""
 FOUND_AFTER_S = 0.4
@@ -151,8 +152,7 @@ class BatchOptimizer:
         live = LiveSmoother(self._builder.structure, self._builder.rest, _learning(self._settings))
         live.keep()
         frames = without_lag(list(frames))
-        every_s = START_EVERY_S if self._builder.statics is None else LEARN_EVERY_S
-        shapes = [live.first_shape(lengths).without_covariance() for lengths in _some_of(frames, every_s)]
+        shapes = [live.first_shape(lengths).without_covariance() for lengths in _some_of(frames)]
         return self._optimum(frames, live, shapes, None, progress)
 
     def _optimum(
@@ -358,12 +358,17 @@ def _learning(settings: Settings) -> Settings:
     )
 
 
-def _some_of(frames: Sequence[TendonLengths], every_s: float) -> Iterator[TendonLengths]:
-    """Yield frames that are `every_s` apart or more, the first and the last ones included."""
-    latest_s = -np.inf
+def _some_of(frames: Sequence[TendonLengths]) -> Iterator[TendonLengths]:
+    """Yield frames that are `LEARN_EVERY_S` or `LEARN_EVERY_M` apart, the first and the last ones included."""
+    latest: TendonLengths | None = None
     for k, lengths in enumerate(frames):
-        if lengths.t_s - latest_s >= 0.999 * every_s or k == len(frames) - 1:
-            latest_s = lengths.t_s
+        if (
+            latest is None
+            or lengths.t_s - latest.t_s >= 0.999 * LEARN_EVERY_S
+            or (np.abs(lengths.length_m - latest.length_m) > LEARN_EVERY_M).any()
+            or k == len(frames) - 1
+        ):
+            latest = lengths
             yield lengths
 
 
