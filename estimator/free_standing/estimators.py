@@ -33,6 +33,7 @@ from .pose_filter import PoseFilter
 from .pose_smoother import PoseStep, smoothed
 from .resting_faces import RestingFaces, balances_at
 from .stable_face import StableFace
+from .tipping import TIPS_RAD_PER_S
 from .watches.slide_watch import slid_before
 from .world import in_world, support_of
 
@@ -49,8 +50,6 @@ SURE_FACE = 0.8
 """Probability of a face that the balance of forces tells, above which it may contradict heights."""
 CONTRADICTS_S = 0.8
 """Time for which it has to."""
-TIPS_RAD_PER_S = 0.3
-"""Rate at which a structure turns that tips; one that is pressed turns by less."""
 LIKELY_TIP = 0.5
 """Least `LengthChange.may_have_tipped` of a tip."""
 PARALLEL = 0.95

@@ -20,6 +20,8 @@ roll_01 to roll_05 and slope_01 the turn about the vertical was 0.07 where two f
 the slope of five degrees, and 0.14 in all, rms."""
 LANDING_M_PER_RAD05 = 0.015
 """The same of the feet that stay, per axis: 8 mm on a level floor, 30 mm on the slope, and 15 mm in all, rms."""
+TIPS_RAD_PER_S = 0.3
+"""Rate at which a structure turns that tips; one that is pressed turns by less."""
 MISSED_RAD = 0.3
 """Heading that the shortest turn misses, above which the pose before it was wrong."""
 ANY_HEADING_RAD = np.pi / np.sqrt(3)

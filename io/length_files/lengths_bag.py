@@ -201,4 +201,5 @@ def _connections(reader: Any, topic: str) -> list[Any]:
 def _one_line(error: Exception) -> str:
     """Return what an error says; of bag metadata, rosbags repeats the words of Python."""
     said = " ".join(str(error).split()) or "it is damaged"
-    return "metadata.yaml is not that of a bag" if said.startswith("Invalid bag metadata") else said
+    is_of_metadata = said.startswith(("Invalid bag metadata", "A metadata key is missing"))
+    return "metadata.yaml is not that of a bag" if is_of_metadata else said

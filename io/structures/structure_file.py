@@ -70,13 +70,17 @@ def with_structure_file(
             f"{path}: structure: expected the name of a file, and unit_m above 0, got {name!r}, {unit_m!r}"
         )
     file = path.parent / name
-    if file.suffix.lower() == ".toml" and "file" in (read_toml(file).get("structure") or {}):
-        raise InputError(f"{file}: structure.file: expected a file that tells the structure itself")
+    if file.suffix.lower() == ".toml":
+        of_file = read_toml(file).get("structure", {})
+        if not isinstance(of_file, dict):
+            raise InputError(f"{file}: structure: expected a table, got {of_file!r:.60}")
+        if "file" in of_file:
+            raise InputError(f"{file}: structure.file: expected a file that tells the structure itself")
     below = structure_tables(file, float(unit_m))
     own = {key: value for key, value in structure.items() if key not in ("file", "unit_m")}
     merged = {"structure": {**below["structure"], **own}} if "structure" in below else {"structure": own}
     for table in set(others) & below.keys():
-        of_file, beside = below[table], told.get(table, below[table])
-        both = isinstance(of_file, Mapping) and isinstance(beside, Mapping)
-        merged[table] = {**of_file, **beside} if both else beside
+        beside = told.get(table, below[table])
+        both = isinstance(below[table], dict) and isinstance(beside, dict)
+        merged[table] = {**below[table], **beside} if both else beside
     return {**told, **merged}

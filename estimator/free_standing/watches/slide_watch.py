@@ -1,9 +1,11 @@
 """Whether feet that should stand slide, which inertial sensors feel while footholds hold the pose back.
 
 A slow slide of all feet moves the robot by less in one frame than the shape is wrong by, and footholds would hold it
-back for ever. Inertial sensors feel it: beside the filter runs a copy without footholds, for up to `WATCH_S`. With its
-error e of a foothold and the covariance S of it, the node slides if e^T S^-1 e is too large. The filter then takes the
-copy over, and the node has no foothold until it is slow: with the velocity v, of covariance S_v,
+back for ever. Inertial sensors feel it: beside the filter runs a copy without footholds, for up to `WATCH_S`. It begins
+without velocity where the robot seems to stand still, as nothing has braked it for `STOPPED_S`: for most of the error
+of its place comes from the velocity. With its error e of a foothold and the covariance S of it, the node slides if
+e^T S^-1 e is too large. The filter then takes the copy over, and the node has no foothold until it is slow: with the
+velocity v, of covariance S_v,
 
     v^T v < s^2 + tr S_v
 
@@ -21,12 +23,17 @@ from ....models.pose.pose_state import PoseState
 from ....models.structure.floor import Floor
 from ....models.values.rotations import cross, cross_matrix
 from ....models.values.slip import Slip
+from ....models.values.time_series import low_pass_weight
 from ..footholds import Feet, put_down, slips, turned_sigma
 from ..pose_model import Pose, PoseModel
 from ..prediction import Frame, Prediction, without_heading
+from ..tipping import TIPS_RAD_PER_S
 
 WATCH_S = 0.3
 """Time after which the copy starts again: over a longer one, inertial sensors do not tell a slide of millimetres."""
+SLIDES_SIGMA = 3.0
+"""Distance from its foothold, in standard deviations, from which a node slides if the robot has stood still and does
+not tip; else it is that of a slip, as the copy of a robot that tips is less exact."""
 LOST_M = 0.005
 """Standard deviation, per axis, of what a robot has slid before the copy started: by less than is found."""
 WITH_IT_SIGMA = 2.0
@@ -42,6 +49,10 @@ STOPPED_S = 0.2
 """Time after which a robot that nothing brakes has stopped, and does not slide on."""
 STOPPED_M_PER_S = 0.01
 """Standard deviation of its velocity then, per axis."""
+STILL_M_PER_S = 0.003
+"""The same of a robot that has not been seen to slide, and whose feet keep their places in its shape."""
+MOVES_SIGMA = 3.0
+"""Speed in standard deviations from which a robot is not taken to be still."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +62,8 @@ class UnheldPose:
     since_s: float
     """When it was that of the filter."""
     pose: Pose
+    from_rest: bool
+    """Whether the robot stood still then, and has not tipped since."""
 
 
 class SlideWatch:
@@ -61,6 +74,7 @@ class SlideWatch:
         self._unheld: UnheldPose | None = None
         self._slid = np.zeros(nodes, dtype=np.bool_)
         self._unbraked_s = 0.0
+        self._deforms_m_per_s = np.zeros(3)
         self.since_s = np.full(nodes, np.inf)
         """(nodes,) since when each node that slides has done so at the earliest; inf where it does not."""
 
@@ -106,6 +120,7 @@ class SlideWatch:
         """
         self._slid = self.slides
         self._feel(predicted, frame, before)
+        self._see(frame, kept)
         model, floor = self._model, self._model.floor
         if self._slid.any():
             rests = at_rest(predicted.placed, predicted.covariance, floor) | self._has_stopped
@@ -116,11 +131,14 @@ class SlideWatch:
         if frame.samples is None or frame.t_s < model.rest_until_s:
             return predicted, before.state
         if self._unheld is None or frame.t_s - self._unheld.since_s > WATCH_S:
-            self._unheld = UnheldPose(frame.before_s, before)
+            pose = self._still(before, frame)
+            self._unheld = UnheldPose(frame.before_s, pose, from_rest=pose is not before)
         unheld, stands = self._unheld, kept | landed
         free = put_down(model.predicted(frame, unheld.pose, stands), landed, floor, model.settings.floor_m)
         feet = model.feet(free, kept & ~self.slides)
-        slip_sigma = model.settings.slip_sigma
+        rate_rad_per_s = float(np.linalg.norm(predicted.placed.state.rate_rad_per_s))
+        from_rest = unheld.from_rest and rate_rad_per_s < TIPS_RAD_PER_S
+        slip_sigma = SLIDES_SIGMA if from_rest else model.settings.slip_sigma
         turns = turned_sigma(feet, free, floor) > slip_sigma
         if turns or slips(feet, free, frame.t_s, floor, slip_sigma):
             slide = slips(feet, free, frame.t_s, floor, 0.0 if turns else WITH_IT_SIGMA)
@@ -129,17 +147,21 @@ class SlideWatch:
             self._unheld = None
             return _lost(free), unheld.pose.state
         state, covariance = model.corrected(free, frame, model.rows(free, frame, stands, used_imus, None))
-        self._unheld = UnheldPose(unheld.since_s, Pose(state, covariance, unheld.pose.state.turn))
+        self._unheld = UnheldPose(unheld.since_s, Pose(state, covariance, unheld.pose.state.turn), from_rest)
         return predicted, before.state
 
     def stop_rows(self, state: PoseState) -> list[Rows]:
         """Return rows by which a robot that slid, and has stopped, has no velocity; none while it slides or stands."""
         if not (self._has_stopped and self._slid.any()):
             return []
+        return [self._velocity_rows(state, STOPPED_M_PER_S)]
+
+    def _velocity_rows(self, state: PoseState, sigma_m_per_s: float) -> Rows:
+        """Return rows of no velocity, to within a standard deviation per axis."""
         jacobian = np.zeros((3, state.layout.size))
         jacobian[:, state.layout.velocity] = np.eye(3)
-        rows = Rows(-state.velocity_m_per_s, jacobian, np.full(3, STOPPED_M_PER_S**2))
-        return [without_heading(rows, state, self._model.floor)]
+        rows = Rows(-state.velocity_m_per_s, jacobian, np.full(3, sigma_m_per_s**2))
+        return without_heading(rows, state, self._model.floor)
 
     @property
     def _has_stopped(self) -> bool:
@@ -152,6 +174,24 @@ class SlideWatch:
         is_braked = float(np.linalg.norm(gained_m_per_s)) > BRAKES_M_PER_S2 * frame.step_s
         turns = float(np.linalg.norm(state.rate_rad_per_s)) > STILL_RAD_PER_S
         self._unbraked_s = self._unbraked_s + frame.step_s if frame.is_felt and not (is_braked or turns) else 0.0
+
+    def _see(self, frame: Frame, kept: NDArray[np.bool_]) -> None:
+        """Learn how fast the feet move in the body, because the structure deforms."""
+        moved_m = (frame.body_m - frame.body_before_m)[kept].mean(axis=0) if kept.any() else np.zeros(3)
+        weight = low_pass_weight(frame.step_s, STOPPED_S)
+        self._deforms_m_per_s = self._deforms_m_per_s + weight * (moved_m / frame.step_s - self._deforms_m_per_s)
+
+    def _still(self, pose: Pose, frame: Frame) -> Pose:
+        """Return a pose of the frame before without velocity, if the robot seems to stand still."""
+        state, at = pose.state, pose.state.layout
+        sigma = STILL_M_PER_S + float(np.linalg.norm(self._deforms_m_per_s))
+        v, S = state.velocity_m_per_s, pose.covariance[at.velocity, at.velocity] + sigma**2 * np.eye(3)
+        if not self._has_stopped or v @ np.linalg.solve(S, v) > MOVES_SIGMA**2:
+            return pose
+        placed = PlacedShape(state, frame.body_before_m, frame.body_covariance_m2)
+        rows = self._velocity_rows(state, sigma)
+        given = Prediction(placed, np.eye(at.size), pose.covariance, np.zeros(3)).given(rows)
+        return Pose(given.placed.state, given.covariance, pose.turn_before)
 
     def slips(self, predicted: Prediction, kept_feet: Feet, t_s: float) -> list[Slip]:
         """Return the slips of nodes that stand: those found at once, and the slides that have ended.

@@ -180,6 +180,7 @@ def test_a_damaged_bag_is_one_line(ros, tmp_path) -> None:
         ("message_count: 3\n", "message_count: .inf\n", "/l: message_count: expected a number of messages, got inf"),
         ("message_count: 3\n", "message_count: -5\n", "/l: message_count: expected a number of messages, got -5"),
         ("name: /l\n", "name: []\n", ""),
+        ("version: ", "edition: ", "cannot be read as a bag: metadata.yaml is not that of a bag"),
         ("version: ", "version: ~ #", "cannot be read as a bag: metadata.yaml is not that of a bag"),
     ],
 )

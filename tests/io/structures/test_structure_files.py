@@ -247,3 +247,11 @@ def test_what_is_no_table_beside_the_name_of_a_file_is_refused(value: str, tmp_p
     path = written(tmp_path, f'mechanics = {value}\n[structure]\nfile = "robot.xml"\n', "robot.toml")
     with pytest.raises(InputError, match=r"robot\.toml: mechanics: "):
         read_structure(path)
+
+
+@pytest.mark.parametrize("value", ["[1.0]", "0", "'file'"])
+def test_a_file_whose_structure_is_no_table_is_refused(value: str, tmp_path: Path) -> None:
+    written(tmp_path, f"structure = {value}\n", "robot.toml")
+    path = written(tmp_path, '[structure]\nfile = "robot.toml"\n', "trial.toml")
+    with pytest.raises(InputError, match=r"robot\.toml: structure: expected a table, got "):
+        read_structure(path)

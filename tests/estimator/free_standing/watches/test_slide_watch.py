@@ -63,6 +63,15 @@ def test_a_slide_of_all_feet_is_told_with_its_distance(balanced) -> None:
     assert abs(moved_m[0] - distance_m) < 2 * sigma_m < 0.025
 
 
+def test_a_shorter_slide_of_a_robot_that_stood_still_is_told(balanced) -> None:
+    """16 mm, where most of the error of the way would come from that of the velocity before."""
+    poses, steps, distance_m = pushed(balanced, 0.4)
+    assert sorted(slip.node for step in steps for slip in step.slips) == [0, 1, 2]
+    moved_m = poses.state.position_m - poses.centre_m
+    sigma_m = float(np.sqrt(poses.covariance[3, 3]))
+    assert abs(moved_m[0] - distance_m) < 2 * sigma_m < 0.015
+
+
 def test_a_shake_that_moves_nothing_is_no_slide(balanced) -> None:
     poses, steps, _ = pushed(balanced, 0.05)
     assert not [slip for step in steps for slip in step.slips]
