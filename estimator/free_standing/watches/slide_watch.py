@@ -49,7 +49,7 @@ STOPPED_S = 0.2
 """Time after which a robot that nothing brakes has stopped, and does not slide on."""
 STOPPED_M_PER_S = 0.01
 """Standard deviation of its velocity then, per axis."""
-STILL_M_PER_S = 0.003
+STANDING_M_PER_S = 0.003
 """The same of a robot that has not been seen to slide, and whose feet keep their places in its shape."""
 MOVES_SIGMA = 3.0
 """Speed in standard deviations from which a robot is not taken to be still."""
@@ -184,7 +184,7 @@ class SlideWatch:
     def _still(self, pose: Pose, frame: Frame) -> Pose:
         """Return a pose of the frame before without velocity, if the robot seems to stand still."""
         state, at = pose.state, pose.state.layout
-        sigma = STILL_M_PER_S + float(np.linalg.norm(self._deforms_m_per_s))
+        sigma = STANDING_M_PER_S + float(np.linalg.norm(self._deforms_m_per_s))
         v, S = state.velocity_m_per_s, pose.covariance[at.velocity, at.velocity] + sigma**2 * np.eye(3)
         if not self._has_stopped or v @ np.linalg.solve(S, v) > MOVES_SIGMA**2:
             return pose
