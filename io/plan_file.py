@@ -81,14 +81,16 @@ def _layers(path: Path) -> list[_Layer]:
         InputError: when one of them cannot be read, or they extend each other in a circle.
     """
     layers: list[_Layer] = []
+    seen: set[Path] = set()
     following: Path | None = path
     while following is not None:
-        if real_path(following) in [real_path(layer.path) for layer in layers]:
+        if real_path(following) in seen:
             place = _place(layers[-1].path, EXTENDS)
             raise InputError(f"{place}: {EXTENDS}: leads back to {following}: expected a plan that does not")
         table = with_structure_file(read_toml(following), following, ("body", "mechanics"))
         base = _base_path(following, table)
         table.pop(EXTENDS, None)
+        seen.add(real_path(following))
         layers.append(_Layer(following, table))
         following = base
     return layers

@@ -270,3 +270,12 @@ def test_what_cannot_be_extended_is_said(below, edit, message) -> None:
     below.write_text(f"extends = {edit}\n{below.read_text()}")
     with pytest.raises(InputError, match=message):
         read_plan(path)
+
+
+def test_a_long_chain_of_plans_is_read_to_its_end(below) -> None:
+    files = 300
+    for k in range(files):
+        base = "below.toml" if k == 0 else f"plan_{k - 1}.toml"
+        (below.parent / f"plan_{k}.toml").write_text(f'extends = "{base}"\nseed = {k}\n')
+    plan = read_plan(below.parent / f"plan_{files - 1}.toml")
+    assert plan == replace(read_plan(below), seed=files - 1)
