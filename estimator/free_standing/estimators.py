@@ -298,21 +298,26 @@ class FreeStandingOptimizer:
             IndeterminateError: when measurements and priors leave some node undetermined.
         """
         frames = without_lag(list(frames))
-        live, shapes = self._live(frames)
+        live, shapes, steps = self._live(frames)
         contradicted = live.contradicted_imus
         if contradicted.any():  # what they told before they were found out is wrong, too
             frames = without_sensors(frames, contradicted)
-            live, shapes = self._live(frames)
+            live, shapes, steps = self._live(frames)
         frames = [replace(lengths, aids=shape.lengths.aids) for lengths, shape in zip(frames, shapes, strict=True)]
-        poses = self._poses(frames, shapes, self._contacts(live, frames, shapes))
+        contacts = self._contacts(live, frames, shapes)
+        if any(standing is not None for standing in contacts):
+            steps = self._filtered(frames, shapes, contacts)
+        poses = self._poses(frames, shapes, contacts, steps)
         supports = [
             support_of(self._structure, self._rest, shape.node_position_m, state, covariance, step.standing.probability)
             for shape, (state, covariance, step) in zip(shapes, poses, strict=True)
         ]
         shapes = [shape.without_covariance() for shape in shapes]
+        del poses, steps  # their covariances are large
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
-        poses = self._poses(frames, shapes, self._contacts(live, frames, shapes))
+        contacts = self._contacts(live, frames, shapes)
+        poses = self._poses(frames, shapes, contacts, self._filtered(frames, shapes, contacts))
         assert live.kept is not None, "the live pass keeps what it learns"
         doubts_ranges = bool(poses) and poses[-1][2].doubts_ranges  # those of before may be wrong, too
         for shape, (state, covariance, step), kept in zip(shapes, poses, live.kept, strict=True):
@@ -326,12 +331,13 @@ class FreeStandingOptimizer:
             step = replace(step, contradicted_imus=contradicted_imus, doubts_ranges=doubts_ranges)
             yield in_world(shape, self._rest, self._robot.floor, state, covariance, step, self._settings.branch)
 
-    def _live(self, frames: Sequence[TendonLengths]) -> tuple[FreeStandingSmoother, list[Shape]]:
-        """Return the live estimator after all frames, with what it has kept of them, and its shapes."""
+    def _live(self, frames: Sequence[TendonLengths]) -> tuple[FreeStandingSmoother, list[Shape], list[PoseStep]]:
+        """Return the live estimator after all frames, with what it has kept of them, its shapes and their poses."""
         live = FreeStandingSmoother(self._structure, self._rest, self._robot, self._settings)
         live.shapes.keep()
         live.kept = []
-        return live, [live.update(lengths)[0] for lengths in frames]
+        estimates = [live.update(lengths) for lengths in frames]
+        return live, [shape for shape, _ in estimates], [step for _, step in estimates]
 
     def _contacts(
         self, live: FreeStandingSmoother, frames: Sequence[TendonLengths], shapes: Sequence[Shape]
@@ -372,15 +378,17 @@ class FreeStandingOptimizer:
         return contacts
 
     def _poses(
-        self, frames: Sequence[TendonLengths], shapes: Sequence[Shape], contacts: Sequence[Standing | None]
+        self,
+        frames: Sequence[TendonLengths],
+        shapes: Sequence[Shape],
+        contacts: Sequence[Standing | None],
+        steps: Sequence[PoseStep],
     ) -> list[tuple[PoseState, NDArray[np.float64], PoseStep]]:
-        """Return the state of the pose, its covariance and the filter's step in each frame.
+        """Return the state of the pose, its covariance and the filter's step in each frame, from the filter's steps.
 
         Where feet slide, or the robot is lifted, which is found some time after it began, the filter runs again and
         knows it from the start.
         """
-        nothing: list[NDArray[np.bool_] | None] = [None] * len(frames)
-        steps = self._filtered(frames, shapes, contacts, nothing)
         t_s = np.array([lengths.t_s for lengths in frames])
         slides_s = np.array([step.slides_since_s for step in steps])
         lifted_s = np.array([[step.lifted_since_s] for step in steps])
@@ -388,7 +396,7 @@ class FreeStandingOptimizer:
             lifted = slid_before(lifted_s, t_s)[:, 0]
             in_the_air = nothing_stands(self._structure.node_count)
             contacts = [in_the_air if up else told for up, told in zip(lifted, contacts, strict=True)]
-            steps = self._filtered(frames, shapes, contacts, list(slid_before(slides_s, t_s)))
+            steps = self._filtered(frames, shapes, contacts, slid_before(slides_s, t_s))
         return [(state, covariance, step) for (state, covariance), step in zip(smoothed(steps), steps, strict=True)]
 
     def _filtered(
@@ -396,13 +404,14 @@ class FreeStandingOptimizer:
         frames: Sequence[TendonLengths],
         shapes: Sequence[Shape],
         contacts: Sequence[Standing | None],
-        sliding: Sequence[NDArray[np.bool_] | None],
+        sliding: NDArray[np.bool_] | None = None,
     ) -> list[PoseStep]:
-        """Return the filter's steps over all frames."""
+        """Return the filter's steps over all frames; (frames, nodes) tell which nodes slide, None to tell it itself."""
         poses = PoseFilter(self._rest, self._robot, self._settings.pose)
+        told = [None] * len(frames) if sliding is None else sliding
         return [
             poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands, slides)
-            for lengths, shape, stands, slides in zip(frames, shapes, contacts, sliding, strict=True)
+            for lengths, shape, stands, slides in zip(frames, shapes, contacts, told, strict=True)
         ]
 
 

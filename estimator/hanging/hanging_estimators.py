@@ -119,50 +119,49 @@ class HangingOptimizer:
             IndeterminateError: when measurements and priors leave some node undetermined.
         """
         frames = without_lag(list(frames))
-        live, shapes, doubts = self._live(frames)
+        live, shapes, steps, doubts = self._live(frames)
         contradicted = live.contradicted_imus
         if contradicted.any():  # what they told before they were found out is wrong, too
             frames = without_sensors(frames, contradicted)
-            live, shapes, doubts = self._live(frames)
+            live, shapes, steps, doubts = self._live(frames)
             doubts = [Reason.IMU] * len(frames)
         assert live.kept is not None, "the live pass keeps the torques"
         frames = [replace(lengths, aids=shape.lengths.aids) for lengths, shape in zip(frames, shapes, strict=True)]
         left_out = [shape.contradicted_positions for shape in shapes]
         supports = [
             weight_of(self._structure, self._rest, shape.node_position_m, state, covariance)
-            for shape, (state, covariance, _) in zip(shapes, self._poses(frames, shapes, live.kept), strict=True)
+            for shape, (state, covariance) in zip(shapes, smoothed(steps), strict=True)
         ]
         shapes = [shape.without_covariance() for shape in shapes]
+        del steps  # their covariances are large
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
-        poses = self._poses(frames, shapes, live.kept)
-        if poses and poses[-1][2].doubts_ranges:  # those of before may be wrong, too
+        filtered = HangingFilter(self._rest, self._robot, self._settings)
+        steps = [
+            filtered.hang(shape, hands, lengths.aids)
+            for lengths, shape, hands in zip(frames, shapes, live.kept, strict=True)
+        ]
+        if steps[-1].doubts_ranges:  # those of before may be wrong, too
             doubts = [doubt or Reason.RANGES for doubt in doubts]
-        for shape, (state, covariance, step), doubt, nodes in zip(shapes, poses, doubts, left_out, strict=True):
+        poses = smoothed(steps)
+        for shape, (state, covariance), step, doubt, nodes in zip(shapes, poses, steps, doubts, left_out, strict=True):
             shape = replace(shape, contradicted_positions=nodes)
             yield hung_in_world(shape, self._rest, state, covariance, step, doubt)
 
-    def _live(self, frames: Sequence[TendonLengths]) -> tuple[HangingSmoother, list[Shape], list[Reason | None]]:
-        """Return the live estimator after all frames, with what it has kept of them, its shapes and its doubts."""
+    def _live(
+        self, frames: Sequence[TendonLengths]
+    ) -> tuple[HangingSmoother, list[Shape], list[PoseStep], list[Reason | None]]:
+        """Return the live estimator after all frames, with what it has kept, its shapes, their poses and its doubts."""
         live = HangingSmoother(self._structure, self._rest, self._robot, self._settings)
         live.shapes.keep()
         live.kept = []
-        shapes, doubts = [], []
+        shapes, steps, doubts = [], [], []
         for lengths in frames:
             shape, step = live.update(lengths)
             shapes.append(shape)
+            steps.append(step)
             doubts.append(live.doubt_of(step))
-        return live, shapes, doubts
-
-    def _poses(
-        self, frames: Sequence[TendonLengths], shapes: Sequence[Shape], hands: Sequence[HandTorque | None]
-    ) -> list[tuple[PoseState, NDArray[np.float64], PoseStep]]:
-        """Return the state of the pose, its covariance and the filter's step in each frame."""
-        poses = HangingFilter(self._rest, self._robot, self._settings)
-        steps = [
-            poses.hang(shape, hand, lengths.aids) for lengths, shape, hand in zip(frames, shapes, hands, strict=True)
-        ]
-        return [(state, covariance, step) for (state, covariance), step in zip(smoothed(steps), steps, strict=True)]
+        return live, shapes, steps, doubts
 
 
 def weight_of(

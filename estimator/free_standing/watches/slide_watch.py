@@ -134,7 +134,7 @@ class SlideWatch:
             pose = self._still(before, frame)
             self._unheld = UnheldPose(frame.before_s, pose, from_rest=pose is not before)
         unheld, stands = self._unheld, kept | landed
-        free = put_down(model.predicted(frame, unheld.pose, stands), landed, floor, model.settings.floor_m)
+        free = put_down(_beside(predicted, before, unheld.pose), landed, floor, model.settings.floor_m)
         feet = model.feet(free, kept & ~self.slides)
         rate_rad_per_s = float(np.linalg.norm(predicted.placed.state.rate_rad_per_s))
         from_rest = unheld.from_rest and rate_rad_per_s < TIPS_RAD_PER_S
@@ -205,6 +205,24 @@ class SlideWatch:
         slip_sigma = self._model.settings.slip_sigma
         at_once = slips(kept_feet.among(stand & ~self._slid), predicted, t_s, floor, slip_sigma)
         return at_once + slips(kept_feet.among(stand & self._slid), predicted, t_s, floor, 0.0)
+
+
+def _beside(predicted: Prediction, before: Pose, unheld: Pose) -> Prediction:
+    """Return what is expected of the copy: it moves as the filter does.
+
+    The errors d from the filter to the copy, and the difference of their covariances, follow the transition F:
+
+        d <- F d,     P_c <- P + F (P_c - P) F^T
+
+    Args:
+        predicted: what is expected of the frame, by the filter.
+        before: the pose of the filter in the frame before.
+        unheld: that of the copy.
+    """
+    F, placed = predicted.transition, predicted.placed
+    state = placed.state.moved(F @ before.state.errors_to(unheld.state))
+    covariance = predicted.covariance + F @ (unheld.covariance - before.covariance) @ F.T
+    return Prediction(PlacedShape(state, placed.body_m, placed.body_covariance_m2), F, covariance, predicted.turned)
 
 
 def _lost(predicted: Prediction) -> Prediction:
