@@ -3,6 +3,7 @@ from . import plot as plot
 from .commands.simulate import simulate as simulate
 from .io.exports.formats import export as export
 from .io.stored_result import load as load
+from .io.stored_result import save as save
 from .io.structures.structure_file import read_structure as read_structure
 from .io.trial_directory import Trial as Trial
 from .io.trial_directory import open_trial as open_trial
@@ -27,7 +28,6 @@ from .models.values.readings import Mode as Mode
 from .models.values.readings import ResistanceReading as ResistanceReading
 from .models.values.readings import TendonLengths as TendonLengths
 from .pipeline import reconstruct as reconstruct
-from .pipeline import save as save
 from .pipeline import stream as stream
 from .scoring.method_scores import compare as compare
 from .scoring.run_score import evaluate as evaluate

@@ -1,12 +1,12 @@
 """The pipeline from counts to resistance, strain, length and shape; here io and the estimators meet."""
 
 from bisect import bisect_right, insort
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from inspect import signature
 from itertools import chain
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -15,14 +15,13 @@ from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
 from .estimator.free_standing.estimators import FreeStandingOptimizer, FreeStandingSmoother
 from .estimator.hanging.hanging_estimators import HangingOptimizer, HangingSmoother
-from .estimator.own_evidence import FactorWatch
 from .estimator.rest_step import rest_shape_of
 from .estimator.smoother import LiveSmoother
+from .estimator.watches.factor_watch import FactorWatch
 from .estimator.watches.lengths_watch import RepeatWatch, RestWatch
 from .estimator.watches.moving_base import MovingBase
 from .factors.tendon import TautCables
 from .io.model_file import read_sensor_model
-from .io.result import floor_table, result_directory, write_run, write_tables
 from .io.trial_directory import Reading, Trial, open_trial
 from .models.plug_ins import PlugIn, plug_ins
 from .models.pose.aid_use import OLD_S, AidUse
@@ -67,9 +66,6 @@ AnySensorModel = SensorModel | StrainModelFactory
 """A sensor model, or what makes the one that another package brings."""
 Progress = Callable[[int, float], None]
 """Function that is called after each iteration of an optimisation, with its number from 1 and the error."""
-
-
-FigureFormat = Literal["png", "pdf"]
 
 
 class Estimator(Protocol):
@@ -278,9 +274,9 @@ class Pipeline:
             raise InputError(
                 f"method '{method}': expected one of {', '.join(WITH_FACTORS)}, which use the trial's [[factor]]"
             )
-        taken = map(self._taken, frames)
+        taken = map(self._watched_at_rest, frames)
         shapes = map(self.factor_watch.observe, self._shapes(taken, method, factory, progress))
-        shapes = map(self._at_rest, map(self._read, shapes))
+        shapes = map(self._doubting_rest, map(self._doubting_repeats, shapes))
         shapes = map(self.aid_use.observe, shapes)
         return in_one_thread(map(PossibleShapes(self.rest).check, shapes))
 
@@ -320,21 +316,21 @@ class Pipeline:
         by_sensors = getattr(self.front_end, "rest_in_doubt", False)  # one of one's own may have `lengths` alone
         return by_sensors or (self._rest_watch is not None and self._rest_watch.in_doubt)
 
-    def _read(self, shape: Shape) -> Shape:
+    def _doubting_repeats(self, shape: Shape) -> Shape:
         """Return a shape of one more frame, in doubt if its row of lengths is told again and again."""
         if self._repeat_watch is None:
             return shape
         self._repeat_watch.observe(shape)
         return shape.in_doubt(Reason.SENSORS) if self._repeat_watch.in_doubt else shape
 
-    def _taken(self, lengths: TendonLengths) -> TendonLengths:
+    def _watched_at_rest(self, lengths: TendonLengths) -> TendonLengths:
         """Return the lengths of one more frame, which the estimator takes; the last ones tell of the rest."""
         self._rest_in_doubt = lengths.rest_in_doubt
         if self._rest_watch:
             self._rest_watch.observe(lengths)
         return lengths
 
-    def _at_rest(self, shape: Shape) -> Shape:
+    def _doubting_rest(self, shape: Shape) -> Shape:
         """Return a shape of one more frame, in doubt if readings or forces at rest do not fit the rest shape, or moved.
 
         What counts is what was known of the rest in the last frame that the estimator took: live that of the shape, and
@@ -375,7 +371,7 @@ class Pipeline:
             for reading in block:
                 if isinstance(reading, AidReading):
                     self.aid_use.read(reading)
-                    aid = self._passed(reading)
+                    aid = self._admitted(reading)
                     if aid is not None:
                         yield from self._in_pause(aid.t_s, aids)
                         insort(aids, aid, key=lambda aid: aid.t_s)  # boards are not synchronous
@@ -385,7 +381,7 @@ class Pipeline:
                     if isinstance(reading, TendonLengths):
                         yield from self._in_pause(reading.t_s, aids)
                         self._pauses.add(reading.t_s)
-                        lengths = self._believed(reading)
+                        lengths = self._without_jumps(reading)
                     else:
                         lengths = next(computed)  # strain and length, eqs. (2)-(4)
                     # of whole tendons: those of the strips, and of the strings that motors wind
@@ -424,7 +420,7 @@ class Pipeline:
             for lengths in self._pauses.until(t_s):
                 yield self._with_aids(self.winding.applied(lengths), aids)
 
-    def _passed(self, reading: AidReading) -> AidReading | None:
+    def _admitted(self, reading: AidReading) -> AidReading | None:
         """Return a reading of another sensor as the estimators use it; None where it is left out."""
         if isinstance(reading, PositionReading):
             return self.own_frames.placed(reading) if self._filled_positions.passes(reading) else None
@@ -438,7 +434,7 @@ class Pipeline:
         assert self.boards is not None, "rows of counts need a trial with boards"
         return self.boards.reading(reading)
 
-    def _believed(self, lengths: TendonLengths) -> TendonLengths:
+    def _without_jumps(self, lengths: TendonLengths) -> TendonLengths:
         """Return lengths that are told, with a sigma each and without those that have jumped."""
         sigma_m = np.where(np.isnan(lengths.sigma_m), self.settings.noise.unstated_m, lengths.sigma_m)
         natural_m = self.trial.structure.natural_length_m
@@ -547,61 +543,3 @@ def sensor_model_of(model: AnySensorModel | str | None) -> AnySensorModel:
 def _pipeline_of(trial: TrialDescription, settings: Settings | None, model: AnySensorModel | str | None) -> Pipeline:
     """Return the pipeline of a trial, with defaults for None."""
     return Pipeline(trial, checked_settings(settings), sensor_model_of(model))
-
-
-def save(
-    reconstruction: Reconstruction,
-    path: str | Path,
-    settings: Settings | None = None,
-    *,
-    figures: FigureFormat | None = "png",
-) -> None:
-    """Write shapes as a result directory: tables, figures, and the settings.
-
-    Args:
-        reconstruction: the shapes to write.
-        path: path of the directory; an earlier result at this path is replaced.
-        settings: the settings of the run; their `probability` is that of the ellipsoids.
-        figures: format in which lengths and shapes are drawn, which takes some seconds; None draws nothing.
-
-    Raises:
-        InputError: when the path holds something else than an earlier result, or cannot be written.
-    """
-    path = Path(path)
-    settings = checked_settings(settings)
-    run = {"settings": asdict(settings)}
-    write_result(reconstruction, path, run, settings, path.name, figures)
-
-
-def write_result(
-    reconstruction: Reconstruction,
-    path: Path,
-    run: Mapping[str, Any],
-    settings: Settings,
-    title: str,
-    figures: FigureFormat | None,
-    written: Callable[[str], None] = lambda part: None,
-) -> None:
-    """Write a result directory, completely or not at all.
-
-    Args:
-        reconstruction: the shapes to write.
-        path: path of the directory.
-        run: the content of run.toml, without what the reconstruction tells.
-        settings: the settings of the run.
-        title: of the figures.
-        figures: their format; None draws none.
-        written: called with "tables" and "figures" when they are.
-
-    Raises:
-        InputError: see `save`.
-    """
-    with result_directory(path) as directory:
-        write_tables(reconstruction, settings.probability, directory)
-        written("tables")
-        if figures is not None:
-            from .io.figures.shape_figures import write_figures  # matplotlib takes a third of a second to import
-
-            write_figures(reconstruction, settings, title, directory, figures)
-            written("figures")
-        write_run({**run, **floor_table(reconstruction.floor_normal)}, reconstruction.structure, directory)

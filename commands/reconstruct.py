@@ -15,6 +15,7 @@ from ..io.provenance import FINGERPRINT, fingerprint, is_up_to_date, relative_pa
 from ..io.reports.progress import StageBar
 from ..io.reports.terminal import Terminal
 from ..io.result import RUN_FILE, SHAPE_FILE
+from ..io.stored_result import FigureFormat, write_result
 from ..io.toml import read_settings
 from ..io.trial_directory import Trial, open_trial
 from ..models.evaluation.metrics import node_rmse_m
@@ -26,7 +27,7 @@ from ..models.structure.shape import Status
 from ..models.values.errors import InputError, naming
 from ..models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag, TendonLengths
 from ..models.values.slip import Slip
-from ..pipeline import OFFLINE_FRAMES, FigureFormat, Pipeline, estimator_of, write_result
+from ..pipeline import OFFLINE_FRAMES, Pipeline, estimator_of
 from .garbage import rare_collections
 from .many import Many, Workers
 from .origin import chosen_model, made_with, placed_model
@@ -258,7 +259,7 @@ class Run:
             table.add_row("normal of the floor", normal_line(r.floor_normal))
         for fit in self.pipeline.own_frames.fits:
             table.add_row(f"frame of position {fit.recording}", fit.text())
-        for name, rows in self._rows_not_plain().items():
+        for name, rows in self._irregular_rows().items():
             table.add_row(name, str(rows))
         for name, warning in self.pipeline.aid_warnings().items():
             table.add_row(name, warning)
@@ -307,7 +308,7 @@ class Run:
             "frames": len(self.reconstruction),
             "versions": versions(),
             "inputs": inputs,
-            "rows": self._rows_not_plain(),
+            "rows": self._irregular_rows(),
             **self.pipeline.own_frames.as_table(),
             "settings": asdict(self.settings),
             "timing": {"seconds": round(self.seconds, 3)},
@@ -330,7 +331,7 @@ class Run:
             "  of holding the rest shape": f"{1e3 * at_rest_rmse_m:.2f} mm",
         }
 
-    def _rows_not_plain(self) -> dict[str, int]:
+    def _irregular_rows(self) -> dict[str, int]:
         """Return the numbers of lost, dropped and incomplete rows, without those that are zero."""
         counts: dict[str, int] = {}
         for board, clock in enumerate(self.pipeline.boards.counts if self.pipeline.boards else ()):

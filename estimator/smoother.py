@@ -41,17 +41,17 @@ class LiveSmoother:
     """Estimates the shape in the newest frame from this and all earlier frames, in bounded time and memory."""
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
-        self.builder = self._builder = GraphBuilder(structure, rest, settings.noise)
-        self._evidence = FrameEvidence(self._builder, settings.doubt)
-        self._health = SensorHealth(self._builder, settings.health) if rest.mechanics else None
-        self.doubt = ModelDoubt(self._builder, settings.doubt)
-        self.changes = ChangeWatch(self._builder)
+        self.builder = GraphBuilder(structure, rest, settings.noise)
+        self._evidence = FrameEvidence(self.builder, settings.doubt)
+        self._health = SensorHealth(self.builder, settings.health) if rest.mechanics else None
+        self.doubt = ModelDoubt(self.builder, settings.doubt)
+        self.changes = ChangeWatch(self.builder)
         self.rebounds = ReboundWatch(rest, settings.doubt.load_n)
         self._compensation = LagCompensation()
         self._lasting = LastingErrors(structure, rest)
-        self.modes = ModeChoice(self._builder, settings.front_end.ambiguous_probability)
-        self.drift = OwnDrift(self._builder, settings.drift)
-        self._branches = OtherBranch(self._builder, settings.branch)
+        self.modes = ModeChoice(self.builder, settings.front_end.ambiguous_probability)
+        self.drift = OwnDrift(self.builder, settings.drift)
+        self._branches = OtherBranch(self.builder, settings.branch)
         self._lag = settings.smoother.lag
         self._isam = gtsam.ISAM2(_isam2_parameters(settings.smoother.relinearize_m))
         self._isam.update(*_bystanders(structure.node_count))
@@ -95,14 +95,14 @@ class LiveSmoother:
         steady = self.drift.admit(
             self.modes.choose(lengths), before.inexact > CONTRADICTED and before.reason is not Reason.MOTION
         )
-        measured = weigh(steady, self._builder.noise).scaled(scale)
+        measured = weigh(steady, self.builder.noise).scaled(scale)
         if self._health and self.drift.begins:  # those that were left out before may have drifted
             self._health.use_all()
         admitted = self._health.admit(measured) if self._health else measured
         self._times_s.append(lengths.t_s)
         try:
             position = self._smoothed(admitted)
-            frame = linearised(self._builder, position, admitted)
+            frame = linearised(self.builder, position, admitted)
             self.linear = frame
             self.doubt.observe(lengths.t_s, frame, scale)
             doubt = self.doubt.about(lengths)
@@ -116,7 +116,7 @@ class LiveSmoother:
             t_s=lengths.t_s,
             node_position_m=assessment.node_position_m,
             covariance_m2=assessment.covariance_m2,
-            status=status_of(admitted.lengths, self._builder.structure, doubt.reason),
+            status=status_of(admitted.lengths, self.builder.structure, doubt.reason),
             lengths=admitted.lengths,
             loads=assessment.loads,
             doubt=doubt.reason,
@@ -128,7 +128,7 @@ class LiveSmoother:
             if self._health.something_changed:
                 self.changes.believe()
         self.drift.observe(shape)
-        self._builder.approach(position)
+        self.builder.approach(position)
         self.modes.observe(shape, admitted)
         shape = self.changes.doubted(shape)
         if is_of_a_board(shape.lengths.drift):
@@ -139,14 +139,14 @@ class LiveSmoother:
         """Add the newest frame to the graph, and return its (nodes, 3) positions."""
         graph = gtsam.NonlinearFactorGraph()
         if self._frame == 0:
-            self._builder.begin(measured.lengths)
-        self._builder.add_frame(graph, self._frame, measured)
-        self._builder.add_motion(graph, self._frame, self._times_s)
-        if self._frame == 0 and not self._builder.starts_at_rest:
-            start_m = self._builder.search(measured, self._builder.rest.node_position_m).finished().node_position_m
+            self.builder.begin(measured.lengths)
+        self.builder.add_frame(graph, self._frame, measured)
+        self.builder.add_motion(graph, self._frame, self._times_s)
+        if self._frame == 0 and not self.builder.starts_at_rest:
+            start_m = self.builder.search(measured, self.builder.rest.node_position_m).finished().node_position_m
             self._positions.extend([start_m] * 2)
         values = gtsam.Values()
-        keys = list(self._builder.keys(self._frame))
+        keys = list(self.builder.keys(self._frame))
         for key, position in zip(keys, self._predict(), strict=True):
             values.insertPoint3(key, position)
         try:
@@ -176,7 +176,7 @@ class LiveSmoother:
         groups = gtsam.KeyGroupMap()
         oldest = max(self._frame - self._lag, 0)
         for frame in range(oldest, self._frame + 1):
-            for key in self._builder.keys(frame):
+            for key in self.builder.keys(frame):
                 groups.insert2(key, frame - oldest)
         parameters = gtsam.ISAM2UpdateParams()
         parameters.constrainedKeys = groups
@@ -185,7 +185,7 @@ class LiveSmoother:
     def _forget(self) -> None:
         """Marginalise the frame that is now older than the lag."""
         if self._frame >= self._lag:
-            self._isam.marginalizeLeaves(key_list(self._builder.keys(self._frame - self._lag)))
+            self._isam.marginalizeLeaves(key_list(self.builder.keys(self._frame - self._lag)))
 
 
 def _bystanders(node_count: int) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:

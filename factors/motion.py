@@ -7,6 +7,7 @@ which for equal steps is x_t - 2 x_{t-1} + x_{t-2} with sigma q dt^1.5 per axis.
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -64,9 +65,14 @@ def motion_rows(
         rows[1:2] = np.outer(1 / (motion_m_per_s15 * step_s[:1] ** 1.5), [0.0, -1.0, 1.0])
     before_s, now_s = np.round(step_s[:-1], 6), np.round(step_s[1:], 6)
     ratio = now_s / before_s
-    sigma_m = motion_m_per_s15 * np.sqrt(now_s) * 0.5 * (now_s + before_s)
+    sigma_m = _sigma_m(before_s, now_s, motion_m_per_s15)
     rows[2:] = np.stack([ratio, -(1 + ratio), np.ones_like(ratio)], axis=1) / sigma_m[:, None]
     return rows
+
+
+def _sigma_m(before_s: Any, now_s: Any, motion_m_per_s15: float) -> Any:
+    """Return sigma_w for two successive time steps, or for many."""
+    return motion_m_per_s15 * np.sqrt(now_s) * 0.5 * (now_s + before_s)
 
 
 @lru_cache(maxsize=1024)
@@ -75,7 +81,7 @@ def _second_difference(
 ) -> tuple[gtsam.JacobianFactor, gtsam.Values]:
     """Return the linear factor on keys 0, 1, 2 and its linearisation point, the origin."""
     ratio = now_s / before_s
-    model = isotropic(3, motion_m_per_s15 * np.sqrt(now_s) * 0.5 * (now_s + before_s))
+    model = isotropic(3, _sigma_m(before_s, now_s, motion_m_per_s15))
     identity = np.eye(3)
     origin = gtsam.Values()
     for key in range(3):

@@ -18,6 +18,7 @@ from ..models.evaluation.estimate import Estimate
 from ..models.settings import Settings
 from ..models.structure.external_loads import ExternalLoads
 from ..models.structure.floor import EstimatedNormal
+from ..models.structure.quantities import UPPER_TRIANGLE
 from ..models.structure.reconstruction import Reconstruction, coordinate_frame_of
 from ..models.structure.structure import Structure
 from ..models.values.errors import InputError
@@ -39,7 +40,7 @@ DRIFT_FILE = "sensor_drift.csv"
 CONTACTS_FILE = "contacts.csv"
 TRACK_FILE = "track.csv"
 SLIPS_FILE = "slips.csv"
-COVARIANCE_COLUMNS = ("cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2")
+COVARIANCE_COLUMNS = tuple(filter(None, UPPER_TRIANGLE))
 """The upper triangle, row by row; ten digits, because the inverse for a long, thin ellipsoid loses seven."""
 ROUNDED = 1e-6
 """Negative variance over the greatest one that rounding of a file may make."""

@@ -1,12 +1,15 @@
-"""Result directories, read back as the reconstruction that they were written from."""
+"""Result directories: a reconstruction is written as one, and read back from it."""
 
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..models.evaluation.estimate import Estimate
+from ..models.settings import Settings, checked_settings
 from ..models.structure.floor import EstimatedNormal
 from ..models.structure.reconstruction import Propagated, Reconstruction
 from ..models.structure.shape import Covariances, OtherShape, Reason, Status
@@ -23,12 +26,76 @@ from .result import (
     RUN_FILE,
     SLIPS_FILE,
     TRACK_FILE,
+    floor_table,
     number,
     read_blocks,
     read_estimate,
     read_run,
+    result_directory,
+    write_run,
+    write_tables,
 )
 from .trial_directory import open_trial
+
+FigureFormat = Literal["png", "pdf"]
+
+
+def save(
+    reconstruction: Reconstruction,
+    path: str | Path,
+    settings: Settings | None = None,
+    *,
+    figures: FigureFormat | None = "png",
+) -> None:
+    """Write shapes as a result directory: tables, figures, and the settings.
+
+    Args:
+        reconstruction: the shapes to write.
+        path: path of the directory; an earlier result at this path is replaced.
+        settings: the settings of the run; their `probability` is that of the ellipsoids.
+        figures: format in which lengths and shapes are drawn, which takes some seconds; None draws nothing.
+
+    Raises:
+        InputError: when the path holds something else than an earlier result, or cannot be written.
+    """
+    path = Path(path)
+    settings = checked_settings(settings)
+    run = {"settings": asdict(settings)}
+    write_result(reconstruction, path, run, settings, path.name, figures)
+
+
+def write_result(
+    reconstruction: Reconstruction,
+    path: Path,
+    run: Mapping[str, Any],
+    settings: Settings,
+    title: str,
+    figures: FigureFormat | None,
+    written: Callable[[str], None] = lambda part: None,
+) -> None:
+    """Write a result directory, completely or not at all.
+
+    Args:
+        reconstruction: the shapes to write.
+        path: path of the directory.
+        run: the content of run.toml, without what the reconstruction tells.
+        settings: the settings of the run.
+        title: of the figures.
+        figures: their format; None draws none.
+        written: called with "tables" and "figures" when they are.
+
+    Raises:
+        InputError: see `save`.
+    """
+    with result_directory(path) as directory:
+        write_tables(reconstruction, settings.probability, directory)
+        written("tables")
+        if figures is not None:
+            from .figures.shape_figures import write_figures  # matplotlib takes a third of a second to import
+
+            write_figures(reconstruction, settings, title, directory, figures)
+            written("figures")
+        write_run({**run, **floor_table(reconstruction.floor_normal)}, reconstruction.structure, directory)
 
 
 def load(path: str | Path) -> Reconstruction:

@@ -1,10 +1,13 @@
-"""Reading TOML files, and finding the line of a key."""
+"""TOML: reading files and settings, finding the line of a key, and writing tables with comments."""
 
 import re
 import tomllib
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import tomlkit
 
 from ..models.settings import Settings
 from ..models.values.errors import InputError
@@ -129,3 +132,18 @@ def _lines_of_keys(text: str) -> dict[str, int]:
             lines.setdefault(key, first)
         table = key if header else table
     return lines
+
+
+def commented(tables: Mapping[str, Any], comments: Mapping[str, str]) -> str:
+    """Return tables as the text of a TOML file, with comments beside some keys.
+
+    Args:
+        tables: by name.
+        comments: by table and key, such as "rest.seconds"; those of keys that are not there are left out.
+    """
+    document = tomlkit.item(dict(tables))
+    for name, comment in comments.items():
+        table, key = name.split(".")
+        if key in document.get(table, {}):
+            document[table][key].comment(comment)
+    return str(document.as_string())

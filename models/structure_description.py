@@ -1,6 +1,6 @@
 """The description of a structure: the tables that tell its members, rigid bodies, mechanics and rest shape."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
@@ -166,7 +166,7 @@ class MechanicsTable:
         Raises:
             InputError: for lists of another length than there are rods, tendons or nodes.
         """
-        tendons, fixed = len(structure.tendons), len(_fixed_pairs(bodies))
+        tendons, fixed = len(structure.tendons), len(_fixed_pairs([body.nodes for body in bodies]))
         rod_kg = _numbers("mechanics.rod_mass_kg", self.rod_mass_kg, len(structure.rods) - fixed)
         knot_kg = _numbers("mechanics.knot_mass_kg", self.knot_mass_kg, structure.node_count)
         for body in bodies:
@@ -184,8 +184,9 @@ class MechanicsTable:
         )
 
 
-def _fixed_pairs(bodies: Sequence[BodyTable]) -> set[frozenset[int]]:
-    return {frozenset(pair) for body in bodies for pair in combinations(body.nodes, 2)}
+def _fixed_pairs(bodies: Iterable[Sequence[int]]) -> set[frozenset[int]]:
+    """Return the pairs of nodes whose distance is fixed in rigid bodies, from the nodes of each."""
+    return {frozenset(pair) for nodes in bodies for pair in combinations(nodes, 2)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,7 +227,7 @@ class DescribedStructure:
     @property
     def own_rods(self) -> int:
         """The number of rods that are not distances in rigid bodies; they come first."""
-        return len(self.structure.rods) - len({frozenset(p) for body in self.bodies for p in combinations(body, 2)})
+        return len(self.structure.rods) - len(_fixed_pairs(self.bodies))
 
 
 def describe_structure(tables: Mapping[str, Any], where: str) -> DescribedStructure:

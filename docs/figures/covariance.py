@@ -5,7 +5,7 @@ from drawing import BLACK, BLUE, GREY, ORANGE, TRIAL, save
 from matplotlib.figure import Figure
 
 from tensegraph import open_trial, reconstruct
-from tensegraph.models.evaluation.alignment import interpolated
+from tensegraph.models.evaluation.alignment import interpolated_within
 from tensegraph.models.evaluation.consistency import coverage, normalised_error_squared
 
 NODE = 8
@@ -22,7 +22,7 @@ def main() -> None:
     for method, colour in (("batch", BLUE), ("live", ORANGE)):
         result = reconstruct(TRIAL, method)
         free = result.structure.free_nodes
-        error_m = result.node_position_m - interpolated(result.t_s, truth.t_s, truth.node_position_m)
+        error_m = result.node_position_m - interpolated_within(result.t_s, truth.t_s, truth.node_position_m)
         nees = normalised_error_squared(error_m[:, free], result.node_covariance_m2[:, free])
         inside = [coverage(nees, p) for p in probability]
         shares.plot(100 * probability, 100 * np.array(inside), color=colour, label=method)

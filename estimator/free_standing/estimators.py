@@ -178,7 +178,7 @@ class FreeStandingSmoother:
 
     @property
     def contradicted_imus(self) -> NDArray[np.bool_]:
-        """(imus,) which inertial sensors contradict their rods, gravity or themselves."""
+        """(imus,) see `ImuTrust.contradicted`."""
         return self._poses.contradicted_imus
 
     def _with_doubt(self, step: PoseStep, *, tips_unseen: bool) -> PoseStep:

@@ -381,7 +381,7 @@ class PoseFilter:
 
     @property
     def contradicted_imus(self) -> NDArray[np.bool_]:
-        """(imus,) which inertial sensors contradict their rods, gravity or themselves."""
+        """(imus,) see `ImuTrust.contradicted`."""
         return self._trust.contradicted
 
     @property

@@ -36,7 +36,7 @@ class PoseStep:
     lifted_since_s: float
     """Since when the robot has been in the air, as inertial sensors feel it; inf where it stands."""
     contradicted_imus: NDArray[np.bool_]
-    """(imus,) which inertial sensors contradict their rods, gravity or themselves, see `ImuTrust`."""
+    """(imus,) see `ImuTrust.contradicted`."""
     strays: bool
     """Whether the robot is further from where it was held last than it is long."""
     outlying_ranges: tuple[int, ...]

@@ -71,7 +71,7 @@ class HangingSmoother:
 
     @property
     def contradicted_imus(self) -> NDArray[np.bool_]:
-        """(imus,) which inertial sensors contradict their rods, gravity or themselves."""
+        """(imus,) see `ImuTrust.contradicted`."""
         return self._poses.contradicted_imus
 
     def doubt_of(self, step: PoseStep) -> Reason | None:

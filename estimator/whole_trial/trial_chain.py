@@ -25,7 +25,9 @@ OVERLAP = 250
 """Number of frames that windows overlap on each side. At 50 frames a second a motion that only the shape prior and the
 motion prior know of is forgotten over them to 1e-9; one that lengths see, much sooner."""
 MAX_BATCH_ITERATIONS = 50
+"""Number of iterations after which the optimisation has not converged."""
 RELATIVE_DECREASE = 1e-3
+"""Decrease of the error in one iteration, as a share of it, below which the optimisation has converged."""
 MIN_DAMPING = 1e2
 """Least damping above zero, in 1 / m^2: a prior of 0.1 m about the last values."""
 MAX_DAMPING = 1e10

@@ -17,7 +17,6 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-import tomlkit
 from numpy.typing import NDArray
 
 from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
@@ -26,6 +25,7 @@ from ...models.values.readings import BoardReading, NaturalLengthReading
 from ...models.values.stamped_positions import StampedPositions
 from ..aid_files import AID_COLUMNS, aid_row
 from ..positions import contact_columns, force_columns, position_columns
+from ..toml import commented
 from ..whole import check_vacant, remove_directory, written_whole
 
 COMMENTS = {
@@ -67,7 +67,7 @@ class Recorder:
         try:
             with written_whole(path) as (inside,):
                 inside.mkdir()
-                (inside / "trial.toml").write_text(_commented(metadata), encoding="utf-8", newline="\n")
+                (inside / "trial.toml").write_text(commented(metadata, COMMENTS), encoding="utf-8", newline="\n")
                 for kind, tables in kinds.items():
                     for table in tables:
                         file = inside / table["file"]
@@ -240,12 +240,3 @@ def as_recorded(
             return replace(reading, t_s=t_s, position_m=np.array(values[1:]))
         case NaturalLengthReading():
             return replace(reading, t_s=t_s, natural_length_m=values[1], sigma_m=values[2])
-
-
-def _commented(metadata: Mapping[str, Any]) -> str:
-    document = tomlkit.item(dict(metadata))
-    for key, comment in COMMENTS.items():
-        table, name = key.split(".")
-        if name in document.get(table, {}):
-            document[table][name].comment(comment)
-    return str(document.as_string())

@@ -47,10 +47,7 @@ def read_rig(path: Path | None) -> StripRig:
     table = read_toml(path)
     for key in unknown_keys(StripRig, table):
         raise InputError(f"{path}: {key}: is no key of a rig: expected columns, units, gauge_length_mm, ...")
-    try:
-        return parse_table(StripRig, table, str(path))
-    except InputError as error:
-        raise InputError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from error
+    return parse_table(StripRig, table, str(path))
 
 
 def rig_text(rig: StripRig) -> str:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...models.structure.shape import Shape
 from ...models.structure.structure import Structure
-from ..figures.style import BLACK, RED, tendon_style
+from ..figures.style import BLACK, RED, color_of, tendon_style
 
 ROD_RADIUS = 0.01
 """Radius of the cylinder of a rod, as a share of the mean length of the rods."""
@@ -89,12 +89,6 @@ def _member(name: str, end_m: NDArray[np.float64], radius_m: float, color: tuple
     along_m = end_m[1] - end_m[0]
     half_size_m = np.array([radius_m, radius_m, 0.5 * float(np.linalg.norm(along_m))])
     return Solid(name, "cylinder", half_size_m, axes_along(along_m), end_m.mean(axis=0), color)
-
-
-def color_of(text: str, opacity: float = 1.0) -> tuple[float, float, float, float]:
-    """Return red, green, blue and opacity, from 0 to 1, of a colour such as #0072B2."""
-    red, green, blue = (int(text[k : k + 2], 16) / 255 for k in (1, 3, 5))
-    return red, green, blue, opacity
 
 
 @dataclass(frozen=True, slots=True, eq=False)

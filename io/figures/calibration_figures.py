@@ -39,6 +39,8 @@ LEAST_SAMPLES = 50
 """Least number of samples in a bin of rates for its mean to be drawn."""
 MOST_POINTS = 2000
 """Largest number of points drawn of one recording; more could not be distinguished."""
+MOST_SHOWN = 8
+"""Largest number of recordings whose predictions are drawn, each in panels of its own."""
 FINE_PANELS_DPI = 100
 """Resolution of figures with many panels."""
 
@@ -144,9 +146,9 @@ def write_sweep_figure(losses: Mapping[float, float], chosen: float, path: Path)
     save_figure(figure, path)
 
 
-def write_predictions_figure(runs: Mapping[str, Sequence[StripRun]], path: Path, most: int = 8) -> None:
+def write_predictions_figure(runs: Mapping[str, Sequence[StripRun]], path: Path) -> None:
     """Draw predicted and measured strain over samples, and the error below (the paper's Fig. 5E)."""
-    shown = [run for group in by_speed(runs[LSTM]).values() for run in group][:most]
+    shown = [run for group in by_speed(runs[LSTM]).values() for run in group][:MOST_SHOWN]
     static = {run.name: run for run in runs[STATIC]}
     columns = min(len(shown), 2)
     figure = Figure(figsize=(7 * columns, 3.2 * -(-len(shown) // columns) + 0.6), layout="constrained")

@@ -36,6 +36,10 @@ from .track_figure import write_track_figure
 
 LONG_FRAMES = 3000
 """Number of frames, a minute at 50 Hz, above which a panel shows the range of many frames in place of each."""
+NODE_COLORS = (BLUE, ORANGE, GREEN)
+"""Colours of the nodes whose heights are drawn; there are no more such nodes."""
+MOST_FRAMES = 4
+"""Largest number of frames in which the structure is drawn."""
 PIECES = 400
 """Number of such ranges in a panel, which is about as many pixels wide."""
 
@@ -226,19 +230,19 @@ def _panels_and_one_below(rows: int) -> tuple[Figure, GridSpec, Axes]:
     return figure, grid, figure.add_subplot(figure.add_gridspec(1, 1, **below)[0])
 
 
-def nodes_of_interest(r: Reconstruction, load_threshold_n: float, count: int = 3) -> list[int]:
+def nodes_of_interest(r: Reconstruction, load_threshold_n: float) -> list[int]:
     """Return the nodes that carry loads in the most frames; where none is loaded, those that move most."""
     loaded = np.zeros(r.structure.node_count) if r.loads is None else r.loads.is_certain(load_threshold_n).sum(axis=0)
     if loaded.any():
-        most = np.argsort(-loaded, kind="stable")[: min(count, np.count_nonzero(loaded))]
+        most = np.argsort(-loaded, kind="stable")[: min(len(NODE_COLORS), np.count_nonzero(loaded))]
     else:
-        most = np.argsort(-np.ptp(r.node_position_m, axis=0).max(axis=-1), kind="stable")[:count]
+        most = np.argsort(-np.ptp(r.node_position_m, axis=0).max(axis=-1), kind="stable")[: len(NODE_COLORS)]
     return sorted(int(node) for node in most)
 
 
 def draw_heights(axis: Axes, r: Reconstruction, nodes: list[int], frames: list[int]) -> None:
     """Draw the change of height of nodes since the start in mm, with 95 % bands, and mark the frames drawn above."""
-    for node, color in zip(nodes, (BLUE, ORANGE, GREEN), strict=False):
+    for node, color in zip(nodes, NODE_COLORS, strict=False):
         height_mm = 1e3 * (r.node_position_m[:, node, 2] - r.node_position_m[0, node, 2])
         half_mm = BAND * 1e3 * np.sqrt(r.node_covariance_m2[:, node, 2, 2])
         axis.fill_between(r.t_s, height_mm - half_mm, height_mm + half_mm, color=color, alpha=0.25, lw=0)
@@ -255,8 +259,8 @@ def draw_heights(axis: Axes, r: Reconstruction, nodes: list[int], frames: list[i
     add_grid(axis)
 
 
-def interesting_frames(r: Reconstruction, count: int = 4) -> list[int]:
+def interesting_frames(r: Reconstruction) -> list[int]:
     """Return the first frame, and the one farthest from it in each of the following parts of the run."""
     moved = np.sum((r.node_position_m - r.node_position_m[0]) ** 2, axis=(1, 2))
-    parts = np.array_split(np.arange(len(r)), count - 1)
+    parts = np.array_split(np.arange(len(r)), MOST_FRAMES - 1)
     return sorted({0, *(int(part[np.argmax(moved[part])]) for part in parts if len(part))})

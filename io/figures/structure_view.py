@@ -8,6 +8,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from numpy.typing import NDArray
 
+from ...models.structure.external_loads import LOAD_THRESHOLD_N
 from ...models.structure.reconstruction import Reconstruction
 from ...models.structure.shape import ellipsoids
 from .style import BLACK, GREEN, GREY, PURPLE, RED, tendon_style
@@ -34,7 +35,9 @@ class Scale:
     """Length of the arrow of a load."""
 
     @classmethod
-    def of(cls, r: Reconstruction, frames: list[int], probability: float, load_threshold_n: float = 0.2) -> Self:
+    def of(
+        cls, r: Reconstruction, frames: list[int], probability: float, load_threshold_n: float = LOAD_THRESHOLD_N
+    ) -> Self:
         """Return the largest scale of round numbers at which some frames are legible.
 
         Args:

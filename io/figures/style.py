@@ -115,3 +115,9 @@ def structure_handles() -> list[Line2D]:
 def anchor_handle() -> Line2D:
     """Return the legend entry for an anchor."""
     return Line2D([], [], color=GREEN, marker="^", ls="", label="anchor")
+
+
+def color_of(text: str, opacity: float = 1.0) -> tuple[float, float, float, float]:
+    """Return red, green, blue and opacity, from 0 to 1, of a colour such as #0072B2."""
+    red, green, blue = (int(text[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return red, green, blue, opacity

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...models.structure.reconstruction import Reconstruction
 from ...models.structure.shape import chi_squared_quantile
-from .style import BLACK, BLUE, GREY, RED, add_grid, add_legend_below, save_figure
+from .style import BLACK, BLUE, GREY, RED, add_grid, add_legend_below, color_of, save_figure
 
 ELLIPSES = 12
 """Number of ellipses along a track."""
@@ -111,7 +111,7 @@ def _draw_bars(
         low = node - 0.45 + bottom
         extent = (float(t_s[0]) - half_s, float(t_s[-1]) + half_s, low, low + height)
         shade = np.zeros((1, len(t_s), 4))
-        shade[..., :3] = [int(color[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+        shade[:] = color_of(color)
         shade[0, :, 3] = contacts[:, node]
         axis.imshow(shade, extent=extent, aspect="auto", interpolation="nearest", origin="lower")
         axis.axhline(node - 0.5, color=GREY, lw=0.3)

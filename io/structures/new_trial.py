@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import tomlkit
 from numpy.typing import NDArray
 
 from ...models.ready_structures import prism_tower, saddle_tower, six_strut
 from ...models.structure.rigidity import find_rest_shape
 from ...models.structure.structure import Structure
 from ...models.values.errors import InputError
+from ..toml import commented
 from ..whole import check_vacant, written_whole
 
 CHANNELS = 12
@@ -80,7 +80,9 @@ def write_new_trial(built_in: BuiltIn, out: Path) -> list[Path]:
     with written_whole(out) as (inside,):
         inside.mkdir()
         for name, head in HEADS.items():
-            (inside / name).write_text(f"# {head}\n{_commented_start(tables)}", encoding="utf-8", newline="\n")
+            (inside / name).write_text(
+                f"# {head}\n{commented(tables, COMMENTS_OF_START)}", encoding="utf-8", newline="\n"
+            )
     return [out / name for name in HEADS]
 
 
@@ -109,11 +111,3 @@ def _tables(built_in: BuiltIn) -> dict[str, Any]:
             for number, channels in enumerate(boards)
         ],
     }
-
-
-def _commented_start(tables: dict[str, Any]) -> str:
-    document = tomlkit.item(tables)
-    for key, comment in COMMENTS_OF_START.items():
-        table, name = key.split(".")
-        document[table][name].comment(comment)
-    return str(document.as_string())

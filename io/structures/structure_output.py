@@ -9,6 +9,7 @@ import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
+from ...models.structure.floor import GRAVITY_M_PER_S2
 from ...models.structure.rigidity import find_rest_shape, with_rods_as_told
 from ...models.structure_description import DescribedStructure, geometry_keys
 from ...models.twin.mjcf import Body, mjcf
@@ -117,7 +118,7 @@ def _model(told: DescribedStructure, path: Path) -> str:
         stiffness_n_per_m=mechanics.stiffness_n_per_m,
         damping_n_s_per_m=DRAG_N_S_PER_M,
         push_back=mechanics.push_back,
-        gravity_m_per_s2=9.81,
+        gravity_m_per_s2=GRAVITY_M_PER_S2,
         ground_friction=None,
         rigid=told.bodies,
         knot_mass_kg=knot_kg,

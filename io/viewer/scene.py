@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from ...models.structure.reconstruction import Reconstruction
 from ...models.structure.structure import Structure
 from ...models.values.readings import Mode
-from ..exports.solids import OPACITY, ROD_RADIUS, TENDON_RADIUS, color_of
-from ..figures.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY_BLUE
+from ..exports.solids import OPACITY, ROD_RADIUS, TENDON_RADIUS
+from ..figures.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY_BLUE, color_of
 
 MAGNIFICATIONS = (1, 5, 10)
 """Of the ellipsoids, which are small on a robot; the first is true size."""

@@ -11,6 +11,8 @@ from .strips import StripRun
 
 IRREGULAR = "irregular motion"
 """Name of the group of recordings that do not have one constant speed."""
+LONGEST_S = 60.0
+"""Largest lag of the autocorrelation of an error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,7 @@ def by_speed(runs: Sequence[StripRun]) -> dict[str, list[StripRun]]:
     return groups
 
 
-def error_autocorrelation(run: StripRun, longest_s: float = 60.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def error_autocorrelation(run: StripRun) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (lags,) lags in seconds, and (lags,) the autocorrelation of a run's error at these lags.
 
     Of a run of one sample only the lag 0 is known.
@@ -74,7 +76,7 @@ def error_autocorrelation(run: StripRun, longest_s: float = 60.0) -> tuple[NDArr
     even_s = np.arange(run.t_s[0], run.t_s[-1], step_s)
     correlation = autocorrelation_of(np.interp(even_s, run.t_s, run.error))
     lag_s = np.arange(0.0, len(correlation)) * step_s
-    return lag_s[lag_s <= longest_s], correlation[lag_s <= longest_s]
+    return lag_s[lag_s <= LONGEST_S], correlation[lag_s <= LONGEST_S]
 
 
 def correlation_time_s(run: StripRun) -> float:

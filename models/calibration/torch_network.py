@@ -73,7 +73,7 @@ def network_input(
 
 
 def curve_strain(curve: RateCurve, common: torch.Tensor, means: torch.Tensor) -> torch.Tensor:
-    """Return `RateCurve.strain`, computed in torch."""
+    """Return the strain of `RateCurve.estimate`, computed in torch."""
     scale = torch.tensor(curve.scale, dtype=torch.float32)
     low = torch.tensor(curve.range[0], dtype=torch.float32)
     high = torch.tensor(curve.range[1], dtype=torch.float32)

@@ -10,7 +10,7 @@ MAX_HOLE = 3.0
 """Longest time step of the truth, in units of its median time step, within which it is interpolated."""
 
 
-def interpolated(
+def interpolated_within(
     t_s: NDArray[np.float64], truth_s: NDArray[np.float64], truth_position_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the (frames, nodes, 3) true positions at the times of the frames, by linear interpolation.

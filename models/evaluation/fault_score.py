@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..values.readings import MOMENTARY
+from ..values.readings import SENSOR_FLAGS
 from .estimate import Estimate
 from .evaluation import FaultScore
 from .truth import Fault
@@ -13,7 +13,7 @@ from .truth import Fault
 
 def named_as_fault(estimate: Estimate) -> NDArray[np.bool_]:
     """Return (frames, tendons) where a flag describes a fault of a sensor, or its length was left out."""
-    named = ((estimate.flags & ~int(MOMENTARY)) != 0) | ~np.isfinite(estimate.sigma_m)
+    named = ((estimate.flags & int(SENSOR_FLAGS)) != 0) | ~np.isfinite(estimate.sigma_m)
     return np.asarray(named & estimate.is_sensed)
 
 

@@ -11,7 +11,7 @@ from ..structure.structure import Structure
 from ..values.errors import InputError
 from ..values.marker_tracks import MarkerTracks
 from ..values.rotations import best_rotation
-from .alignment import interpolated
+from .alignment import interpolated_within
 from .estimate import Estimate
 from .statistics import of_known
 
@@ -123,7 +123,7 @@ def _at_frames(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return captured positions and estimated shapes at `FRAMES` times at most."""
     frames = np.unique(np.linspace(0, len(estimate.t_s) - 1, FRAMES).astype(np.int64))
-    return interpolated(estimate.t_s[frames], host_s, position_m), estimate.node_position_m[frames]
+    return interpolated_within(estimate.t_s[frames], host_s, position_m), estimate.node_position_m[frames]
 
 
 def _joined(rms_m: NDArray[np.float64], seen: NDArray[np.bool_], reach_m: float) -> NDArray[np.int64]:

@@ -13,7 +13,7 @@ from ..structure.shape import node_sigma_m
 from ..structure.structure import Structure
 from ..values.errors import InputError
 from ..values.readings import Flag, Mode
-from .alignment import interpolated, laid_on_each_frame, rigid_alignment
+from .alignment import interpolated_within, laid_on_each_frame, rigid_alignment
 from .consistency import consistency, coverage, normalised_error_squared
 from .estimate import Estimate
 from .evaluation import ComparedFrames, Errors, Evaluation, Regime, ShapeErrors
@@ -145,7 +145,7 @@ def compare_frames(
     true_load_n = None
     estimated_load_n = None
     if loads:
-        force_n = interpolated(estimate.t_s[known], loads.t_s, loads.force_n)
+        force_n = interpolated_within(estimate.t_s[known], loads.t_s, loads.force_n)
         true_load_n = observable_part(structure, force_n, true_m)[:, free]
         estimated_load_n = estimate.loads.force_n[known][:, free] if estimate.loads else None
     other_sign = branch(structure, estimated_m) * branch(structure, true_m) < 0
@@ -227,7 +227,7 @@ def _true_positions(
 ) -> NDArray[np.float64]:
     """Return (frames, nodes, 3) the true positions at the times of the frames; nan where they are not known."""
     structure.check_unit("truth", truth_m)
-    true_m = interpolated(t_s, truth_s, truth_m)
+    true_m = interpolated_within(t_s, truth_s, truth_m)
     if not np.isfinite(true_m[:, structure.free_nodes]).all(axis=-1).any():
         raise InputError(
             f"truth from {truth_s[0]:.3f} to {truth_s[-1]:.3f} s covers no frame of the estimate, "

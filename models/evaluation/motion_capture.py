@@ -7,7 +7,7 @@ from ..structure.structure import Structure
 from ..values.errors import InputError
 from ..values.marker_tracks import MarkerTracks
 from ..values.stamped_positions import StampedPositions
-from .alignment import interpolated, rigid_alignment
+from .alignment import interpolated_within, rigid_alignment
 from .capture_clock import CaptureClock, ClockFit, MotionSignals, OffsetSearch, moving_pairs, search_offset
 from .estimate import Estimate
 from .marker_assignment import assign_markers, shape_misfit_m
@@ -167,7 +167,7 @@ def _in_axes_of(
 
     Anchored structures are laid on in all frames; a free-standing one at its start, so that its drift shows.
     """
-    true_m = interpolated(estimate.t_s, host_s, node_m)
+    true_m = interpolated_within(estimate.t_s, host_s, node_m)
     known = np.asarray(np.isfinite(true_m).all(axis=-1))
     frames = np.flatnonzero(known.any(axis=1))
     if not len(frames):

@@ -16,9 +16,14 @@ from ..values.readings import BoardReading
 from ..values.tables import NotNegative, Positive
 
 WRAP_US = 1 << 32
+"""Number of microseconds after which a board's clock begins anew."""
 SEQ_WRAP = 1 << 16
+"""Number of rows after which a board's counter begins anew."""
 ROW_PERIOD_TOLERANCE = 0.1
+"""Largest difference of the time between two rows from the usual one, as a share of it, at which both belong to one run
+of the board."""
 HOST_TOLERANCE_S = 1.0
+"""Largest difference between the host's clock and a board's at which both may tell the same."""
 UNIT_SPAN_S = 10.0
 """Time on the host's clock after which a board's clock is compared with it."""
 SLOWEST_CLOCK = 0.1

@@ -57,14 +57,6 @@ class RateCurve:
         spread = of_sigma @ self.factor[:-1] + on_gauge[..., None] * self.factor[-1]
         return strain, np.sqrt((spread**2).sum(axis=-1))
 
-    def strain(self, change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the strain of `estimate`."""
-        return self.estimate(change, means)[0]
-
-    def sigma(self, change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the sigma of `estimate`."""
-        return self.estimate(change, means)[1]
-
 
 def rate_inputs(change: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (..., 1 + memories): dR/R, and the differences from its running means."""

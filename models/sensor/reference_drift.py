@@ -143,7 +143,7 @@ class ReferenceTendons:
                 count, as at a bent tendon.
         """
         count = per_change_m.shape[-1]
-        is_tendon = self.tendons < count  # and no dummy strip
+        is_tendon = self.tendons < count  # and no reference strip
         tendons = self.tendons[is_tendon]
         counted_m = per_change_m.copy()
         counted_m[:, tendons] = 0.0  # their lengths are known, whatever their sensors read

@@ -121,15 +121,15 @@ class StretchingSensors:
         steps = np.broadcast_to(x, (round(SETTLING_S / step_s), *x.shape))
         output, state = self._lstm.run(steps, self._lstm.initial_state(len(change)))
         self._means[chosen], self._state.h[chosen], self._state.c[chosen] = means, state.h, state.c
-        return self._curve.strain(change, means[:, : self._curve_memories]) + STRAIN_SCALE * output[-1, :, 0]
+        return self._curve.estimate(change, means[:, : self._curve_memories])[0] + STRAIN_SCALE * output[-1, :, 0]
 
 
 class StrainSpread:
     """The running standard deviation of strain, with the time constant `SPREAD_MEMORY_S`."""
 
-    def __init__(self, sensors: int, initial_spread: float = 0.0) -> None:
+    def __init__(self, sensors: int) -> None:
         self._mean = np.full(sensors, np.nan)
-        self._variance = np.full(sensors, initial_spread**2)
+        self._variance = np.zeros(sensors)
 
     @property
     def value(self) -> NDArray[np.float64]:

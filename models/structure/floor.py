@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 UP = np.array([0.0, 0.0, 1.0])
 """(3,) against gravity, in the world."""
 GRAVITY_M_PER_S2 = 9.81
+"""Size g of the acceleration of free fall."""
 STANDS_WITHIN_M = 0.005
 """Height above the floor below which a node of the rest shape stands on it."""
 

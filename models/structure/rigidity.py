@@ -22,6 +22,8 @@ ROD_WEIGHT = 100.0
 """Weight of a rod's length error: a rod is 1e4 times as stiff as a tendon, so that it changes by 1e-5 of its length."""
 STARTS = 8
 """Number of random shapes at which the search for the rest shape starts."""
+MOST_ROD_ERROR = 0.01
+"""Largest error of a rod's length, as a share of it, in a shape that keeps the rods' lengths."""
 NEWTON_STEPS = 5
 """Steps in which a measured shape, some millimetres off, gets the lengths of its rods to a nanometre."""
 
@@ -145,11 +147,9 @@ def find_rest_shape(structure: Structure, near_m: NDArray[np.float64] | None = N
     shapes = []
     for _ in range(STARTS):
         start = base.mean(axis=0) + scale * rng.uniform([-0.6, -0.6, 0.0], [0.6, 0.6, 1.0], (len(free), 3))
-        solution = least_squares(energy.residual, start.ravel(), energy.jacobian, method="trf", xtol=1e-10, ftol=1e-12)
-        position = structure.position_m(solution.x)
-        rod_error = np.abs(member_length_m(position, structure.rods) / structure.rod_length_m - 1)
-        if rod_error.max() < 1e-2 and position[free, 2].mean() > base[:, 2].mean():
-            shapes.append((solution.cost, position))
+        cost, position, rod_error = energy.least_from(start)
+        if rod_error.max() < MOST_ROD_ERROR and position[free, 2].mean() > base[:, 2].mean():
+            shapes.append((cost, position))
     if not shapes:
         raise IndeterminateError(
             "the structure has no rest shape with these rod, tendon and anchor lengths: check their units"
@@ -164,12 +164,10 @@ def _free_shape(structure: Structure, energy: "_TendonEnergy") -> NDArray[np.flo
     rng = np.random.default_rng(0)
     shapes = []
     for _ in range(STARTS):
-        start = (middle_m + scale * rng.uniform(-0.6, 0.6, (len(structure.free_nodes), 3))).ravel()
-        solution = least_squares(energy.residual, start, energy.jacobian, method="trf", xtol=1e-10, ftol=1e-12)
-        position = structure.position_m(solution.x)
-        rod_error = np.abs(member_length_m(position, structure.rods) / structure.rod_length_m - 1)
-        if rod_error.max() < 1e-2:
-            shapes.append((solution.cost, position))
+        start = middle_m + scale * rng.uniform(-0.6, 0.6, (len(structure.free_nodes), 3))
+        cost, position, rod_error = energy.least_from(start)
+        if rod_error.max() < MOST_ROD_ERROR:
+            shapes.append((cost, position))
     if not shapes:
         raise IndeterminateError("the structure has no rest shape with these rod and tendon lengths: check their units")
     return min(shapes, key=lambda shape: shape[0])[1]
@@ -177,18 +175,16 @@ def _free_shape(structure: Structure, energy: "_TendonEnergy") -> NDArray[np.flo
 
 def _nearby(structure: Structure, energy: "_TendonEnergy", near_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (nodes, 3) the shape of least energy beside another; without anchors it is turned and placed likewise."""
-    start = near_m[structure.free_nodes].ravel()
+    start = near_m[structure.free_nodes]
     members = np.concatenate([structure.rods, structure.tendons])
-    empty = np.flatnonzero(member_length_m(structure.position_m(start), members) == 0.0)
+    empty = np.flatnonzero(member_length_m(structure.position_m(start.ravel()), members) == 0.0)
     if len(empty):
         a, b = members[empty[0]]
         raise IndeterminateError(
             f"structure.node_position_m: nodes {a} and {b} are joined and at one place: check positions and anchors"
         )
-    solution = least_squares(energy.residual, start, energy.jacobian, method="trf", xtol=1e-10, ftol=1e-12)
-    position = structure.position_m(solution.x)
-    rod_error = np.abs(member_length_m(position, structure.rods) / structure.rod_length_m - 1)
-    if rod_error.max() > 1e-2:
+    _, position, rod_error = energy.least_from(start)
+    if rod_error.max() > MOST_ROD_ERROR:
         raise IndeterminateError(
             f"structure.node_position_m: near these positions rod {int(rod_error.argmax())} cannot have its length "
             f"of {structure.rod_length_m[rod_error.argmax()]:g} m: check units and anchors"
@@ -235,3 +231,17 @@ class _TendonEnergy:
         rows = length_jacobian(structure.position_m(coordinates), self._members, structure.free_coordinates)
         rows[: len(structure.rods)] *= ROD_WEIGHT
         return rows
+
+    def least_from(self, start_m: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+        """Return the least energy near (free nodes, 3) positions, (nodes, 3) the shape, and (rods,) its rod errors.
+
+        The errors are shares of the rods' lengths.
+        """
+        structure = self._structure
+        solution = least_squares(self.residual, start_m.ravel(), self.jacobian, method="trf", xtol=1e-10, ftol=1e-12)
+        position_m = structure.position_m(solution.x)
+        return (
+            solution.cost,
+            position_m,
+            np.abs(member_length_m(position_m, structure.rods) / structure.rod_length_m - 1),
+        )

@@ -12,7 +12,7 @@ import tensegraph as tg
 from tensegraph.estimator.lag_compensation import VELOCITY_HOLDS_S, LagCompensation
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.io.model_file import read_sensor_model
-from tensegraph.models.evaluation.alignment import interpolated
+from tensegraph.models.evaluation.alignment import interpolated_within
 from tensegraph.models.structure.shape import Shape, Status
 from tensegraph.models.values.readings import TendonLengths
 from tensegraph.pipeline import Pipeline
@@ -91,7 +91,7 @@ def test_presses_of_the_example_are_followed_better(example) -> None:
     now = [compensation.now(shape) for shape in late]
     free = trial.description.structure.free_nodes
     truth = trial.truth()
-    truth_m = interpolated(np.array([shape.t_s for shape in now]), truth.t_s, truth.node_position_m)[:, free]
+    truth_m = interpolated_within(np.array([shape.t_s for shape in now]), truth.t_s, truth.node_position_m)[:, free]
     fast = np.linalg.norm(np.gradient(truth_m, axis=0), axis=-1) > 0.03 / 50  # 0.03 m/s
 
     def errors(shapes: list[Shape]) -> tuple[float, float, float]:

@@ -19,7 +19,7 @@ from tensegraph.estimator.lasting_errors import (
     averaged_frames,
 )
 from tensegraph.io.model_file import read_sensor_model
-from tensegraph.models.evaluation.alignment import interpolated
+from tensegraph.models.evaluation.alignment import interpolated_within
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.structure.shape import Reason, Shape, Status
 from tensegraph.models.structure.structure import Structure
@@ -159,7 +159,7 @@ def test_pressed_and_fast_nodes_are_in_their_ellipsoids(example, method: str) ->
     shapes = list(pipeline.shapes(pipeline.lengths(trial.readings()), method))
     free = trial.description.structure.free_nodes
     truth = trial.truth()
-    truth_m = interpolated(np.array([shape.t_s for shape in shapes]), truth.t_s, truth.node_position_m)[:, free]
+    truth_m = interpolated_within(np.array([shape.t_s for shape in shapes]), truth.t_s, truth.node_position_m)[:, free]
     error_m = np.array([shape.node_position_m[free] for shape in shapes]) - truth_m
     covariance_m2 = np.array([shape.node_covariance_m2[free] for shape in shapes])
     nees = np.einsum("fni,fnij,fnj->fn", error_m, np.linalg.inv(covariance_m2), error_m)

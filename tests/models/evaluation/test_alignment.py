@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from four_nodes import estimate_of
-from tensegraph.models.evaluation.alignment import interpolated, rigid_alignment
+from tensegraph.models.evaluation.alignment import interpolated_within, rigid_alignment
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.evaluation.truth import Truth
 
@@ -19,7 +19,7 @@ class TestInterpolated:
 
     def at(self, *t_s, values=(0.0, 4.0, 8.0, 0.0, 2.0)) -> np.ndarray:
         positions = np.repeat(np.array(values)[:, None, None], 3, axis=2)
-        return interpolated(np.array(t_s), self.TIMES, positions)[:, 0, 0]
+        return interpolated_within(np.array(t_s), self.TIMES, positions)[:, 0, 0]
 
     def test_on_straight_lines(self) -> None:
         np.testing.assert_allclose(self.at(0.0, 0.25, 1.0, 1.5, 8.0), [0, 1, 4, 6, 2])
@@ -74,5 +74,5 @@ class TestAlignment:
 
 
 def test_truth_is_interpolated() -> None:
-    at = interpolated(np.array([0.25, 1.5]), np.array([0.0, 1.0, 2.0]), np.array([0.0, 4.0, 8.0])[:, None, None])
+    at = interpolated_within(np.array([0.25, 1.5]), np.array([0.0, 1.0, 2.0]), np.array([0.0, 4.0, 8.0])[:, None, None])
     np.testing.assert_allclose(at.ravel(), [1.0, 6.0])

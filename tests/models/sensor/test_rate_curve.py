@@ -22,7 +22,7 @@ class TestRateCurve:
 
     def test_knows_rates(self) -> None:
         r, curve = self.fitted()
-        error = (curve.strain(r.change, r.running_means(curve.memory_s)) - r.strain)[r.settled]
+        error = (curve.estimate(r.change, r.running_means(curve.memory_s))[0] - r.strain)[r.settled]
         assert np.std(error) < 0.2 * np.std((self.gauge.stretched_strain(r.change) - r.strain)[r.settled])
 
     def test_one_coefficient_by_hand(self) -> None:
@@ -38,20 +38,21 @@ class TestRateCurve:
             coefficients,
             np.diag(0.01 * (coefficients > 0)),
         )
-        assert curve.sigma(np.array(0.2), np.array([0.16])) == pytest.approx(np.hypot(0.01 * 0.2, 0.01 * 0.25))
-        assert curve.strain(np.array(0.2), np.array([0.16])) == pytest.approx(0.25 + 0.1)
+        strain, sigma = curve.estimate(np.array(0.2), np.array([0.16]))
+        assert sigma == pytest.approx(np.hypot(0.01 * 0.2, 0.01 * 0.25))
+        assert strain == pytest.approx(0.25 + 0.1)
 
     def test_is_unsure_where_no_recording_reached(self) -> None:
         r, curve = self.fitted()
         means = r.running_means(curve.memory_s)
-        inside = curve.sigma(r.change, means)[r.settled]
-        assert curve.sigma(np.array(0.1), np.array([0.4, 0.4])) > 10 * np.median(inside)
+        inside = curve.estimate(r.change, means)[1][r.settled]
+        assert curve.estimate(np.array(0.1), np.array([0.4, 0.4]))[1] > 10 * np.median(inside)
 
     @given(st.floats(0.01, 0.2))
     def test_goes_on_as_the_static_curve_does_beyond_its_range(self, farther: float) -> None:
         _, curve = self.fitted()
         end = curve.range[1, 0]
         means = np.full(2, end)
-        beyond = curve.strain(np.array(end + farther), means + farther) - curve.strain(np.array(end), means)
+        beyond = curve.estimate(np.array(end + farther), means + farther)[0] - curve.estimate(np.array(end), means)[0]
         static = self.gauge.stretched_strain(end + farther) - self.gauge.stretched_strain(end)
         assert beyond == pytest.approx(static, abs=1e-9)
