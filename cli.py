@@ -125,7 +125,9 @@ def _method(name: str, *, live: bool = False) -> str:
     chosen = "batch" if name == "graph" else name
     if chosen not in known:
         raise InputError(f"--method {name}: expected one of {', '.join(known)}")
-    return "live" if live and chosen == "batch" else chosen
+    if live and chosen not in ("batch", "live"):
+        raise InputError(f"--live: is the same as --method live: expected one method, got --method {name}, too")
+    return "live" if live else chosen
 
 
 def _print_version(asked: bool) -> None:

@@ -22,7 +22,7 @@ from .estimator.watches.lengths_watch import RepeatWatch, RestWatch
 from .estimator.watches.moving_base import MovingBase
 from .factors.tendon import TautCables
 from .io.model_file import read_sensor_model
-from .io.trial_directory import Reading, Trial, open_trial
+from .io.trial_directory import Trial, open_trial
 from .models.plug_ins import PlugIn, plug_ins
 from .models.pose.aid_use import OLD_S, AidUse
 from .models.pose.filled_positions import FilledPositions
@@ -52,14 +52,14 @@ from .models.values.readings import (
     Flag,
     NaturalLengthReading,
     NodeFactor,
+    OtherReading,
+    Reading,
     ResistanceFrame,
     ResistanceReading,
     TendonLengths,
 )
 from .models.values.threads import one_thread
 
-OtherReading = AidReading | NaturalLengthReading
-"""What else than tendons is read."""
 OFFLINE_FRAMES = 500
 """Number of frames whose lengths are computed at a time where nobody waits for the first."""
 AnySensorModel = SensorModel | StrainModelFactory

@@ -45,7 +45,7 @@ class EvaluationJob:
             {
                 "result": {"name": self.name} | file_hashes(self.result),
                 "trial": trial.hashes() | trial.truth_hashes(),
-                "truth": sha256_of(self.truth) if self.truth and self.truth.is_file() else None,
+                "truth": sha256_of(self.truth) if self.truth else None,
                 "align": self.align,
                 "offset_s": self.offset_s,
             }
@@ -182,5 +182,6 @@ def trial_of(run: dict[str, Any], path: Path, trial: Path | None) -> Trial:
     opened = open_trial(trial or path / run["trial_path"])
     for name, digest in opened.hashes().items():
         if run.get("inputs", {}).get(name, digest) != digest:
-            raise InputError(f"{opened.path / name}: is not what {path} was made from: expected --trial DIRECTORY")
+            expected = "expected --trial DIRECTORY, of the trial that it was made from"
+            raise InputError(f"{opened.path / name}: is not what {path} was made from: {expected}")
     return opened

@@ -50,6 +50,8 @@ class Span:
         for name, t_s in (("--from", self.from_s), ("--to", self.to_s)):
             if t_s is not None and not np.isfinite(t_s):
                 raise InputError(f"{name}: expected a finite time, got {t_s}")
+        if self.from_s is not None and self.to_s is not None and self.from_s > self.to_s:
+            raise InputError(f"--to: expected a time after --from, {self.from_s:g} s, got {self.to_s:g}")
 
     def until_end(self, frames: Iterable[TendonLengths]) -> list[TendonLengths]:
         """Return the frames up to the end of the span; no frame after that is read.
@@ -268,12 +270,12 @@ class Run:
         for k in np.flatnonzero(np.diff(r.t_s) > LONG_S):
             table.add_row("no readings", f"from {r.t_s[k]:.2f} to {r.t_s[k + 1]:.2f} s")
         for status, frames in Counter(r.status).items():
-            table.add_row(f"status {status}", f"{frames} frames: {status.advice}")
+            table.add_row(f"status {status}", f"{_frames(frames)}: {status.advice}")
         two = Status.TWO_SHAPES
         if hidden := sum(other is not None for other in r.others) - r.status.count(two):
-            table.add_row(f"worse, and {two}", f"{hidden} frames: {two.advice}")
+            table.add_row(f"worse, and {two}", f"{_frames(hidden)}: {two.advice}")
         for reason, frames in Counter(filter(None, r.doubts)).items():
-            table.add_row(f"doubt {reason}", f"{frames} frames: {reason.advice}")
+            table.add_row(f"doubt {reason}", f"{_frames(frames)}: {reason.advice}")
         if self.pipeline.rest.wrong:
             table.add_row("geometry", wrong_geometry(self.pipeline.rest.wrong))
         for line in flagged_sensors(r):
@@ -414,6 +416,10 @@ def flagged_sensors(r: Reconstruction) -> list[str]:
         ]
         left_out = np.flatnonzero(r.flags[:, e] & LEFT_OUT)
         if len(left_out):
-            parts.append(f"left out of {len(left_out)} frames from {r.t_s[left_out[0]]:.2f} s")
+            parts.append(f"left out of {_frames(len(left_out))} from {r.t_s[left_out[0]]:.2f} s")
         tendons.setdefault(", ".join(parts), []).append(str(e))
     return [f"tendon {', '.join(names)}: {text}" for text, names in tendons.items()]
+
+
+def _frames(number: int) -> str:
+    return "1 frame" if number == 1 else f"{number} frames"

@@ -84,18 +84,20 @@ def _facts(told: DescribedStructure) -> Iterator[tuple[str, str]]:
 
 
 def _facts_of_shape(told: DescribedStructure) -> Iterator[tuple[str, str]]:
-    """Yield what lengths and forces determine at the rest shape."""
-    s = told.structure
+    """Yield what lengths and forces determine at the rest shape: that of least energy, in which forces balance."""
+    s, measured_m = told.structure, told.rest_position_m
     try:
-        x = told.rest_position_m if told.rest_position_m is not None else find_rest_shape(s, told.node_position_m)
+        x = find_rest_shape(s, told.node_position_m if measured_m is None else measured_m)
     except IndeterminateError as error:
-        yield "rest shape", f"none: {error}"
-        return
+        if measured_m is None:
+            yield "rest shape", f"none: {error}"
+            return
+        x = measured_m
     facts = rigidity(s, x)
     all_sensed = replace(s, unsensed=np.empty(0, dtype=np.int64))
     of_rods = int(np.linalg.matrix_rank(held_jacobian(all_sensed, x)[: len(s.rods)]))
     stresses = rigidity(all_sensed, x).self_stresses - (len(s.rods) - of_rods)  # without those in rigid bodies
-    slack = np.flatnonzero(s.tendon_length_m(x) <= s.natural_length_m)
+    slack = np.flatnonzero(s.tendon_length_m(x if measured_m is None else measured_m) <= s.natural_length_m)
     yield "self-stress states", str(stresses)
     yield "mechanisms", f"{facts.mechanisms} that measured lengths and rods do not tell to first order"
     yield "weakest motion", f"{facts.smallest_singular_value:.3g} m of length per m"

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..models.trial_description import TrialDescription
-from ..models.values.aids import DECIMALS, AidReading, ImuReading, PositionReading, RangeReading
+from ..models.values.aids import DECIMALS, ImuReading, PositionReading, RangeReading
 from ..models.values.errors import InputError
-from ..models.values.readings import NaturalLengthReading
+from ..models.values.readings import NaturalLengthReading, OtherReading
 from .csv import CsvFile
 
 IMU_COLUMNS = ("t_s", "gx_rad_per_s", "gy_rad_per_s", "gz_rad_per_s", "ax_m_per_s2", "ay_m_per_s2", "az_m_per_s2")
@@ -78,7 +78,7 @@ def natural_length_readings(file: CsvFile, recording: int, trial: TrialDescripti
         yield NaturalLengthReading(t_s, int(tendon), *values)
 
 
-def aid_row(reading: AidReading | NaturalLengthReading) -> str:
+def aid_row(reading: OtherReading) -> str:
     """Return the row of a reading in the file of its sensor, without the line's end."""
     match reading:
         case ImuReading():

@@ -32,8 +32,9 @@ class CsvHead:
 class CsvFile:
     """A file of numbers. Rows are counted like the lines in an editor: the first line of the file is row 1.
 
-    Iterating gives the values of each row in the order of `columns`. A last line without a line end,
-    as after a power cut, is left out and counted. Lines before the header that begin with # hold `name = value` pairs.
+    Iterating gives the values of each row in the order of `columns`. A last line without a line end, as after a power
+    cut, is left out and counted; blank lines at the end are left out. Lines before the header that begin with # hold
+    `name = value` pairs.
 
     Raises:
         InputError: for a missing file or column, a wrong number of fields, or a cell that is not a finite number.
@@ -62,13 +63,15 @@ class CsvFile:
             with self.path.open(encoding="utf-8-sig", newline="") as file:
                 for row, line in enumerate(lines_of(file, self.path), start=1):
                     if not line.startswith("#"):
-                        names = [name.strip() for name in line.split(",")]
+                        names = [name.strip().strip('"') for name in line.split(",")]  # R quotes names
                         if self.numbered:
                             return CsvHead(pairs, [str(k + 1) for k in range(len(names))], row, first_row=row)
                         return CsvHead(pairs, names, row, first_row=row + 1)
                     name, _, value = line.lstrip("#").partition("=")
                     pairs[name.strip()] = value.strip()
-        except (OSError, UnicodeDecodeError) as error:
+        except UnicodeDecodeError as error:
+            raise InputError(f"{self.path}: cannot be read: expected text in UTF-8, got {error.reason}") from error
+        except OSError as error:
             raise InputError(f"{self.path}: cannot be read: {error}") from error
         raise InputError(f"{self.path}: is empty: expected a header with {', '.join(self.columns)}")
 
@@ -82,11 +85,14 @@ class CsvFile:
         for name in self.columns:
             if name not in header:
                 got = ", ".join(header)[:80]
+                if len(header) == 1 and len(self.columns) > 1:
+                    raise InputError(f"{self.path}: row {head.row}: expected columns with commas between, got {got}")
                 raise InputError(f"{self.path}: row {head.row}: column '{name}' is missing: got {got}")
         index = [header.index(name) if name in header else None for name in (*self.columns, *self.optional)]
         names = (*self.columns, *self.optional)
         may_be_blank = frozenset(self.blank)
         limits = [largest(name) for name in names]
+        blank_row: int | None = None
         with self.path.open(encoding="utf-8-sig", newline="", errors="replace") as file:
             for row, line in enumerate(
                 islice(lines_of(file, self.path), head.first_row - 1, None), start=head.first_row
@@ -94,6 +100,11 @@ class CsvFile:
                 if not line.endswith(("\n", "\r")):
                     self.half_lines += 1
                     return
+                if line.isspace() and len(header) > 1:
+                    blank_row = blank_row or row
+                    continue
+                if blank_row:
+                    raise InputError(f"{self.path}: row {blank_row}: expected {len(header)} fields, got a blank line")
                 cells = line.rstrip("\r\n").split(",")
                 if len(cells) != len(header):
                     raise InputError(f"{self.path}: row {row}: expected {len(header)} fields, got {len(cells)}")
@@ -105,7 +116,7 @@ class CsvFile:
     def _number(self, cell: str, row: int, column: str, may_be_blank: bool, limit: float) -> float:
         if column in self.words:
             try:
-                value = self.words[column](cell)
+                value = self.words[column](cell.strip().strip('"'))
             except ValueError as error:
                 raise InputError(f"{self.path}: row {row}, column {column}: {error}, got '{_shown(cell)}'") from error
             if abs(value) <= limit or not math.isfinite(value):

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from math import inf
 
 from ..models.sensor.frames import LONGEST_SILENCE_S
-from .trial_directory import Reading, arrival_s
+from ..models.values.readings import Reading, arrival_s
 
 
 class Replay:

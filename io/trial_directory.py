@@ -31,9 +31,10 @@ from ..models.values.readings import (
     STRETCHING,
     BoardReading,
     Flag,
-    NaturalLengthReading,
+    Reading,
     ResistanceReading,
     TendonLengths,
+    arrival_s,
     is_impossible_length,
 )
 from ..models.values.stamped_positions import StampedPositions
@@ -55,6 +56,7 @@ from .length_files.lengths_reader import ReadLengths, reader_of
 from .mocap.truth_file import read_truth
 from .positions import read_contacts, read_forces
 from .provenance import sha256_of
+from .result import RUN_FILE
 from .structures.structure_file import with_structure_file
 from .toml import read_toml
 
@@ -68,10 +70,6 @@ LONGEST_READING_STEP_S = 0.5
 would begin anew with each row, see `FrontEndSettings.settle_after_s`."""
 FIRST_ROWS = 6
 """Number of these rows."""
-
-Reading = BoardReading | ResistanceReading | TendonLengths | AidReading | NaturalLengthReading
-"""One measurement of a trial: a row of counts, a reading of resistance, lengths, or what another sensor or a motor
-tells."""
 
 
 @dataclass(slots=True, eq=False)
@@ -376,13 +374,6 @@ def _sha256_of_table(table: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(table, sort_keys=True, default=str).encode()).hexdigest()
 
 
-def arrival_s(reading: Reading) -> float:
-    """Return when a reading reached the host."""
-    if isinstance(reading, BoardReading):
-        return reading.host_s
-    return reading.arrival_s if isinstance(reading, ResistanceReading) else reading.t_s
-
-
 def _counted(readings: Iterator[Reading], trial: Trial) -> Iterator[Reading]:
     """Yield the readings of tendons, of which there is at least one."""
     count = 0
@@ -400,6 +391,10 @@ def open_trial(path: str | Path) -> Trial:
         InputError: when there is no trial.toml, or it does not describe a trial.
     """
     path = Path(path)
+    if path.is_file():
+        raise InputError(f"{path}: expected a trial directory, got a file")
+    if (path / RUN_FILE).is_file() and not (path / "trial.toml").exists():
+        raise InputError(f"{path}: expected a trial directory, got a result")
     toml = with_structure_file(read_toml(path / "trial.toml"), path / "trial.toml")
     table, description = describe_trial(toml, str(path / "trial.toml"))
     name = printable(table.name or path.resolve().name)

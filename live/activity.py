@@ -8,10 +8,9 @@ from typing import Self
 
 import numpy as np
 
-from ..io.trial_directory import Reading
 from ..models.structure.shape import Shape
 from ..models.values.aids import AidReading, ImuReading
-from ..models.values.readings import BoardReading, TendonLengths
+from ..models.values.readings import BoardReading, Reading, TendonLengths
 from .feeds import Source
 from .rig import SILENT_S
 

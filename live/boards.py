@@ -6,12 +6,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from ..io.trial_directory import Reading
 from ..io.whole import check_vacant
 from ..models.settings import Settings, checked_settings
 from ..models.structure.shape import Shape
 from ..models.trial_description import TrialDescription
 from ..models.values.errors import RecordingError, TensegraphError
+from ..models.values.readings import Reading
 from ..pipeline import AnySensorModel, Pipeline, sensor_model_of
 
 if TYPE_CHECKING:

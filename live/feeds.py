@@ -16,15 +16,14 @@ from ..io.boards.recorder import Recorder, RecorderThread, as_recorded
 from ..io.plan_file import read_plan
 from ..io.provenance import sha256_of, simulation_provenance
 from ..io.replay import Replay
-from ..io.trial_directory import Reading, arrival_s, open_trial
+from ..io.trial_directory import open_trial
 from ..models.plug_ins import PlugIn
 from ..models.settings import Settings
 from ..models.trial_description import TrialDescription, describe_trial
 from ..models.twin.virtual_trial import simulate as simulate_plan
-from ..models.values.aids import AidReading
 from ..models.values.errors import InputError, naming
-from ..models.values.link import LinkReading, LinkState, rebased, stamp_s
-from ..models.values.readings import BoardReading, NaturalLengthReading
+from ..models.values.link import LinkReading, LinkState, rebased
+from ..models.values.readings import BoardReading, Reading, RecordedReading, arrival_s
 from ..pipeline import AnySensorModel
 from .rig import Rig, TaringRows, tare, wait_for_boards, without_truth
 
@@ -230,7 +229,7 @@ def _recorded(feed: Feed, metadata: Mapping[str, Any], record: Path | None) -> I
 
 def _recorded_rows(readings: Iterator[Reading], recorder: RecorderThread) -> Iterator[Reading]:
     for reading in readings:
-        assert isinstance(reading, BoardReading | AidReading | NaturalLengthReading), "the source is counts"
+        assert isinstance(reading, RecordedReading), "the source is counts"
         recorder.add(reading)
         yield reading
 
@@ -257,7 +256,7 @@ class TrialOfBoards:
         self._end_s = taring.origin_s + seconds
         self._tared = deque(taring.rows)
         self._latest_s = 0.0
-        self.tared_until_s = max((stamp_s(row) for row in taring.rows), default=-inf)
+        self.tared_until_s = max((arrival_s(row) for row in taring.rows), default=-inf)
         self.stop = link.stop
 
     def rows(self) -> Iterator[LinkReading]:
@@ -265,7 +264,7 @@ class TrialOfBoards:
         while self._tared:
             yield self._seen(self._tared.popleft())
         for raw in chain(self._link.rows(self._end_s), self._last_rows()):
-            if stamp_s(raw) >= self._origin_s:
+            if arrival_s(raw) >= self._origin_s:
                 yield self._seen(rebased(raw, self._origin_s))
 
     def _last_rows(self) -> Iterator[LinkReading]:

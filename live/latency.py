@@ -5,8 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Self
 
-from ..io.trial_directory import Reading
-from ..models.values.readings import TendonLengths
+from ..models.values.readings import Reading, TendonLengths
 from .feeds import Source
 
 

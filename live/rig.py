@@ -21,8 +21,8 @@ from ..models.settings import Settings
 from ..models.trial_description import TrialDescription, describe_trial
 from ..models.trial_tables import TrialTable
 from ..models.values.errors import InputError, TensegraphError
-from ..models.values.link import LinkReading, LinkState, PortState, rebased, stamp_s
-from ..models.values.readings import BoardReading
+from ..models.values.link import LinkReading, LinkState, PortState, rebased
+from ..models.values.readings import BoardReading, arrival_s
 from ..pipeline import AnySensorModel
 
 PATIENCE_S = 6.0
@@ -200,7 +200,7 @@ def _rows_and_motion(
     boards = trial.boards(settings.clock)
     watch = StillnessWatch(gauge, trial.natural_resistance_ohm, trial.structure.natural_length_m)
     for raw in link.rows(origin_s + trial.rest_seconds + SILENT_S):
-        if stamp_s(raw) < origin_s:
+        if arrival_s(raw) < origin_s:
             continue
         row = rebased(raw, origin_s)
         rows.append(row)

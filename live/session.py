@@ -16,13 +16,13 @@ import numpy as np
 
 from ..io.provenance import relative_path, versions
 from ..io.result import floor_table, result_directory, write_latencies, write_run, write_tables
-from ..io.trial_directory import Reading
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.shape import Shape
 from ..models.structure.structure import Structure
 from ..models.values.errors import InputError
 from ..models.values.link import LinkState
+from ..models.values.readings import Reading
 from ..pipeline import Pipeline
 from .activity import Activity, NewestFrames
 from .feeds import Feed, Source

@@ -14,7 +14,6 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.pose.imu_gate import ATTITUDE_HOLDS_S
 from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import FreeStandingRobot
 from ...models.settings import Settings
@@ -22,7 +21,7 @@ from ...models.structure.floor import Floor
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
 from ...models.structure.structure import Structure
-from ...models.values.aids import AidReading, ImuReading, PositionReading
+from ...models.values.aids import AidReading, PositionReading
 from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
 from ..smoother import LiveSmoother
@@ -34,6 +33,7 @@ from .pose_smoother import PoseStep, smoothed
 from .resting_faces import RestingFaces, balances_at
 from .stable_face import StableFace
 from .tipping import TIPS_RAD_PER_S
+from .watches.measured_attitude import MeasuredAttitude, are_parallel
 from .watches.slide_watch import slid_before
 from .world import in_world, support_of
 
@@ -52,8 +52,6 @@ CONTRADICTS_S = 0.8
 """Time for which it has to."""
 LIKELY_TIP = 0.5
 """Least `LengthChange.may_have_tipped` of a tip."""
-PARALLEL = 0.95
-"""Cosine of the angle below which rods have different directions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -436,32 +434,6 @@ def resting_faces(
     return RestingFaces(mass_kg, rest.node_position_m, stands, settings.doubt)
 
 
-class MeasuredAttitude:
-    """Tells whether an inertial sensor, or the positions of two nodes or more, were read in the last moments."""
-
-    def __init__(self) -> None:
-        self._imu_s = -np.inf
-        self._node_s: dict[int, float] = {}
-        self.located_pairs = np.zeros((0, 2), dtype=np.int64)
-        """(pairs, 2) the nodes whose positions were read, each with the first of them."""
-
-    def observe(self, lengths: TendonLengths, used_imus: NDArray[np.bool_]) -> bool:
-        """Return whether they were, in one more frame.
-
-        Args:
-            lengths: with the readings of other sensors.
-            used_imus: (imus,) which inertial sensors count.
-        """
-        for reading in lengths.aids:
-            if isinstance(reading, PositionReading):
-                self._node_s[reading.node] = reading.t_s
-            elif isinstance(reading, ImuReading) and used_imus[reading.imu]:
-                self._imu_s = reading.t_s
-        located = [node for node, latest_s in self._node_s.items() if lengths.t_s - latest_s < ATTITUDE_HOLDS_S]
-        self.located_pairs = np.array([(located[0], node) for node in located[1:]], dtype=np.int64).reshape(-1, 2)
-        return lengths.t_s - self._imu_s < ATTITUDE_HOLDS_S or len(located) > 1
-
-
 def clearances(aids: Sequence[AidReading], floor: Floor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return (known,) nodes with measured positions, and (known,) their heights above a node that stands.
 
@@ -470,11 +442,3 @@ def clearances(aids: Sequence[AidReading], floor: Floor) -> tuple[NDArray[np.int
     positions = [] if floor.tilt_count else [reading for reading in aids if isinstance(reading, PositionReading)]
     measured = {reading.node: reading.position_m for reading in positions}
     return np.array(list(measured), dtype=np.int64), floor.clearance_m(np.array(list(measured.values())).reshape(-1, 3))
-
-
-def are_parallel(pairs: NDArray[np.int64], rest: RestShape) -> bool:
-    """Return whether the lines between (pairs, 2) nodes, at least one, all have one direction in the rest shape."""
-    a, b = pairs.T
-    along = rest.node_position_m[b] - rest.node_position_m[a]
-    along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    return len(along) > 0 and bool((np.abs(along @ along[0]) > PARALLEL).all())

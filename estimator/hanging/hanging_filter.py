@@ -23,9 +23,9 @@ from ...models.structure.suspension import Suspension
 from ...models.values.aids import AidReading
 from ...models.values.rotations import cross_matrix
 from ..free_standing.contacts import Standing
-from ..free_standing.estimators import are_parallel
 from ..free_standing.pose_filter import PoseFilter
 from ..free_standing.pose_smoother import PoseStep
+from ..free_standing.watches.measured_attitude import are_parallel
 from .hands import HandTorque, Hanging, Swing
 
 NO_FLOOR = Floor(-1e3, UP)

@@ -14,8 +14,8 @@ import numpy as np
 
 from ...models.sensor.clock import BoardClock, ClockSettings
 from ...models.values.errors import InputError
-from ...models.values.link import Hello, LinkReading, LinkState, PortState, rebased, stamp_s
-from ...models.values.readings import BoardReading
+from ...models.values.link import Hello, LinkReading, LinkState, PortState, rebased
+from ...models.values.readings import BoardReading, arrival_s
 from .inertial import BoardImu
 from .port import PortReader, usb_ports
 from .protocol import Message, Row, Sample
@@ -211,7 +211,7 @@ class Hub:
             self._skipped_rows += 1
 
     def _record(self, reading: LinkReading) -> None:
-        if self._recorder is not None and stamp_s(reading) >= self._origin_s:
+        if self._recorder is not None and arrival_s(reading) >= self._origin_s:
             self._recorder.add(rebased(reading, self._origin_s))
 
     def _state(self) -> LinkState:

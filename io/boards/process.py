@@ -22,7 +22,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from ...models.values.errors import TensegraphError
-from ...models.values.link import LinkReading, LinkState, stamp_s
+from ...models.values.link import LinkReading, LinkState
+from ...models.values.readings import arrival_s
 from .hub import STATE_S, WAITING_ROWS, Begin, Hub, LinkPlan
 
 TERMINAL_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name))
@@ -112,10 +113,10 @@ class SerialLink:
                 if not self._rows and time.perf_counter() > until_s:
                     return
                 continue
-            if stamp_s(self._rows[0]) > until_s:
+            if arrival_s(self._rows[0]) > until_s:
                 return
             row = self._rows.popleft()
-            if self._rows and time.perf_counter() - stamp_s(row) > OLDEST_S:
+            if self._rows and time.perf_counter() - arrival_s(row) > OLDEST_S:
                 self._skipped_rows += 1
             else:
                 yield row

@@ -19,9 +19,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
+from ...models.values.aids import ImuReading, PositionReading, RangeReading
 from ...models.values.errors import InputError, RecordingError, TensegraphError
-from ...models.values.readings import BoardReading, NaturalLengthReading
+from ...models.values.readings import BoardReading, NaturalLengthReading, RecordedReading
 from ...models.values.stamped_positions import StampedPositions
 from ..aid_files import AID_COLUMNS, aid_row
 from ..positions import contact_columns, force_columns, position_columns
@@ -86,7 +86,7 @@ class Recorder:
     ) -> None:
         self._files.close()
 
-    def add(self, reading: BoardReading | AidReading | NaturalLengthReading) -> None:
+    def add(self, reading: RecordedReading) -> None:
         """Append one row to the file of its board or sensor.
 
         Raises:
@@ -141,7 +141,7 @@ class Recorder:
     def _open(self, name: str) -> FileIO:
         return self._files.enter_context((self.path / name).open("ab", buffering=0))
 
-    def _file_of(self, reading: BoardReading | AidReading | NaturalLengthReading) -> FileIO:
+    def _file_of(self, reading: RecordedReading) -> FileIO:
         match reading:
             case BoardReading():
                 return self._opened["board"][reading.board]
@@ -175,7 +175,7 @@ class RecorderThread:
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder
-        self._queue = queue.SimpleQueue[BoardReading | AidReading | NaturalLengthReading | None]()
+        self._queue = queue.SimpleQueue[RecordedReading | None]()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self.rows = 0
         """Number of rows written so far."""
@@ -194,7 +194,7 @@ class RecorderThread:
         if isinstance(error, TensegraphError) and self.rows == 0:  # refused before anything was recorded
             remove_directory(self._recorder.path)
 
-    def add(self, reading: BoardReading | AidReading | NaturalLengthReading) -> None:
+    def add(self, reading: RecordedReading) -> None:
         """Add a row to the queue; returns immediately."""
         if not self.error:
             self._queue.put(reading)
@@ -224,8 +224,8 @@ class RecorderThread:
 
 
 def as_recorded(
-    reading: BoardReading | AidReading | NaturalLengthReading,
-) -> BoardReading | AidReading | NaturalLengthReading:
+    reading: RecordedReading,
+) -> RecordedReading:
     """Return a reading with the digits that it has in the files of a trial."""
     if isinstance(reading, BoardReading):
         return replace(reading, host_s=round(reading.host_s, 6))

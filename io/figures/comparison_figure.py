@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +16,19 @@ from .style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY_BLUE, add_
 
 METHOD_COLORS = (GREY, ORANGE, GREEN, SKY_BLUE, BLUE, PURPLE, RED, BLACK)
 """Colours of the methods in the order of the table, repeated if there are more methods."""
+PUBLISHED_DASHES = (":", "-.", "--")
 
 
 def write_comparison_figure(rows: Sequence[ComparisonRow], published_mm: Mapping[str, float], path: Path) -> None:
-    """Draw node RMSE, coverage, sigma and time of each method on each trial, with published errors as marked lines."""
+    """Draw node RMSE, coverage, sigma and time of each method on each trial, with published errors as lines.
+
+    Methods that were run on no trial are left out.
+    """
     if len({row.trial for row in rows}) == 2:  # all are the only one
         rows = [row for row in rows if row.trial != ALL]
     trials = list(dict.fromkeys(row.trial for row in rows))
-    methods = len({row.method for row in rows})
+    run = {row.method for row in rows if np.isfinite(row.errors.nodes.rmse_m)}
+    rows = [row for row in rows if row.method in run] or rows
     figure = Figure(figsize=(max(10.0, 1.7 * len(trials) + 3), 13), layout="constrained")
     error, covered, sigma, duration = figure.subplots(4, 1, sharex=True, height_ratios=(2, 1.2, 1.2, 1.2))
     _draw_bars(error, rows, lambda row: 1e3 * row.errors.nodes.rmse_m)
@@ -42,7 +48,7 @@ def write_comparison_figure(rows: Sequence[ComparisonRow], published_mm: Mapping
     for axis in (error, covered, sigma, duration):
         add_grid(axis, along="y", which="both")
         axis.set_axisbelow(True)
-    add_legend_below(figure, error.get_legend_handles_labels()[0], min(methods, 3))
+    add_legend_below(figure, error.get_legend_handles_labels()[0], 3)
     save_figure(figure, path)
 
 
@@ -76,6 +82,7 @@ def write_spread_figure(rows: Sequence[ComparisonRow], published_mm: Mapping[str
     _draw_published(axes[0], published_mm)
     axes[1].axhline(95, color=BLACK, ls="--", lw=0.8)
     axes[-1].set_xticks(np.arange(1, len(methods) + 1), methods)
+    add_legend_below(figure, axes[0].get_legend_handles_labels()[0], 3)
     save_figure(figure, path)
 
 
@@ -94,20 +101,24 @@ def _draw_points(axis: Axes, rows: Sequence[ComparisonRow], value: Callable[[Com
 
 
 def _make_logarithmic(axis: Axes) -> None:
-    """Make the vertical axis logarithmic, where there is anything on it: no method may have been run."""
+    """Make the vertical axis logarithmic, where there is anything on it: no method may have been run.
+
+    It spans a factor of 4 at least, so that a small difference looks small.
+    """
     if any(np.isfinite(line.get_ydata()).any() for line in axis.lines):
         axis.set_yscale("log")
         axis.margins(y=0.2)
+        low, high = axis.get_ylim()
+        axis.set_ylim(min(low, 0.5 * np.sqrt(low * high)), max(high, 2 * np.sqrt(low * high)))
         axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axis.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _draw_published(axis: Axes, published_mm: Mapping[str, float]) -> None:
-    for source, node_mm in published_mm.items():
-        axis.axhline(node_mm, color=BLACK, ls=":", lw=0.8)
-        label = f"{node_mm} mm\n{source},\nanother robot"
-        axis.annotate(label, (1.01, node_mm), xycoords=("axes fraction", "data"), va="center", fontsize=8)
+    """Draw published errors as lines of different dashes, which the legend names."""
+    for (source, node_mm), dashes in zip(published_mm.items(), cycle(PUBLISHED_DASHES), strict=False):
+        axis.axhline(node_mm, color=BLACK, ls=dashes, lw=0.9, label=f"{node_mm} mm, {source}, another robot")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -156,7 +156,9 @@ def _piece_starts(frames: int) -> NDArray[np.int64]:
 def write_drift_figure(
     r: Reconstruction, drift: NDArray[np.float64], sigma: NDArray[np.float64], title: str, path: Path
 ) -> None:
-    """Draw the drift of each sensor over time, with its 95 % band; those of tendons between anchors are red.
+    """Draw the drift of each sensor over time; those of tendons between anchors are red.
+
+    Each of these has its 95 % band; the other sensors have one together, from their lowest to their highest.
 
     Args:
         r: all frames.
@@ -167,18 +169,21 @@ def write_drift_figure(
     """
     figure = Figure(figsize=(8, 4.5))
     axis = figure.subplots(gridspec_kw=within_margins(figure, left=0.75, right=0.15, bottom=0.85, top=0.4))
-    for e in r.structure.sensed_tendons:
-        color = RED if r.structure.joins_anchors[e] else BLUE
-        percent = 100 * drift[:, e]
-        half = 100 * BAND * sigma[:, e]
-        axis.fill_between(r.t_s, percent - half, percent + half, color=color, alpha=0.03, lw=0)
-        axis.plot(r.t_s, percent, color=color, lw=0.9)
+    percent, half = 100 * drift, 100 * BAND * sigma
+    sensed, is_reference = r.structure.sensed_tendons, r.structure.joins_anchors
+    others = [e for e in sensed if not is_reference[e]]
+    references = [e for e in sensed if is_reference[e]]
+    for band, color in [*(([e], RED) for e in references), (others, BLUE)]:
+        if band:
+            low, high = (percent - half)[:, band].min(axis=1), (percent + half)[:, band].max(axis=1)
+            axis.fill_between(r.t_s, low, high, color=color, alpha=0.15, lw=0)
+            axis.plot(r.t_s, percent[:, band], color=color, lw=0.9)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("drift of resistance [%]")
-    axis.set_title(f"{title}: drift of the sensors, with 95 % bands")
-    handles = [Line2D([], [], color=BLUE, label="sensor")]
+    axis.set_title(f"{title}: drift of the sensors, with 95 % bands", fontsize=11)
+    handles = [Line2D([], [], color=BLUE, label="sensors, with one band for all")]
     if (r.structure.joins_anchors & r.structure.is_sensed).any():
-        handles.append(Line2D([], [], color=RED, label="sensor of a tendon between anchors, the reference"))
+        handles.append(Line2D([], [], color=RED, label="references: tendons between anchors, with a band for each"))
     add_legend_below(figure, handles, 2)
     add_grid(axis)
     axis.margins(x=0)

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from ..structure.natural_lengths import strip_length_m
 from ..structure.rigidity import find_rest_shape
 from ..structure.structure import Structure
-from ..values.aids import AidReading
-from ..values.readings import BoardReading, NaturalLengthReading
+from ..values.readings import BoardReading, OtherReading
 from .emulated_boards import Signal, board_rows
 from .engine import Twin, TwinMotion
 from .geometry_error import end_to_end_m, hub_offset_m
@@ -41,7 +40,7 @@ class VirtualTrial:
     """(rows, nodes, 3)"""
     load_n: NDArray[np.float64]
     """(rows, nodes, 3)"""
-    carried: list[AidReading | NaturalLengthReading]
+    carried: list[OtherReading]
     """Of all further sensors and the motors, in order of time."""
     standing: NDArray[np.bool_] | None
     """(rows, nodes) which nodes stand on the ground; None without ground."""
@@ -188,10 +187,10 @@ def _body(plan: Plan, streams: RandomStreams) -> tuple[Body, NDArray[np.float64]
 
 def _carried(
     plan: Plan, structure: Structure, motion: TwinMotion, told_natural_m: Sequence[float], streams: RandomStreams
-) -> list[AidReading | NaturalLengthReading]:
+) -> list[OtherReading]:
     """Return the readings of motors, inertial sensors, ranges and positions, in order of time."""
     rng = streams.carried
-    readings: list[Iterable[AidReading | NaturalLengthReading]] = [
+    readings: list[Iterable[OtherReading]] = [
         *(
             imu.readings(number, motion, structure, plan.mechanics.gravity_m_per_s2, rng)
             for number, imu in enumerate(plan.imu)

@@ -85,11 +85,6 @@ class LinkState:
     recording_error: str = ""
 
 
-def stamp_s(reading: LinkReading) -> float:
-    """Return the time by which a reading belongs to a trial: that of a row's arrival, or of a sample."""
-    return reading.t_s if isinstance(reading, ImuReading) else reading.host_s
-
-
 def rebased(reading: LinkReading, origin_s: float) -> LinkReading:
     """Return a reading whose time counts from an origin, rounded as in a trial's files."""
     if isinstance(reading, ImuReading):

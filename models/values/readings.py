@@ -335,3 +335,19 @@ class RestLengths:
     """(tendons,)"""
     sigma_m: NDArray[np.float64]
     """(tendons,) standard deviation of length_m."""
+
+
+OtherReading = AidReading | NaturalLengthReading
+"""What another sensor or a motor tells."""
+RecordedReading = BoardReading | OtherReading
+"""What a recording holds."""
+Reading = RecordedReading | ResistanceReading | TendonLengths
+"""One measurement of a trial: a row of counts, a reading of resistance, lengths, or what another sensor or a motor
+tells."""
+
+
+def arrival_s(reading: Reading) -> float:
+    """Return when a reading reached the host; that of an aid counts as its time."""
+    if isinstance(reading, BoardReading):
+        return reading.host_s
+    return reading.arrival_s if isinstance(reading, ResistanceReading) else reading.t_s

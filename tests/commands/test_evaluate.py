@@ -66,6 +66,14 @@ def test_evaluate_agrees_with_what_reconstruct_said(done, evaluated) -> None:
         assert float(row.split()[4]) == pytest.approx(1e3 * numbers["absolute"]["nodes"]["rmse_m"], abs=0.006)
 
 
+def test_a_truth_that_is_not_there_is_no_earlier_evaluation(evaluated) -> None:
+    folder, table, _ = evaluated
+    assert table.returncode == 0
+    missing = run("evaluate", "results/press", "--truth", "nothing.csv", cwd=folder)
+    assert (missing.returncode, missing.stdout) == (2, "")
+    assert missing.stderr == "tensegraph: nothing.csv: no such file\n"
+
+
 def test_evaluate_with_truth_from_elsewhere(done, tmp_path) -> None:
     """A result as its own truth is exact; turned and shifted it is again exact once aligned."""
     folder = done[0]

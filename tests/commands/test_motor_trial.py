@@ -13,10 +13,9 @@ from plan_edits import PLANS, replaced
 from tensegraph import Settings, Status, Trial, open_trial, reconstruct, simulate
 from tensegraph.factors.tendon import TautCables
 from tensegraph.io.model_file import read_sensor_model
-from tensegraph.io.trial_directory import arrival_s
 from tensegraph.live.feeds import replay_feed, twin_feed
 from tensegraph.models.evaluation.metrics import node_rmse_m
-from tensegraph.models.values.readings import NaturalLengthReading
+from tensegraph.models.values.readings import NaturalLengthReading, arrival_s
 from tensegraph.pipeline import Pipeline
 
 pytestmark = pytest.mark.usefixtures("undrawn")

@@ -211,6 +211,11 @@ def test_a_span_is_a_part_of_the_whole(trial_copy) -> None:
     none = run(*words, "none", "--from", 7, cwd=path.parent)
     assert (none.returncode, none.stderr.count("\n")) == (2, 1)
     assert "--from and --to: expected a span within 0.00 to 1.2" in none.stderr
+    late = run(*words, "late", "--from", 0.8, "--to", 0.5, cwd=path.parent)
+    assert (late.returncode, late.stderr) == (2, "tensegraph: --to: expected a time after --from, 0.8 s, got 0.5\n")
+    two = run("reconstruct", path, "--live", "--method", "ukf", cwd=path.parent)
+    assert (two.returncode, two.stderr.count("\n")) == (2, 1)
+    assert "--live: is the same as --method live: expected one method, got --method ukf, too" in two.stderr
 
 
 def test_a_tendon_without_a_sensor_is_not_flagged(loaded) -> None:

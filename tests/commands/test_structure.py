@@ -145,6 +145,15 @@ def test_a_structure_is_shown_converted_and_drawn(tmp_path: Path) -> None:
     assert sorted(file.name for file in tmp_path.iterdir()) == ["tower.png", "tower.toml", "tower.xml"]
 
 
+def test_a_measured_rest_shape_is_prestressed(example, tmp_path: Path) -> None:
+    """Half a millimetre beside the shape in which forces balance there would be no stress, and no mechanism."""
+    shown = run("structure", example / "trial.toml", cwd=tmp_path).stdout
+    found = {
+        words[0].strip(): words[1].split()[0] for line in shown.splitlines() if len(words := line.split("│")[1:]) > 1
+    }
+    assert (found["self-stress states"], found["mechanisms"]) == ("1", "1")
+
+
 @pytest.mark.parametrize(("name", "tendons"), [("prism", 9), ("six-strut", 24), ("tower", 21), ("saddle-tower", 24)])
 def test_a_new_structure_is_a_trial_and_a_rig(name: str, tendons: int, tmp_path: Path) -> None:
     stages = ["--stages", "3"] if name == "tower" else []

@@ -57,3 +57,31 @@ def test_only_a_last_line_without_its_end_is_half(tmp_path) -> None:
     (tmp_path / "mixed.csv").write_bytes(b"a,b\r\n1,2\r \n3,4\r\n")
     with pytest.raises(InputError, match="row 3: expected 2 fields, got 1"):
         list(CsvFile(tmp_path / "mixed.csv", ["a", "b"]))
+
+
+def test_a_table_as_spreadsheets_and_r_write_it(tmp_path) -> None:
+    """Names and words in quotes, and blank lines at the end."""
+    path = tmp_path / "r.csv"
+    path.write_text('"t_s","mode"\n0.5,"bent"\n\n  \n')
+    words = {"mode": lambda cell: float(["straight", "bent"].index(cell))}
+    assert list(CsvFile(path, ["t_s", "mode"], words=words)) == [[0.5, 1.0]]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("a;b\n1;2\n", "row 1: expected columns with commas between, got a;b"),
+        ("a,b\n1,2\n\n3,4\n", "row 3: expected 2 fields, got a blank line"),
+        ("a\n", "row 1: column 'b' is missing: got a"),
+    ],
+)
+def test_what_is_no_table_is_said(tmp_path, content, message) -> None:
+    (tmp_path / "a.csv").write_text(content)
+    with pytest.raises(InputError, match=message):
+        list(CsvFile(tmp_path / "a.csv", ["b"] if content == "a\n" else ["a", "b"]))
+
+
+def test_another_encoding_is_said(tmp_path) -> None:
+    (tmp_path / "a.csv").write_text("a,b\n1,2\n", encoding="utf-16")
+    with pytest.raises(InputError, match="cannot be read: expected text in UTF-8"):
+        list(CsvFile(tmp_path / "a.csv", ["a", "b"]))

@@ -59,6 +59,16 @@ def test_missing_files_are_refused(tmp_path, trial_copy) -> None:
         open_trial(path)
 
 
+def test_what_is_no_trial_is_said(tmp_path, trial_copy) -> None:
+    path = trial_copy(rows=5)
+    with pytest.raises(InputError, match=r"trial.toml: expected a trial directory, got a file"):
+        open_trial(path / "trial.toml")
+    (tmp_path / "result").mkdir()
+    (tmp_path / "result/run.toml").write_text("format = 1\n")
+    with pytest.raises(InputError, match=r"result: expected a trial directory, got a result"):
+        open_trial(tmp_path / "result")
+
+
 def test_an_empty_trial_is_refused(trial_copy) -> None:
     path = trial_copy(rows=0)
     with pytest.raises(InputError, match=r"holds no readings: expected at least one row in board0.csv, board1.csv"):

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tensegraph.estimator.free_standing.estimators import MeasuredAttitude, are_parallel, clearances
+from tensegraph.estimator.free_standing.estimators import clearances
+from tensegraph.estimator.free_standing.watches.measured_attitude import MeasuredAttitude, are_parallel
 from tensegraph.models.structure.floor import UP, Floor
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.values.aids import PositionReading
