@@ -36,7 +36,7 @@ from .track_figure import write_track_figure
 
 LONG_FRAMES = 3000
 """Number of frames, a minute at 50 Hz, above which a panel shows the range of many frames in place of each."""
-NODE_COLORS = (BLUE, ORANGE, GREEN)
+HEIGHT_COLORS = (BLUE, ORANGE, GREEN)
 """Colours of the nodes whose heights are drawn; there are no more such nodes."""
 MOST_FRAMES = 4
 """Largest number of frames in which the structure is drawn."""
@@ -239,15 +239,15 @@ def nodes_of_interest(r: Reconstruction, load_threshold_n: float) -> list[int]:
     """Return the nodes that carry loads in the most frames; where none is loaded, those that move most."""
     loaded = np.zeros(r.structure.node_count) if r.loads is None else r.loads.is_certain(load_threshold_n).sum(axis=0)
     if loaded.any():
-        most = np.argsort(-loaded, kind="stable")[: min(len(NODE_COLORS), np.count_nonzero(loaded))]
+        most = np.argsort(-loaded, kind="stable")[: min(len(HEIGHT_COLORS), np.count_nonzero(loaded))]
     else:
-        most = np.argsort(-np.ptp(r.node_position_m, axis=0).max(axis=-1), kind="stable")[: len(NODE_COLORS)]
+        most = np.argsort(-np.ptp(r.node_position_m, axis=0).max(axis=-1), kind="stable")[: len(HEIGHT_COLORS)]
     return sorted(int(node) for node in most)
 
 
 def draw_heights(axis: Axes, r: Reconstruction, nodes: list[int], frames: list[int]) -> None:
     """Draw the change of height of nodes since the start in mm, with 95 % bands, and mark the frames drawn above."""
-    for node, color in zip(nodes, NODE_COLORS, strict=False):
+    for node, color in zip(nodes, HEIGHT_COLORS, strict=False):
         height_mm = 1e3 * (r.node_position_m[:, node, 2] - r.node_position_m[0, node, 2])
         half_mm = BAND * 1e3 * np.sqrt(r.node_covariance_m2[:, node, 2, 2])
         axis.fill_between(r.t_s, height_mm - half_mm, height_mm + half_mm, color=color, alpha=0.25, lw=0)

@@ -11,7 +11,7 @@ from .strips import StripRun
 
 IRREGULAR = "irregular motion"
 """Name of the group of recordings that do not have one constant speed."""
-LONGEST_S = 60.0
+LONGEST_LAG_S = 60.0
 """Largest lag of the autocorrelation of an error."""
 
 
@@ -76,7 +76,7 @@ def error_autocorrelation(run: StripRun) -> tuple[NDArray[np.float64], NDArray[n
     even_s = np.arange(run.t_s[0], run.t_s[-1], step_s)
     correlation = autocorrelation_of(np.interp(even_s, run.t_s, run.error))
     lag_s = np.arange(0.0, len(correlation)) * step_s
-    return lag_s[lag_s <= LONGEST_S], correlation[lag_s <= LONGEST_S]
+    return lag_s[lag_s <= LONGEST_LAG_S], correlation[lag_s <= LONGEST_LAG_S]
 
 
 def correlation_time_s(run: StripRun) -> float:

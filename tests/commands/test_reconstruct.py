@@ -226,4 +226,4 @@ def test_a_tendon_without_a_sensor_is_not_flagged(loaded) -> None:
     assert flagged_sensors(shapes) == ["tendon 7: left out of 50 frames from 1.00 s"]
     shapes.flags[10:12, 8] = int(Flag.OUTLIER)  # the readings about a spike give the length
     shapes.flags[12, 8] = int(Flag.OUTLIER | Flag.MISSING)
-    assert "tendon 8: outlier from 0.20 s, left out of 1 frames from 0.24 s" in flagged_sensors(shapes)
+    assert "tendon 8: outlier from 0.20 s, left out of 1 frame from 0.24 s" in flagged_sensors(shapes)

@@ -148,9 +148,8 @@ def test_a_structure_is_shown_converted_and_drawn(tmp_path: Path) -> None:
 def test_a_measured_rest_shape_is_prestressed(example, tmp_path: Path) -> None:
     """Half a millimetre beside the shape in which forces balance there would be no stress, and no mechanism."""
     shown = run("structure", example / "trial.toml", cwd=tmp_path).stdout
-    found = {
-        words[0].strip(): words[1].split()[0] for line in shown.splitlines() if len(words := line.split("│")[1:]) > 1
-    }
+    rows = [[cell.strip() for cell in line.split("│")] for line in shown.splitlines()]
+    found = {row[1]: row[2].split()[0] for row in rows if len(row) == 4 and row[1] and row[2]}
     assert (found["self-stress states"], found["mechanisms"]) == ("1", "1")
 
 

@@ -55,7 +55,7 @@ def test_only_a_last_line_without_its_end_is_half(tmp_path) -> None:
     assert list(file) == [[1.0, 2.0], [3.0, 4.0]]
     assert file.half_lines == 1
     (tmp_path / "mixed.csv").write_bytes(b"a,b\r\n1,2\r \n3,4\r\n")
-    with pytest.raises(InputError, match="row 3: expected 2 fields, got 1"):
+    with pytest.raises(InputError, match="row 3: expected 2 fields, got a blank line"):
         list(CsvFile(tmp_path / "mixed.csv", ["a", "b"]))
 
 

@@ -105,6 +105,6 @@ def test_tendons_without_a_sensor_are_not_in_the_figure_of_drift(loaded, tmp_pat
     write_drift_figure(loaded, drift, drift + 0.001, "toy", tmp_path / "drift.png")
     without, every = saved
     assert len(without.axes[0].lines) == 24 - len(between) - 1
-    assert [text.get_text() for text in without.legends[0].texts] == ["sensor"]
+    assert [text.get_text() for text in without.legends[0].texts] == ["sensors, with one band for all"]
     assert len(every.axes[0].lines) == 24
     assert len(every.legends[0].texts) == 2
