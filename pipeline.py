@@ -311,9 +311,9 @@ class Pipeline:
         return {name: n for name, n in counts.items() if n}
 
     @property
-    def rest_in_doubt(self) -> bool:
+    def misfits_at_rest(self) -> bool:
         """Whether at least half of the sensors, or of the lengths, do not fit the rest shape, or two are exchanged."""
-        by_sensors = getattr(self.front_end, "rest_in_doubt", False)  # one of one's own may have `lengths` alone
+        by_sensors = getattr(self.front_end, "misfits_at_rest", False)  # one of one's own may have `lengths` alone
         return by_sensors or (self._rest_watch is not None and self._rest_watch.in_doubt)
 
     def _doubting_repeats(self, shape: Shape) -> Shape:

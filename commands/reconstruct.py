@@ -280,7 +280,7 @@ class Run:
             table.add_row("geometry", wrong_geometry(self.pipeline.rest.wrong))
         for line in flagged_sensors(r):
             table.add_row("flagged", line)
-        if self.pipeline.rest_in_doubt:
+        if self.pipeline.misfits_at_rest:
             table.add_row(
                 "rest in doubt", "sensors do not fit the rest shape: was it still, this structure, these columns?"
             )

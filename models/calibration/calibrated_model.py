@@ -71,7 +71,7 @@ def calibrate_model(
 
     Its sigma is scaled on the validation recordings, and it is run on the recordings held out.
     """
-    signed = settings.unified
+    unified = settings.unified
     mode_odds = _mode_odds(split, bending)
     trained = _with_spread(trained, bending, mode_odds, split, settings)
     common = on_common_curve(split.training, trained.gain_and_offset)
@@ -81,9 +81,9 @@ def calibrate_model(
     def validated(weights: LstmWeights) -> tuple[SensorModel, list[StripRun]]:
         """Return the model with these weights, and its runs on the recordings for validation."""
         model = _model(replace(trained, weights=weights), bending, common, mode_odds, settings)
-        tares = tare_strips(NetworkEstimator(model), split.validation, trained.gauge, signed, seconds=np.inf)
+        tares = tare_strips(NetworkEstimator(model), split.validation, trained.gauge, unified, seconds=np.inf)
         gains = {name: StripGain(tare.gain_and_offset, exact) for name, tare in tares.items()}
-        return model, run_strips(NetworkEstimator(model), split.validation, trained.gauge, gains | known, signed)
+        return model, run_strips(NetworkEstimator(model), split.validation, trained.gauge, gains | known, unified)
 
     model, validation = validated(trained.weights)
     curve_alone, curve_validation = validated(without_correction(trained.weights))
@@ -96,11 +96,11 @@ def calibrate_model(
     estimators: dict[str, StrainEstimator] = {
         **used,
         LSTM: NetworkEstimator(network),
-        STATIC: StaticEstimator.fit(common, signed),
-        POLYNOMIAL: PolynomialEstimator.fit(common, signed),
+        STATIC: StaticEstimator.fit(common, unified),
+        POLYNOMIAL: PolynomialEstimator.fit(common, unified),
     }
-    scored = split.scored(signed)
-    runs = {name: run_strips(each, scored, trained.gauge, known, signed) for name, each in estimators.items()}
+    scored = split.scored(unified)
+    runs = {name: run_strips(each, scored, trained.gauge, known, unified) for name, each in estimators.items()}
     return Calibration(model, trained, split, bending, runs, (rmse, curve_rmse))
 
 
@@ -126,9 +126,9 @@ def _with_spread(
     the training, because a change that is common to all strips belongs to the curve.
     """
     model = _model(trained, bending, on_common_curve(split.training, trained.gain_and_offset), mode_odds, settings)
-    signed = settings.unified
+    unified = settings.unified
     stretched = [r for r in split.training if r.stretched_share > 0.3]
-    tares = tare_strips(NetworkEstimator(model), stretched, trained.gauge, signed, np.inf, trained.gain_and_offset)
+    tares = tare_strips(NetworkEstimator(model), stretched, trained.gauge, unified, np.inf, trained.gain_and_offset)
     gains = np.array([tare.gain_and_offset[0] for tare in tares.values()])
     variances = np.array([tare.covariance[0, 0] for tare in tares.values()])
     spread = float(np.sqrt(np.var(gains) + np.mean(variances))) if len(gains) > 1 else 0.0  # one strip has no spread

@@ -15,7 +15,7 @@ RIDGE = 1e-4
 
 
 def fit_rate_curve(
-    recordings: Sequence[Recording], gauge: StaticGauge, memory_s: NDArray[np.float64], signed: bool
+    recordings: Sequence[Recording], gauge: StaticGauge, memory_s: NDArray[np.float64], unified: bool
 ) -> RateCurve:
     """Return the rate curve fitted by ridge regression to recordings on the common curve.
 
@@ -23,9 +23,9 @@ def fit_rate_curve(
         recordings: with gain and offset removed.
         gauge: the static gauge curve.
         memory_s: (memories,) time constants of the running means.
-        signed: whether bent samples are fitted, too.
+        unified: whether bent samples are fitted, too.
     """
-    inputs, strain = rate_samples(recordings, memory_s, signed)
+    inputs, strain = rate_samples(recordings, memory_s, unified)
     scale: NDArray[np.float64] = np.maximum(inputs.std(axis=0), 1e-9)
     input_range = np.stack([inputs.min(axis=0), inputs.max(axis=0)])
     terms = curve_terms(inputs, scale, gauge)
@@ -38,10 +38,10 @@ def fit_rate_curve(
 
 
 def rate_samples(
-    recordings: Sequence[Recording], memory_s: NDArray[np.float64], signed: bool
+    recordings: Sequence[Recording], memory_s: NDArray[np.float64], unified: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the (samples, 1 + memories) inputs and the (samples,) strain of all samples that count."""
-    parts = [(rate_inputs(r.change, r.running_means(memory_s)), r.strain, r.counted(signed)) for r in recordings]
+    parts = [(rate_inputs(r.change, r.running_means(memory_s)), r.strain, r.counted(unified)) for r in recordings]
     inputs = np.concatenate([x[counted] for x, _, counted in parts])
     return inputs, np.concatenate([strain[counted] for _, strain, counted in parts])
 

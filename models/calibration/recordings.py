@@ -46,12 +46,12 @@ class Recording:
         """(samples,) those after the start, in which the sensor's unknown past fades; the strip is tared in it."""
         return np.asarray(self.t_s - self.t_s[0] >= SETTLING_S)
 
-    def counted(self, signed: bool) -> NDArray[np.bool_]:
+    def counted(self, unified: bool) -> NDArray[np.bool_]:
         """Return (samples,) which samples are in a loss or a score.
 
-        They are settled, later than `scored_from_s`, and stretched; signed includes bent samples.
+        They are settled, later than `scored_from_s`, and stretched; unified includes bent samples.
         """
-        return self.settled & (self.t_s > self.scored_from_s) & (signed | (self.strain >= 0))
+        return self.settled & (self.t_s > self.scored_from_s) & (unified | (self.strain >= 0))
 
     def running_means(self, memory_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (samples, memories) running means of dR/R, see `lstm.running_means`."""
@@ -105,16 +105,16 @@ class Split:
                     f"{r.duration_s:g} s: {self.how}"
                 )
 
-    def scored(self, signed: bool) -> list[Recording]:
-        """Return the recordings held out that have a score: signed also those that bend.
+    def scored(self, unified: bool) -> list[Recording]:
+        """Return the recordings held out that have a score: unified also those that bend.
 
         Raises:
             InputError: when there is none.
         """
-        found = [r for r in self.held_out if (signed or r.stretched_share > 0.3) and r.counted(signed).any()]
+        found = [r for r in self.held_out if (unified or r.stretched_share > 0.3) and r.counted(unified).any()]
         if not found:
             names = ", ".join(r.name for r in self.held_out)
-            kind = "strain" if signed else "stretching"
+            kind = "strain" if unified else "stretching"
             raise InputError(
                 f"recordings held out: expected {kind} later than {SETTLING_S:g} s in one of them, got none in {names}"
             )

@@ -32,9 +32,9 @@ class StaticEstimator:
     """Standard deviation of the error in training."""
 
     @classmethod
-    def fit(cls, recordings: Sequence[Recording], signed: bool) -> "StaticEstimator":
-        """Return the estimator fitted to recordings on the common curve; signed includes bent samples."""
-        change, strain = _samples(recordings, signed)
+    def fit(cls, recordings: Sequence[Recording], unified: bool) -> "StaticEstimator":
+        """Return the estimator fitted to recordings on the common curve; unified includes bent samples."""
+        change, strain = _samples(recordings, unified)
         order = np.argsort(change, kind="stable")
         fitted = isotonic_regression(strain[order]).x
         knots = np.unique(np.linspace(0, len(order) - 1, 400).astype(np.int64))
@@ -59,9 +59,9 @@ class PolynomialEstimator:
     """Standard deviation of the error in training."""
 
     @classmethod
-    def fit(cls, recordings: Sequence[Recording], signed: bool) -> "PolynomialEstimator":
-        """Return the estimator fitted to recordings on the common curve; signed includes bent samples."""
-        inputs, strain = rate_samples(recordings, FILTERS_S, signed)
+    def fit(cls, recordings: Sequence[Recording], unified: bool) -> "PolynomialEstimator":
+        """Return the estimator fitted to recordings on the common curve; unified includes bent samples."""
+        inputs, strain = rate_samples(recordings, FILTERS_S, unified)
         scale: NDArray[np.float64] = np.maximum(inputs.std(axis=0), 1e-9)
         terms = products(inputs / scale)
         coefficients, _ = ridge(terms, strain)
@@ -85,10 +85,10 @@ def on_common_curve(recordings: Sequence[Recording], gains: Mapping[str, NDArray
     ]
 
 
-def _samples(recordings: Sequence[Recording], signed: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _samples(recordings: Sequence[Recording], unified: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (samples,) dR/R and (samples,) strain of all samples that count."""
-    change = np.concatenate([r.change[r.counted(signed)] for r in recordings])
-    strain = np.concatenate([r.strain[r.counted(signed)] for r in recordings])
+    change = np.concatenate([r.change[r.counted(unified)] for r in recordings])
+    strain = np.concatenate([r.strain[r.counted(unified)] for r in recordings])
     return change, strain
 
 

@@ -48,7 +48,7 @@ def tare_strips(
     estimator: StrainEstimator,
     recordings: Sequence[Recording],
     gauge: StaticGauge,
-    signed: bool = False,
+    unified: bool = False,
     seconds: float = SETTLING_S,
     start: Mapping[str, NDArray[np.float64]] = MappingProxyType({}),
 ) -> dict[str, StripGain]:
@@ -64,7 +64,7 @@ def tare_strips(
         estimator: the estimator of strain.
         recordings: of strips.
         gauge: contains the spread of gain and offset over strips.
-        signed: whether bent samples count, too.
+        unified: whether bent samples count, too.
         seconds: length of the first part of each recording that is used.
         start: (2,) gain and offset at which the search starts, by name of recording; (1, 0) for other recordings.
     """
@@ -86,7 +86,7 @@ def tare_strips(
             sigma = estimate.sigma[: len(r.t_s), 3 * k]
             warm_up = front_end.warm_up_sigma * np.exp(-(r.t_s - r.t_s[0]) / front_end.warm_up_s)
             variance = INDEPENDENT * (sigma**2 + warm_up**2)  # the strip's past is unknown at first
-            weight = weights.setdefault(r.name, np.where(signed | (r.strain >= 0), 1 / variance, 0.0))
+            weight = weights.setdefault(r.name, np.where(unified | (r.strain >= 0), 1 / variance, 0.0))
             error = strain[:, 0] - r.strain
             deviation = searches[k].next_try - prior
             slopes = (strain[:, 1:] - strain[:, :1]) / np.array([1e-3, 1e-4])

@@ -51,7 +51,7 @@ def run_strips(
     recordings: Sequence[Recording],
     gauge: StaticGauge,
     known: Mapping[str, StripGain],
-    signed: bool = False,
+    unified: bool = False,
 ) -> list[StripRun]:
     """Return the output of an estimator on recordings.
 
@@ -64,18 +64,18 @@ def run_strips(
         recordings: of strips.
         gauge: the common curve, with the spread of gain and offset over strips.
         known: gain and offset by name of recording.
-        signed: whether bent samples count, too.
+        unified: whether bent samples count, too.
     """
     if not recordings:
         return []
     untared = [r for r in recordings if r.name not in known]
-    tares = dict(known) | tare_strips(estimator, untared, gauge, signed)
+    tares = dict(known) | tare_strips(estimator, untared, gauge, unified)
     change, step_s = side_by_side(recordings, [tares[r.name] for r in recordings])
     estimate = estimator.estimate(change, step_s)
     runs = []
     for k, r in enumerate(recordings):
         samples = len(r.t_s)
-        counted = r.counted(signed)
+        counted = r.counted(unified)
         strain = estimate.strain[:samples, k]
         common = change[:samples, k]
         tare_sigma = tares[r.name].sigma(common, gauge.slope(np.maximum(strain, 0)))

@@ -311,7 +311,7 @@ class FrontEnd:
         return self._taring.exchanged(self._R0)
 
     @property
-    def rest_in_doubt(self) -> bool:
+    def misfits_at_rest(self) -> bool:
         """Whether at least half of the sensors do not fit the rest shape."""
         return self._taring.in_doubt
 

@@ -30,9 +30,9 @@ class TestSplit:
         ):
             Split.by_time([triangle("a", 0.05)], 0.9)
         split = Split.by_name([triangle("a", 0.05), triangle("bend", 0.05, high=-0.2)], ["bend"])
-        assert [r.name for r in split.scored(signed=True)] == ["bend"]
+        assert [r.name for r in split.scored(unified=True)] == ["bend"]
         with pytest.raises(InputError, match=r"held out: expected stretching later than 10 s in one of them, .* bend"):
-            split.scored(signed=False)
+            split.scored(unified=False)
 
     def test_one_recording_is_split_in_time(self) -> None:
         """70 % of 60 s train and validate, the last 15 % of these validate; no sample does two things."""

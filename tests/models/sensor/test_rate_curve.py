@@ -18,7 +18,7 @@ class TestRateCurve:
     def fitted(self) -> tuple[Recording, RateCurve]:
         strain = 0.1 - 0.05 * np.cos(0.7 * T_S) - 0.05 * np.cos(1.9 * T_S)
         r = Recording("a", T_S, strain, strain + 0.3 * np.gradient(strain, T_S))
-        return r, fit_rate_curve([r], self.gauge, np.array([0.3, 2.0]), signed=False)
+        return r, fit_rate_curve([r], self.gauge, np.array([0.3, 2.0]), unified=False)
 
     def test_knows_rates(self) -> None:
         r, curve = self.fitted()
