@@ -236,19 +236,16 @@ class RestingFaces:
         outside_m = np.maximum(least_m - height_m, 0) + np.maximum(height_m - most_m, 0)
         return np.asarray(-0.5 * np.sum((outside_m / HEIGHT_M) ** 2, axis=1))
 
-    def log_evidence(self, balances: Sequence[Balance], node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (faces + edges,) the log evidence of a frame.
+    def log_evidence_in_parts(
+        self, balances: Sequence[Balance], node_position_m: NDArray[np.float64], parts: int
+    ) -> Iterator[NDArray[np.float64]]:
+        """Yield the log evidence of a frame for each face, and then each edge, in some parts that take equally long.
 
         Args:
             balances: alternatives of equal probability, see `balances_of`.
             node_position_m: (nodes, 3) the shape.
+            parts: their number.
         """
-        return np.concatenate(list(self.log_evidence_in_parts(balances, node_position_m, 1)))
-
-    def log_evidence_in_parts(
-        self, balances: Sequence[Balance], node_position_m: NDArray[np.float64], parts: int
-    ) -> Iterator[NDArray[np.float64]]:
-        """Yield the same in some parts, each of which takes as long as the others."""
         F, B = self._of_floor(node_position_m)
         for part in np.array_split(np.arange(len(F)), parts):
             yield np.asarray(logsumexp([self._log_evidence(one, F[part], B[part]) for one in balances], axis=0))

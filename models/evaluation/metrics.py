@@ -120,7 +120,7 @@ def compare_frames(
     estimate: Estimate,
     true_m: NDArray[np.float64],
     known: NDArray[np.bool_],
-    truth: Truth | None = None,
+    truth: Truth | None,
 ) -> ComparedFrames:
     """Return the errors and other values of each compared frame.
 

@@ -65,8 +65,7 @@ class Twin:
         self._data = mujoco.MjData(self._model)
         self._site = np.array([self._model.site(f"n{node}").id for node in range(body.structure.node_count)])
         self._body = self._model.site_bodyid[self._site]
-        rods = range(len(body.structure.rods) if body.own_rods is None else body.own_rods)
-        self._rod_body = np.array([self._model.body(f"r{rod}").id for rod in rods], dtype=np.int64)
+        self._rod_body = np.array([self._model.body(f"r{rod}").id for rod in range(body.own_rods)], dtype=np.int64)
         tendons = range(len(body.structure.tendons))
         names = [[body.end_site(tendon, end) for end in (0, 1)] for tendon in tendons]
         self._end = np.array([[self._model.site(name).id for name in pair] for pair in names])

@@ -49,15 +49,15 @@ class Body:
     """Along -z."""
     ground_friction: float | None
     """Coulomb's coefficient of the ground it lies on; None: there is no ground, and the anchors are held."""
+    rigid: tuple[tuple[int, ...], ...]
+    """The nodes of each rigid body. Its distances are the last rods of the structure."""
+    own_rods: int
+    """Number of the rods that are no distances in rigid bodies."""
+    knot_mass_kg: NDArray[np.float64] | float
+    """(nodes,) or one for all: mass at the nodes, beside that of the rods."""
     hub_offset_m: NDArray[np.float64] | None = None
     """(tendons, 2, 3) from the node at either end of a tendon to the point at which the tendon ends, in the shape that
     the structure starts from. The offset turns with the rod of the node. None: tendons end at the nodes."""
-    rigid: tuple[tuple[int, ...], ...] = ()
-    """The nodes of each rigid body. Its distances are the last rods of the structure."""
-    knot_mass_kg: NDArray[np.float64] | float = 0.0
-    """(nodes,) or one for all: mass at the nodes, beside that of the rods."""
-    own_rods: int | None = None
-    """Number of the rods that are no distances in rigid bodies; None: all are rods."""
 
     def end_site(self, tendon: int, end: int) -> str:
         """Return the name of the site at which a tendon ends: `nK` of its node K, or its own, `tE_0` or `tE_1`."""
@@ -84,7 +84,7 @@ def mjcf(body: Body, node_position_m: NDArray[np.float64], step_s: float) -> str
         ground.set("conaffinity", "0")
         _touching(ground, body.ground_friction, step_s)
     parts = _Parts(body, node_position_m, step_s, held)
-    for rod in range(len(body.structure.rods) if body.own_rods is None else body.own_rods):
+    for rod in range(body.own_rods):
         parts.add_rod(world, rod)
     for nodes in body.rigid:
         parts.add_rigid(world, np.array(nodes))

@@ -28,5 +28,8 @@ def body(structure: Structure, **constants) -> Body:
         "push_back": 0.1,
         "gravity_m_per_s2": 9.81,
         "ground_friction": None,
+        "rigid": (),
+        "own_rods": len(structure.rods),
+        "knot_mass_kg": 0.0,
     }
     return Body(structure, **(ordinary | constants))

@@ -47,7 +47,7 @@ def exact_balance(faces, balanced, structure, hypothesis: int, hand_n: np.ndarra
 @pytest.mark.parametrize("hypothesis", [0, 7, 19])
 def test_the_face_whose_forces_act_has_the_most_evidence(hypothesis, faces, balanced, structure) -> None:
     balance = exact_balance(faces, balanced, structure, hypothesis, np.zeros((12, 3)))
-    evidence = faces.log_evidence([balance], balanced.node_position_m)
+    (evidence,) = faces.log_evidence_in_parts([balance], balanced.node_position_m, 1)
     assert np.argmax(evidence) == hypothesis
 
 
@@ -57,13 +57,14 @@ def test_two_hands_are_no_floor(faces, balanced, structure) -> None:
     free = np.flatnonzero(faces._carried[3] == 0)
     hand_n[free[0]] = [1.5, 0, 0]
     hand_n[free[1]] = [-1.5, 0, 0]
-    evidence = faces.log_evidence([exact_balance(faces, balanced, structure, 3, hand_n)], balanced.node_position_m)
+    balance = exact_balance(faces, balanced, structure, 3, hand_n)
+    (evidence,) = faces.log_evidence_in_parts([balance], balanced.node_position_m, 1)
     assert np.argmax(evidence) == 3
 
 
 def test_evidence_in_parts_is_that_of_all(faces, balanced, structure) -> None:
     balances = [exact_balance(faces, balanced, structure, 3, np.ones((12, 3)))]
-    whole = faces.log_evidence(balances, balanced.node_position_m)
+    (whole,) = faces.log_evidence_in_parts(balances, balanced.node_position_m, 1)
     parts = list(faces.log_evidence_in_parts(balances, balanced.node_position_m, 7))
     assert len(parts) == 7
     assert np.concatenate(parts) == pytest.approx(whole, abs=1e-6)
