@@ -1,6 +1,7 @@
 """The files of what a robot carries beside its strips: inertial sensors, ranges, positions, and motors."""
 
 from collections.abc import Iterator
+from itertools import chain, islice
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from ..models.trial_description import TrialDescription
 from ..models.values.aids import DECIMALS, ImuReading, PositionReading, RangeReading
 from ..models.values.errors import InputError
 from ..models.values.readings import NaturalLengthReading, OtherReading
-from .csv import CsvFile
+from .csv import FIRST_ROWS, CsvFile, check_unit_of_stamps
 
 IMU_COLUMNS = ("t_s", "gx_rad_per_s", "gy_rad_per_s", "gz_rad_per_s", "ax_m_per_s2", "ay_m_per_s2", "az_m_per_s2")
 RANGE_COLUMNS = ("t_s", "beacon", "node", "range_m")
@@ -22,9 +23,13 @@ def imu_readings(file: CsvFile, imu: int) -> Iterator[ImuReading]:
     """Yield the samples of one inertial sensor, from a file with `IMU_COLUMNS`.
 
     Raises:
-        InputError: at the first row that cannot be read, or whose stamp is not later than the last.
+        InputError: at the first row that cannot be read, or whose stamp is not later than the last; and for stamps in
+            another unit.
     """
-    for _, (t_s, *values) in _forward(file):
+    rows = _forward(file)
+    first = list(islice(rows, FIRST_ROWS))
+    check_unit_of_stamps(file.path, [values[0] for _, values in first])
+    for _, (t_s, *values) in chain(first, rows):
         yield ImuReading(imu, t_s, np.array(values[:3]), np.array(values[3:]))
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 
 from ..models.values.errors import InputError
@@ -12,6 +12,11 @@ from .input_files import check_regular, lines_of
 
 LONGEST_SHOWN = 60
 """Number of characters of a cell that an error shows."""
+LONGEST_READING_STEP_S = 0.5
+"""Time between all of the first rows of resistance, or of an inertial sensor, above which stamps are not in seconds, or
+tell nothing: strips would begin anew with each row, see `FrontEndSettings.settle_after_s`."""
+FIRST_ROWS = 6
+"""Number of these rows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,3 +142,17 @@ def _shown(cell: str) -> str:
     """Return a cell as an error shows it: its beginning, where it is long."""
     text = cell.strip()
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+
+
+def check_unit_of_stamps(path: Path, first_s: Sequence[float]) -> None:
+    """Check that the stamps of the first `FIRST_ROWS` rows may be in seconds, of readings that come many times in one.
+
+    Raises:
+        InputError: where all of these rows are too far apart.
+    """
+    step_s = min((after - before for before, after in pairwise(first_s)), default=math.inf)
+    if len(first_s) == FIRST_ROWS and step_s > LONGEST_READING_STEP_S:
+        raise InputError(
+            f"{path}: column t_s: expected rows at most {LONGEST_READING_STEP_S:g} s apart, got {step_s:g} s and more "
+            f"between the first {FIRST_ROWS}: is the unit right?"
+        )

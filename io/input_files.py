@@ -12,6 +12,8 @@ LONGEST_LINE = 1 << 20
 """Number of characters of a line above which a file is not read on; a row of a thousand numbers has 20 000."""
 LARGEST_TOML_BYTES = 1 << 20
 """Size above which a TOML or YAML file is not read, as its keys may take seconds; they have some kilobytes."""
+BAGS_BEGIN = {".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0"}
+"""How the files of bags begin, by the ends of their names."""
 
 
 def real_path(path: Path) -> Path:
@@ -53,14 +55,19 @@ def lines_of(file: TextIO, path: Path) -> Iterator[str]:
         yield line
 
 
-def check_first_line(path: Path) -> None:
-    """Check that a table begins with a line, before all of it is read for another purpose than its numbers.
+def check_beginning(path: Path) -> None:
+    """Check that a file begins as its name says, before all of it is read for another purpose than its contents.
 
     Raises:
-        InputError: see `lines_of`.
+        InputError: for a table without a first line, see `lines_of`, and a file of a bag that is none.
     """
-    with path.open(encoding="utf-8", errors="replace", newline="") as file:
-        next(lines_of(file, path), None)
+    if path.suffix == ".csv":
+        with path.open(encoding="utf-8", errors="replace", newline="") as file:
+            next(lines_of(file, path), None)
+    if begins := BAGS_BEGIN.get(path.suffix):
+        with path.open("rb") as bag:
+            if bag.read(len(begins)) != begins:
+                raise InputError(f"{path}: cannot be read as a bag: it does not begin as one")
 
 
 def line_count(path: Path) -> int:

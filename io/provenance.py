@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..models.plug_ins import PlugIn
-from .input_files import check_first_line, check_regular, real_path
+from .input_files import check_beginning, check_regular, real_path
 from .model_file import model_path
 from .shape_network_file import shape_network_path
 from .toml import read_toml
@@ -33,16 +33,15 @@ def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file, or of the names and bytes of all files of a directory.
 
     Raises:
-        InputError: for what is neither, or is no file in the directory, such as a pipe; and for a table (.csv) that
-            does not begin with a line.
+        InputError: for what is neither, or is no file in the directory, such as a pipe; and for one that does not
+            begin as its name says.
     """
     digest = hashlib.sha256()
     for part in sorted(path.iterdir()) if path.is_dir() else [path]:
         check_regular(part)
         if part != path:
             digest.update(part.name.encode())
-        if part.suffix == ".csv":
-            check_first_line(part)
+        check_beginning(part)
         with part.open("rb") as file:
             hashlib.file_digest(file, lambda: digest)
     return digest.hexdigest()

@@ -5,7 +5,7 @@ import heapq
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, islice
+from itertools import chain, islice, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,7 @@ from .aid_files import (
     position_readings,
     range_readings,
 )
-from .csv import CsvFile
+from .csv import FIRST_ROWS, CsvFile, check_unit_of_stamps
 from .input_files import line_count
 from .length_files.lengths_bag import LengthsBag, is_bag
 from .length_files.lengths_reader import ReadLengths, reader_of
@@ -65,11 +65,8 @@ STAMP_DECIMALS = 4
 LONGEST_STEP_S = 600.0
 """Time from the first row to the second above which stamps are not in seconds, and between the first rows of two boards
 above which they are of two clocks."""
-LONGEST_READING_STEP_S = 0.5
-"""Time between all of the first rows of resistance above which stamps are not in seconds, or tell nothing: each sensor
-would begin anew with each row, see `FrontEndSettings.settle_after_s`."""
-FIRST_ROWS = 6
-"""Number of these rows."""
+ENDS_AFTER_S = 1.0
+"""Time after the last reading of a tendon for which other sensors are read on."""
 
 
 @dataclass(slots=True, eq=False)
@@ -89,6 +86,8 @@ class Trial:
     dropped_rows: int = field(default=0, init=False)
     """Number of rows of resistance or lengths that were left out because their stamp was not later than the last."""
     _opened: list[CsvFile] = field(default_factory=list, init=False)
+    _ends_s: float = field(default=np.inf, init=False)
+    """Time up to which readings are read, known when those of tendons have ended."""
 
     @property
     def half_lines(self) -> int:
@@ -96,7 +95,7 @@ class Trial:
         return sum(file.half_lines for file in self._opened)
 
     def readings(self) -> Iterator[Reading]:
-        """Yield the measurements in order of arrival; can be iterated only once.
+        """Yield the measurements in order of arrival, until those of tendons end; can be iterated only once.
 
         Raises:
             InputError: at the first row that cannot be read, or when there is none.
@@ -108,7 +107,8 @@ class Trial:
             natural_length_readings(self._csv(motor.file, MOTOR_COLUMNS), number, self.description)
             for number, motor in enumerate(self.table.motor)
         ]  # first, so that lengths of the same instant find them
-        yield from heapq.merge(*motors, tendons, *self._aids(), key=arrival_s)
+        readings = heapq.merge(*motors, tendons, *self._aids(), key=arrival_s)
+        yield from takewhile(lambda reading: arrival_s(reading) <= self._ends_s, readings)
 
     def files(self) -> list[str]:
         """Return the names of the files with measurements.
@@ -279,12 +279,7 @@ class Trial:
         file = self._csv(self.table.resistance.file, ["t_s", *columns], blank=columns)
         rows = self._forward(file)
         first = list(islice(rows, FIRST_ROWS))
-        step_s = float(np.min(np.diff([row[0] for row in first]), initial=np.inf))
-        if len(first) == FIRST_ROWS and step_s > LONGEST_READING_STEP_S:
-            raise InputError(
-                f"{file.path}: column t_s: expected rows at most {LONGEST_READING_STEP_S:g} s apart, got {step_s:g} s "
-                f"and more between the first {FIRST_ROWS}: is the unit right?"
-            )
+        check_unit_of_stamps(file.path, [row[0] for row in first])
         for row in chain(first, rows):
             resistance_ohm = np.array(row[1:])
             possible = ~(resistance_ohm <= 0)
@@ -375,13 +370,13 @@ def _sha256_of_table(table: dict[str, Any]) -> str:
 
 
 def _counted(readings: Iterator[Reading], trial: Trial) -> Iterator[Reading]:
-    """Yield the readings of tendons, of which there is at least one."""
-    count = 0
+    """Yield the readings of tendons, of which there is at least one, and tell the trial when they have ended."""
+    reading = None
     for reading in readings:
-        count += 1
         yield reading
-    if count == 0:
+    if reading is None:
         raise InputError(f"{trial.path}: holds no readings: expected at least one row in {', '.join(trial.files())}")
+    trial._ends_s = arrival_s(reading) + ENDS_AFTER_S
 
 
 def open_trial(path: str | Path) -> Trial:

@@ -21,8 +21,9 @@ FLAT = 0.05
 """Share of its extent by which a rigid body is thick, at least: the fixed distances of a flat one let it bend."""
 MOST_PULL = 1e4
 """Ratio of the pull of the stiffest tendon, stretched by a tenth, to the weight of the structure, above which one of
-them is in another unit; so it is below its inverse. Strips of rubber on the paper's structure give 4, steel ropes of a
-millimetre 1000."""
+them is in another unit. Strips of rubber on the paper's structure give 4, steel ropes of a millimetre 1000."""
+LEAST_PULL = 0.01
+"""The same below which one of them is, as grams for kilograms: tendons would stretch to many times their length."""
 STIFF_N_PER_M = 5000.0
 """Stiffness from which the tension of a cable does not follow from its length: 0.3 mm are 1.5 N, as much as a press."""
 MOST_OFF = 0.5
@@ -298,9 +299,9 @@ def _check_stiffness(mechanics: Mechanics, structure: Structure) -> None:
     pull_n = 0.1 * mechanics.stiffness_n_per_m * mechanics.natural_length_m
     ratio = pull_n / weight_n
     tendon = int(ratio.argmax())
-    if not 1 / MOST_PULL < ratio[tendon] < MOST_PULL:
+    if not LEAST_PULL < ratio[tendon] < MOST_PULL:
         raise InputError(
-            f"mechanics.tendon_stiffness_n_per_m: expected a pull of {1 / MOST_PULL:g} to {MOST_PULL:g} times the "
+            f"mechanics.tendon_stiffness_n_per_m: expected a pull of {LEAST_PULL:g} to {MOST_PULL:g} times the "
             f"weight of the structure in a tendon stretched by a tenth, got {pull_n[tendon]:.3g} N in tendon {tendon}, "
             f"and {weight_n:.3g} N by mechanics.rod_mass_kg and others: is the unit of each right?"
         )

@@ -29,6 +29,8 @@ def scaled(table: str, key: str, factor: float) -> Callable[[str], str]:
         ("sensors", "natural_resistance_ohm", 0.001, "sensors.natural_resistance_ohm"),
         ("mechanics", "tendon_stiffness_n_per_m", 1e17, "mechanics.tendon_stiffness_n_per_m"),
         ("mechanics", "tendon_stiffness_n_per_m", 1e6, "mechanics.tendon_stiffness_n_per_m"),
+        ("mechanics", "tendon_stiffness_n_per_m", 1e-3, "mechanics.tendon_stiffness_n_per_m"),
+        ("mechanics", "rod_mass_kg", 1e3, "mechanics.tendon_stiffness_n_per_m"),
         ("mechanics", "rod_mass_kg", 1e6, "mechanics.rod_mass_kg"),
     ],
 )

@@ -48,6 +48,26 @@ def test_readings_of_all_sensors_are_merged_by_time(trial) -> None:
     assert far.beacon_position_m.tolist() == [2, 0, 2]
 
 
+def test_stamps_of_an_inertial_sensor_in_milliseconds_are_refused(trial) -> None:
+    path = trial()
+    header, *rows = (path / "imu0.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    told = [header, *(",".join([f"{1000 * float(t_s):.1f}", *rest]) for t_s, *rest in cells)]
+    (path / "imu0.csv").write_text("\n".join(told) + "\n")
+    with pytest.raises(
+        InputError, match=r"imu0.csv: column t_s: expected rows at most 0.5 s apart, .* is the unit right"
+    ):
+        aids(path)
+
+
+def test_other_sensors_are_read_until_those_of_tendons_have_ended(trial) -> None:
+    """A replay would wait for the last of them."""
+    path = trial('[[position]]\nfile = "positions.csv"\n', positions=POSITIONS + "9000.0,3,0.1,0.2,0.3\n")
+    read = aids(path)
+    assert sum(isinstance(reading, PositionReading) for reading in read) == 2
+    assert max(reading.t_s for reading in read) < 100
+
+
 def test_half_a_line_at_the_end_of_each_file_is_left_out_and_counted(trial) -> None:
     path = trial(
         BEACONS + '[[position]]\nfile = "positions.csv"\n', ranges=RANGES + "0.2,1,4", positions=POSITIONS + "0.1,3,0.1"

@@ -58,6 +58,15 @@ def test_a_table_without_a_first_line_is_not_hashed(tmp_path) -> None:
         sha256_of(path)
 
 
+@pytest.mark.parametrize("name", ["bag.mcap", "bag.db3"])
+def test_a_bag_that_does_not_begin_as_one_is_not_hashed(tmp_path, name) -> None:
+    path = tmp_path / name
+    path.touch()
+    os.truncate(path, 1 << 40)
+    with pytest.raises(InputError, match=f"{name}: cannot be read as a bag: it does not begin as one"):
+        sha256_of(path)
+
+
 def test_a_large_file_is_hashed_and_counted_in_parts(tmp_path) -> None:
     path = tmp_path / "rows.csv"
     path.write_bytes(b"t_s\n1\n")
