@@ -6,13 +6,13 @@ from collections.abc import Iterable, Iterator
 from math import inf
 
 from ..models.sensor.frames import LONGEST_SILENCE_S
-from ..models.values.readings import Reading, arrival_s
+from ..models.values.readings import OtherReading, Reading, arrival_s
 
 
 class Replay:
     """Yields readings at the times at which they arrived, divided by the speed; used in place of boards.
 
-    A silence without frames, longer than `LONGEST_SILENCE_S`, is passed over.
+    A silence of the tendons, longer than `LONGEST_SILENCE_S`, is passed over, also where other sensors go on.
     """
 
     def __init__(self, readings: Iterable[Reading], speed: float) -> None:
@@ -26,11 +26,13 @@ class Replay:
         """Yield the readings, until the last one or `stop`."""
         start_s = time.perf_counter()
         held: Reading | None = None
-        shown_s = 0.0
+        shown_s, tendons_s = 0.0, -inf
         for reading in self._readings:  # yield one reading late, to know when the next is due
             if held is not None:
-                silence_s = arrival_s(reading) - arrival_s(held)
-                shown_s += silence_s if silence_s <= LONGEST_SILENCE_S else 0.0
+                if not isinstance(held, OtherReading) or tendons_s == -inf:
+                    tendons_s = arrival_s(held)
+                if arrival_s(reading) - tendons_s <= LONGEST_SILENCE_S:
+                    shown_s += arrival_s(reading) - arrival_s(held)
                 self._next_due_s = start_s + shown_s / self._speed
                 yield held
             if self._stopped.wait(max(self._next_due_s - time.perf_counter(), 0.0)):

@@ -5,7 +5,7 @@ import heapq
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, islice, takewhile
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -65,8 +65,6 @@ STAMP_DECIMALS = 4
 LONGEST_STEP_S = 600.0
 """Time from the first row to the second above which stamps are not in seconds, and between the first rows of two boards
 above which they are of two clocks."""
-ENDS_AFTER_S = 1.0
-"""Time after the last reading of a tendon for which other sensors are read on."""
 
 
 @dataclass(slots=True, eq=False)
@@ -86,8 +84,6 @@ class Trial:
     dropped_rows: int = field(default=0, init=False)
     """Number of rows of resistance or lengths that were left out because their stamp was not later than the last."""
     _opened: list[CsvFile] = field(default_factory=list, init=False)
-    _ends_s: float = field(default=np.inf, init=False)
-    """Time up to which readings are read, known when those of tendons have ended."""
 
     @property
     def half_lines(self) -> int:
@@ -95,7 +91,7 @@ class Trial:
         return sum(file.half_lines for file in self._opened)
 
     def readings(self) -> Iterator[Reading]:
-        """Yield the measurements in order of arrival, until those of tendons end; can be iterated only once.
+        """Yield the measurements in order of arrival; can be iterated only once.
 
         Raises:
             InputError: at the first row that cannot be read, or when there is none.
@@ -107,8 +103,7 @@ class Trial:
             natural_length_readings(self._csv(motor.file, MOTOR_COLUMNS), number, self.description)
             for number, motor in enumerate(self.table.motor)
         ]  # first, so that lengths of the same instant find them
-        readings = heapq.merge(*motors, tendons, *self._aids(), key=arrival_s)
-        yield from takewhile(lambda reading: arrival_s(reading) <= self._ends_s, readings)
+        yield from heapq.merge(*motors, tendons, *self._aids(), key=arrival_s)
 
     def files(self) -> list[str]:
         """Return the names of the files with measurements.
@@ -370,13 +365,13 @@ def _sha256_of_table(table: dict[str, Any]) -> str:
 
 
 def _counted(readings: Iterator[Reading], trial: Trial) -> Iterator[Reading]:
-    """Yield the readings of tendons, of which there is at least one, and tell the trial when they have ended."""
-    reading = None
+    """Yield the readings of tendons, of which there is at least one."""
+    count = 0
     for reading in readings:
+        count += 1
         yield reading
-    if reading is None:
+    if count == 0:
         raise InputError(f"{trial.path}: holds no readings: expected at least one row in {', '.join(trial.files())}")
-    trial._ends_s = arrival_s(reading) + ENDS_AFTER_S
 
 
 def open_trial(path: str | Path) -> Trial:

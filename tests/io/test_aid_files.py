@@ -60,14 +60,6 @@ def test_stamps_of_an_inertial_sensor_in_milliseconds_are_refused(trial) -> None
         aids(path)
 
 
-def test_other_sensors_are_read_until_those_of_tendons_have_ended(trial) -> None:
-    """A replay would wait for the last of them."""
-    path = trial('[[position]]\nfile = "positions.csv"\n', positions=POSITIONS + "9000.0,3,0.1,0.2,0.3\n")
-    read = aids(path)
-    assert sum(isinstance(reading, PositionReading) for reading in read) == 2
-    assert max(reading.t_s for reading in read) < 100
-
-
 def test_half_a_line_at_the_end_of_each_file_is_left_out_and_counted(trial) -> None:
     path = trial(
         BEACONS + '[[position]]\nfile = "positions.csv"\n', ranges=RANGES + "0.2,1,4", positions=POSITIONS + "0.1,3,0.1"

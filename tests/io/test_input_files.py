@@ -80,9 +80,9 @@ def test_a_large_file_is_hashed_and_counted_in_parts(tmp_path) -> None:
 
 
 def test_the_hash_of_a_directory_is_that_of_the_names_and_bytes_of_its_files(tmp_path) -> None:
-    for name in ("b.db3", "a.yaml"):
+    for name in ("b.txt", "a.yaml"):
         (tmp_path / name).write_bytes(b"of " + name.encode())
-    assert sha256_of(tmp_path) == hashlib.sha256(b"a.yamlof a.yamlb.db3of b.db3").hexdigest()
+    assert sha256_of(tmp_path) == hashlib.sha256(b"a.yamlof a.yamlb.txtof b.txt").hexdigest()
 
 
 @pytest.mark.parametrize("end", ["\n", "\r", "\r\n"])
