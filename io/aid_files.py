@@ -1,7 +1,6 @@
 """The files of what a robot carries beside its strips: inertial sensors, ranges, positions, and motors."""
 
 from collections.abc import Iterator
-from itertools import chain, islice
 
 import numpy as np
 
@@ -9,7 +8,7 @@ from ..models.trial_description import TrialDescription
 from ..models.values.aids import DECIMALS, ImuReading, PositionReading, RangeReading
 from ..models.values.errors import InputError
 from ..models.values.readings import NaturalLengthReading, OtherReading
-from .csv import FIRST_ROWS, CsvFile, check_unit_of_stamps
+from .csv import CsvFile, in_seconds
 
 IMU_COLUMNS = ("t_s", "gx_rad_per_s", "gy_rad_per_s", "gz_rad_per_s", "ax_m_per_s2", "ay_m_per_s2", "az_m_per_s2")
 RANGE_COLUMNS = ("t_s", "beacon", "node", "range_m")
@@ -26,10 +25,7 @@ def imu_readings(file: CsvFile, imu: int) -> Iterator[ImuReading]:
         InputError: at the first row that cannot be read, or whose stamp is not later than the last; and for stamps in
             another unit.
     """
-    rows = _forward(file)
-    first = list(islice(rows, FIRST_ROWS))
-    check_unit_of_stamps(file.path, [values[0] for _, values in first])
-    for _, (t_s, *values) in chain(first, rows):
+    for t_s, *values in in_seconds((row for _, row in _forward(file)), file.path):
         yield ImuReading(imu, t_s, np.array(values[:3]), np.array(values[3:]))
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice, pairwise
+from itertools import chain, islice, pairwise
 from pathlib import Path
 
 from ..models.values.errors import InputError
@@ -144,15 +144,21 @@ def _shown(cell: str) -> str:
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
 
 
-def check_unit_of_stamps(path: Path, first_s: Sequence[float]) -> None:
-    """Check that the stamps of the first `FIRST_ROWS` rows may be in seconds, of readings that come many times in one.
+def in_seconds(rows: Iterator[list[float]], path: Path) -> Iterator[list[float]]:
+    """Return the rows of readings that come many times a second, each of which begins with its stamp.
+
+    Args:
+        rows: of the file.
+        path: of the file, for the error text.
 
     Raises:
-        InputError: where all of these rows are too far apart.
+        InputError: where the first `FIRST_ROWS` rows are all too far apart: their stamps are in another unit.
     """
-    step_s = min((after - before for before, after in pairwise(first_s)), default=math.inf)
-    if len(first_s) == FIRST_ROWS and step_s > LONGEST_READING_STEP_S:
+    first = list(islice(rows, FIRST_ROWS))
+    step_s = min((after[0] - before[0] for before, after in pairwise(first)), default=math.inf)
+    if len(first) == FIRST_ROWS and step_s > LONGEST_READING_STEP_S:
         raise InputError(
             f"{path}: column t_s: expected rows at most {LONGEST_READING_STEP_S:g} s apart, got {step_s:g} s and more "
             f"between the first {FIRST_ROWS}: is the unit right?"
         )
+    return chain(first, rows)

@@ -49,7 +49,7 @@ from .aid_files import (
     position_readings,
     range_readings,
 )
-from .csv import FIRST_ROWS, CsvFile, check_unit_of_stamps
+from .csv import CsvFile, in_seconds
 from .input_files import line_count
 from .length_files.lengths_bag import LengthsBag, is_bag
 from .length_files.lengths_reader import ReadLengths, reader_of
@@ -272,10 +272,7 @@ class Trial:
         tendons = self.description.structure.sensed_tendons
         columns = [f"r{e}_ohm" for e in tendons]
         file = self._csv(self.table.resistance.file, ["t_s", *columns], blank=columns)
-        rows = self._forward(file)
-        first = list(islice(rows, FIRST_ROWS))
-        check_unit_of_stamps(file.path, [row[0] for row in first])
-        for row in chain(first, rows):
+        for row in in_seconds(self._forward(file), file.path):
             resistance_ohm = np.array(row[1:])
             possible = ~(resistance_ohm <= 0)
             yield ResistanceReading(

@@ -240,8 +240,5 @@ class _TendonEnergy:
         structure = self._structure
         solution = least_squares(self.residual, start_m.ravel(), self.jacobian, method="trf", xtol=1e-10, ftol=1e-12)
         position_m = structure.position_m(solution.x)
-        return (
-            solution.cost,
-            position_m,
-            np.abs(member_length_m(position_m, structure.rods) / structure.rod_length_m - 1),
-        )
+        rod_error = np.abs(member_length_m(position_m, structure.rods) / structure.rod_length_m - 1)
+        return solution.cost, position_m, rod_error

@@ -61,7 +61,9 @@ class UnheldPose:
 
     since_s: float
     """When it was that of the filter."""
-    pose: Pose
+    state: PoseState
+    covariance: NDArray[np.float64]
+    """(size, size) of its errors."""
     from_rest: bool
     """Whether the robot stood still then, and has not tipped since."""
 
@@ -131,10 +133,9 @@ class SlideWatch:
         if frame.samples is None or frame.t_s < model.rest_until_s:
             return predicted, before.state
         if self._unheld is None or frame.t_s - self._unheld.since_s > WATCH_S:
-            pose = self._still(before, frame)
-            self._unheld = UnheldPose(frame.before_s, pose, from_rest=pose is not before)
+            self._unheld = self._begun(before, frame)
         unheld, stands = self._unheld, kept | landed
-        free = put_down(_beside(predicted, before, unheld.pose), landed, floor, model.settings.floor_m)
+        free = put_down(_beside(predicted, before, unheld), landed, floor, model.settings.floor_m)
         feet = model.feet(free, kept & ~self.slides)
         rate_rad_per_s = float(np.linalg.norm(predicted.placed.state.rate_rad_per_s))
         from_rest = unheld.from_rest and rate_rad_per_s < TIPS_RAD_PER_S
@@ -145,9 +146,9 @@ class SlideWatch:
             self.since_s = self.since_s.copy()
             self.since_s[[slip.node for slip in slide]] = unheld.since_s
             self._unheld = None
-            return _lost(free), unheld.pose.state
+            return _lost(free), unheld.state
         state, covariance = model.corrected(free, frame, model.rows(free, frame, stands, used_imus, None))
-        self._unheld = UnheldPose(unheld.since_s, Pose(state, covariance, unheld.pose.state.turn), from_rest)
+        self._unheld = UnheldPose(unheld.since_s, state, covariance, from_rest)
         return predicted, before.state
 
     def stop_rows(self, state: PoseState) -> list[Rows]:
@@ -181,17 +182,17 @@ class SlideWatch:
         weight = low_pass_weight(frame.step_s, STOPPED_S)
         self._deforms_m_per_s = self._deforms_m_per_s + weight * (moved_m / frame.step_s - self._deforms_m_per_s)
 
-    def _still(self, pose: Pose, frame: Frame) -> Pose:
-        """Return a pose of the frame before without velocity, if the robot seems to stand still."""
+    def _begun(self, pose: Pose, frame: Frame) -> UnheldPose:
+        """Return a new copy of the pose of the frame before, without velocity if the robot seems to stand still."""
         state, at = pose.state, pose.state.layout
         sigma = STANDING_M_PER_S + float(np.linalg.norm(self._deforms_m_per_s))
         v, S = state.velocity_m_per_s, pose.covariance[at.velocity, at.velocity] + sigma**2 * np.eye(3)
         if not self._has_stopped or v @ np.linalg.solve(S, v) > MOVES_SIGMA**2:
-            return pose
+            return UnheldPose(frame.before_s, state, pose.covariance, from_rest=False)
         placed = PlacedShape(state, frame.body_before_m, frame.body_covariance_m2)
         rows = self._velocity_rows(state, sigma)
         given = Prediction(placed, np.eye(at.size), pose.covariance, np.zeros(3)).given(rows)
-        return Pose(given.placed.state, given.covariance, pose.turn_before)
+        return UnheldPose(frame.before_s, given.placed.state, given.covariance, from_rest=True)
 
     def slips(self, predicted: Prediction, kept_feet: Feet, t_s: float) -> list[Slip]:
         """Return the slips of nodes that stand: those found at once, and the slides that have ended.
@@ -207,7 +208,7 @@ class SlideWatch:
         return at_once + slips(kept_feet.among(stand & self._slid), predicted, t_s, floor, 0.0)
 
 
-def _beside(predicted: Prediction, before: Pose, unheld: Pose) -> Prediction:
+def _beside(predicted: Prediction, before: Pose, unheld: UnheldPose) -> Prediction:
     """Return what is expected of the copy: it moves as the filter does.
 
     The errors d from the filter to the copy, and the difference of their covariances, follow the transition F:
@@ -217,7 +218,7 @@ def _beside(predicted: Prediction, before: Pose, unheld: Pose) -> Prediction:
     Args:
         predicted: what is expected of the frame, by the filter.
         before: the pose of the filter in the frame before.
-        unheld: that of the copy.
+        unheld: the copy in that frame.
     """
     F, placed = predicted.transition, predicted.placed
     state = placed.state.moved(F @ before.state.errors_to(unheld.state))
