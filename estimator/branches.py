@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..factors.noise import WeightedLengths, weigh
 from ..models.estimation import BranchSettings
+from ..models.structure.lengths import length_curvature_per_m
 from ..models.structure.rigidity import branch, free_length_jacobian
 from ..models.structure.shape import OtherShape, Shape
 from ..models.structure.structure import Structure
@@ -93,13 +94,8 @@ def across(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArra
     left, singular_value, right = np.linalg.svd(jacobian)
     motion = np.zeros_like(node_position_m)
     motion[..., structure.free_nodes, :] = right[..., -1, :].reshape(*jacobian.shape[:-2], -1, 3)
-    a, b = structure.free_members.T
-    difference = node_position_m[..., b, :] - node_position_m[..., a, :]
-    relative = motion[..., b, :] - motion[..., a, :]
-    length = np.linalg.norm(difference, axis=-1)
-    along = np.einsum("...ek,...ek->...e", relative, difference) / length
-    bent = (np.sum(relative**2, axis=-1) - along**2) / length
-    curvature = (left[..., None, :, -1] @ bent[..., None])[..., 0, 0]
+    bent_per_m = length_curvature_per_m(node_position_m, structure.free_members, motion)
+    curvature = (left[..., None, :, -1] @ bent_per_m[..., None])[..., 0, 0]
     step_m = -2 * singular_value[..., -1] / curvature
     limit_m = 2 * float(structure.rod_length_m.mean())
     return np.asarray(node_position_m + np.clip(step_m, -limit_m, limit_m)[..., None, None] * motion)

@@ -13,6 +13,15 @@ its balance r_n is wrong by sigma_L. Whether it has one is judged by the shape a
 with Cauchy's weight W_n = 1 / (sigma_F (1 + q_n))^2. Where lengths are measured, C'_n is small and p_n tells loads from
 none; where they are missing, L_n = 1, and the ellipsoids are those of all shapes that a probable load would make.
 
+Without forces, the lengths tell the motion v of which they say least to second order only, where det J is near zero.
+With s^2 the variance along v, and r'' the second derivatives of the lengths along it over their sigmas, the error of
+the frame, whose other motions have adapted, is
+
+    E(a) = a^2 / (2 s^2) + (J v . r'') a^3 / 2 + (r'' . r'' - (J^T r'') . C_other (J^T r'')) a^4 / 8
+
+where C_other is the covariance without v. The variance is the mean of a^2 with the density exp(-E), if that is larger.
+What lies beyond a barrier of E is another shape (`OtherBranch`).
+
 With a probability that the doubt about the model gives (`ModelDoubt`), many nodes are loaded at once. Shape and
 covariance are those of the mixture of both: the mean, the covariances, and the square of the distance between them.
 """
@@ -27,7 +36,7 @@ from ..models.balance.observable_loads import external_loads
 from ..models.balance.statics import Statics
 from ..models.estimation import DoubtSettings
 from ..models.structure.external_loads import ExternalLoads
-from ..models.structure.lengths import propagated_variance
+from ..models.structure.lengths import length_curvature_per_m, propagated_variance
 from ..models.structure.shape import Reason
 from ..models.values.errors import UNDETERMINED, IndeterminateError
 from .doubt import WIDEST_M, Doubt
@@ -38,6 +47,11 @@ NO_DOUBT = Doubt()
 SHAKEN_SCALE = 15.0
 """Factor of the sigmas of rods and lengths in the covariance while the robot is shaken: its nodes swing so far
 that the lengths are no longer linear in their positions."""
+BARRIER = 8.0
+"""Error of a frame beyond which another minimum is another shape: four standard deviations."""
+STEPS = np.linspace(-20, 20, 401)
+"""Steps along a motion over its standard deviation. Of an error a^2 (1 + a / w)^2 / (2 s^2) the second minimum, at -w,
+is farther away than 16 s where the barrier between both, w^2 / (32 s^2), exceeds `BARRIER`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,7 +166,8 @@ class FrameEvidence:
         try:
             held, gradient = frame.without_forces(mixture.share_of_lengths)
             if statics is None:
-                covariance[..., free[:, None], free] += np.linalg.inv(held)
+                linear_m2 = np.asarray(np.linalg.inv(held), dtype=np.float64)
+                covariance[..., free[:, None], free] += self._second_order(frame, node_position_m, linear_m2, mixture)
                 return Assessment(node_position_m, covariance, None, self._innovation(frame, held, gradient, None))
             few = self._force_variance(frame, statics, held)
             step_m, free_covariance = self._mixed(frame, few, held, gradient, mixture)
@@ -166,6 +181,39 @@ class FrameEvidence:
         force_n = frame.force_n + (frame.force_jacobian @ step_m[..., None])[..., 0]
         variance = propagated_variance(frame.force_jacobian, free_covariance)
         return Assessment(mean_m, covariance, external_loads(statics, mean_m, force_n, variance), innovation)
+
+    def _second_order(
+        self,
+        frame: LinearFrame,
+        node_position_m: NDArray[np.float64],
+        covariance_m2: NDArray[np.float64],
+        mixture: Mixture,
+    ) -> NDArray[np.float64]:
+        """Return (..., free, free) the covariance, with the variance of its widest motion to second order.
+
+        Args:
+            frame: see `assess_frames`.
+            node_position_m: (..., nodes, 3) the estimates.
+            covariance_m2: (..., free, free) the inverse Hessian.
+            mixture: see `assess_frames`.
+        """
+        structure = self._builder.structure
+        values, vectors = np.linalg.eigh(covariance_m2)
+        variance, widest = values[..., -1], vectors[..., -1]
+        outer = widest[..., :, None] * widest[..., None, :]
+        motion = np.zeros((*node_position_m.shape[:-2], 3 * structure.node_count))
+        motion[..., structure.free_coordinates] = widest
+        motion = motion.reshape(node_position_m.shape)
+        bent_per_m = length_curvature_per_m(node_position_m, structure.free_members, motion)
+        _, jacobian, bent = frame.weighted_with(bent_per_m[..., None])
+        root = np.sqrt(mixture.share_of_lengths)[..., None, None]
+        jacobian, bent = root * jacobian, root * bent
+        by_motion = np.swapaxes(jacobian, -1, -2) @ bent
+        others_m2 = covariance_m2 - variance[..., None, None] * outer
+        cubic = (widest * by_motion[..., 0]).sum(axis=-1)
+        adapted = (np.swapaxes(by_motion, -1, -2) @ others_m2 @ by_motion)[..., 0, 0]
+        mean_square = mean_square_of(variance, cubic, (bent[..., 0] ** 2).sum(axis=-1) - adapted)
+        return np.asarray(covariance_m2 + np.maximum(mean_square - variance, 0.0)[..., None, None] * outer)
 
     def _innovation(
         self,
@@ -261,3 +309,28 @@ class FrameEvidence:
         log_ratio = 0.5 * independent * np.log(without / with_load) + 0.5 * squared_n2 * (1 / without - 1 / with_load)
         prior = self._settings.loaded_share
         return np.asarray(1 / (1 + (1 - prior) / prior * np.exp(-np.clip(log_ratio, -50, 50))))
+
+
+def mean_square_of(
+    variance: NDArray[np.float64], cubic: NDArray[np.float64], quartic: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (...,) the mean of a^2 with the density exp(-E), E = a^2 / (2 s^2) + c_3 a^3 / 2 + c_4 a^4 / 8.
+
+    The density ends on both sides where E exceeds `BARRIER`.
+
+    Args:
+        variance: (...,) s^2.
+        cubic: (...,) c_3.
+        quartic: (...,) c_4, at least c_3^2 s^2, so that E is nowhere negative; smaller ones count as that.
+    """
+    sigma = np.sqrt(variance)
+    # in units of s
+    skew = (cubic * sigma**3)[..., None]
+    flat = np.maximum(quartic * variance**2, skew[..., 0] ** 2)[..., None]
+    error = 0.5 * STEPS**2 + 0.5 * skew * STEPS**3 + 0.125 * flat * STEPS**4
+    middle = len(STEPS) // 2
+    below = np.maximum.accumulate(error[..., middle::-1], axis=-1)[..., ::-1]
+    above = np.maximum.accumulate(error[..., middle:], axis=-1)
+    highest = np.concatenate([below, above[..., 1:]], axis=-1)
+    density = np.where(highest < BARRIER, np.exp(-error), 0.0)
+    return np.asarray(variance * (density * STEPS**2).sum(axis=-1) / density.sum(axis=-1))

@@ -42,6 +42,26 @@ def length_and_jacobian(
     return length, jacobian if coordinates is None else np.take(jacobian, coordinates, axis=-1)
 
 
+def length_curvature_per_m(
+    node_position_m: NDArray[np.float64], members: NDArray[np.int64], motion: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (..., members) second derivatives d^2 l / da^2 along x + a m: (|m_ab|^2 - (m_ab . d)^2) / l.
+
+    m_ab is the motion of b relative to a, and d the unit vector from a to b.
+
+    Args:
+        node_position_m: (..., nodes, 3) positions x.
+        members: (members, 2) node pairs a, b.
+        motion: (..., nodes, 3) motion m.
+    """
+    a, b = members.T
+    difference = node_position_m[..., b, :] - node_position_m[..., a, :]
+    relative = motion[..., b, :] - motion[..., a, :]
+    length = np.linalg.norm(difference, axis=-1)
+    along = np.einsum("...ek,...ek->...e", relative, difference) / length
+    return np.asarray((np.sum(relative**2, axis=-1) - along**2) / length)
+
+
 def propagated_variance(jacobian: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (..., rows), the variance h P h^T of each row h of a (..., rows, n) Jacobian, P (..., n, n)."""
     return np.asarray(np.sum((jacobian @ covariance) * jacobian, axis=-1))  # a tenth of the time of one einsum

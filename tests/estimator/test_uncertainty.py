@@ -5,6 +5,9 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import quad
 from scipy.stats import chi2
 
 from balance import pressed
@@ -14,10 +17,11 @@ from tensegraph.estimator.doubt import Doubt
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.graph import GraphBuilder
 from tensegraph.estimator.linear_frame import linearised
-from tensegraph.estimator.uncertainty import FrameEvidence
+from tensegraph.estimator.uncertainty import FrameEvidence, mean_square_of
 from tensegraph.factors.noise import weigh
 from tensegraph.models.estimation import DoubtSettings, NoiseSettings
 from tensegraph.models.structure.lengths import length_jacobian
+from tensegraph.models.structure.rigidity import rigidity
 from tensegraph.models.values.readings import ModelError
 
 
@@ -66,6 +70,54 @@ class TestCovariance:
         assert 0.8 * low < np.mean(nees) < 1.2 * high
         low, high = chi2.ppf([0.001, 0.999], 150) / 150
         assert 0.8 * low < np.mean(of_sum) < 1.2 * high
+
+
+class TestSecondOrder:
+    """Variance of the motion that lengths tell to second order only."""
+
+    def test_of_a_parabola_it_is_its_own(self) -> None:
+        assert mean_square_of(np.array(4.0), np.array(0.0), np.array(0.0)) == pytest.approx(4.0, rel=1e-2)
+
+    @given(st.floats(1e-3, 50), st.floats(0, 20))
+    def test_is_the_mean_square_of_the_density(self, sigma, flat) -> None:
+        """Two equal minima with nothing but a low barrier between: quadrature of the whole density agrees.
+
+        E = (a / s)^2 (1 + h a / s)^2 / 2 + f (a / s)^4 / 8 has its second minimum at -s / h, for f = 0.
+        """
+        h = 0.25
+        skew, quartic = 2 * h, 4 * h**2 + flat
+
+        def error(a: float) -> float:
+            return 0.5 * a**2 + 0.5 * skew * a**3 + 0.125 * quartic * a**4
+
+        weight = quad(lambda a: np.exp(-error(a)), -20, 20, points=[0, -1 / h])[0]
+        square = quad(lambda a: a**2 * np.exp(-error(a)), -20, 20, points=[0, -1 / h])[0]
+        got = mean_square_of(np.array(sigma**2), np.array(skew / sigma**3), np.array(quartic / sigma**4))
+        assert got == pytest.approx(sigma**2 * square / weight, rel=2e-2)
+
+    def test_a_minimum_beyond_a_barrier_is_another_shape(self) -> None:
+        far = mean_square_of(np.array(1.0), np.array(2 / 18), np.array(4 / 18**2))  # the barrier is 18^2 / 32 = 10
+        near = mean_square_of(np.array(1.0), np.array(2 / 12), np.array(4 / 12**2))  # and 4.5 here
+        assert far < 1.5
+        assert near == pytest.approx(12**2 / 2, rel=0.1)
+
+    def test_ellipsoids_hold_shapes_whose_lengths_are_nearly_singular(self, structure, rest, lengths_of) -> None:
+        """True shapes 10 mm away along the mechanism, on both sides of the rest shape; 86 % with the Hessian alone."""
+        rng = np.random.default_rng(4)
+        settings, free = Settings(), structure.free_nodes
+        mechanism = rigidity(structure, rest.node_position_m).mechanism
+        inside = []
+        for step_m in [-0.01, 0.01] * 30:
+            true_m = rest.node_position_m + step_m * mechanism
+            lengths = lengths_of(structure, true_m, sigma_m=0.001, noise=0.001 * rng.standard_normal(24))
+            start_m = rest.node_position_m.copy()
+            start_m[free] += 0.005 * rng.standard_normal((len(free), 3))
+            start = replace(rest, node_position_m=start_m, covariance_m2=np.zeros((36, 36)))
+            shape = FrameEstimator(structure, start, settings).update(lengths)
+            error = (shape.node_position_m - true_m)[free]
+            squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(shape.node_covariance_m2[free]), error)
+            inside.append(squared < chi2.ppf(0.95, 3))
+        assert 0.93 < np.mean(inside) < 0.99
 
 
 class TestHiddenLoads:
