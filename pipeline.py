@@ -437,8 +437,9 @@ class Pipeline:
     def _without_jumps(self, lengths: TendonLengths) -> TendonLengths:
         """Return lengths that are told, with a sigma each and without those that have jumped."""
         sigma_m = np.where(np.isnan(lengths.sigma_m), self.settings.noise.unstated_m, lengths.sigma_m)
-        natural_m = self.trial.structure.natural_length_m
-        jumped = self._length_gate.outliers(lengths.t_s, lengths.length_m / natural_m, sigma_m / natural_m)
+        natural_m = self.trial.structure.natural_length_m  # of a cable that a motor winds, it may be very short
+        full_m = np.maximum(natural_m, self.trial.structure.tendon_length_m(self.rest.node_position_m))
+        jumped = self._length_gate.outliers(lengths.t_s, lengths.length_m / full_m, sigma_m / full_m)
         length_m = np.where(jumped, np.nan, lengths.length_m)
         return replace(
             lengths,

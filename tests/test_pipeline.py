@@ -215,6 +215,18 @@ def test_a_length_that_jumps_is_left_out(plain, example, method) -> None:
         np.testing.assert_allclose(shape.node_position_m, other.node_position_m, atol=0.003)
 
 
+def test_a_wound_cable_with_a_short_natural_length_may_move_as_fast_as_others(plain, example) -> None:
+    """A length of 0.17 m that changes by 10 mm in a frame, whose natural length is told as 0.02 m."""
+    trial = replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))
+    wound_m = np.where(np.arange(24) == 6, 0.02, trial.structure.natural_length_m)
+    trial = replace(trial, mechanics=None, structure=replace(trial.structure, natural_length_m=wound_m))
+    none = np.zeros(24, dtype=np.int64)
+    shorter_m = plain.length_m[0] - 0.01 * (np.arange(24) == 6)
+    told = [plain.length_m[0], plain.length_m[0], shorter_m, shorter_m]
+    read = [TendonLengths(0.02 * k, m, np.full(24, 0.0003), none, none) for k, m in enumerate(told)]
+    assert not any(shape.lengths.flags.any() for shape in stream(read, trial, "frame"))
+
+
 @pytest.mark.parametrize("method", ["live", "batch"])
 def test_two_columns_of_lengths_that_are_exchanged_are_in_doubt(plain, example, method) -> None:
     """Two lengths that differ by millimetres at rest, each told as the other; one alone that is wrong is none."""
