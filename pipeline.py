@@ -17,9 +17,8 @@ from .estimator.free_standing.estimators import FreeStandingOptimizer, FreeStand
 from .estimator.hanging.hanging_estimators import HangingOptimizer, HangingSmoother
 from .estimator.rest_step import rest_shape_of
 from .estimator.smoother import LiveSmoother
-from .estimator.watches.factor_watch import FactorWatch
-from .estimator.watches.lengths_watch import RepeatWatch, RestWatch
 from .estimator.watches.moving_base import MovingBase
+from .estimator.watches.run_watch import RunWatch
 from .factors.tendon import TautCables
 from .io.model_file import read_sensor_model
 from .io.trial_directory import Trial, open_trial
@@ -42,7 +41,7 @@ from .models.structure.natural_lengths import Winding, strip_length_m
 from .models.structure.possible import PossibleShapes
 from .models.structure.reconstruction import Reconstruction
 from .models.structure.rest_shape import RestShape
-from .models.structure.shape import Reason, Shape
+from .models.structure.shape import Shape
 from .models.structure.structure import Structure
 from .models.trial_description import TrialDescription
 from .models.values.aids import AidReading, ImuReading, PositionReading
@@ -181,11 +180,8 @@ class Pipeline:
         self.factors: tuple[NodeFactor, ...] = tuple(factor.factor(trial.structure) for factor in trial.factors)
         if trial.mechanics is not None and len(trial.mechanics.stiff_cables):
             self.factors += (self._taut_cables(trial.mechanics),)
-        self.factor_watch = FactorWatch()
-        is_told = trial.source == "lengths" and trial.rest_seconds > 0 and trial.rest_position_m is not None
-        self._rest_watch = RestWatch(self.rest.lengths(trial.rest_seconds)) if is_told else None
-        self._rest_in_doubt = False
-        self._repeat_watch = RepeatWatch(trial.rest_seconds, settings.gate) if trial.source == "lengths" else None
+        self.watch = RunWatch(trial, self.rest, settings.gate)
+        """Of the latest run."""
         self._filled_positions = FilledPositions()
         self.own_frames = OwnFrames(self.rest, trial.own_frames, rest_clock, settings.pose.position_m)
         held = self.rest.structure.is_held
@@ -274,9 +270,8 @@ class Pipeline:
             raise InputError(
                 f"method '{method}': expected one of {', '.join(WITH_FACTORS)}, which use the trial's [[factor]]"
             )
-        taken = map(self._watched_at_rest, frames)
-        shapes = map(self.factor_watch.observe, self._shapes(taken, method, factory, progress))
-        shapes = map(self._doubting_rest, map(self._doubting_repeats, shapes))
+        self.watch = watch = RunWatch(self.trial, self.rest, self.settings.gate)
+        shapes = map(watch.observe, self._shapes(map(watch.take, frames), method, factory, progress))
         shapes = map(self.aid_use.observe, shapes)
         return in_one_thread(map(PossibleShapes(self.rest).check, shapes))
 
@@ -314,32 +309,7 @@ class Pipeline:
     def misfits_at_rest(self) -> bool:
         """Whether at least half of the sensors, or of the lengths, do not fit the rest shape, or two are exchanged."""
         by_sensors = getattr(self.front_end, "misfits_at_rest", False)  # one of one's own may have `lengths` alone
-        return by_sensors or (self._rest_watch is not None and self._rest_watch.in_doubt)
-
-    def _doubting_repeats(self, shape: Shape) -> Shape:
-        """Return a shape of one more frame, in doubt if its row of lengths is told again and again."""
-        if self._repeat_watch is None:
-            return shape
-        self._repeat_watch.observe(shape)
-        return shape.in_doubt(Reason.SENSORS) if self._repeat_watch.in_doubt else shape
-
-    def _watched_at_rest(self, lengths: TendonLengths) -> TendonLengths:
-        """Return the lengths of one more frame, which the estimator takes; the last ones tell of the rest."""
-        self._rest_in_doubt = lengths.rest_in_doubt
-        if self._rest_watch:
-            self._rest_watch.observe(lengths)
-        return lengths
-
-    def _doubting_rest(self, shape: Shape) -> Shape:
-        """Return a shape of one more frame, in doubt if readings or forces at rest do not fit the rest shape, or moved.
-
-        What counts is what was known of the rest in the last frame that the estimator took: live that of the shape, and
-        in batch the last of the trial.
-        """
-        by_lengths = self._rest_watch is not None and self._rest_watch.in_doubt
-        if self._rest_in_doubt or by_lengths:
-            return shape.in_doubt(Reason.REST)
-        return shape.in_doubt(Reason.GEOMETRY) if self.rest.is_doubted else shape
+        return by_sensors or self.watch.misfits_at_rest
 
     def _not_held(self, method: str) -> Callable[[float], Estimator]:
         """Return what makes the estimator of a structure that hangs, stands on a floor, or has body coordinates alone.

@@ -339,7 +339,7 @@ class Run:
         for board, clock in enumerate(self.pipeline.boards.counts if self.pipeline.boards else ()):
             for name, n in asdict(clock).items():
                 counts[f"board {board}: {name.replace('_', ' ')}"] = n if name != "rows" else 0
-        counts |= self.pipeline.aid_counts() | self.pipeline.factor_watch.counts()
+        counts |= self.pipeline.aid_counts() | self.pipeline.watch.factors.counts()
         counts |= position_counts(self.reconstruction.contradicted_positions)
         counts |= {"half lines": self.trial.half_lines, "dropped rows": self.trial.dropped_rows}
         return {name: n for name, n in counts.items() if n}

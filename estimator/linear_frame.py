@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..factors.body_frame import BODY_FRAME_M
 from ..factors.equilibrium import squared_norms
-from ..factors.noise import WeightedLengths, independent_rows, stacked_shared
+from ..factors.noise import WeightedLengths, independent_rows, robust_loss, stacked_shared
 from ..models.balance.statics import Statics
 from ..models.structure.lengths import length_and_jacobian
 from ..models.values.readings import NodeFactor
@@ -100,7 +100,7 @@ class LinearFrame:
     length_jacobian: NDArray[np.float64]
     """(..., members, free)"""
     weight_per_m: NDArray[np.float64]
-    """(..., members) one over sigma; 0 for a tendon that is left out."""
+    """(..., members) one over sigma, less where a robust kernel weighs less; 0 for a tendon that is left out."""
     drift_m2: NDArray[np.float64] | None
     """(..., free tendons, free tendons) covariance of their errors by drift, as in `FrameData`."""
     shared: NDArray[np.float64] | None
@@ -222,6 +222,9 @@ def linearised_frames(builder: GraphBuilder, node_position_m: NDArray[np.float64
     length_m, by_length = length_and_jacobian(node_position_m, structure.free_members, free)
     known_m = np.concatenate([np.broadcast_to(structure.rod_length_m, rods), data.length_m[..., tendons]], axis=-1)
     used = np.concatenate([np.ones(rods, dtype=np.bool_), np.isfinite(sigma_m)], axis=-1)
+    length_error_m = np.where(used, length_m - known_m, 0.0)
+    of_tendons = length_error_m[..., len(structure.rods) :] / sigma_m
+    weight_per_m = np.sqrt(robust_loss(of_tendons**2, builder.noise.robust)[1]) / sigma_m
     if data.statics:
         force_n, by_position = data.statics.residual_and_jacobian(node_position_m)
         by_position = by_position[..., free]
@@ -235,9 +238,9 @@ def linearised_frames(builder: GraphBuilder, node_position_m: NDArray[np.float64
         by_own = by_own[..., free]
     from_rest_m = node_position_m - builder.rest.node_position_m
     return LinearFrame(
-        length_error_m=np.where(used, length_m - known_m, 0.0),
+        length_error_m=length_error_m,
         length_jacobian=by_length,
-        weight_per_m=np.concatenate([np.full(rods, 1 / builder.noise.rod_m), 1 / sigma_m], axis=-1),
+        weight_per_m=np.concatenate([np.full(rods, 1 / builder.noise.rod_m), weight_per_m], axis=-1),
         drift_m2=None if data.drift_m2 is None else data.drift_m2[..., tendons[:, None], tendons],
         shared=None if data.shared is None else data.shared[..., tendons],
         force_n=force_n,

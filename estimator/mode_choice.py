@@ -141,6 +141,9 @@ class ModeChoice:
         error = lengths.model_error
         if error is not None:
             error = replace(error, sigma_m=np.where(asked, stretched_share, 1.0) * error.sigma_m)
+        drift = lengths.drift
+        if drift is not None:
+            drift = replace(drift, stretched_share=np.where(asked, 1 - bent, drift.stretched_share))
         ambiguous = np.where(np.minimum(bent, 1 - bent) > self._ambiguous_probability, int(Flag.AMBIGUOUS), 0)
         return replace(
             lengths,
@@ -148,6 +151,7 @@ class ModeChoice:
             sigma_m=np.where(asked, np.sqrt(variance), lengths.sigma_m),
             rest_sigma_m=np.where(asked, lengths.rest_sigma_m * np.sqrt(stretched_share), lengths.rest_sigma_m),
             model_error=error,
+            drift=drift,
             mode=np.where(asked, (bent > 0.5).astype(np.int64), lengths.mode),
             flags=np.where(asked, (lengths.flags & ~int(Flag.AMBIGUOUS)) | ambiguous, lengths.flags),
         )

@@ -58,13 +58,15 @@ class DriftState:
         """Return the lengths without this drift; its uncertainty is added to their sigma."""
         drift, count = lengths.drift, len(lengths.length_m)
         assert drift is not None, "own drift needs resistances"
-        h, level, covariance = drift.per_change_m, self.mean[:count], self.covariance[:count, :count]
+        h, level, covariance = drift.of_length_m, self.mean[:count], self.covariance[:count, :count]
         covariance_m2 = h[:, None] * covariance * h
         own_variance = np.diag(covariance)
+        share = np.where(drift.per_change_m > 0, drift.stretched_share, 0.0)
         modes = lengths.modes
         if modes is not None:  # drift is that of the reading as a stretched tendon
-            length_m = modes.length_m - np.stack([h * level, np.zeros(count)])
-            sigma_m = np.hypot(modes.sigma_m, np.stack([h * np.sqrt(own_variance), np.zeros(count)]))
+            stretched_m, bent_m = drift.per_change_m, np.zeros(count)
+            length_m = modes.length_m - np.stack([stretched_m * level, bent_m])
+            sigma_m = np.hypot(modes.sigma_m, np.stack([stretched_m * np.sqrt(own_variance), bent_m]))
             modes = replace(modes, length_m=length_m, sigma_m=sigma_m)
         return replace(
             lengths,
@@ -73,8 +75,8 @@ class DriftState:
             sigma_m=np.sqrt(lengths.sigma_m**2 + np.diag(covariance_m2)),
             drift=replace(
                 drift,
-                change=drift.change + np.where(h > 0, level, 0.0),
-                sigma=np.sqrt(drift.sigma**2 + np.where(h > 0, own_variance, 0.0)),
+                change=drift.change + share * level,
+                sigma=np.sqrt(drift.sigma**2 + share**2 * own_variance),
                 covariance_m2=covariance_m2,
             ),
         )
@@ -212,7 +214,7 @@ class OwnDrift:
         drift = shape.lengths.drift
         assert drift is not None
         information, gradient = length_evidence(self._builder, shape.node_position_m, shape.lengths)
-        h = drift.per_change_m
+        h = drift.of_length_m
         return h[:, None] * information * h, h * gradient
 
 

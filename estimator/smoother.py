@@ -90,6 +90,12 @@ class LiveSmoother:
         Raises:
             IndeterminateError: see `update`.
         """
+        try:
+            return self._first_shape(lengths)
+        except np.linalg.LinAlgError as error:
+            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {UNDETERMINED}") from error
+
+    def _first_shape(self, lengths: TendonLengths) -> Shape:
         before = self.doubt.about(lengths)
         scale = before.length_scale
         steady = self.drift.admit(
@@ -100,15 +106,12 @@ class LiveSmoother:
             self._health.use_all()
         admitted = self._health.admit(measured) if self._health else measured
         self._times_s.append(lengths.t_s)
-        try:
-            position = self._smoothed(admitted)
-            frame = linearised(self.builder, position, admitted)
-            self.linear = frame
-            self.doubt.observe(lengths.t_s, frame, scale)
-            doubt = self.doubt.about(lengths)
-            assessment = self._evidence.assess(frame, position, doubt)
-        except np.linalg.LinAlgError as error:
-            raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {UNDETERMINED}") from error
+        position = self._smoothed(admitted)
+        frame = linearised(self.builder, position, admitted)
+        self.linear = frame
+        self.doubt.observe(lengths.t_s, frame, scale)
+        doubt = self.doubt.about(lengths)
+        assessment = self._evidence.assess(frame, position, doubt)
         self._forget()
         self._frame += 1
         self._positions.append(position)

@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 
 from .noise import isotropic
 
+SHORTEST_STEP_S = 1e-6
+"""Shortest time between two frames, to which steps are rounded so that factors can be reused."""
+
 
 def still_factors(
     nodes: Sequence[int], before: Sequence[int], now: Sequence[int], step_s: float, motion_m_per_s15: float
@@ -38,7 +41,8 @@ def constant_velocity_factors(
         steps_s: the two time steps between the three frames.
         motion_m_per_s15: q, the square root of the power density of the acceleration.
     """
-    template, origin = _second_difference(round(steps_s[0], 6), round(steps_s[1], 6), motion_m_per_s15)
+    before_s, now_s = (max(round(step_s, 6), SHORTEST_STEP_S) for step_s in steps_s)
+    template, origin = _second_difference(before_s, now_s, motion_m_per_s15)
     oldest, before, now = frames
     # rekeying shares the inner factor, so each node gets a copy of its own
     return [

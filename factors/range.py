@@ -17,13 +17,15 @@ HUBER = 1.345
 """Studentised error from which a range loses weight, which keeps 95 % efficiency on Gaussian noise."""
 OUTLIER = 5.0
 """Studentised error from which a range is left out."""
+NEAREST_M = 1e-6
+"""Distance below which a beacon is at its node, and the range tells nothing of a direction."""
 
 
 def range_error(placed: PlacedShape, reading: RangeReading, pair: int) -> tuple[float, NDArray[np.float64]]:
     """Return the range minus that predicted, and the (size,) derivative of the predicted by the errors of the state."""
     difference = placed.node_position_m[reading.node] - reading.beacon_position_m
     distance = float(np.linalg.norm(difference))
-    jacobian = difference / distance @ placed.jacobian[reading.node]
+    jacobian = difference / max(distance, NEAREST_M) @ placed.jacobian[reading.node]
     jacobian[placed.state.layout.range_offset.start + pair] = 1.0
     return reading.range_m - distance - float(placed.state.range_offset_m[pair]), jacobian
 

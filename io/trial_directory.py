@@ -96,6 +96,7 @@ class Trial:
         Raises:
             InputError: at the first row that cannot be read, or when there is none.
         """
+        self.dropped_rows = 0
         sources: dict[str, Callable[[], Iterator[Reading]]]
         sources = {"counts": self._rows, "resistance": self._resistances, "lengths": self._lengths}
         tendons = _counted(sources[self.description.source](), self)

@@ -21,9 +21,10 @@ if TYPE_CHECKING:
 class Boards:
     """The live rig as an iterator of shapes.
 
-        with tg.Boards("rig.toml") as boards:
-            for shape in boards:
-                print(shape.t_s, shape.node_position_m[8])
+        if __name__ == "__main__":  # the boards are read in another process, which imports the script again
+            with tg.Boards("rig.toml") as boards:
+                for shape in boards:
+                    print(shape.t_s, shape.node_position_m[8])
 
     On entry the ports are opened and the sensors tared, for which the structure has to stand still; on exit the ports
     are closed, and a recording is complete.

@@ -184,7 +184,7 @@ class Session:
         state = self._feed.state()
         median_ms, p99_ms = p.latency_ms()
         boards = self.pipeline.boards
-        rows = self.pipeline.aid_counts() | self.pipeline.factor_watch.counts()
+        rows = self.pipeline.aid_counts() | self.pipeline.watch.factors.counts()
         return {
             "trial": self._feed.name,
             **({"trial_path": relative_path(path, self._feed.trial)} if self._feed.trial else {}),

@@ -19,10 +19,7 @@ from numpy.typing import NDArray
 from .sensor.stillness import MOVING_TENDONS
 from .sensor.taring import MOVED_M
 from .values.errors import InputError
-from .values.readings import Flag, Mode, ResistanceFrame, RestLengths, TendonLengths
-
-LONGEST_STRAIN = 19.0
-"""Strain above which no tendon has it: twenty times its natural length."""
+from .values.readings import Flag, Mode, ResistanceFrame, RestLengths, TendonLengths, is_impossible_length
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +91,7 @@ class StrainFrontEnd:
         self._tare(frame.t_s, told.strain, used)
         tared = self._count > 0
         strain = told.strain + np.where(tared, self._rest_strain - self._mean, 0.0)
-        possible = used & (strain > -1) & (strain < LONGEST_STRAIN)
+        possible = used & ~is_impossible_length((1 + strain) * self._L0, self._L0)
         rest_sigma = np.where(tared, self._rest_sigma, 0.0)
         sigma = np.sqrt(told.sigma**2 + self._spread**2 + rest_sigma**2)
         flags = frame.flags | np.where(possible, 0, int(Flag.MISSING))

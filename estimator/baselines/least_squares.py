@@ -19,13 +19,14 @@ class LeastSquares:
     """The paper's method: eqs. (5)-(7) solved in each frame, starting from the solution of the frame before.
 
     There is no prior, and no memory except the start. The covariance is (J^T W J)^-1, with a sigma of one rod's length
-    along the directions that lengths do not determine.
+    along the directions that lengths do not determine, and that of the rest shape, from which lengths are tared.
     """
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._structure = structure
         self._noise = settings.noise
         self._position = rest.node_position_m
+        self._rest_covariance_m2 = rest.covariance_m2
 
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
         """Yield a shape for each frame."""
@@ -66,4 +67,4 @@ class LeastSquares:
         information, motion = np.linalg.eigh(jacobian.T @ jacobian)
         least = 1 / self._structure.rod_length_m.max() ** 2
         covariance[np.ix_(free, free)] = (motion / np.maximum(information, least)) @ motion.T
-        return covariance
+        return covariance + self._rest_covariance_m2

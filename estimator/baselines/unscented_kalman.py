@@ -24,7 +24,8 @@ class UnscentedKalman:
     """An unscented Kalman filter of all node coordinates, which follow a random walk (Caluwaerts et al., ICRA 2016).
 
     Rods, tendons and anchors are measurements in each frame. The step of the random walk is derived from the motion
-    prior: its sigma is q sqrt(dt) times 0.2 s, the time in which a hand changes its push.
+    prior: its sigma is q sqrt(dt) times 0.2 s, the time in which a hand changes its push. The covariance of the rest
+    shape, from which lengths are tared, is added to the filter's.
     """
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
@@ -39,6 +40,7 @@ class UnscentedKalman:
         measurements = len(self._members) + anchor_coordinates
         self._filter = UnscentedKalmanFilter(size, measurements, 1.0, self._measure, lambda x, dt: x, points)
         self._filter.x = rest.node_position_m.ravel().copy()
+        self._rest_covariance_m2 = rest.covariance_m2
         self._filter.P = rest.covariance_m2 + self._noise.anchor_m**2 * np.eye(size)
         self._fixed = np.concatenate([structure.rod_length_m, structure.anchor_position_m.ravel()])
         self._variance = np.concatenate(
@@ -79,7 +81,7 @@ class UnscentedKalman:
         return Shape(
             t_s=lengths.t_s,
             node_position_m=position,
-            covariance_m2=self._filter.P.copy(),
+            covariance_m2=self._filter.P + self._rest_covariance_m2,
             status=status_of(lengths, self._structure),
             lengths=lengths,
         )

@@ -104,13 +104,14 @@ class ChangeWatch:
             return
         self._updated_s = shape.t_s
         self._evidence = None if shape.doubt is Reason.MOTION else self._evidence_of(frame, shape, used_scale)
-        if self._evidence is None:  # the inertia of a shaken robot changes every force
-            return
         structure = self._builder.structure
-        if self._regimes is None:
+        if self._regimes is None and self._evidence is not None:
             self._regimes = Regimes(_prior(structure, self._evidence), CHANGED_MEMORY_S)
+        if self._regimes is not None:
+            self._regimes.predict(step_s)
+        if self._regimes is None or self._evidence is None:  # the inertia of a shaken robot changes every force
+            return
         share = evidence_share(self._builder, frame, step_s)
-        self._regimes.predict(step_s)
         self._regimes.update(share * _of_regimes(self._evidence, structure, 0.0))
         if self.kept is not None:
             probability = self._regimes.probability
@@ -169,7 +170,7 @@ def _sensors_of_board(lengths: TendonLengths) -> NDArray[np.float64]:
     if drift is None or drift.board is None:
         return np.zeros((0, len(lengths.length_m)))
     boards = np.arange(drift.board.max() + 1)
-    return np.where(drift.board == boards[:, None], drift.per_change_m, 0.0)
+    return np.where(drift.board == boards[:, None], drift.of_length_m, 0.0)
 
 
 def _of_regimes(evidence: ChangeEvidence, structure: Structure, of_none: float) -> NDArray[np.float64]:

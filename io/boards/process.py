@@ -13,7 +13,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from math import inf
 from multiprocessing.connection import Connection
@@ -50,10 +50,8 @@ class SerialLink:
         context = multiprocessing.get_context("spawn")  # gtsam's threads do not survive a fork
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(plan, theirs), daemon=True)
-        handlers = {number: signal.signal(number, signal.SIG_IGN) for number in TERMINAL_SIGNALS}
-        self._process.start()
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+        with _terminal_ignored():
+            self._process.start()
         theirs.close()
 
     def __enter__(self) -> Self:
@@ -68,7 +66,8 @@ class SerialLink:
         self._process.join()
         self._pipe.close()
         if self._died:
-            raise TensegraphError("the process that reads the boards ended by itself")
+            hint = "" if self._reads else ": does the script call it under if __name__ == '__main__'?"
+            raise TensegraphError(f"the process that reads the boards ended by itself{hint}")
 
     @property
     def state(self) -> LinkState:
@@ -161,8 +160,24 @@ class SerialLink:
             self._ended = self._died = True
 
 
+@contextmanager
+def _terminal_ignored() -> Iterator[None]:
+    """Ignore `TERMINAL_SIGNALS`, so that a process that starts here does so from its beginning."""
+    if threading.current_thread() is not threading.main_thread():  # no other may do so
+        yield
+        return
+    handlers = {number: signal.signal(number, signal.SIG_IGN) for number in TERMINAL_SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+
+
 def _serve(plan: LinkPlan, pipe: Connection) -> None:
     """Read boards until the other process asks to stop or has ended."""
+    for number in TERMINAL_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
     sys.setswitchinterval(SWITCH_S)
     gc.freeze()  # exclude existing objects from garbage collection, which would delay every reader by 75 ms
     with ExitStack() as recording:

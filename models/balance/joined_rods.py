@@ -20,6 +20,9 @@ JOINED_RCOND = 1e-2
 """Share of the largest singular value of J below which joined rods take no force: such as across a flat frame, whose
 rods resist a push only when it has bent."""
 
+ROUNDING = 1e-9
+"""Components of a force that are zero but for rounding."""
+
 
 class JoinedRods:
     """The rods that share free nodes, and the part of forces at these nodes that they cannot take.
@@ -43,9 +46,13 @@ class JoinedRods:
 
     @cached_property
     def rows_per_node(self) -> NDArray[np.float64]:
-        """(joined nodes,) the components of a force that the rods cannot take, of 3 at each node; in general shape."""
+        """(joined nodes,) the components of a force that the rods cannot take, of 3 at each node; in general shape.
+
+        It is 0 at a node that rods alone hold.
+        """
         x = np.random.default_rng(0).normal(size=(self._node_count, 3))
-        return np.asarray(np.diag(self.allowed(x)).reshape(len(self.nodes), 3).sum(axis=1))
+        rows = np.diag(self.allowed(x)).reshape(len(self.nodes), 3).sum(axis=1)
+        return np.where(rows > ROUNDING, rows, 0.0)
 
     def allowed(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., 3 joined nodes, 3 joined nodes), the projector I - J^+ J onto the motions that rods allow."""

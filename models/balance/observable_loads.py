@@ -21,7 +21,7 @@ class Observable(StrEnum):
     ACROSS_JOINED_RODS = "across_joined_rods"
     """Only the part that joined rods do not take; it is shared by the nodes that these rods connect."""
     NONE = "none"
-    """No part, because the node is an anchor, which takes any force."""
+    """No part, because the node is an anchor, which takes any force, or rods alone hold it, which do so."""
 
 
 @lru_cache(maxsize=1)  # a run asks in every frame, always of one structure
@@ -32,8 +32,9 @@ def observable_loads(structure: Structure) -> tuple[Observable, ...]:
         for node, other in ((i, j), (j, i)):
             if other in structure.anchors:
                 observable[node] = Observable.ACROSS_ROD
-    for node in JoinedRods(structure).nodes:
-        observable[node] = Observable.ACROSS_JOINED_RODS
+    joined = JoinedRods(structure)
+    for node, rows in zip(joined.nodes, joined.rows_per_node, strict=True):
+        observable[node] = Observable.ACROSS_JOINED_RODS if rows else Observable.NONE
     for node in structure.anchors:
         observable[node] = Observable.NONE
     return tuple(observable)
@@ -69,6 +70,7 @@ def observable_part(
         allowed = joined.allowed(node_position_m[known]) @ of_joined[known].reshape(-1, 3 * len(joined.nodes), 1)
         of_joined[known] = allowed.reshape(-1, len(joined.nodes), 3)
         part[..., joined.nodes, :] = of_joined
+        part[..., joined.nodes[joined.rows_per_node == 0], :] = np.nan
     return part
 
 
@@ -109,5 +111,7 @@ def external_loads(
     directions = np.array(
         [2.0 if part == Observable.ACROSS_ROD else 3.0 for part in observable_loads(statics.structure)]
     )
-    directions[statics.joined.nodes] = statics.joined.rows_per_node
+    directions[statics.joined.nodes] = np.where(statics.joined.rows_per_node > 0, statics.joined.rows_per_node, 1.0)
+    held = statics.joined.nodes[statics.joined.rows_per_node == 0]
+    force[..., held, :], variance[..., held] = np.nan, np.inf
     return ExternalLoads(force, np.sqrt(variance / directions))

@@ -306,7 +306,8 @@ class Statics:
             at_joined = covariance[..., self.joined.nodes, :, :]
             by_row = np.einsum("...rni,...nij,...rnj->...r", allowed, at_joined, allowed)
             across[..., self._rows[::3] // 3] = by_row.reshape(*by_row.shape[:-1], -1, 3).sum(axis=-1)
-        return np.asarray(np.concatenate([across / self.rows_per_node, axial], axis=-1)[..., self.group])
+        across = across / np.maximum(self.rows_per_node, LEAST_RANK)
+        return np.asarray(np.concatenate([across, axial], axis=-1)[..., self.group])
 
     def outer_force_jacobian(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (rows, 3 nodes), the derivatives of the residuals by forces at the nodes.

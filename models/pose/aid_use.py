@@ -102,11 +102,12 @@ class AidUse:
     def _ratio(self, reading: AidReading) -> list[float]:
         """Return the distance that a reading tells over that at rest; nothing where it tells none."""
         if isinstance(reading, RangeReading):
-            return [reading.range_m / float(np.linalg.norm(self._rest_m[reading.node] - reading.beacon_position_m))]
+            at_rest_m = float(np.linalg.norm(self._rest_m[reading.node] - reading.beacon_position_m))
+            return [reading.range_m / at_rest_m] if at_rest_m > 0 else []
         if not isinstance(reading, PositionReading):
             return []
         first = self._reference.setdefault(reading.recording, reading)
         if first.node == reading.node:
             return []
-        at_rest_m = np.linalg.norm(self._rest_m[reading.node] - self._rest_m[first.node])
+        at_rest_m = float(np.linalg.norm(self._rest_m[reading.node] - self._rest_m[first.node]))
         return [float(np.linalg.norm(reading.position_m - first.position_m) / at_rest_m)]

@@ -186,7 +186,7 @@ class FrontEnd:
         model_error = self._model_error(strain, missing)
         modes = self._in_each_mode(stretched, bent, swing, probability)
         per_change_m = self._L0 * (1 + readings.change) / self._gauge.slope(np.maximum(strain.value, 0))
-        taken_off = self._references.taken_off(drift, np.where(mode == STRETCHING, per_change_m, 0.0))
+        taken_off = self._references.taken_off(drift, per_change_m, np.where(mode == STRETCHING, 1.0, 0.0))
         return [
             TendonLengths(
                 t_s=frame.t_s,

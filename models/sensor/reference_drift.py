@@ -134,13 +134,18 @@ class ReferenceTendons:
             self._found = self._mixture()
         return self._found
 
-    def taken_off(self, found: Sequence[ReferenceDrift], per_change_m: NDArray[np.float64]) -> list[SensorDrift]:
+    def taken_off(
+        self,
+        found: Sequence[ReferenceDrift],
+        per_change_m: NDArray[np.float64],
+        stretched_share: NDArray[np.float64],
+    ) -> list[SensorDrift]:
         """Return of each frame the drift that was taken off, with the change of length that it would make.
 
         Args:
             found: the drift in each frame, as `step` returns it.
-            per_change_m: (frames, tendons) change of length for a relative change of resistance; 0 where it does not
-                count, as at a bent tendon.
+            per_change_m: (frames, tendons) change of a stretched tendon's length for a relative change of resistance.
+            stretched_share: (frames, tendons) see `SensorDrift`.
         """
         count = per_change_m.shape[-1]
         is_tendon = self.tendons < count  # and no reference strip
@@ -148,12 +153,14 @@ class ReferenceTendons:
         counted_m = per_change_m.copy()
         counted_m[:, tendons] = 0.0  # their lengths are known, whatever their sensors read
         taken_off = []
-        for one, of_frame_m in zip(found, counted_m, strict=True):
+        for one, of_frame_m, share in zip(found, counted_m, stretched_share, strict=True):
             total = np.full(count, one.common)
             sigma = np.full(count, one.common_sigma)
             total[tendons] += one.own[is_tendon]
             sigma[tendons] = one.own_sigma[is_tendon]
-            taken_off.append(SensorDrift(total, sigma, of_frame_m, one.own_rate_per_s, one.references, self._board))
+            taken_off.append(
+                SensorDrift(total, sigma, of_frame_m, share, one.own_rate_per_s, one.references, self._board)
+            )
         return taken_off
 
     def _begin_anew(self, jumped: NDArray[np.bool_], used: NDArray[np.bool_], step_s: float) -> None:

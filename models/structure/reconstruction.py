@@ -416,7 +416,8 @@ class Reconstruction:
         """(frames, tendons) standard deviation of measured minus predicted length.
 
         The variance is sigma^2 - H P H^T where the shape was estimated from the length. Where it was not, it is
-        H P H^T, the variance of the prediction.
+        H P H^T, the variance of the prediction. P contains more than what the readings of the frame leave unknown, as
+        loads that may be hidden; where H P H^T is larger than sigma^2 by that, the result is nan.
         """
         if self.propagated is not None:
             return self.propagated.innovation_sigma_m
@@ -431,7 +432,8 @@ class Reconstruction:
         )
         measured = np.isfinite(self.sigma_m)
         difference = np.where(measured, self.sigma_m, 0.0) ** 2 - predicted
-        return np.asarray(np.sqrt(np.where(measured, np.maximum(difference, 1e-12), np.maximum(predicted, 0.0))))
+        variance = np.where(measured, difference, np.maximum(predicted, 0.0))
+        return np.sqrt(np.where(variance > 0, variance, np.where(measured, np.nan, 0.0)))
 
     @cached_property
     def _smallest_singular(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

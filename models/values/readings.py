@@ -170,11 +170,13 @@ class SensorDrift:
     """The drift that was taken off the readings of one instant: the relative change of resistance without strain."""
 
     change: NDArray[np.float64]
-    """(tendons,)"""
+    """(tendons,); of a tendon of known length all by which its reading has drifted."""
     sigma: NDArray[np.float64]
     """(tendons,) standard deviation of `change`."""
     per_change_m: NDArray[np.float64]
-    """(tendons,) change of length for a relative change of resistance."""
+    """(tendons,) change of a stretched tendon's length for a relative change of resistance; 0 where it is known."""
+    stretched_share: NDArray[np.float64] | float = 1.0
+    """(tendons,) how far the length is that of a stretched tendon: what a bent one reads is not of this drift."""
     own_rate_per_s: float = 0.0
     """Standard deviation of the rate at which sensors drift apart; 0 while they do so no faster than in calibration,
     whose drift sigma_m contains."""
@@ -185,6 +187,11 @@ class SensorDrift:
     covariance_m2: NDArray[np.float64] | None = None
     """(tendons, tendons) covariance of the lengths' errors by the sensors' own drift, where it was estimated; sigma_m
     contains its diagonal."""
+
+    @property
+    def of_length_m(self) -> NDArray[np.float64]:
+        """(tendons,) change of the length for a relative change of resistance."""
+        return np.asarray(self.stretched_share * self.per_change_m)
 
     @property
     def is_shown(self) -> bool:

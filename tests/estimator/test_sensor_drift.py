@@ -65,7 +65,7 @@ def still(example_structure, true_positions) -> RestShape:
 
 def with_drift(lengths: TendonLengths, own_rate_per_s: float) -> TendonLengths:
     zero = np.zeros(len(lengths.length_m))
-    return replace(lengths, drift=SensorDrift(zero, zero, zero + PER_CHANGE_M, own_rate_per_s, 3))
+    return replace(lengths, drift=SensorDrift(zero, zero, zero + PER_CHANGE_M, 1.0, own_rate_per_s, 3))
 
 
 @pytest.mark.parametrize("model_sigma_m", [0.0, 4e-4])
