@@ -31,7 +31,6 @@ from .models.pose.rest_clock import RestClock
 from .models.pose.robot import FreeStandingRobot, HangingRobot
 from .models.sensor.frames import FrameAssembler, LengthPauses
 from .models.sensor.front_end import FrontEnd
-from .models.sensor.gate import JumpGate
 from .models.sensor.reference_drift import ReferenceTendons
 from .models.sensor.sensor_model import SensorModel
 from .models.settings import Settings, checked_settings
@@ -43,12 +42,12 @@ from .models.structure.reconstruction import Reconstruction
 from .models.structure.rest_shape import RestShape
 from .models.structure.shape import Shape
 from .models.structure.structure import Structure
+from .models.told_lengths import ToldLengths
 from .models.trial_description import TrialDescription
 from .models.values.aids import AidReading, ImuReading, PositionReading
 from .models.values.errors import InputError
 from .models.values.readings import (
     BoardReading,
-    Flag,
     NaturalLengthReading,
     NodeFactor,
     OtherReading,
@@ -199,7 +198,9 @@ class Pipeline:
         wound = [tendon for motors in trial.motors for tendon in motors.tendons]
         references = np.setdiff1d(np.flatnonzero(trial.structure.joins_anchors & trial.structure.is_sensed), wound)
         self._frames = FrameAssembler(natural_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate)
-        self._length_gate = JumpGate(settings.gate, tendons)
+        natural_m = trial.structure.natural_length_m  # of a cable that a motor winds, it may be very short
+        full_m = np.maximum(natural_m, trial.structure.tendon_length_m(self.rest.node_position_m))
+        self._told = ToldLengths(settings.gate, full_m, trial.rest_seconds, settings.noise.unstated_m)
         self._pauses = LengthPauses(tendons, settings.frames)
         drift = ReferenceTendons(np.concatenate([references, strips]), settings.drift, trial.board_of_tendon)
         self.front_end = self._front_end(model, drift)
@@ -287,7 +288,7 @@ class Pipeline:
 
     def aid_warnings(self) -> dict[str, str]:
         """Return what looks wrong of boards, and of other sensors than tendons, by the board or sensor."""
-        return self._slow_boards() | self.imu_gate.warnings() | self.aid_use.lines()
+        return self._slow_boards() | self._told.warnings() | self.imu_gate.warnings() | self.aid_use.lines()
 
     def _slow_boards(self) -> dict[str, str]:
         """Return of each board whose rows are too far apart to be bridged what that means, by its name."""
@@ -351,7 +352,7 @@ class Pipeline:
                     if isinstance(reading, TendonLengths):
                         yield from self._in_pause(reading.t_s, aids)
                         self._pauses.add(reading.t_s)
-                        lengths = self._without_jumps(reading)
+                        lengths = self._told.checked(reading)
                     else:
                         lengths = next(computed)  # strain and length, eqs. (2)-(4)
                     # of whole tendons: those of the strips, and of the strings that motors wind
@@ -403,20 +404,6 @@ class Pipeline:
             return reading
         assert self.boards is not None, "rows of counts need a trial with boards"
         return self.boards.reading(reading)
-
-    def _without_jumps(self, lengths: TendonLengths) -> TendonLengths:
-        """Return lengths that are told, with a sigma each and without those that have jumped."""
-        sigma_m = np.where(np.isnan(lengths.sigma_m), self.settings.noise.unstated_m, lengths.sigma_m)
-        natural_m = self.trial.structure.natural_length_m  # of a cable that a motor winds, it may be very short
-        full_m = np.maximum(natural_m, self.trial.structure.tendon_length_m(self.rest.node_position_m))
-        jumped = self._length_gate.outliers(lengths.t_s, lengths.length_m / full_m, sigma_m / full_m)
-        length_m = np.where(jumped, np.nan, lengths.length_m)
-        return replace(
-            lengths,
-            length_m=length_m,
-            sigma_m=np.where(np.isnan(length_m), np.inf, sigma_m),
-            flags=lengths.flags | np.where(jumped, int(Flag.OUTLIER), 0),
-        )
 
     def _with_aids(self, lengths: TendonLengths, aids: list[AidReading]) -> TendonLengths:
         """Return the lengths with the readings of other sensors up to their time, taken from the list, and factors.

@@ -46,6 +46,7 @@ MODELS_MAY_IMPORT = {
     "models.calibration": BASIS,
     "models.plug_ins": {"models.values"},
     "models.strain_front_end": BASIS,
+    "models.told_lengths": BASIS,
     "models.ready_structures": BASIS,
     "models.twin": RUNNING,
     "models.evaluation": RUNNING,

@@ -120,12 +120,12 @@ class Ellipsoids:
         return np.asarray(turns.as_quat().reshape(*self.axes.shape[:-2], 4))
 
 
-def chi_squared_quantile(probability: ArrayLike, degrees: float) -> NDArray[np.float64]:
+def chi_squared_quantile(probability: ArrayLike, degrees: ArrayLike) -> NDArray[np.float64]:
     """Return chi2_degrees(probability), below which the sum of `degrees` squared standard normal variables lies.
 
     The same as `scipy.stats.chi2.ppf`, without the import of that module, which takes a second.
     """
-    return np.asarray(2 * gammaincinv(degrees / 2, probability))
+    return np.asarray(2 * gammaincinv(np.asarray(degrees) / 2, probability))
 
 
 def ellipsoids(covariance_m2: NDArray[np.float64], probability: float) -> Ellipsoids:
