@@ -285,7 +285,7 @@ class BatchOptimizer:
     def _shape(self, trial: _Problem, assessment: Assessment, k: int, converged: bool) -> Shape:
         """Return the shape of one frame, with the status that its lengths and the doubt about it give."""
         lengths, reason = trial.measured[k].lengths, trial.doubts[k].reason
-        return Shape(
+        shape = Shape(
             t_s=lengths.t_s,
             node_position_m=assessment.node_position_m,
             covariance_m2=assessment.covariance_m2,
@@ -295,6 +295,7 @@ class BatchOptimizer:
             doubt=reason,
             factor_innovation=assessment.factor_innovation,
         )
+        return shape.farther(self._builder.structure.free_coordinates, assessment.apart_m)
 
     def _assessed(self, trial: _Problem, position_m: NDArray[np.float64], window: slice) -> Assessment:
         """Return the shapes of a window of frames, with their covariances and the loads averaged over `PUSH_S`."""

@@ -34,7 +34,7 @@ class FrameEstimator:
         minimum = self._builder.search(measured, self._builder.rest.node_position_m).finished()
         position = minimum.node_position_m
         assessment = self._evidence.assess(linearised(self._builder, position, measured), position)
-        return Shape(
+        shape = Shape(
             t_s=lengths.t_s,
             node_position_m=assessment.node_position_m,
             covariance_m2=assessment.covariance_m2,
@@ -43,3 +43,4 @@ class FrameEstimator:
             loads=assessment.loads,
             factor_innovation=assessment.factor_innovation,
         )
+        return shape.farther(self._builder.structure.free_coordinates, assessment.apart_m)

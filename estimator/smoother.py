@@ -133,6 +133,7 @@ class LiveSmoother:
         self.drift.observe(shape)
         self.builder.approach(position)
         self.modes.observe(shape, admitted)
+        shape = shape.farther(self.builder.structure.free_coordinates, assessment.apart_m)
         shape = self.changes.doubted(shape)
         if is_of_a_board(shape.lengths.drift):
             shape = shape.in_doubt(Reason.BOARD)

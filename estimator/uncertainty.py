@@ -7,11 +7,13 @@ the errors of readings that repeat from frame to frame.
 Forces hold a shape only as far as no load hides behind it. A node n has a load with a prior probability p_0, and then
 its balance r_n is wrong by sigma_L. Whether it has one is judged by the shape as all else determines it (the cavity):
 
-    C_n = R_n P R_n^T,   C'_n = (1 - C_n W_n)^-1 C_n,   L_n = N(r_n; 0, C'_n + sigma_L^2) / N(r_n; 0, C'_n + sigma_F^2)
+    C_n = R_n P R_n^T,   C'_n = (1 - C_n W_n)^-1 C_n,   r'_n = (1 - C_n W_n)^-1 r_n
+    L_n = N(r'_n; 0, C'_n + sigma_L^2) / N(r'_n; 0, C'_n + sigma_F^2)
     p_n = p_0 L_n / (1 - p_0 + p_0 L_n),   Var(r_n) = (1 - p_n) / W_n + p_n sigma_L^2, at least 1 / W_n
 
 with Cauchy's weight W_n = 1 / (sigma_F (1 + q_n))^2. Where lengths are measured, C'_n is small and p_n tells loads from
-none; where they are missing, L_n = 1, and the ellipsoids are those of all shapes that a probable load would make.
+none; where they are missing, L_n = 1, and the ellipsoids are those of all shapes that a probable load would make. With
+these variances the shape would be another one; the square of the distance to it is part of the ellipsoids, too.
 
 Without forces, the lengths tell the motion v of which they say least to second order only, where det J is near zero.
 With s^2 the variance along v, and r'' the second derivatives of the lengths along it over their sigmas, the error of
@@ -97,6 +99,9 @@ class Assessment:
     """(..., 3 nodes, 3 nodes) covariance of all coordinates, ordered by node."""
     loads: ExternalLoads | None
     """None where the stiffness of the tendons is not known."""
+    apart_m: NDArray[np.float64]
+    """(..., free) step to the shape with the loads that may be hidden; its square is not in `covariance_m2`, from which
+    the modes of tendons are learned."""
     factor_innovation: NDArray[np.float64] | None = None
     """(..., rows) see `Shape`; None without factors of one's own."""
 
@@ -110,6 +115,7 @@ class Assessment:
             np.concatenate([part.node_position_m for part in parts]),
             np.concatenate([part.covariance_m2 for part in parts]),
             None if force_n is None else ExternalLoads(force_n, np.concatenate([one.sigma_n for one in loads])),
+            np.concatenate([part.apart_m for part in parts]),
             np.concatenate(innovations) if innovations else None,
         )
 
@@ -119,6 +125,7 @@ class Assessment:
             self.node_position_m[frames],
             self.covariance_m2[frames],
             None if loads is None else ExternalLoads(loads.force_n[frames], loads.sigma_n[frames]),
+            self.apart_m[frames],
             None if self.factor_innovation is None else self.factor_innovation[frames],
         )
 
@@ -168,9 +175,10 @@ class FrameEvidence:
             if statics is None:
                 linear_m2 = np.asarray(np.linalg.inv(held), dtype=np.float64)
                 covariance[..., free[:, None], free] += self._second_order(frame, node_position_m, linear_m2, mixture)
-                return Assessment(node_position_m, covariance, None, self._innovation(frame, held, gradient, None))
+                innovation = self._innovation(frame, held, gradient, None)
+                return Assessment(node_position_m, covariance, None, np.zeros_like(gradient), innovation)
             few = self._force_variance(frame, statics, held)
-            step_m, free_covariance = self._mixed(frame, few, held, gradient, mixture)
+            step_m, apart_m, free_covariance = self._mixed(frame, few, held, gradient, mixture)
             innovation = self._innovation(frame, held, gradient, few)
         except np.linalg.LinAlgError as error:
             raise IndeterminateError(UNDETERMINED) from error
@@ -180,7 +188,8 @@ class FrameEvidence:
         mean_m = mean_m.reshape(node_position_m.shape)
         force_n = frame.force_n + (frame.force_jacobian @ step_m[..., None])[..., 0]
         variance = propagated_variance(frame.force_jacobian, free_covariance)
-        return Assessment(mean_m, covariance, external_loads(statics, mean_m, force_n, variance), innovation)
+        loads = external_loads(statics, mean_m, force_n, variance)
+        return Assessment(mean_m, covariance, loads, apart_m, innovation)
 
     def _second_order(
         self,
@@ -248,8 +257,10 @@ class FrameEvidence:
         held: NDArray[np.float64],
         gradient_of_held: NDArray[np.float64],
         mixture: Mixture,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Return the (..., free) step to the mean of the mixture of a few and of many loads, and its covariance.
+
+        Between both is the (..., free) step to the shape of a few loads, `Assessment.apart_m`.
 
         Args:
             frame: see `assess`.
@@ -263,16 +274,18 @@ class FrameEvidence:
         weighted = forces[..., None, :, :] / np.stack([few, many], axis=-2)[..., None]
         information = held[..., None, :, :] + np.swapaxes(weighted, -1, -2) @ forces[..., None, :, :]
         covariance_few, covariance_many = np.moveaxis(np.linalg.inv(information), -3, 0)
-        gradient = gradient_of_held + (np.swapaxes(forces, -1, -2) @ (frame.force_n / many)[..., None])[..., 0]
+        pull = np.swapaxes(forces, -1, -2) @ np.stack([frame.force_n / few, frame.force_n / many], axis=-1)
+        gradient = gradient_of_held[..., None] + pull
         many_loads = mixture.many_loads[..., None, None]
-        apart_m = -(covariance_many @ gradient[..., None])[..., 0]
+        apart_few_m = -(covariance_few @ gradient[..., :1])[..., 0]
+        apart_m = -(covariance_many @ gradient[..., 1:])[..., 0]
         covariance = (1 - many_loads) * covariance_few + many_loads * covariance_many
         between = apart_m[..., :, None] * apart_m[..., None, :]
         # of a shaken robot the mean is so far away that the factors are not linear
         in_motion = mixture.in_motion[..., None]
         step_m = np.where(in_motion, 0.0, many_loads[..., 0] * apart_m)
         factor = np.where(in_motion[..., None], many_loads, many_loads * (1 - many_loads))
-        return step_m, covariance + factor * between
+        return step_m, (1 - many_loads[..., 0]) * apart_few_m, covariance + factor * between
 
     def _force_variance(self, frame: LinearFrame, statics: Statics, held: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows) the variance of the balance of forces, with loads that may be hidden."""
@@ -280,18 +293,20 @@ class FrameEvidence:
         by_row = frame.force_jacobian
         covariance = np.linalg.inv(held + np.swapaxes(by_row / variance[..., None], -1, -2) @ by_row)
         of_rows = by_row @ covariance @ np.swapaxes(by_row, -1, -2)
-        cavities = []
+        cavities, squares = [], []
         at_nodes = 3 * len(statics.nodes)
         for rows, dimension in ((np.arange(at_nodes), 3), (np.arange(at_nodes, by_row.shape[-2]), 1)):
             groups = rows.reshape(-1, dimension)
             weighted = of_rows[..., groups[:, :, None], groups[:, None, :]]
             excused = variance[..., groups[:, :1], None]
-            cavity = np.linalg.solve((1 + 1e-6) * np.eye(dimension) - weighted / excused, weighted)
-            cavities.append(np.trace(cavity, axis1=-2, axis2=-1))
+            rows_of_group = np.concatenate([weighted, frame.force_n[..., groups][..., None]], axis=-1)
+            cavity = np.linalg.solve((1 + 1e-6) * np.eye(dimension) - weighted / excused, rows_of_group)
+            cavities.append(np.trace(cavity[..., :-1], axis1=-2, axis2=-1))
+            squares.append((cavity[..., -1] ** 2).sum(axis=-1))
         start = statics.group_start
         independent = statics.rank_of_row[start]
         cavity_n2 = np.maximum(np.concatenate(cavities, axis=-1) / independent, 0)
-        squared_n2 = np.add.reduceat(frame.force_n**2, start, axis=-1)
+        squared_n2 = np.concatenate(squares, axis=-1)
         loaded = self._loaded_probability(squared_n2, cavity_n2, independent, frame.force_sigma_n[..., start])
         mixed = (1 - loaded) * variance[..., start] + loaded * self._settings.load_n**2
         return np.maximum(variance, mixed[..., statics.group])

@@ -200,6 +200,10 @@ class Shape:
         covariance_m2[coordinates[:, None], coordinates] += added_m2
         return replace(self, covariance_m2=covariance_m2)
 
+    def farther(self, coordinates: NDArray[np.int64], step_m: NDArray[np.float64]) -> "Shape":
+        """Return this shape, which may be wrong by a step of some coordinates: with its square in the covariance."""
+        return self.widened(coordinates, np.outer(step_m, step_m))
+
     def in_doubt(self, reason: Reason) -> "Shape":
         """Return the shape with the status `doubt` for a reason, unless another reason or a worse status stands.
 
