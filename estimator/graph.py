@@ -21,18 +21,16 @@ from ..models.estimation import NoiseSettings
 from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.rigidity import SINGULAR, motions_left
-from ..models.structure.shape import Reason, Status, chi_squared_quantile
+from ..models.structure.shape import Reason, Status
 from ..models.structure.structure import Structure
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import NaturalLengths, TendonLengths
 from .own_evidence import own_graph_rows, own_rows
+from .watches.lengths_watch import contradict
 
 MAX_FRAME_ITERATIONS = 100
 ERROR_TOLERANCE = 1e-2
 """Absolute tolerance of a frame's error, which is half a sum of squares: a seventh of one sigma of one length."""
-
-REST_PROBABILITY = 1e-3
-"""Probability of first lengths as far from those at rest, below which the structure does not start at rest."""
 
 NEAR_M = 0.001
 """Motion of a node, or winding of a tendon, over which the standard deviation of the balance of forces changes by less
@@ -109,11 +107,8 @@ class GraphBuilder:
         largest one is smaller than one with a chi-square distribution with n - 1 degrees of freedom.
         """
         rest, read = self.rest.lengths(0.0), lengths.usable
-        squared = (lengths.length_m - rest.length_m)[read] ** 2 / (lengths.sigma_m**2 + rest.sigma_m**2)[read]
-        others = squared.sum() - squared.max(initial=0.0)
-        degrees = int(read.sum()) - 1
-        contradicts = degrees > 0 and bool(others > chi_squared_quantile(1 - REST_PROBABILITY, degrees))
-        self.starts_at_rest = self.rest.at_start and not contradicts
+        apart = (lengths.length_m - rest.length_m)[read] / np.hypot(lengths.sigma_m, rest.sigma_m)[read]
+        self.starts_at_rest = self.rest.at_start and not contradict(apart, faulty=1)
 
     def approach(self, node_position_m: NDArray[np.float64]) -> None:
         """Compute the standard deviation of the balance of forces near a shape, if it is not near the last one."""

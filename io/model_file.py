@@ -81,7 +81,7 @@ class _Metadata:
     memory_s: list[Annotated[Positive, Le(1e5)]]
     spread: _Spread
     ranges: TrainedRanges
-    sigma_scale: tuple[Annotated[Positive, Le(1e9)], Annotated[float, Interval(ge=-50, le=50)]]
+    sigma_scale: tuple[Annotated[Positive, Le(1e9)], Annotated[float, Interval(ge=0, le=50)]]
     scaling: Scaling = field(default_factory=Scaling)
     lag_s: Annotated[float, Interval(ge=0, le=60)] = 0.0
     unified: bool = False

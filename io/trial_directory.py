@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..models.evaluation.truth import (
     Fault,
@@ -65,6 +66,10 @@ STAMP_DECIMALS = 4
 LONGEST_STEP_S = 600.0
 """Time from the first row to the second above which stamps are not in seconds, and between the first rows of two boards
 above which they are of two clocks."""
+MOST_SHORTENED = 4.0
+"""Natural length over length above which all tendons cannot be bent at once."""
+LARGEST_SIGMA_SHARE = 0.5
+"""Sigma over length from which a length says nothing."""
 
 
 @dataclass(slots=True, eq=False)
@@ -297,16 +302,33 @@ class Trial:
                 sigma_m[sensed] = row[1 + len(sensed) :]
             impossible = is_impossible_length(length_m, natural_m)
             told = np.isfinite(length_m)
-            if index == 0 and told.any() and impossible[told].all():
-                raise InputError(
-                    f"{rows.place(0)}: expected lengths like the natural ones, "
-                    f"{np.median(natural_m):.3g} m, got {np.median(length_m[told]):.3g} m: is the unit right?"
-                )
+            if index == 0 and told.any():
+                self._check_first(rows.place(0), length_m[told], sigma_m[told], natural_m[told])
             possible = ~impossible & ~(sigma_m < SMALLEST_SIGMA)
             mode = np.where(length_m < natural_m, BENDING, STRETCHING)
             flags = np.where(np.isnan(length_m), int(Flag.MISSING), np.where(possible, 0, int(Flag.OUT_OF_RANGE)))
             yield TendonLengths(
                 t_s=row[0], length_m=np.where(possible, length_m, np.nan), sigma_m=sigma_m, mode=mode, flags=flags
+            )
+
+    def _check_first(
+        self, place: str, length_m: NDArray[np.float64], sigma_m: NDArray[np.float64], natural_m: NDArray[np.float64]
+    ) -> None:
+        """Check the unit of the lengths that the first row tells, and of their sigmas, nan where none is told.
+
+        Raises:
+            InputError: when no length is like its natural one, or every sigma is about as large as that.
+        """
+        short = length_m < natural_m / MOST_SHORTENED
+        if (short | is_impossible_length(length_m, natural_m)).all():
+            raise InputError(
+                f"{place}: expected lengths like the natural ones, {np.median(natural_m):.3g} m, got "
+                f"{np.median(length_m):.3g} m: is the unit right?"
+            )
+        if (sigma_m > LARGEST_SIGMA_SHARE * length_m).all():
+            raise InputError(
+                f"{place}: expected sigmas below half of the lengths, {np.median(length_m):.3g} m, got "
+                f"{np.median(sigma_m):.3g} m: is the unit right?"
             )
 
     def _lengths_csv(self) -> CsvFile:

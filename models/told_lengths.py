@@ -65,17 +65,17 @@ class ToldLengths:
         """Return the lengths of one more row, with a sigma each, and without those that are left out."""
         self._first_s = lengths.t_s if np.isnan(self._first_s) else self._first_s
         sigma_m = np.where(np.isnan(lengths.sigma_m), self._unstated_m, lengths.sigma_m)
+        counted_m = self._scale * sigma_m
+        jumped = self._jumps.outliers(lengths.t_s, lengths.length_m / self._full_m, counted_m / self._full_m)
         stuck = self._stuck(lengths.t_s, lengths.length_m)
-        if self._is_at_rest(lengths.t_s):
-            self._rest(lengths.length_m, sigma_m)
-        sigma_m = self._scale * sigma_m
-        jumped = self._jumps.outliers(lengths.t_s, lengths.length_m / self._full_m, sigma_m / self._full_m)
         length_m = np.where(jumped | stuck, np.nan, lengths.length_m)
+        if self._is_at_rest(lengths.t_s):
+            self._rest(length_m, sigma_m)
         flags = np.where(jumped, int(Flag.OUTLIER), 0) | np.where(stuck, int(Flag.STUCK), 0)
         return replace(
             lengths,
             length_m=length_m,
-            sigma_m=np.where(np.isnan(length_m), np.inf, sigma_m),
+            sigma_m=np.where(np.isnan(length_m), np.inf, self._scale * sigma_m),
             flags=lengths.flags | flags,
         )
 

@@ -1,5 +1,7 @@
 """What is watched in one run, whatever its method: lengths that are told, the rest, and factors of one's own."""
 
+import numpy as np
+
 from ...models.sensor.gate import GateSettings
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
@@ -15,7 +17,10 @@ class RunWatch:
     def __init__(self, trial: TrialDescription, rest: RestShape, settings: GateSettings) -> None:
         is_told = trial.source == "lengths"
         at_rest = is_told and trial.rest_seconds > 0 and trial.rest_position_m is not None
-        self._rest_watch = RestWatch(rest.lengths(trial.rest_seconds)) if at_rest else None
+        tendons = np.arange(len(trial.structure.tendons))
+        self._rest_watch = RestWatch(rest.lengths(trial.rest_seconds), tendons) if at_rest else None
+        between = np.flatnonzero(trial.structure.joins_anchors)
+        self._anchor_watch = RestWatch(rest.lengths(np.inf), between) if is_told and len(between) else None
         self._repeat_watch = RepeatWatch(trial.rest_seconds, settings) if is_told else None
         self._is_rest_shape_doubted = rest.is_doubted
         self._rest_in_doubt = False
@@ -24,8 +29,9 @@ class RunWatch:
     def take(self, lengths: TendonLengths) -> TendonLengths:
         """Return the lengths of one more frame, which the estimator takes; the last ones tell of the rest."""
         self._rest_in_doubt = lengths.rest_in_doubt
-        if self._rest_watch:
-            self._rest_watch.observe(lengths)
+        for watch in (self._rest_watch, self._anchor_watch):
+            if watch:
+                watch.observe(lengths)
         return lengths
 
     def observe(self, shape: Shape) -> Shape:
@@ -44,7 +50,8 @@ class RunWatch:
                 shape = shape.in_doubt(Reason.SENSORS)
         if self._rest_in_doubt or self.misfits_at_rest:
             return shape.in_doubt(Reason.REST)
-        return shape.in_doubt(Reason.GEOMETRY) if self._is_rest_shape_doubted else shape
+        anchors_are = self._anchor_watch is not None and self._anchor_watch.in_doubt
+        return shape.in_doubt(Reason.GEOMETRY) if self._is_rest_shape_doubted or anchors_are else shape
 
     @property
     def misfits_at_rest(self) -> bool:

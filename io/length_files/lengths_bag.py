@@ -81,6 +81,8 @@ class LengthsBag:
         try:
             reader = AnyReader([self.path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
             reader.open()
+        except (TypeError, AttributeError, LookupError) as error:
+            raise InputError(f"{self.path}: cannot be read as a bag: its metadata are not those of a bag") from error
         except Exception as error:  # what rosbags and its readers of YAML, SQLite and MCAP raise
             raise InputError(f"{self.path}: cannot be read as a bag: {_one_line(error)}") from error
         try:

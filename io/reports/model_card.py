@@ -63,10 +63,10 @@ class CalibrationReport:
             name: np.array([StripScore.of([run]).rmse for run in runs]) for name, runs in self.calibration.runs.items()
         }
         wins = int(np.sum(rmse[LSTM] <= np.min([rmse[name] for name in rmse], axis=0)))
-        counted = f"best on {wins} of {len(names)} held-out recordings"
+        counted = f"on {wins} of {len(names)} of them"
         if best == LSTM:
-            return f"The LSTM wins over both baselines: {counted}."
-        return f"The LSTM does not win: over all held-out recordings the {best} is better; the LSTM is {counted}."
+            return f"Over all held-out recordings the LSTM is better than both baselines; it is the best {counted}."
+        return f"Over all held-out recordings the {best} is better than the LSTM, which is the best {counted}."
 
     def _chosen_lines(self) -> list[str]:
         network, curve = self.calibration.validation_rmse

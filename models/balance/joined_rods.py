@@ -20,8 +20,8 @@ JOINED_RCOND = 1e-2
 """Share of the largest singular value of J below which joined rods take no force: such as across a flat frame, whose
 rods resist a push only when it has bent."""
 
-ROUNDING = 1e-9
-"""Components of a force that are zero but for rounding."""
+TAKEN_ENTIRELY = 1e-9
+"""Components of a force that rods cannot take, below which they take all of it: zero but for rounding."""
 
 
 class JoinedRods:
@@ -52,7 +52,7 @@ class JoinedRods:
         """
         x = np.random.default_rng(0).normal(size=(self._node_count, 3))
         rows = np.diag(self.allowed(x)).reshape(len(self.nodes), 3).sum(axis=1)
-        return np.where(rows > ROUNDING, rows, 0.0)
+        return np.where(rows > TAKEN_ENTIRELY, rows, 0.0)
 
     def allowed(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., 3 joined nodes, 3 joined nodes), the projector I - J^+ J onto the motions that rods allow."""

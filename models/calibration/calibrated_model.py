@@ -151,9 +151,10 @@ def lag_s(runs: Sequence[StripRun]) -> float:
 
 
 def fit_sigma_scale(runs: Sequence[StripRun]) -> SigmaScale:
-    """Return the scale of sigma that makes the errors of these runs most likely, with p of the order of 1 by a prior.
+    """Return the scale of sigma that makes the errors of these runs most likely, with p of 0 to about 1 by a prior.
 
-    Strips that were always moved alike tell nothing of p.
+    Strips that were always moved alike tell nothing of p. Where errors are larger after little motion than after much,
+    other things differ, too: with p < 0, the sigma of a strip that rests would grow without bound.
 
     The gains and offsets of the strips must be known from their whole recordings: the uncertainties of taring and of
     the curve's coefficients are added separately at run time.
@@ -169,7 +170,8 @@ def fit_sigma_scale(runs: Sequence[StripRun]) -> SigmaScale:
         of_errors = np.mean(0.5 * (error / (sigma * np.exp(log_scale))) ** 2 + log_scale)
         return float(of_errors + 0.5 * parameters[1] ** 2 / len(error))
 
-    log_b, p = minimize(negative_log_likelihood, [0.0, 0.0], method="Nelder-Mead").x
+    bounds = [(None, None), (0.0, None)]
+    log_b, p = minimize(negative_log_likelihood, [0.0, 0.0], method="Nelder-Mead", bounds=bounds).x
     return SigmaScale(float(np.exp(log_b)), float(p))
 
 

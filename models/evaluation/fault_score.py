@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..values.readings import SENSOR_FLAGS
+from ..values.readings import SENSOR_FLAGS, Flag
 from .estimate import Estimate
 from .evaluation import FaultScore
 from .truth import Fault
@@ -41,4 +41,5 @@ def false_alarm_share(faults: Iterable[Fault], estimate: Estimate) -> float:
     healthy = np.broadcast_to(estimate.is_sensed, estimate.flags.shape).copy()
     for fault in faults:
         healthy[np.ix_(fault.during(estimate.t_s), fault.tendons)] = False
+    healthy &= (estimate.flags & int(SENSOR_FLAGS)) != int(Flag.MISSING)  # there is no reading
     return float(np.mean(named_as_fault(estimate)[healthy])) if healthy.any() else np.nan

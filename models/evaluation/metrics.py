@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..balance.observable_loads import observable_part
 from ..structure.external_loads import LOAD_THRESHOLD_N
+from ..structure.lengths import member_length_m
 from ..structure.reconstruction import Reconstruction
 from ..structure.rigidity import branch
 from ..structure.shape import node_sigma_m
@@ -23,6 +24,8 @@ from .pose_score import score_pose
 from .statistics import mean_over_frames, of_known
 from .truth import Truth
 
+ROD_APART = 0.1
+"""Share of a rod's length by which it is not as long in the truth: its nodes are others."""
 GOOD_M = 0.005
 """Largest error of a frame with a good shape; above it a different sign of det J means the wrong branch."""
 
@@ -89,7 +92,7 @@ def evaluate(
         regimes=regimes(compared, slack_frames(structure, estimate)[known], load_threshold_n),
         loads=score_loads(compared, load_threshold_n),
         first_good_s=float(compared.t_s[good[0]] - compared.t_s[0]) if len(good) else None,
-        wrong_branch_frames=int(compared.wrong_branch.sum()) if structure.is_square else None,
+        wrong_branch_frames=int(compared.wrong_branch.sum()) if true_branch(structure, true_m).any() else None,
         faults=tuple(score_fault(fault, estimate) for fault in truth.faults if fault.during(estimate.t_s).any()),
         false_alarm_share=false_alarm_share(truth.faults, estimate),
         pose=pose,
@@ -148,7 +151,7 @@ def compare_frames(
         force_n = interpolated_within(estimate.t_s[known], loads.t_s, loads.force_n)
         true_load_n = observable_part(structure, force_n, true_m)[:, free]
         estimated_load_n = estimate.loads.force_n[known][:, free] if estimate.loads else None
-    other_sign = branch(structure, estimated_m) * branch(structure, true_m) < 0
+    other_sign = branch(structure, estimated_m) * true_branch(structure, true_m) < 0
     return ComparedFrames(
         t_s=estimate.t_s[known],
         estimated_m=estimated_m,
@@ -164,6 +167,13 @@ def compare_frames(
         true_load_n=true_load_n,
         contacts=contacts,
     )
+
+
+def true_branch(structure: Structure, true_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return `branch` of (frames, nodes, 3) true positions, in which anchors need not be told."""
+    placed_m = true_m.copy()
+    placed_m[:, structure.anchors] = structure.anchor_position_m
+    return branch(structure, placed_m)
 
 
 def shape_errors(node_error_m: NDArray[np.float64], face_error_m: NDArray[np.float64]) -> ShapeErrors:
@@ -214,10 +224,14 @@ def node_rmse_m(
 ) -> float:
     """Return the square root of the mean of |error|^2 in 3-D over free nodes and all frames that the truth covers.
 
+    In body coordinates the truth is laid onto each frame, see `evaluate`.
+
     Raises:
         InputError: see `evaluate`.
     """
     true_m = _true_positions(reconstruction.structure, reconstruction.t_s, truth_s, truth_position_m)
+    if reconstruction.coordinate_frame == "body":
+        true_m = laid_on_each_frame(true_m, reconstruction.node_position_m)
     error_m = (reconstruction.node_position_m - true_m)[:, reconstruction.structure.free_nodes]
     return errors_of(error_m.reshape(-1, 3)).rmse_m
 
@@ -233,7 +247,20 @@ def _true_positions(
             f"truth from {truth_s[0]:.3f} to {truth_s[-1]:.3f} s covers no frame of the estimate, "
             f"{t_s[0]:.3f} to {t_s[-1]:.3f} s: expected both on the host clock"
         )
+    _check_rods(structure, true_m)
     return true_m
+
+
+def _check_rods(structure: Structure, true_m: NDArray[np.float64]) -> None:
+    """Raise InputError for (frames, nodes, 3) true positions in which a rod is not as long as that of the structure."""
+    length_m = member_length_m(true_m, structure.rods)
+    for (i, j), told_m, true_lengths_m in zip(structure.rods, structure.rod_length_m, length_m.T, strict=True):
+        true_length_m = of_known(np.median, true_lengths_m)
+        if abs(true_length_m - told_m) > ROD_APART * told_m:
+            raise InputError(
+                f"truth: nodes {i} and {j}: expected as far apart as their rod is long, {told_m:.3g} m, got "
+                f"{true_length_m:.3g} m: is the order of the nodes right?"
+            )
 
 
 def slack_frames(structure: Structure, estimate: Estimate) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ SIGMA_M = 0.001
 
 def in_doubt(*frames_m: np.ndarray) -> bool:
     """Return whether a watch is in doubt after some frames at rest and one later."""
-    watch = RestWatch(RestLengths(1.0, REST_M, np.full(6, SIGMA_M)))
+    watch = RestWatch(RestLengths(1.0, REST_M, np.full(6, SIGMA_M)), np.arange(6))
     none = np.zeros(6, dtype=np.int64)
     for k, length_m in enumerate([*frames_m, REST_M]):
         t_s = 2.0 if k == len(frames_m) else 0.02 * k
@@ -34,6 +34,8 @@ BLANK_M = np.where(np.arange(6) == 2, np.nan, EXCHANGED_M)
         ([EXCHANGED_M], True),
         ([EXCHANGED_M, BLANK_M], True),
         ([REST_M + np.array([-0.0075, 0.0075, 0, 0, 0, 0])], False),
+        ([REST_M + 0.004 * np.array([-1, 1, -1, 1, -1, 1])], True),
+        ([REST_M + 0.001 * np.array([-1, 1, -1, 1, -1, 1])], False),
     ],
     ids=[
         "right",
@@ -42,6 +44,8 @@ BLANK_M = np.where(np.arange(6) == 2, np.nan, EXCHANGED_M)
         "exchanged",
         "exchanged, the last cell blank",
         "two wrong of nearly one length",
+        "offsets of three sigmas",
+        "offsets of one sigma",
     ],
 )
 def test_half_of_the_lengths_or_two_exchanged_ones_are_doubted(frames_m, expected) -> None:
