@@ -248,6 +248,37 @@ def test_two_columns_of_lengths_that_are_exchanged_are_in_doubt(plain, example, 
     assert not any(doubted[1] + doubted[2])
 
 
+@pytest.mark.parametrize(("moved_m", "expected"), [(0.0, False), (0.012, True)])
+def test_anchors_that_are_not_where_lengths_between_them_say_are_in_doubt(moved_m, expected, plain, example) -> None:
+    """One anchor 12 mm away: two of the three lengths between anchors contradict it; forces are not known."""
+    trial = open_trial(example).description
+    anchors_m = trial.structure.anchor_position_m + moved_m * (np.arange(3)[:, None] == 1) * np.array([1.0, 0, 0])
+    structure = replace(trial.structure, anchor_position_m=anchors_m)
+    trial = replace(trial, source="lengths", natural_resistance_ohm=np.empty(0), structure=structure)
+    trial = replace(trial, mechanics=None, rest_position_m=None)
+    true_m = open_trial(example).description.structure.tendon_length_m(plain.node_position_m[0])
+    none = np.zeros(24, dtype=np.int64)
+    noise_m = 0.001 * np.random.default_rng(1).standard_normal((10, 24))
+    read = [TendonLengths(0.02 * k, true_m + noise_m[k], np.full(24, 0.001), none, none) for k in range(10)]
+    assert all((shape.doubt is Reason.GEOMETRY) is expected for shape in stream(read, trial, "frame"))
+
+
+def test_what_was_watched_in_one_run_is_nothing_to_the_next(plain, example) -> None:
+    """The lengths of a run, whose rest is another shape, and then right ones, by the same pipeline."""
+    trial = replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))
+    pipeline = Pipeline(trial, Settings(), read_sensor_model())
+    none = np.zeros(24, dtype=np.int64)
+    read = [
+        TendonLengths(t_s, length_m, np.full(24, 0.001), none, none)
+        for t_s, length_m in zip(plain.t_s[:20], plain.predicted_m, strict=False)
+    ]
+    others = [replace(one, length_m=one.length_m[::-1]) for one in read]
+    in_doubt = [
+        all(shape.doubt is Reason.REST for shape in pipeline.shapes(run, "frame")) for run in (others, read, others)
+    ]
+    assert in_doubt == [True, False, True]
+
+
 def test_lengths_that_are_told_again_and_again_are_in_doubt(plain, example) -> None:
     """A program that goes on to send its last row: every length is as plausible as before."""
     trial = replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))

@@ -170,8 +170,9 @@ def fit_sigma_scale(runs: Sequence[StripRun]) -> SigmaScale:
         of_errors = np.mean(0.5 * (error / (sigma * np.exp(log_scale))) ** 2 + log_scale)
         return float(of_errors + 0.5 * parameters[1] ** 2 / len(error))
 
-    bounds = [(None, None), (0.0, None)]
-    log_b, p = minimize(negative_log_likelihood, [0.0, 0.0], method="Nelder-Mead", bounds=bounds).x
+    log_b, p = minimize(negative_log_likelihood, [0.0, 0.0], method="Nelder-Mead").x
+    if p < 0:
+        return SigmaScale(float(np.sqrt(np.mean((error / sigma) ** 2))))
     return SigmaScale(float(np.exp(log_b)), float(p))
 
 

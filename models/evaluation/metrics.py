@@ -24,7 +24,7 @@ from .pose_score import score_pose
 from .statistics import mean_over_frames, of_known
 from .truth import Truth
 
-ROD_APART = 0.1
+ROD_APART = 0.15
 """Share of a rod's length by which it is not as long in the truth: its nodes are others."""
 GOOD_M = 0.005
 """Largest error of a frame with a good shape; above it a different sign of det J means the wrong branch."""

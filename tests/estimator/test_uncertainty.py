@@ -120,6 +120,28 @@ class TestSecondOrder:
         assert 0.93 < np.mean(inside) < 0.99
 
 
+@pytest.mark.parametrize("many_loads", [0.0, 0.1])
+def test_a_length_that_a_kernel_weighs_little_says_little(many_loads, structure, balanced, lengths_of) -> None:
+    """One length 30 mm off: as without it, the mean does not move, and sigma is not smaller."""
+    settings = with_noise(robust="cauchy")
+    builder = GraphBuilder(structure, balanced, settings.noise)
+    evidence, tendon = FrameEvidence(builder, settings.doubt), int(structure.free_tendons[5])
+    lengths = lengths_of(structure, balanced.node_position_m)
+    off_m = np.where(np.arange(24) == tendon, 0.03, 0.0)
+    found = []
+    for told in (
+        weigh(replace(lengths, length_m=lengths.length_m + off_m), settings.noise),
+        weigh(lengths, settings.noise),
+    ):
+        measured = told.without(off_m > 0) if found else told
+        position = builder.search(measured, balanced.node_position_m).finished().node_position_m
+        doubt = Doubt(many_loads=many_loads, many_loads_n=1.0)
+        found.append(evidence.assess(linearised(builder, position, measured), position, doubt))
+    with_it, without_it = found
+    np.testing.assert_allclose(with_it.node_position_m, without_it.node_position_m, atol=0.0005)
+    assert np.trace(with_it.covariance_m2) == pytest.approx(np.trace(without_it.covariance_m2), rel=0.05)
+
+
 class TestHiddenLoads:
     def test_missing_lengths_give_the_ellipsoids_of_all_probable_loads(self, structure, balanced, lengths_of) -> None:
         """Loads drawn as the settings say, and no length measured: the ellipsoids contain the loaded shapes."""
@@ -137,6 +159,21 @@ class TestHiddenLoads:
             nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(shape.node_covariance_m2[free]), error)
             inside.append(nees < chi2.ppf(0.95, 3))
         assert 0.85 < np.mean(inside) < 0.99
+
+    def test_poor_lengths_that_contradict_the_balance_widen_the_ellipsoids(
+        self, structure, balanced, lengths_of
+    ) -> None:
+        """3 N at node 8, and lengths with a noise of 5 mm: most shapes are near the rest shape, and do not say so."""
+        rng, settings, free = np.random.default_rng(7), Settings(), structure.free_nodes
+        true_m = pressed(structure, balanced, np.where(np.arange(12)[:, None] == 8, [0, 0, -3.0], 0.0))
+        estimator, inside = FrameEstimator(structure, balanced, settings), []
+        for _ in range(60):
+            noise = 0.005 * rng.standard_normal(24)
+            shape = estimator.update(lengths_of(structure, true_m, sigma_m=0.005, noise=noise))
+            error = (shape.node_position_m - true_m)[free]
+            nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(shape.node_covariance_m2[free]), error)
+            inside.append(nees < chi2.ppf(0.999, 3))
+        assert np.mean(inside) > 0.9
 
     def test_measured_lengths_leave_no_room_for_them(self, structure, balanced, lengths_of) -> None:
         """With all lengths measured, loads of 1.5 N that might hide widen sigma by less than a fourth."""

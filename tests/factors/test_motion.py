@@ -23,6 +23,11 @@ def test_constant_velocity_costs_nothing_at_any_steps(steps) -> None:
         assert factor.error(values_of(positions)) == pytest.approx(0, abs=1e-12)
 
 
+def test_stamps_a_tenth_of_a_microsecond_apart_are_a_microsecond_apart() -> None:
+    (factor,) = constant_velocity_factors([3], KEYS, (1e-7, 0.02), 0.3)
+    assert np.isfinite(factor.error(values_of(np.zeros((3, 12, 3)))))
+
+
 def test_motion_factors_of_several_nodes_do_not_share_keys() -> None:
     factors = constant_velocity_factors(range(3, 12), KEYS, (0.02, 0.02), 0.3)
     assert [list(f.keys()) for f in factors] == [[n, 12 + n, 24 + n] for n in range(3, 12)]

@@ -1,6 +1,7 @@
 """Boards on real ptys, read in a process of its own, and everything that happens to cables."""
 
 import time
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -87,6 +88,22 @@ def test_a_stranger_a_double_and_a_wrong_number_of_channels(pty_boards) -> None:
     assert complaints[ports[2]] == "board 9 is not in the rig: expected 0, 1"
     assert complaints[ports[3]] == "board 1 sends 8 channels, the rig has 12"
     assert complaints[ports[0] + "-absent"] == "not there"
+
+
+def test_any_thread_may_read_boards(pty_boards) -> None:
+    """As one of ROS or of Qt; only the main thread may change what signals do."""
+    plan = LinkPlan((0,), (12,), (str(pty_boards("a", 0).port),), 500_000)
+    rows: list = []
+
+    def read() -> None:
+        with SerialLink(plan) as link:
+            rows.extend(taken(link, lambda rows: len(rows) > 10))
+            link.stop()
+
+    thread = Thread(target=read)
+    thread.start()
+    thread.join(30)
+    assert len(rows) > 10
 
 
 def test_a_burst_at_ten_times_the_rate_is_read_whole(pty_boards) -> None:

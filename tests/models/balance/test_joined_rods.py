@@ -7,7 +7,12 @@ from balance import K, nominal, pressed
 from structures import PLATE_M, TOWER, TOWER_M, mixed, plate
 from tensegraph import Structure, six_strut
 from tensegraph.models.balance.joined_rods import JoinedRods
-from tensegraph.models.balance.observable_loads import external_loads, observable_part
+from tensegraph.models.balance.observable_loads import (
+    Observable,
+    external_loads,
+    observable_loads,
+    observable_part,
+)
 from tensegraph.models.balance.statics import Statics
 from tensegraph.models.structure.floor import GRAVITY_M_PER_S2
 from tensegraph.models.structure.mechanics import Mechanics
@@ -43,6 +48,25 @@ def test_a_rigid_body_leaves_what_moves_it_as_a_whole() -> None:
     motions = rigid_motions(PLATE_M[:5])
     np.testing.assert_allclose(joined.allowed(PLATE_M), motions @ motions.T, atol=1e-9)
     assert joined.rows_per_node.sum() == pytest.approx(6)
+
+
+def test_a_node_that_rods_hold_entirely_tells_nothing_of_its_load() -> None:
+    """Three rods from the anchors to node 3, a tripod, and two nodes more on a rod of their own."""
+    x = np.array([[0, 0, 0], [0.3, 0, 0], [0.15, 0.26, 0], [0.15, 0.09, 0.25], [0.07, 0.09, 0.1], [0.2, 0.1, 0.35]])
+    rods = np.array([(0, 3), (1, 3), (2, 3), (4, 5)])
+    tendons = np.array([(4, 0), (4, 1), (4, 3), (5, 0), (5, 2), (5, 3)])
+    length_m = np.linalg.norm(x[rods[:, 0]] - x[rods[:, 1]], axis=1)
+    tripod = Structure(rods, tendons, length_m, np.array(0.1), np.arange(3), x[:3])
+    assert JoinedRods(tripod).rows_per_node.tolist() == [0.0]
+    assert observable_loads(tripod)[3] == Observable.NONE
+    statics = Statics(tripod, nominal(tripod))
+    residual_n = statics.residual_n(x)
+    loads = external_loads(statics, x, residual_n, np.ones_like(residual_n))
+    assert np.isnan(loads.force_n[3]).all()
+    assert loads.sigma_n[3] == np.inf
+    assert np.isfinite(loads.force_n[4:]).all()
+    assert np.isnan(observable_part(tripod, np.ones((6, 3)), x)[3]).all()
+    assert np.isfinite(statics.support_variance_n2(x)).all()
 
 
 def test_disjoint_rods_are_not_joined_nor_are_rods_that_meet_in_an_anchor() -> None:

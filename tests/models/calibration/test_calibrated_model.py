@@ -1,6 +1,7 @@
 """The scale of the network's sigma, from runs on recordings of strips."""
 
 import numpy as np
+import pytest
 
 from tensegraph.models.calibration.calibrated_model import fit_sigma_scale
 from tensegraph.models.calibration.strips import StripRun
@@ -22,6 +23,16 @@ def test_the_scale_follows_the_spread() -> None:
     error = 0.01 * np.sqrt(spread) * rng.permutation(np.repeat([-1.0, 1.0], 250))
     scale = fit_sigma_scale([run(error, spread)])
     np.testing.assert_allclose([scale.factor, scale.power], [10.0, 0.5], rtol=0.01)
+
+
+def test_the_scale_does_not_grow_where_a_strip_rests() -> None:
+    """Errors of 0.004 at a spread of 0.04, and of 0.001 at one of 0.16: p would be -1, and sigma 0.05 at rest."""
+    spread = np.where(np.arange(SAMPLES) < 250, 0.04, 0.16)
+    rng = np.random.default_rng(3)
+    error = 0.00016 / spread * rng.permutation(np.repeat([-1.0, 1.0], 250))
+    scale = fit_sigma_scale([run(error, spread)])
+    assert scale.power == pytest.approx(0.0, abs=1e-6)
+    np.testing.assert_allclose(scale.factor, 1e3 * np.sqrt(np.mean(error**2)), rtol=0.01)
 
 
 def test_strips_moved_alike_tell_nothing_of_the_power() -> None:

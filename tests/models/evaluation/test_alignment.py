@@ -57,7 +57,7 @@ class TestAlignment:
     def test_truth_in_another_frame(self, structure, rest) -> None:
         """Turned by 90 degrees and shifted it is far off as it stands, and exact once aligned; sizes are kept."""
         rng = np.random.default_rng(5)
-        position = rest.node_position_m + 0.01 * rng.standard_normal((6, 12, 3))
+        position = rest.node_position_m + 0.003 * rng.standard_normal((6, 12, 3))
         turned = position @ Rotation.from_euler("z", 90, degrees=True).as_matrix().T + [1.0, 0, 0]
         truth = Truth(np.arange(6) / 50, turned, rest_seconds=0.02)
         estimate = estimate_of(structure, position)

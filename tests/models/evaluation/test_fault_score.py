@@ -54,6 +54,11 @@ class TestFaults:
         flags = self.flags((4, 2, Flag.STUCK), (4, 1, Flag.OUTLIER), (8, 2, Flag.STUCK), (0, 0, Flag.WARMING_UP))
         assert false_alarm_share([self.FAULT], self.estimate(flags)) == pytest.approx(2 / 36)
 
+    def test_a_cell_that_is_blank_is_no_reading(self) -> None:
+        """Ten cells of tendon 1 are blank; of the 30 readings one is named."""
+        flags = self.flags(*((frame, 1, Flag.MISSING) for frame in range(10)), (4, 0, Flag.OUTLIER | Flag.MISSING))
+        assert false_alarm_share([], self.estimate(flags)) == pytest.approx(1 / 30)
+
     def test_a_tendon_without_a_sensor_gives_no_alarm(self) -> None:
         """Tendon 2 has none, and so no reading; of the 10 x 3 readings one is named."""
         structure = replace(four_nodes(), unsensed=[2])

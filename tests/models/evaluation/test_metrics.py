@@ -75,7 +75,24 @@ class TestFrames:
         below = flat * np.array([1, 1, -1])
         truth = Truth(np.array([0.0, 1.0]), np.repeat(flat, 2, axis=0))
         assert branch(structure, flat) * branch(structure, below) == -1
-        assert evaluate(structure, TRUE_M, estimate_of(structure, below), truth).wrong_branch_frames == 0
+        short = replace(structure, rod_length_m=np.array([0.0707]))
+        assert evaluate(short, TRUE_M, estimate_of(short, below), truth).wrong_branch_frames == 0
+
+    def test_the_branch_is_that_of_free_nodes_and_unknown_where_these_are(self) -> None:
+        """Anchors are known, whether the truth tells them or not."""
+        structure = four_nodes()
+        estimate = estimate_of(structure, moved([[0, 0, 0], [0, 0, -200]]))
+        truth = truth_of(2)
+        truth.node_position_m[:, :3] = np.nan
+        assert evaluate(structure, TRUE_M, estimate, truth).wrong_branch_frames == 1
+
+    def test_nodes_in_another_order_are_refused(self) -> None:
+        structure = four_nodes()
+        truth = truth_of(2)
+        truth.node_position_m[:, [0, 1]] = truth.node_position_m[:, [1, 0]]
+        message = r"nodes 0 and 3: expected as far apart as their rod is long, 0\.12 m, got"
+        with pytest.raises(InputError, match=message):
+            evaluate(structure, TRUE_M, estimate_of(structure, moved([[0, 0, 0]] * 2)), truth)
 
     def test_no_branch_where_j_is_not_square(self) -> None:
         structure = four_nodes()

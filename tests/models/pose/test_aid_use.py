@@ -18,6 +18,14 @@ def shape(rest, structure, lengths_of) -> Shape:
     return Shape(0.0, rest.node_position_m, 1e-6 * np.eye(36), Status.OK, lengths_of(structure, rest.node_position_m))
 
 
+def test_a_beacon_where_a_node_rests_has_no_ratio(shape) -> None:
+    use = AidUse(X, 1, (), is_held=False)
+    use.read(RangeReading(0.0, X[2], (0, 0, 2), 0.05))
+    use.observe(shape)
+    use.observe(replace(shape, t_s=2.0))
+    assert "contradict the robot" in use.lines()["range 0"]
+
+
 def lines(shape: Shape, readings: list[AidReading], used: bool = False, is_held: bool = False) -> dict[str, str]:
     """Return what is told of a range and a recording of positions after two seconds of frames."""
     use = AidUse(X, 1, (0,), is_held=is_held)

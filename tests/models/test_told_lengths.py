@@ -1,0 +1,86 @@
+"""Lengths that are told: sensors that are stuck, and noise that is larger than its sigma."""
+
+import numpy as np
+import pytest
+
+from tensegraph import Flag
+from tensegraph.models.sensor.gate import GateSettings
+from tensegraph.models.told_lengths import ToldLengths
+from tensegraph.models.values.readings import TendonLengths
+
+FULL_M = np.full(4, 0.2)
+REST_S = 2.0
+
+
+def checked(length_m: np.ndarray, sigma_m: float = np.nan) -> tuple[list[TendonLengths], ToldLengths]:
+    """Return (rows, 4) lengths at 50 Hz after the check, and the check."""
+    none = np.zeros(4, dtype=np.int64)
+    told = ToldLengths(GateSettings(), FULL_M, REST_S, unstated_m=0.001)
+    rows = [TendonLengths(0.02 * k, m, np.full(4, sigma_m), none, none) for k, m in enumerate(length_m)]
+    return [told.checked(row) for row in rows], told
+
+
+def noise(rows: int, sigma_m: float = 0.001) -> np.ndarray:
+    return FULL_M + sigma_m * np.random.default_rng(3).standard_normal((rows, 4))
+
+
+def flagged(rows: list[TendonLengths], flag: Flag) -> np.ndarray:
+    return np.array([(row.flags & flag) != 0 for row in rows])
+
+
+class TestStuck:
+    def test_a_sensor_that_repeats_itself_is_left_out_after_a_second(self) -> None:
+        length_m = noise(300)
+        length_m[150:, 2] = length_m[150, 2]
+        rows, _ = checked(length_m)
+        stuck = flagged(rows, Flag.STUCK)
+        assert not stuck[:, [0, 1, 3]].any()
+        assert np.flatnonzero(stuck[:, 2]).tolist() == list(range(200, 300))
+        assert np.isnan(rows[-1].length_m[2])
+        assert rows[-1].sigma_m[2] == np.inf
+
+    def test_it_is_used_again(self) -> None:
+        length_m = noise(300)
+        length_m[150:250, 2] = length_m[150, 2]
+        assert not flagged(checked(length_m)[0], Flag.STUCK)[250:].any()
+
+    @pytest.mark.parametrize("step_m", [0.001, 0.01])
+    def test_coarse_steps_repeat_at_rest_as_well(self, step_m) -> None:
+        """Noise of 1 mm in steps of 1 mm repeats often at rest, in steps of 10 mm nearly always: neither is stuck."""
+        length_m = np.round(noise(2000) / step_m) * step_m
+        assert not flagged(checked(length_m)[0], Flag.STUCK).any()
+
+    def test_lengths_without_noise_and_whole_rows_say_nothing(self) -> None:
+        without_noise = np.repeat(FULL_M[None], 400, axis=0)
+        without_noise[100:, 0] += 1e-4 * np.arange(300)  # at rest before, and then one tendon moves
+        assert not flagged(checked(without_noise)[0], Flag.STUCK).any()
+        repeated = noise(300)
+        repeated[150:] = repeated[150]
+        assert not flagged(checked(repeated)[0], Flag.STUCK).any()
+
+
+class TestScatter:
+    def test_a_sigma_that_is_too_small_is_widened(self) -> None:
+        """Noise of 5 mm, told as 1 mm: by the variance of 100 values, to within a tenth or so."""
+        rows, told = checked(noise(150, 0.005))
+        np.testing.assert_allclose(rows[-1].sigma_m, 0.005, rtol=0.25)
+        assert list(told.warnings()) == [f"tendon {e}" for e in range(4)]
+        assert "scatters by" in told.warnings()["tendon 0"]
+
+    @pytest.mark.parametrize("sigma_m", [0.001, 0.002])
+    def test_one_that_is_right_or_too_large_is_as_told(self, sigma_m) -> None:
+        rows, told = checked(noise(150), sigma_m)
+        assert all((row.sigma_m == sigma_m).all() for row in rows)
+        assert not told.warnings()
+
+    def test_what_moves_later_does_not_scatter(self) -> None:
+        length_m = noise(300)
+        length_m[100:] += 0.02 * np.sin(0.1 * np.arange(200))[:, None]
+        assert not checked(length_m)[1].warnings()
+
+    def test_a_value_that_jumps_at_rest_is_left_out_and_does_not_count(self) -> None:
+        length_m = noise(150)
+        length_m[60, 1] = 0.9
+        rows, told = checked(length_m)
+        assert np.argwhere(flagged(rows, Flag.OUTLIER)).tolist() == [[60, 1]]
+        assert not told.warnings()
