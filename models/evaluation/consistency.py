@@ -10,7 +10,7 @@ from .estimate import Estimate
 from .evaluation import ComparedFrames, Consistency
 from .statistics import mean_over_frames, of_known
 
-REDUNDANT = 0.1
+REDUNDANT = 0.5
 """Least ratio of the sigma of the innovation to the sigma of the length with which a length is in the NIS. Below it the
 shape follows the length so closely that the innovation is no test."""
 

