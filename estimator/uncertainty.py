@@ -16,13 +16,13 @@ none; where they are missing, L_n = 1, and the ellipsoids are those of all shape
 these variances the shape would be another one; the square of the distance to it is part of the ellipsoids, too.
 
 Without forces, the lengths tell the motion v of which they say least to second order only, where det J is near zero.
-With s^2 the variance along v, and r'' the second derivatives of the lengths along it over their sigmas, the error of
-the frame, whose other motions have adapted, is
+With s^2 the variance along v, r'' the second derivatives of the lengths along it over their sigmas, and C_o the
+covariance of the other motions, which adapt by a^2 u, u = -C_o J^T r'' / 2, the error of the frame is
 
-    E(a) = a^2 / (2 s^2) + (J v . r'') a^3 / 2 + (r'' . r'' - (J^T r'') . C_other (J^T r'')) a^4 / 8
+    E(a) = a^2 / (2 s^2) + (J v . r'') a^3 / 2 + (r'' . r'' - (J^T r'') . C_o (J^T r'')) a^4 / 8
 
-where C_other is the covariance without v. The variance is the mean of a^2 with the density exp(-E), if that is larger.
-What lies beyond a barrier of E is another shape (`OtherBranch`).
+Two minima that no barrier of E parts are one wide one. Shape and covariance are the mean and the covariance of
+x + a v + a^2 u with the density exp(-E). What lies beyond a barrier is another shape (`OtherBranch`).
 
 With a probability that the doubt about the model gives (`ModelDoubt`), many nodes are loaded at once. Shape and
 covariance are those of the mixture of both: the mean, the covariances, and the square of the distance between them.
@@ -174,22 +174,28 @@ class FrameEvidence:
             held, gradient = frame.without_forces(mixture.share_of_lengths)
             if statics is None:
                 linear_m2 = np.asarray(np.linalg.inv(held), dtype=np.float64)
-                covariance[..., free[:, None], free] += self._second_order(frame, node_position_m, linear_m2, mixture)
+                step_m, free_covariance = self._second_order(frame, node_position_m, linear_m2, mixture)
+                covariance[..., free[:, None], free] += free_covariance
+                mean_m = self._moved(node_position_m, step_m)
                 innovation = self._innovation(frame, held, gradient, None)
-                return Assessment(node_position_m, covariance, None, np.zeros_like(gradient), innovation)
+                return Assessment(mean_m, covariance, None, np.zeros_like(gradient), innovation)
             few = self._force_variance(frame, statics, held)
             step_m, apart_m, free_covariance = self._mixed(frame, few, held, gradient, mixture)
             innovation = self._innovation(frame, held, gradient, few)
         except np.linalg.LinAlgError as error:
             raise IndeterminateError(UNDETERMINED) from error
         covariance[..., free[:, None], free] += free_covariance
-        mean_m = node_position_m.reshape(*lead, -1).copy()
-        mean_m[..., free] += step_m
-        mean_m = mean_m.reshape(node_position_m.shape)
+        mean_m = self._moved(node_position_m, step_m)
         force_n = frame.force_n + (frame.force_jacobian @ step_m[..., None])[..., 0]
         variance = propagated_variance(frame.force_jacobian, free_covariance)
         loads = external_loads(statics, mean_m, force_n, variance)
         return Assessment(mean_m, covariance, loads, apart_m, innovation)
+
+    def _moved(self, node_position_m: NDArray[np.float64], step_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., nodes, 3) shapes whose free coordinates are moved by (..., free) steps."""
+        moved_m = node_position_m.reshape(*step_m.shape[:-1], -1).copy()
+        moved_m[..., self._builder.structure.free_coordinates] += step_m
+        return moved_m.reshape(node_position_m.shape)
 
     def _second_order(
         self,
@@ -197,8 +203,8 @@ class FrameEvidence:
         node_position_m: NDArray[np.float64],
         covariance_m2: NDArray[np.float64],
         mixture: Mixture,
-    ) -> NDArray[np.float64]:
-        """Return (..., free, free) the covariance, with the variance of its widest motion to second order.
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the (..., free) step to the mean and the (..., free, free) covariance, to second order in lengths.
 
         Args:
             frame: see `assess_frames`.
@@ -208,21 +214,25 @@ class FrameEvidence:
         """
         structure = self._builder.structure
         values, vectors = np.linalg.eigh(covariance_m2)
-        variance, widest = values[..., -1], vectors[..., -1]
-        outer = widest[..., :, None] * widest[..., None, :]
-        motion = np.zeros((*node_position_m.shape[:-2], 3 * structure.node_count))
-        motion[..., structure.free_coordinates] = widest
-        motion = motion.reshape(node_position_m.shape)
+        variance, widest = values[..., -1], vectors[..., -1:]
+        motion = self._moved(np.zeros_like(node_position_m), widest[..., 0])
         bent_per_m = length_curvature_per_m(node_position_m, structure.free_members, motion)
         _, jacobian, bent = frame.weighted_with(bent_per_m[..., None])
         root = np.sqrt(mixture.share_of_lengths)[..., None, None]
         jacobian, bent = root * jacobian, root * bent
         by_motion = np.swapaxes(jacobian, -1, -2) @ bent
-        others_m2 = covariance_m2 - variance[..., None, None] * outer
-        cubic = (widest * by_motion[..., 0]).sum(axis=-1)
-        adapted = (np.swapaxes(by_motion, -1, -2) @ others_m2 @ by_motion)[..., 0, 0]
-        mean_square = mean_square_of(variance, cubic, (bent[..., 0] ** 2).sum(axis=-1) - adapted)
-        return np.asarray(covariance_m2 + np.maximum(mean_square - variance, 0.0)[..., None, None] * outer)
+        others_m2 = covariance_m2 - variance[..., None, None] * widest @ np.swapaxes(widest, -1, -2)
+        adapted = -0.5 * others_m2 @ by_motion  # u
+        cubic = np.sum(widest * by_motion, axis=(-2, -1))
+        quartic = np.sum(bent**2, axis=(-2, -1)) + 2 * np.sum(by_motion * adapted, axis=(-2, -1))
+        first, second, third, fourth = moments_of(variance, cubic, quartic)
+        step_m = first[..., None] * widest[..., 0] + second[..., None] * adapted[..., 0]
+        directions = np.concatenate([widest, adapted], axis=-1)
+        crossed = third - first * second
+        spread = np.stack(
+            [np.stack([second - first**2, crossed], axis=-1), np.stack([crossed, fourth - second**2], axis=-1)], axis=-1
+        )
+        return step_m, others_m2 + directions @ spread @ np.swapaxes(directions, -1, -2)
 
     def _innovation(
         self,
@@ -326,12 +336,12 @@ class FrameEvidence:
         return np.asarray(1 / (1 + (1 - prior) / prior * np.exp(-np.clip(log_ratio, -50, 50))))
 
 
-def mean_square_of(
+def moments_of(
     variance: NDArray[np.float64], cubic: NDArray[np.float64], quartic: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return (...,) the mean of a^2 with the density exp(-E), E = a^2 / (2 s^2) + c_3 a^3 / 2 + c_4 a^4 / 8.
+) -> tuple[NDArray[np.float64], ...]:
+    """Return the (...,) means of a, a^2, a^3 and a^4 with the density exp(-E).
 
-    The density ends on both sides where E exceeds `BARRIER`.
+    E is a^2 / (2 s^2) + c_3 a^3 / 2 + c_4 a^4 / 8. The density ends on both sides where E exceeds `BARRIER`.
 
     Args:
         variance: (...,) s^2.
@@ -348,4 +358,5 @@ def mean_square_of(
     above = np.maximum.accumulate(error[..., middle:], axis=-1)
     highest = np.concatenate([below, above[..., 1:]], axis=-1)
     density = np.where(highest < BARRIER, np.exp(-error), 0.0)
-    return np.asarray(variance * (density * STEPS**2).sum(axis=-1) / density.sum(axis=-1))
+    density /= density.sum(axis=-1, keepdims=True)
+    return tuple(np.asarray(sigma**n * (density @ STEPS**n)) for n in (1, 2, 3, 4))
