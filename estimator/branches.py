@@ -42,14 +42,18 @@ class OtherBranch:
         self._other_shape: OtherShape | None = None
 
     def with_other(self, shape: Shape) -> Shape:
-        """Return the shape together with the other shape that the latest search found, if it found one."""
+        """Return the shape together with the other shape that the latest search found, if it found one.
+
+        A shape that the ellipsoids hold is no other one.
+        """
         due = shape.t_s - self._began_s >= self._settings.look_every_s
         if self._search is None and due and self._builder.structure.is_square:
             self._began_s = shape.t_s
             self._search = self._iterations(shape.node_position_m, weigh(shape.lengths, self._builder.noise))
         if self._search is not None and not next(self._search, False):
             self._search = None
-        return shape if self._other_shape is None else shape.with_other(self._other_shape)
+        other = self._other_shape
+        return shape if other is None or shape.holds(other.node_position_m) else shape.with_other(other)
 
     def _iterations(self, position_m: NDArray[np.float64], measured: WeightedLengths) -> Iterator[bool]:
         """Search the other minimum of a frame's own factors, and keep it if it is not much less probable.

@@ -21,7 +21,7 @@ def consistency(structure: Structure, estimate: Estimate, compared: ComparedFram
     predicted_m = structure.tendon_length_m(estimate.node_position_m)
     innovation = ((estimate.length_m - predicted_m) / np.maximum(estimate.innovation_sigma_m, 1e-9))[:, tendons]
     sigma_m = estimate.sigma_m[:, tendons]
-    checked = np.isfinite(sigma_m) & (estimate.innovation_sigma_m[:, tendons] > REDUNDANT * sigma_m)
+    checked = np.isfinite(sigma_m) & (estimate.innovation_sigma_m[:, tendons] >= REDUNDANT * sigma_m)
     nis = np.where(checked, innovation**2, np.nan)
     count = np.array([independent_count(column) for column in compared.nees.T])
     return Consistency(

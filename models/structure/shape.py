@@ -18,6 +18,8 @@ from .external_loads import ExternalLoads
 from .floor import EstimatedNormal
 
 Number = TypeVar("Number", np.float64, np.int64)
+LEAST_VARIANCE_M2 = 1e-14
+"""Variance of the coordinate of an anchor that is known exactly."""
 
 
 class Status(StrEnum):
@@ -217,6 +219,13 @@ class Shape:
         """Return the shape with a second one, and the status `two_shapes` unless a worse status stands."""
         is_told = self.status in (Status.OK, Status.PARTIAL)
         return replace(self, status=Status.TWO_SHAPES if is_told else self.status, other=other)
+
+    def holds(self, node_position_m: NDArray[np.float64]) -> bool:
+        """Return whether all (nodes, 3) positions are in the ellipsoids of 95 %."""
+        apart_m = node_position_m - self.node_position_m
+        covariance_m2 = self.node_covariance_m2 + LEAST_VARIANCE_M2 * np.eye(3)
+        squared = np.sum(apart_m * np.linalg.solve(covariance_m2, apart_m[..., None])[..., 0], axis=1)
+        return bool((squared <= chi_squared_quantile(0.95, 3)).all())
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:

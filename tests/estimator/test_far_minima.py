@@ -69,7 +69,7 @@ def test_where_the_shape_is_unlikely_the_far_one_is_told_too(frames, monkeypatch
     shape = FrameEstimator(frames.structure, frames.rest, Settings()).update(frames.measured[0].lengths)
     live = branches.OtherBranch(frames.builder, BranchSettings())
     for _ in range(2 * MAX_FRAME_ITERATIONS):
-        told = live.with_other(replace(shape, node_position_m=frames.first_m[0]))
+        told = live.with_other(replace(shape, node_position_m=frames.first_m[0], covariance_m2=1e-6 * np.eye(36)))
     for other in (found[0], told.other):
         np.testing.assert_allclose(other.node_position_m, far_m[0], atol=1e-3)
         assert other.log_ratio == pytest.approx(error[0] - frames.error, abs=0.02)

@@ -112,7 +112,7 @@ def test_gtsam_descends_on_the_kernel_s_error(rest, check_jacobian) -> None:
 def test_the_covariance_has_its_information(kind, structure, rest, balanced, lengths_of) -> None:
     """Without loads that may hide: the inverse covariance grows by J^T J / sigma^2, as in gtsam's marginals."""
     shape_rest = rest if kind == "lengths" else balanced
-    settings = with_noise(robust="none")
+    settings = with_noise(robust="none", shape_prior_m=0.0005)  # with which lengths are linear
     if kind == "forces":
         settings = replace(settings, doubt=replace(settings.doubt, loaded_share=1e-9))
     lengths = lengths_of(structure, shape_rest.node_position_m)
