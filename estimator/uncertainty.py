@@ -22,7 +22,9 @@ covariance of the other motions, which adapt by a^2 u, u = -C_o J^T r'' / 2, the
     E(a) = a^2 / (2 s^2) + (J v . r'') a^3 / 2 + (r'' . r'' - (J^T r'') . C_o (J^T r'')) a^4 / 8
 
 Two minima that no barrier of E parts are one wide one. Shape and covariance are the mean and the covariance of
-x + a v + a^2 u with the density exp(-E). What lies beyond a barrier is another shape (`OtherBranch`).
+x + a v + a^2 u with the density exp(-E). Where another motion is about as uncertain, of variance s_2^2, v is arbitrary:
+only the share 1 - s_2^2 / s^2 of the way to the mean is gone, and the rest of it is in the covariance. What lies beyond
+a barrier is another shape (`OtherBranch`).
 
 With a probability that the doubt about the model gives (`ModelDoubt`), many nodes are loaded at once. Shape and
 covariance are those of the mixture of both: the mean, the covariances, and the square of the distance between them.
@@ -204,7 +206,7 @@ class FrameEvidence:
         covariance_m2: NDArray[np.float64],
         mixture: Mixture,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the (..., free) step to the mean and the (..., free, free) covariance, to second order in lengths.
+        """Return the (..., free) step towards the mean, and the (..., free, free) covariance, to second order.
 
         Args:
             frame: see `assess_frames`.
@@ -226,13 +228,16 @@ class FrameEvidence:
         cubic = np.sum(widest * by_motion, axis=(-2, -1))
         quartic = np.sum(bent**2, axis=(-2, -1)) + 2 * np.sum(by_motion * adapted, axis=(-2, -1))
         first, second, third, fourth = moments_of(variance, cubic, quartic)
-        step_m = first[..., None] * widest[..., 0] + second[..., None] * adapted[..., 0]
+        mean_m = first[..., None] * widest[..., 0] + second[..., None] * adapted[..., 0]
+        share = (1 - values[..., -2] / variance)[..., None]
+        left_m = ((1 - share) * mean_m)[..., None]
         directions = np.concatenate([widest, adapted], axis=-1)
         crossed = third - first * second
         spread = np.stack(
             [np.stack([second - first**2, crossed], axis=-1), np.stack([crossed, fourth - second**2], axis=-1)], axis=-1
         )
-        return step_m, others_m2 + directions @ spread @ np.swapaxes(directions, -1, -2)
+        covariance_m2 = others_m2 + directions @ spread @ np.swapaxes(directions, -1, -2)
+        return share * mean_m, covariance_m2 + left_m @ np.swapaxes(left_m, -1, -2)
 
     def _innovation(
         self,
