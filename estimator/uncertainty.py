@@ -51,11 +51,11 @@ NO_DOUBT = Doubt()
 SHAKEN_SCALE = 15.0
 """Factor of the sigmas of rods and lengths in the covariance while the robot is shaken: its nodes swing so far
 that the lengths are no longer linear in their positions."""
-BARRIER = 8.0
-"""Error of a frame beyond which another minimum is another shape: four standard deviations."""
-STEPS = np.linspace(-20, 20, 401)
+BARRIER = 4.5
+"""Error of a frame beyond which another minimum is another shape: three standard deviations."""
+STEPS = np.linspace(-16, 16, 321)
 """Steps along a motion over its standard deviation. Of an error a^2 (1 + a / w)^2 / (2 s^2) the second minimum, at -w,
-is farther away than 16 s where the barrier between both, w^2 / (32 s^2), exceeds `BARRIER`."""
+is farther away than 12 s where the barrier between both, w^2 / (32 s^2), exceeds `BARRIER`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -346,7 +346,7 @@ def moments_of(
 ) -> tuple[NDArray[np.float64], ...]:
     """Return the (...,) means of a, a^2, a^3 and a^4 with the density exp(-E).
 
-    E is a^2 / (2 s^2) + c_3 a^3 / 2 + c_4 a^4 / 8. The density ends on both sides where E exceeds `BARRIER`.
+    E is a^2 / (2 s^2) + c_3 a^3 / 2 + c_4 a^4 / 8. On both sides the density ends where E falls beyond a `BARRIER`.
 
     Args:
         variance: (...,) s^2.
@@ -359,9 +359,14 @@ def moments_of(
     flat = np.maximum(quartic * variance**2, skew[..., 0] ** 2)[..., None]
     error = 0.5 * STEPS**2 + 0.5 * skew * STEPS**3 + 0.125 * flat * STEPS**4
     middle = len(STEPS) // 2
-    below = np.maximum.accumulate(error[..., middle::-1], axis=-1)[..., ::-1]
-    above = np.maximum.accumulate(error[..., middle:], axis=-1)
-    highest = np.concatenate([below, above[..., 1:]], axis=-1)
-    density = np.where(highest < BARRIER, np.exp(-error), 0.0)
+    below, above = _is_beyond(error[..., middle::-1])[..., ::-1], _is_beyond(error[..., middle:])
+    density = np.where(np.concatenate([below, above[..., 1:]], axis=-1), 0.0, np.exp(-error))
     density /= density.sum(axis=-1, keepdims=True)
     return tuple(np.asarray(sigma**n * (density @ STEPS**n)) for n in (1, 2, 3, 4))
+
+
+def _is_beyond(error: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return (..., steps) whether an error has fallen again after a maximum above `BARRIER`, step by step."""
+    highest = np.maximum.accumulate(error, axis=-1)
+    falls = (highest > BARRIER) & (error < highest)
+    return np.asarray(np.logical_or.accumulate(falls, axis=-1))

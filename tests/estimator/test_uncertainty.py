@@ -82,7 +82,7 @@ class TestSecondOrder:
 
     def test_of_a_parabola_they_are_those_of_a_normal_distribution(self) -> None:
         moments = moments_of(np.array(4.0), np.array(0.0), np.array(0.0))
-        assert moments == pytest.approx([0.0, 4.0, 0.0, 48.0], rel=3e-2)  # the density ends at four sigmas
+        assert moments == pytest.approx([0.0, 4.0, 0.0, 48.0], rel=1e-6, abs=1e-9)
 
     @given(st.floats(1e-3, 50), st.floats(0, 20))
     def test_they_are_those_of_the_density(self, sigma, flat) -> None:
@@ -101,15 +101,15 @@ class TestSecondOrder:
 
         got = moments_of(np.array(sigma**2), np.array(skew / sigma**3), np.array(quartic / sigma**4))
         expected = [sigma**n * mean_of(n) / mean_of(0) for n in (1, 2, 3, 4)]
-        assert got == pytest.approx(expected, rel=3e-2)
+        assert got == pytest.approx(expected, rel=1e-3)
 
     def test_a_minimum_beyond_a_barrier_is_another_shape(self) -> None:
         far = moments_of(np.array(1.0), np.array(2 / 18), np.array(4 / 18**2))  # the barrier is 18^2 / 32 = 10
-        near = moments_of(np.array(1.0), np.array(2 / 12), np.array(4 / 12**2))  # and 4.5 here
+        near = moments_of(np.array(1.0), np.array(2 / 10), np.array(4 / 10**2))  # and 3.1 here
         assert abs(far[0]) < 0.5
         assert far[1] < 1.5
-        assert near[0] == pytest.approx(-12 / 2, rel=0.01)
-        assert near[1] == pytest.approx(12**2 / 2, rel=0.1)
+        assert near[0] == pytest.approx(-10 / 2, rel=0.01)
+        assert near[1] == pytest.approx(10**2 / 2, rel=0.1)
 
     def test_shapes_whose_lengths_are_nearly_singular_are_the_mean_of_what_samples_say(
         self, structure, rest, lengths_of
