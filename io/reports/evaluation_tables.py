@@ -47,11 +47,12 @@ class ScoredResult:
                 errors.add_row(kind + name, *_millimetres(getattr(shape_errors, name)))
         regimes = Table("frames", "", "RMSE, mm", "NEES", "in 68 %", "in 95 %", "median sigma, mm")
         for regime in e.regimes:
-            regimes.add_row(regime.name, str(regime.frames), *_regime_cells(regime))
+            if regime.frames:
+                regimes.add_row(regime.name, str(regime.frames), *_regime_cells(regime))
         facts = Table(show_header=False)
         for name, text in _facts(e):
             facts.add_row(name, text)
-        return Group(errors, regimes, facts)
+        return Group(errors, *([regimes] if regimes.row_count else []), facts)
 
     def as_json(self) -> dict[str, Any]:
         """Return all numbers of the evaluation; what is not known is null."""
