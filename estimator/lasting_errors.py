@@ -12,7 +12,7 @@ mean of 17 recordings, and 1 to 2 % too small where they are larger, by 4 % more
 balance of forces, in which no load is more probable than one, draws shapes to rest by 1 to 5 % even with true lengths.
 The error of strain grows with its rate by 0.035 to 0.06 s times that rate, with either sign. Strips that are held creep
 for longer than in those recordings, in which they move all the time, and remember it: in presses of the twin that last
-for 8 s, lengths lose a seventh to a third.
+for 8 s, lengths lose a seventh to a third. Of lengths that no strips tell, only the errors of the balance are left.
 """
 
 import numpy as np
@@ -26,6 +26,8 @@ from ..models.values.time_series import SmoothedRate, low_pass_weight
 
 DEFORMATION_SHARE = 0.07
 """kappa, the standard deviation of the error that all strips share over the deformation."""
+BALANCE_SHARE = 0.05
+"""The part of it that the balance of forces makes."""
 CREEP_SHARE = 0.2
 """kappa_c, the standard deviation of what strips creep while they are held over the deformation."""
 CREEP_S = 10.0
@@ -59,6 +61,7 @@ class LastingErrors:
         self._free = structure.free_coordinates
         self._rest_m = rest.node_position_m.reshape(-1)[self._free]
         self._rest_m2 = rest.covariance_m2[np.ix_(self._free, self._free)]
+        self._balance_share = BALANCE_SHARE if rest.mechanics else 0.0
         self._velocity = SmoothedRate(len(self._free), VELOCITY_S)
         self._remembered_m = np.zeros(len(self._free))
         self._last_s = np.nan
@@ -92,9 +95,12 @@ class LastingErrors:
         self._last_s = shape.t_s
         if shape.doubt is Reason.MOTION:
             return shape
-        parts_m = np.stack(
-            [DEFORMATION_SHARE * deformation_m, CREEP_SHARE * self._remembered_m, RATE_S * velocity_m_per_s]
-        )
+        if shape.lengths.of_strips:
+            parts_m = np.stack(
+                [DEFORMATION_SHARE * deformation_m, CREEP_SHARE * self._remembered_m, RATE_S * velocity_m_per_s]
+            )
+        else:
+            parts_m = self._balance_share * deformation_m[None]
         added_m2 = parts_m.T @ parts_m
         if of_noise:
             of_frame_m2 = shape.covariance_m2[self._free[:, None], self._free] - self._rest_m2

@@ -292,6 +292,7 @@ class Trial:
             )
 
     def _lengths(self) -> Iterator[TendonLengths]:
+        assert self.table.lengths is not None, "lengths are told"
         natural_m = self.description.structure.natural_length_m
         sensed = self.description.structure.sensed_tendons
         rows = self._bag() or self._read_lengths() or self._lengths_csv()
@@ -308,7 +309,12 @@ class Trial:
             mode = np.where(length_m < natural_m, BENDING, STRETCHING)
             flags = np.where(np.isnan(length_m), int(Flag.MISSING), np.where(possible, 0, int(Flag.OUT_OF_RANGE)))
             yield TendonLengths(
-                t_s=row[0], length_m=np.where(possible, length_m, np.nan), sigma_m=sigma_m, mode=mode, flags=flags
+                t_s=row[0],
+                length_m=np.where(possible, length_m, np.nan),
+                sigma_m=sigma_m,
+                mode=mode,
+                flags=flags,
+                of_strips=self.table.lengths.strips,
             )
 
     def _check_first(

@@ -153,6 +153,8 @@ class LengthsTable:
 
     file: FileName
     topic: str | None = None
+    strips: bool = True
+    """Whether strips have told them, which remember how they were moved; of encoders, say, it is false."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -354,7 +354,10 @@ def test_lengths_with_few_sigmas_with_gaps_and_with_stamps_that_go_back(trial_co
     text = (path / "trial.toml").read_text()
     (path / "trial.toml").write_text(text[: text.index("[adc]")] + '[lengths]\nfile = "lengths.csv"\n')
     trial = open_trial(path)
+    assert all(frame.of_strips for frame in trial.readings())
     result = reconstruct(trial, "live")
+    (path / "trial.toml").write_text(text[: text.index("[adc]")] + '[lengths]\nfile = "lengths.csv"\nstrips = false\n')
+    assert not any(frame.of_strips for frame in open_trial(path).readings())
     assert result.t_s.tolist() == [0.0, 0.02, 0.05]
     assert trial.dropped_rows == 1
     assert result.flags[:, 0].tolist() == [0, Flag.MISSING, Flag.OUT_OF_RANGE]

@@ -76,6 +76,8 @@ class ReboundWatch:
             force_n: (nodes, 3) the loads; nan at anchors.
             in_motion: whether the robot is shaken, so that they are inertia.
         """
+        if not lengths.of_strips:
+            return
         structure = self._rest.structure
         measured = np.isfinite(lengths.sigma_m[structure.sensed_tendons])
         gap_s = lengths.t_s - self._learned_s

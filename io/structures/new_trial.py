@@ -22,7 +22,7 @@ SIDE_PER_ROD = 0.5
 """Side of the triangles over the rod of a prism, with which it is about as high as wide."""
 HEADS = {
     "trial.toml": "A start: every number is nominal. Put your own in; docs/formats/trial.md tells every key.\n"
-    '# If you measure lengths yourself, put [lengths] with file = "lengths.csv" in place of [adc], [sensors], [[board]].',
+    "# Where lengths are measured otherwise, [lengths] stands in place of [adc], [sensors] and [[board]].",
     "rig.toml": "What stands in the lab, for `tensegraph record` and `tensegraph live`. Put your own numbers in.",
 }
 COMMENTS_OF_START = {

@@ -319,6 +319,8 @@ class TendonLengths:
     were not computed from resistance."""
     natural: NaturalLengths | None = None
     """The natural lengths at the instant that the lengths show, `lag_s` before t_s; None where no motor changes any."""
+    of_strips: bool = True
+    """Whether strips tell the lengths, which remember how they were moved."""
     factors: tuple[NodeFactor, ...] = ()
     """What else says something of the nodes at t_s; the same in all frames of a trial."""
     model_error: ModelError | None = None

@@ -11,6 +11,7 @@ from scipy.stats import chi2
 import tensegraph as tg
 from tensegraph.estimator.lasting_errors import (
     AVERAGED,
+    BALANCE_SHARE,
     CREEP_S,
     CREEP_SHARE,
     DEFORMATION_SHARE,
@@ -91,6 +92,19 @@ def test_strips_remember_how_long_they_were_held(structure: Structure, rest: Res
     assert along_x_m2(held) - along_x_m2(shape) == pytest.approx(0.49e-6 + (0.2 * remembered_m) ** 2)
     after = lasting.of_trial(shown(rest, t_s=20.0), still, is_averaged=False)
     assert along_x_m2(after) - along_x_m2(shape) == pytest.approx((0.2 * np.exp(-1) * remembered_m) ** 2)
+
+
+@pytest.mark.parametrize("kind", ["lengths", "forces"])
+def test_lengths_that_no_strips_tell_have_the_errors_of_the_balance_alone(kind, structure, rest, balanced) -> None:
+    """Moved by 20 mm for 30 s: 5 % of it where forces are known, and nothing where they are not."""
+    its_rest = balanced if kind == "forces" else rest
+    errors = LastingErrors(structure, its_rest)
+    for t_s in np.arange(0, 30, 0.1):
+        shape = shown(its_rest, moved_m=0.02, t_s=t_s)
+        told = replace(shape, lengths=replace(shape.lengths, of_strips=False))
+        widened = errors.observe(told)
+    added_m2 = along_x_m2(widened) - along_x_m2(told)
+    assert added_m2 == pytest.approx((BALANCE_SHARE * 0.02) ** 2 if kind == "forces" else 0.0)
 
 
 def test_a_robot_that_stands_at_rest_has_the_covariance_of_its_frame(structure: Structure, rest: RestShape) -> None:
