@@ -308,7 +308,7 @@ class Pipeline:
 
     @property
     def misfits_at_rest(self) -> bool:
-        """Whether at least half of the sensors, or of the lengths, do not fit the rest shape, or two are exchanged."""
+        """Whether at least half of the sensors, or the lengths that are told, do not fit the rest shape."""
         by_sensors = getattr(self.front_end, "misfits_at_rest", False)  # one of one's own may have `lengths` alone
         return by_sensors or self.watch.misfits_at_rest
 
@@ -351,7 +351,7 @@ class Pipeline:
                 else:
                     if isinstance(reading, TendonLengths):
                         yield from self._in_pause(reading.t_s, aids)
-                        self._pauses.add(reading.t_s)
+                        self._pauses.add(reading)
                         lengths = self._told.checked(reading)
                     else:
                         lengths = next(computed)  # strain and length, eqs. (2)-(4)

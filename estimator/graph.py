@@ -21,12 +21,11 @@ from ..models.estimation import NoiseSettings
 from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.rigidity import SINGULAR, motions_left
-from ..models.structure.shape import Reason, Status
+from ..models.structure.shape import Reason, Status, are_improbable
 from ..models.structure.structure import Structure
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import NaturalLengths, TendonLengths
 from .own_evidence import own_graph_rows, own_rows
-from .watches.lengths_watch import contradict
 
 MAX_FRAME_ITERATIONS = 100
 ERROR_TOLERANCE = 1e-2
@@ -108,7 +107,7 @@ class GraphBuilder:
         """
         rest, read = self.rest.lengths(0.0), lengths.usable
         apart = (lengths.length_m - rest.length_m)[read] / np.hypot(lengths.sigma_m, rest.sigma_m)[read]
-        self.starts_at_rest = self.rest.at_start and not contradict(apart, faulty=1)
+        self.starts_at_rest = self.rest.at_start and not are_improbable(apart, faulty=1)
 
     def approach(self, node_position_m: NDArray[np.float64]) -> None:
         """Compute the standard deviation of the balance of forces near a shape, if it is not near the last one."""

@@ -153,10 +153,13 @@ class LinearFrame:
         """Return (..., free, free) the information of all factors, and (..., free) their error's gradient."""
         information, gradient = self.without_forces()
         forces = self.force_jacobian * self.force_weight_per_n[..., None]
-        pull = _product(
-            np.swapaxes(self.force_jacobian, -1, -2), self.force_weight_per_n / self.force_sigma_n * self.force_n
-        )
+        pull = _product(np.swapaxes(self.force_jacobian, -1, -2), self.force_pull)
         return information + np.swapaxes(forces, -1, -2) @ forces, gradient + pull
+
+    @property
+    def force_pull(self) -> NDArray[np.float64]:
+        """(..., rows) derivative of the error by the residuals of the balance, with Cauchy's kernel."""
+        return np.asarray(self.force_weight_per_n / self.force_sigma_n * self.force_n)
 
     @property
     def own(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

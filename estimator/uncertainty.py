@@ -7,13 +7,18 @@ the errors of readings that repeat from frame to frame.
 Forces hold a shape only as far as no load hides behind it. A node n has a load with a prior probability p_0, and then
 its balance r_n is wrong by sigma_L. Whether it has one is judged by the shape as all else determines it (the cavity):
 
-    C_n = R_n P R_n^T,   C'_n = (1 - C_n W_n)^-1 C_n,   r'_n = (1 - C_n W_n)^-1 r_n
+    C_n = R_n P R_n^T,   C'_n = (1 - C_n W_n)^-1 C_n,   r'_n = r_n + C'_n psi_n r_n
     L_n = N(r'_n; 0, C'_n + sigma_L^2) / N(r'_n; 0, C'_n + sigma_F^2)
     p_n = p_0 L_n / (1 - p_0 + p_0 L_n),   Var(r_n) = (1 - p_n) / W_n + p_n sigma_L^2, at least 1 / W_n
 
-with Cauchy's weight W_n = 1 / (sigma_F (1 + q_n))^2. Where lengths are measured, C'_n is small and p_n tells loads from
-none; where they are missing, L_n = 1, and the ellipsoids are those of all shapes that a probable load would make. With
-these variances the shape would be another one; the square of the distance to it is part of the ellipsoids, too.
+with Cauchy's weight W_n = 1 / (sigma_F (1 + q_n))^2 and pull psi_n = 1 / (sigma_F^2 (1 + q_n)). Where lengths are
+measured, C'_n is small and p_n tells loads from none; where they are missing, L_n = 1, and the ellipsoids are those of
+all shapes that a probable load would make. With these variances in place of the kernel the shape would be another one,
+by
+
+    delta = -P R^T (1 / Var(r) - psi) r
+
+whose square is part of the ellipsoids, too.
 
 Without forces, the lengths tell the motion v of which they say least to second order only, where det J is near zero.
 With s^2 the variance along v, r'' the second derivatives of the lengths along it over their sigmas, and C_o the
@@ -22,9 +27,9 @@ covariance of the other motions, which adapt by a^2 u, u = -C_o J^T r'' / 2, the
     E(a) = a^2 / (2 s^2) + (J v . r'') a^3 / 2 + (r'' . r'' - (J^T r'') . C_o (J^T r'')) a^4 / 8
 
 Two minima that no barrier of E parts are one wide one. Shape and covariance are the mean and the covariance of
-x + a v + a^2 u with the density exp(-E). Where another motion is about as uncertain, of variance s_2^2, v is arbitrary:
-only the share 1 - s_2^2 / s^2 of the way to the mean is gone, and the rest of it is in the covariance. What lies beyond
-a barrier is another shape (`OtherBranch`).
+x + a v + a^2 u with the density exp(-E). What lies beyond a barrier counts the less the higher that is, as it is another
+shape (`OtherBranch`). Where a second motion is about as uncertain, with the variance s_2^2, v is arbitrary: the shape
+goes the share 1 - s_2^2 / s^2 of the way to the mean, and the rest of it is in the covariance.
 
 With a probability that the doubt about the model gives (`ModelDoubt`), many nodes are loaded at once. Shape and
 covariance are those of the mixture of both: the mean, the covariances, and the square of the distance between them.
@@ -51,11 +56,16 @@ NO_DOUBT = Doubt()
 SHAKEN_SCALE = 15.0
 """Factor of the sigmas of rods and lengths in the covariance while the robot is shaken: its nodes swing so far
 that the lengths are no longer linear in their positions."""
-BARRIER = 4.5
-"""Error of a frame beyond which another minimum is another shape: three standard deviations."""
-STEPS = np.linspace(-16, 16, 321)
-"""Steps along a motion over its standard deviation. Of an error a^2 (1 + a / w)^2 / (2 s^2) the second minimum, at -w,
-is farther away than 12 s where the barrier between both, w^2 / (32 s^2), exceeds `BARRIER`."""
+BARRIERS = (2.0, 4.5)
+"""Errors of a frame, of two and three standard deviations: another minimum beyond the first counts less, and one beyond
+the second is another shape."""
+STEPS = np.linspace(-1, 1, 321)
+"""Steps along a motion over the farthest one."""
+FARTHEST_STEP = 16.0
+"""Over the standard deviation. Of an error a^2 (1 + a / w)^2 / (2 s^2) the second minimum, at -w, is farther away than
+12 s where the barrier between both, w^2 / (32 s^2), is beyond the second of `BARRIERS`."""
+ENOUGH = 20.0
+"""Error at which a density has ended."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -289,18 +299,19 @@ class FrameEvidence:
         weighted = forces[..., None, :, :] / np.stack([few, many], axis=-2)[..., None]
         information = held[..., None, :, :] + np.swapaxes(weighted, -1, -2) @ forces[..., None, :, :]
         covariance_few, covariance_many = np.moveaxis(np.linalg.inv(information), -3, 0)
-        pull = np.swapaxes(forces, -1, -2) @ np.stack([frame.force_n / few, frame.force_n / many], axis=-1)
-        gradient = gradient_of_held[..., None] + pull
+        by_force = np.swapaxes(forces, -1, -2)
+        gradient = gradient_of_held + (by_force @ (frame.force_n / many)[..., None])[..., 0]
         many_loads = mixture.many_loads[..., None, None]
-        apart_few_m = -(covariance_few @ gradient[..., :1])[..., 0]
-        apart_m = -(covariance_many @ gradient[..., 1:])[..., 0]
+        apart_m = -(covariance_many @ gradient[..., None])[..., 0]
+        apart_few_m = -(covariance_few @ by_force @ (frame.force_n / few - frame.force_pull)[..., None])[..., 0]
         covariance = (1 - many_loads) * covariance_few + many_loads * covariance_many
         between = apart_m[..., :, None] * apart_m[..., None, :]
         # of a shaken robot the mean is so far away that the factors are not linear
         in_motion = mixture.in_motion[..., None]
         step_m = np.where(in_motion, 0.0, many_loads[..., 0] * apart_m)
         factor = np.where(in_motion[..., None], many_loads, many_loads * (1 - many_loads))
-        return step_m, (1 - many_loads[..., 0]) * apart_few_m, covariance + factor * between
+        apart_few_m = np.where(in_motion, 0.0, (1 - many_loads[..., 0]) * apart_few_m)
+        return step_m, apart_few_m, covariance + factor * between
 
     def _force_variance(self, frame: LinearFrame, statics: Statics, held: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows) the variance of the balance of forces, with loads that may be hidden."""
@@ -314,10 +325,10 @@ class FrameEvidence:
             groups = rows.reshape(-1, dimension)
             weighted = of_rows[..., groups[:, :, None], groups[:, None, :]]
             excused = variance[..., groups[:, :1], None]
-            rows_of_group = np.concatenate([weighted, frame.force_n[..., groups][..., None]], axis=-1)
-            cavity = np.linalg.solve((1 + 1e-6) * np.eye(dimension) - weighted / excused, rows_of_group)
-            cavities.append(np.trace(cavity[..., :-1], axis1=-2, axis2=-1))
-            squares.append((cavity[..., -1] ** 2).sum(axis=-1))
+            cavity = np.linalg.solve((1 + 1e-6) * np.eye(dimension) - weighted / excused, weighted)
+            without_n = frame.force_n[..., groups] + (cavity @ frame.force_pull[..., groups, None])[..., 0]
+            cavities.append(np.trace(cavity, axis1=-2, axis2=-1))
+            squares.append((without_n**2).sum(axis=-1))
         start = statics.group_start
         independent = statics.rank_of_row[start]
         cavity_n2 = np.maximum(np.concatenate(cavities, axis=-1) / independent, 0)
@@ -346,7 +357,8 @@ def moments_of(
 ) -> tuple[NDArray[np.float64], ...]:
     """Return the (...,) means of a, a^2, a^3 and a^4 with the density exp(-E).
 
-    E is a^2 / (2 s^2) + c_3 a^3 / 2 + c_4 a^4 / 8. On both sides the density ends where E falls beyond a `BARRIER`.
+    E is a^2 / (2 s^2) + c_3 a^3 / 2 + c_4 a^4 / 8. Where E falls again beyond a maximum, the density counts by a share
+    that is 1 up to the first of `BARRIERS` and 0 from the second on.
 
     Args:
         variance: (...,) s^2.
@@ -357,16 +369,19 @@ def moments_of(
     # in units of s
     skew = (cubic * sigma**3)[..., None]
     flat = np.maximum(quartic * variance**2, skew[..., 0] ** 2)[..., None]
-    error = 0.5 * STEPS**2 + 0.5 * skew * STEPS**3 + 0.125 * flat * STEPS**4
+    reach = np.minimum(FARTHEST_STEP, 2 * (8 * ENOUGH / np.maximum(flat, 1e-12)) ** 0.25)
+    step = reach * STEPS
+    error = 0.5 * step**2 + 0.5 * skew * step**3 + 0.125 * flat * step**4
     middle = len(STEPS) // 2
-    below, above = _is_beyond(error[..., middle::-1])[..., ::-1], _is_beyond(error[..., middle:])
-    density = np.where(np.concatenate([below, above[..., 1:]], axis=-1), 0.0, np.exp(-error))
+    below, above = _share_beyond(error[..., middle::-1])[..., ::-1], _share_beyond(error[..., middle:])
+    density = np.concatenate([below, above[..., 1:]], axis=-1) * np.exp(-error)
     density /= density.sum(axis=-1, keepdims=True)
-    return tuple(np.asarray(sigma**n * (density @ STEPS**n)) for n in (1, 2, 3, 4))
+    return tuple(np.asarray(sigma**n * np.sum(density * step**n, axis=-1)) for n in (1, 2, 3, 4))
 
 
-def _is_beyond(error: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return (..., steps) whether an error has fallen again after a maximum above `BARRIER`, step by step."""
+def _share_beyond(error: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., steps) by which share the density of each step counts, one farther out after the other."""
     highest = np.maximum.accumulate(error, axis=-1)
-    falls = (highest > BARRIER) & (error < highest)
-    return np.asarray(np.logical_or.accumulate(falls, axis=-1))
+    beyond = np.maximum.accumulate(np.where(error < highest, highest, 0.0), axis=-1)
+    lower, upper = BARRIERS
+    return np.clip((upper - beyond) / (upper - lower), 0.0, 1.0)

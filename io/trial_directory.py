@@ -296,16 +296,17 @@ class Trial:
         natural_m = self.description.structure.natural_length_m
         sensed = self.description.structure.sensed_tendons
         rows = self._bag() or self._read_lengths() or self._lengths_csv()
+        is_checked = False
         for index, row in enumerate(self._forward(rows)):
             length_m, sigma_m = np.full((2, len(natural_m)), np.nan)
             length_m[sensed] = row[1 : 1 + len(sensed)]
             if len(row) > 1 + len(sensed):
                 sigma_m[sensed] = row[1 + len(sensed) :]
-            impossible = is_impossible_length(length_m, natural_m)
             told = np.isfinite(length_m)
-            if index == 0 and told.any():
-                self._check_first(rows.place(0), length_m[told], sigma_m[told], natural_m[told])
-            possible = ~impossible & ~(sigma_m < SMALLEST_SIGMA)
+            if told.any() and not is_checked:
+                is_checked = True
+                self._check_first(rows.place(index), length_m[told], sigma_m[told], natural_m[told])
+            possible = ~(sigma_m < SMALLEST_SIGMA)
             mode = np.where(length_m < natural_m, BENDING, STRETCHING)
             flags = np.where(np.isnan(length_m), int(Flag.MISSING), np.where(possible, 0, int(Flag.OUT_OF_RANGE)))
             yield TendonLengths(

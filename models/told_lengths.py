@@ -1,17 +1,16 @@
 """Lengths that are told, as of sensors of one's own: each is used as far as it agrees with itself.
 
-Left out are values that jump (`JumpGate`), and those of a sensor that is stuck. Lengths that are read have noise: if r
-of the n values of a sensor at rest are equal to the value before, k equal ones in succession have the probability
+Left out are lengths that no tendon has, values that jump (`JumpGate`), and those of a sensor that repeats itself for
+longer than chance allows (`StuckGate`) while other lengths change: one that is read in steps repeats itself wherever
+the structure holds still. Rows that repeat the row before are none, as of sensors that are slower than the file, and
+say nothing of one sensor.
 
-    p^k,     p = (r + 1) / (n + 1)
+At rest a length does not change, or slowly. Its variance is that of successive values m_k that differ, whatever drifts
+slowly (von Neumann):
 
-by Laplace's rule, in motion less often. A whole row that repeats is told by `RepeatWatch`.
+    s^2 = sum (m_k - m_{k-1})^2 / (2 n)
 
-At rest a length does not change. If the variance s^2 of n values there is larger than chance allows for their sigma, as
-
-    (n - 1) s^2 / sigma^2 > chi2_{n-1}(1 - `CHANCE`)
-
-the sigma of this sensor counts s / sigma times from then on.
+If it is larger than chance allows for the sigma that is told, sigma counts s / sigma times from then on.
 """
 
 from dataclasses import replace
@@ -19,12 +18,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .sensor.gate import GateSettings, JumpGate
+from .sensor.gate import GateSettings, JumpGate, StuckGate
+from .sensor.stillness import MOVING_TENDONS
 from .structure.shape import chi_squared_quantile
-from .values.readings import Flag, TendonLengths
+from .values.readings import Flag, TendonLengths, is_impossible_length
 
 CHANCE = 1e-6
 """Probability that the values of a sensor whose sigma is right scatter as much as is taken for a wrong sigma."""
+DIFFERENCES_SHARE = 2 / 3
+"""Degrees of freedom of the variance over the number of differences, as successive ones share a value."""
+CHANGED_SIGMA = 5.0
+"""Standard deviations by which a length has changed for sure."""
 
 
 class ToldLengths:
@@ -45,38 +49,41 @@ class ToldLengths:
             rest_seconds: how long the structure rests from the first row on.
             unstated_m: standard deviation of a length that is told without one.
         """
-        self._settings = settings
         self._full_m = full_m
         self._rest_seconds = rest_seconds
         self._unstated_m = unstated_m
         count = len(full_m)
         self._jumps = JumpGate(settings, count)
+        self._repeats = StuckGate(settings, count)
         self._first_s = np.nan
         self._last_m = np.full(count, np.nan)
-        self._same_since_s = np.full(count, np.nan)
-        self._run = np.zeros(count)
-        self._repeats = np.zeros(count)
-        self._count = np.zeros(count)
-        self._mean_m = np.zeros(count)
+        self._since_m = np.full((count, count), np.nan)
+        """(tendons, tendons) the row with which the present value of each tendon began."""
+        self._is_stuck = np.zeros(count, dtype=np.bool_)
+        self._differences = np.zeros(count)
         self._squares = np.zeros(count)
         self._scale = np.ones(count)
 
     def checked(self, lengths: TendonLengths) -> TendonLengths:
         """Return the lengths of one more row, with a sigma each, and without those that are left out."""
         self._first_s = lengths.t_s if np.isnan(self._first_s) else self._first_s
+        impossible = is_impossible_length(lengths.length_m, self._full_m)
+        length_m = np.where(impossible, np.nan, lengths.length_m)
         sigma_m = np.where(np.isnan(lengths.sigma_m), self._unstated_m, lengths.sigma_m)
         counted_m = self._scale * sigma_m
-        jumped = self._jumps.outliers(lengths.t_s, lengths.length_m / self._full_m, counted_m / self._full_m)
-        stuck = self._stuck(lengths.t_s, lengths.length_m)
-        length_m = np.where(jumped | stuck, np.nan, lengths.length_m)
-        if self._is_at_rest(lengths.t_s):
+        jumped = self._jumps.outliers(lengths.t_s, length_m / self._full_m, counted_m / self._full_m)
+        length_m = np.where(jumped, np.nan, length_m)
+        stuck = self._stuck(lengths.t_s, length_m, counted_m)
+        if lengths.t_s - self._first_s < self._rest_seconds:
             self._rest(length_m, sigma_m)
+        self._last_m = np.where(np.isnan(length_m), self._last_m, length_m)
+        length_m = np.where(stuck, np.nan, length_m)
         flags = np.where(jumped, int(Flag.OUTLIER), 0) | np.where(stuck, int(Flag.STUCK), 0)
         return replace(
             lengths,
             length_m=length_m,
             sigma_m=np.where(np.isnan(length_m), np.inf, self._scale * sigma_m),
-            flags=lengths.flags | flags,
+            flags=lengths.flags | flags | np.where(impossible, int(Flag.OUT_OF_RANGE), 0),
         )
 
     def warnings(self) -> dict[str, str]:
@@ -86,31 +93,24 @@ class ToldLengths:
             for e in np.flatnonzero(self._scale > 1)
         }
 
-    def _is_at_rest(self, t_s: float) -> bool:
-        return t_s - self._first_s < self._rest_seconds
-
-    def _stuck(self, t_s: float, length_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return (tendons,) whose values are equal for longer than noise allows, while others change."""
+    def _stuck(self, t_s: float, length_m: NDArray[np.float64], sigma_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return (tendons,) whose values are equal for longer than chance allows, while others change."""
         told = np.isfinite(length_m)
         same = told & (length_m == self._last_m)
-        self._last_m = np.where(told, length_m, self._last_m)
-        if self._is_at_rest(t_s):
-            self._repeats += same
-        if same[told].all():  # a whole row says nothing of one sensor
-            return np.zeros_like(same)
-        self._run = np.where(same, self._run + 1, np.where(told, 0, self._run))
-        self._same_since_s = np.where(told & ~same, t_s, self._same_since_s)
-        log_probability = self._run * np.log((self._repeats + 1) / (self._count + 1))
-        is_long = t_s - self._same_since_s >= self._settings.stuck_s
-        return np.asarray(same & is_long & (log_probability < np.log(self._settings.stuck_probability)))
+        if same[told].all():
+            return self._is_stuck & told
+        self._since_m[told & ~same] = length_m
+        changed = np.abs(length_m - self._since_m) > CHANGED_SIGMA * sigma_m
+        repeats = self._repeats.stuck(t_s, length_m) & (changed.sum(axis=1) >= MOVING_TENDONS)
+        self._is_stuck = same & (self._is_stuck | repeats)
+        return self._is_stuck
 
     def _rest(self, length_m: NDArray[np.float64], sigma_m: NDArray[np.float64]) -> None:
-        """Add the values of one more row at rest to mean and squares about it (Welford)."""
-        told = np.isfinite(length_m)
-        self._count = self._count + told
-        delta_m = np.where(told, length_m - self._mean_m, 0.0)
-        self._mean_m += delta_m / np.maximum(self._count, 1)
-        self._squares += np.where(told, delta_m * (length_m - self._mean_m) / sigma_m**2, 0.0)
-        degrees = np.maximum(self._count - 1, 1)
+        """Add the differences of one more row at rest from the row before."""
+        differs = np.isfinite(length_m) & np.isfinite(self._last_m) & (length_m != self._last_m)
+        self._differences += differs
+        self._squares += np.where(differs, (length_m - self._last_m) ** 2 / (2 * sigma_m**2), 0.0)
+        degrees = np.maximum(DIFFERENCES_SHARE * self._differences, 1)
         chance = chi_squared_quantile(1 - CHANCE, degrees)
-        self._scale = np.where(self._squares > chance, np.sqrt(self._squares / degrees), 1.0)
+        is_wrong = DIFFERENCES_SHARE * self._squares > chance
+        self._scale = np.where(is_wrong, np.sqrt(self._squares / np.maximum(self._differences, 1)), 1.0)

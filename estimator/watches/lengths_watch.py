@@ -8,8 +8,8 @@ the sum of (m_e - l_e)^2 / sigma_e^2 without the two largest, whose sensors may 
 two columns are exchanged, two tendons a and b have |m_e - l_e| > 5 sigma_e, but not |m_a - l_b| > 5 sigma_b and
 |m_b - l_a| > 5 sigma_a, which are less than half as large.
 
-Tendons between anchors have a known length all the time: when at least half of them have another one, the positions of
-the anchors are told wrongly.
+Tendons between anchors have a known length all the time: when at least half of them have another one, and two or more,
+the positions of the anchors are told wrongly; of a single one it may be the sensor.
 
 A program between sensors and host may go on to send the last row when the sensors fall silent. Lengths that are read
 have noise: if r of the n rows at rest are equal to the row before, the next one is so with the probability
@@ -20,40 +20,83 @@ by Laplace's rule, in motion less often. k equal rows in succession have the pro
 equal at rest too: then p is about 1, and nothing is told.
 """
 
-from functools import cache
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ...models.pose.rest_clock import RestClock
 from ...models.sensor.gate import GateSettings
-from ...models.structure.shape import Shape
+from ...models.structure.shape import Shape, are_improbable
 from ...models.values.readings import RestLengths, TendonLengths
 
-REST_PROBABILITY = 1e-3
-"""Probability of lengths as far from those at rest, below which they are others."""
-DRAWN = 10_000
-"""Number of samples from which it is computed what such lengths are by chance."""
 REST_APART_SIGMA = 5.0
 """Number of standard deviations beyond which a tendon's length at rest is not that of the rest shape."""
+
+
+class MeanMisfit:
+    """How far lengths are from known ones, in the mean of the frames so far."""
+
+    def __init__(self, known: RestLengths) -> None:
+        self._known = known
+        self._count = np.zeros(len(known.length_m))
+        self._sigma_m = np.zeros(len(known.length_m))
+        self.misfit_m = np.zeros(len(known.length_m))
+        """(tendons,)"""
+
+    def add(self, lengths: TendonLengths) -> None:
+        """Add one more frame."""
+        read = np.isfinite(lengths.length_m) & np.isfinite(lengths.sigma_m)
+        self._count += read
+        error_m = lengths.length_m[read] - self._known.length_m[read]
+        self.misfit_m[read] += (error_m - self.misfit_m[read]) / self._count[read]
+        self._sigma_m[read] = lengths.sigma_m[read]
+
+    @property
+    def was_read(self) -> NDArray[np.bool_]:
+        """(tendons,) which lengths were read at all."""
+        return self._count > 0
+
+    @property
+    def sigma_m(self) -> NDArray[np.float64]:
+        """(tendons,) standard deviation of the misfit: errors of lengths last."""
+        return np.hypot(self._sigma_m, self._known.sigma_m)
+
+    @property
+    def beyond(self) -> NDArray[np.bool_]:
+        """(tendons,) which lengths are others."""
+        return self.was_read & (np.abs(self.misfit_m) > REST_APART_SIGMA * self.sigma_m)
+
+
+class AnchorWatch:
+    """Compares the lengths between anchors with the distances of the anchors."""
+
+    def __init__(self, known: RestLengths, joins_anchors: NDArray[np.bool_]) -> None:
+        """Begin before the first frame.
+
+        Args:
+            known: the lengths of all tendons.
+            joins_anchors: (tendons,) which of them are between anchors.
+        """
+        self._mean = MeanMisfit(known)
+        self._joins_anchors = joins_anchors
+
+    def observe(self, lengths: TendonLengths) -> None:
+        """Take on the lengths of one more frame."""
+        self._mean.add(lengths)
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether at least half of these lengths are others, and two or more."""
+        others = int((self._mean.beyond & self._joins_anchors).sum())
+        return others >= 2 and 2 * others >= int((self._mean.was_read & self._joins_anchors).sum())
 
 
 class RestWatch:
     """Compares the lengths of one frame after another at rest with those of the rest shape."""
 
-    def __init__(self, rest: RestLengths, tendons: NDArray[np.int64]) -> None:
-        """Begin before the first frame.
-
-        Args:
-            rest: the lengths of all tendons.
-            tendons: the numbers of those that are compared.
-        """
-        self._rest = rest = RestLengths(rest.seconds, rest.length_m[tendons], rest.sigma_m[tendons])
-        self._tendons = tendons
+    def __init__(self, rest: RestLengths) -> None:
+        self._rest = rest
+        self._mean = MeanMisfit(rest)
         self._start_s: float | None = None
-        self._count = np.zeros(len(rest.length_m))
-        self._misfit_m = np.zeros(len(rest.length_m))
-        self._sigma_m = np.zeros(len(rest.length_m))
         self.in_doubt = False
         """Whether at least half of the tendons do not fit, all together do not, or two fit that are exchanged."""
 
@@ -63,50 +106,21 @@ class RestWatch:
             self._start_s = lengths.t_s
         if lengths.t_s - self._start_s >= self._rest.seconds:
             return
-        length_m, sigma_m = lengths.length_m[self._tendons], lengths.sigma_m[self._tendons]
-        read = np.isfinite(length_m) & np.isfinite(sigma_m)
-        self._count += read
-        error_m = length_m[read] - self._rest.length_m[read]
-        self._misfit_m[read] += (error_m - self._misfit_m[read]) / self._count[read]
-        self._sigma_m[read] = sigma_m[read]
-        apart_sigma_m = np.hypot(self._sigma_m, self._rest.sigma_m)
-        was_read = self._count > 0
-        beyond = was_read & (np.abs(self._misfit_m) > REST_APART_SIGMA * apart_sigma_m)
+        mean = self._mean
+        mean.add(lengths)
+        read, beyond = mean.was_read, mean.beyond
         self.in_doubt = (
-            bool(2 * beyond.sum() >= was_read.sum() > 0)
-            or contradict(self._misfit_m[was_read] / apart_sigma_m[was_read], faulty=2)
-            or self._are_exchanged(beyond, REST_APART_SIGMA * apart_sigma_m)
+            bool(2 * beyond.sum() >= read.sum() > 0)
+            or are_improbable(mean.misfit_m[read] / mean.sigma_m[read], faulty=2)
+            or self._are_exchanged(beyond, REST_APART_SIGMA * mean.sigma_m)
         )
 
     def _are_exchanged(self, beyond: NDArray[np.bool_], limit_m: NDArray[np.float64]) -> bool:
         """Return whether two of the tendons that do not fit have each other's lengths."""
-        rest_m, misfit_m = self._rest.length_m[beyond], self._misfit_m[beyond]
+        rest_m, misfit_m = self._rest.length_m[beyond], self._mean.misfit_m[beyond]
         apart_m = np.abs((rest_m + misfit_m)[:, None] - rest_m)  # the length of one from the other's at rest
         fits = (apart_m < limit_m[beyond]) & (apart_m < 0.5 * np.abs(misfit_m)[:, None])
         return bool((fits & fits.T).any())
-
-
-def contradict(apart: NDArray[np.float64], faulty: int) -> bool:
-    """Return whether (n,) lengths, standard deviations apart from those at rest, are others, but for the worst ones.
-
-    Args:
-        apart: (n,)
-        faulty: how many sensors may be faulty.
-    """
-    if len(apart) <= faulty:
-        return False
-    return _without_worst(apart, faulty) > _largest_by_chance(len(apart), faulty)
-
-
-@cache
-def _largest_by_chance(count: int, faulty: int) -> float:
-    """Return what the sum without the worst ones exceeds with `REST_PROBABILITY`, of standard normal variables."""
-    drawn = np.random.default_rng(0).standard_normal((DRAWN, count))
-    return float(np.quantile([_without_worst(each, faulty) for each in drawn], 1 - REST_PROBABILITY))
-
-
-def _without_worst(apart: NDArray[np.float64], faulty: int) -> float:
-    return float(np.sort(apart**2)[: len(apart) - faulty].sum())
 
 
 class RepeatWatch:

@@ -1,14 +1,12 @@
 """What is watched in one run, whatever its method: lengths that are told, the rest, and factors of one's own."""
 
-import numpy as np
-
 from ...models.sensor.gate import GateSettings
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
 from ...models.trial_description import TrialDescription
 from ...models.values.readings import TendonLengths
 from .factor_watch import FactorWatch
-from .lengths_watch import RepeatWatch, RestWatch
+from .lengths_watch import AnchorWatch, RepeatWatch, RestWatch
 
 
 class RunWatch:
@@ -17,10 +15,9 @@ class RunWatch:
     def __init__(self, trial: TrialDescription, rest: RestShape, settings: GateSettings) -> None:
         is_told = trial.source == "lengths"
         at_rest = is_told and trial.rest_seconds > 0 and trial.rest_position_m is not None
-        tendons = np.arange(len(trial.structure.tendons))
-        self._rest_watch = RestWatch(rest.lengths(trial.rest_seconds), tendons) if at_rest else None
-        between = np.flatnonzero(trial.structure.joins_anchors)
-        self._anchor_watch = RestWatch(rest.lengths(np.inf), between) if is_told and len(between) else None
+        self._rest_watch = RestWatch(rest.lengths(trial.rest_seconds)) if at_rest else None
+        joins_anchors = trial.structure.joins_anchors
+        self._anchor_watch = AnchorWatch(rest.lengths(0.0), joins_anchors) if is_told else None
         self._repeat_watch = RepeatWatch(trial.rest_seconds, settings) if is_told else None
         self._is_rest_shape_doubted = rest.is_doubted
         self._rest_in_doubt = False
@@ -55,5 +52,5 @@ class RunWatch:
 
     @property
     def misfits_at_rest(self) -> bool:
-        """Whether at least half of the lengths that are told do not fit the rest shape, or two are exchanged."""
+        """Whether lengths that are told do not fit the rest shape, see `RestWatch.in_doubt`."""
         return self._rest_watch is not None and self._rest_watch.in_doubt

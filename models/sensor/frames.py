@@ -234,10 +234,12 @@ class LengthPauses:
         self._step_s = 1 / frames.rate_hz
         self._row_s = np.nan
         self._frame_s = np.nan
+        self._of_strips = True
 
-    def add(self, row_s: float) -> None:
+    def add(self, row: TendonLengths) -> None:
         """Take note of a row of lengths."""
-        self._row_s = self._frame_s = row_s
+        self._row_s = self._frame_s = row.t_s
+        self._of_strips = row.of_strips
 
     def until(self, t_s: float) -> Iterator[TendonLengths]:
         """Yield the frames of a pause before a time at which something is read; none in one that is bridged."""
@@ -251,4 +253,5 @@ class LengthPauses:
                 sigma_m=np.full(self._tendons, np.inf),
                 mode=np.full(self._tendons, STRETCHING),
                 flags=np.full(self._tendons, int(Flag.MISSING)),
+                of_strips=self._of_strips,
             )

@@ -69,36 +69,24 @@ class JumpGate:
         self._accepted_s = np.where(accepted, t_s, self._accepted_s)
 
 
-class ReadingGate:
-    """Flags outliers and stuck sensors among the sensors of one source, and replaces their values by nan."""
+class StuckGate:
+    """Tells sensors whose values stay the same for longer than chance allows."""
 
     def __init__(self, settings: GateSettings, sensors: int) -> None:
         self._settings = settings
-        self._jumps = JumpGate(settings, sensors)
         self._last = np.full(sensors, np.nan)
-        self._last_s = np.nan
         self._same_since_s = np.full(sensors, np.nan)
         self._run_length = np.zeros(sensors)
         self._repeats = np.full(sensors, 49.0)  # with `_readings`, the prior of a sensor with little noise
         self._readings = np.full(sensors, 50.0)
 
-    def check(
-        self, t_s: float, value: NDArray[np.float64], sigma: NDArray[np.float64], flags: NDArray[np.int64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the values, nan where they are rejected, and the flags with the reasons added.
+    def stuck(self, t_s: float, value: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return (sensors,) whether each is stuck.
 
         Args:
             t_s: time of the measurement.
-            value: (sensors,) dR/R, nan where there is none.
-            sigma: (sensors,) standard deviation of dR/R.
-            flags: (sensors,) `Flag` bits set so far.
+            value: (sensors,) of any unit, nan where there is none.
         """
-        outlier = self._jumps.outliers(t_s, value, sigma)
-        stuck = self._stuck(t_s, value)
-        flags = flags | np.where(outlier, int(Flag.OUTLIER), 0) | np.where(stuck, int(Flag.STUCK), 0)
-        return np.where(outlier | stuck, np.nan, value), flags
-
-    def _stuck(self, t_s: float, value: NDArray[np.float64]) -> NDArray[np.bool_]:
         finite = np.isfinite(value)
         same = finite & (value == self._last)
         # the probability of a repeat is estimated from completed runs only, because the present run is to be tested
@@ -115,3 +103,27 @@ class ReadingGate:
         log_probability = self._run_length * np.log(self._repeats / self._readings)
         long &= log_probability < np.log(self._settings.stuck_probability)
         return long
+
+
+class ReadingGate:
+    """Flags outliers and stuck sensors among the sensors of one source, and replaces their values by nan."""
+
+    def __init__(self, settings: GateSettings, sensors: int) -> None:
+        self._jumps = JumpGate(settings, sensors)
+        self._repeats = StuckGate(settings, sensors)
+
+    def check(
+        self, t_s: float, value: NDArray[np.float64], sigma: NDArray[np.float64], flags: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return the values, nan where they are rejected, and the flags with the reasons added.
+
+        Args:
+            t_s: time of the measurement.
+            value: (sensors,) dR/R, nan where there is none.
+            sigma: (sensors,) standard deviation of dR/R.
+            flags: (sensors,) `Flag` bits set so far.
+        """
+        outlier = self._jumps.outliers(t_s, value, sigma)
+        stuck = self._repeats.stuck(t_s, value)
+        flags = flags | np.where(outlier, int(Flag.OUTLIER), 0) | np.where(stuck, int(Flag.STUCK), 0)
+        return np.where(outlier | stuck, np.nan, value), flags

@@ -18,6 +18,10 @@ from .external_loads import ExternalLoads
 from .floor import EstimatedNormal
 
 Number = TypeVar("Number", np.float64, np.int64)
+IMPROBABLE = 1e-3
+"""Probability of values as far from what they should be, below which they are others."""
+DRAWN = 10_000
+"""Number of samples from which it is computed what is probable."""
 LEAST_VARIANCE_M2 = 1e-14
 """Variance of the coordinate of an anchor that is known exactly."""
 
@@ -128,6 +132,26 @@ def chi_squared_quantile(probability: ArrayLike, degrees: ArrayLike) -> NDArray[
     The same as `scipy.stats.chi2.ppf`, without the import of that module, which takes a second.
     """
     return np.asarray(2 * gammaincinv(np.asarray(degrees) / 2, probability))
+
+
+def are_improbable(apart: NDArray[np.float64], faulty: int) -> bool:
+    """Return whether (n,) values, so many standard deviations from what they should be, are others.
+
+    Their sum of squares without the largest ones has a probability below `IMPROBABLE`.
+
+    Args:
+        apart: (n,)
+        faulty: how many of them may be wrong.
+    """
+    kept = len(apart) - faulty
+    return kept > 0 and bool(np.sort(apart**2)[:kept].sum() > _largest_by_chance(len(apart), kept))
+
+
+@cache
+def _largest_by_chance(count: int, kept: int) -> float:
+    """Return what the sum of the smallest squares of standard normal variables exceeds in `IMPROBABLE` cases."""
+    drawn = np.random.default_rng(0).standard_normal((DRAWN, count))
+    return float(np.quantile(np.sort(drawn**2, axis=1)[:, :kept].sum(axis=1), 1 - IMPROBABLE))
 
 
 def ellipsoids(covariance_m2: NDArray[np.float64], probability: float) -> Ellipsoids:

@@ -12,7 +12,7 @@ SIGMA_M = 0.001
 
 def in_doubt(*frames_m: np.ndarray) -> bool:
     """Return whether a watch is in doubt after some frames at rest and one later."""
-    watch = RestWatch(RestLengths(1.0, REST_M, np.full(6, SIGMA_M)), np.arange(6))
+    watch = RestWatch(RestLengths(1.0, REST_M, np.full(6, SIGMA_M)))
     none = np.zeros(6, dtype=np.int64)
     for k, length_m in enumerate([*frames_m, REST_M]):
         t_s = 2.0 if k == len(frames_m) else 0.02 * k
