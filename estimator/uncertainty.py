@@ -27,7 +27,7 @@ covariance of the other motions, which adapt by a^2 u, u = -C_o J^T r'' / 2, the
     E(a) = a^2 / (2 s^2) + (J v . r'') a^3 / 2 + (r'' . r'' - (J^T r'') . C_o (J^T r'')) a^4 / 8
 
 Two minima that no barrier of E parts are one wide one. Shape and covariance are the mean and the covariance of
-x + a v + a^2 u with the density exp(-E). What lies beyond a barrier counts the less the higher that is, as it is another
+x + a v + a^2 u with the density exp(-E). What lies beyond a barrier counts the less the higher that is: it is another
 shape (`OtherBranch`). Where a second motion is about as uncertain, with the variance s_2^2, v is arbitrary: the shape
 goes the share 1 - s_2^2 / s^2 of the way to the mean, and the rest of it is in the covariance.
 

@@ -27,8 +27,8 @@ CHANCE = 1e-6
 """Probability that the values of a sensor whose sigma is right scatter as much as is taken for a wrong sigma."""
 DIFFERENCES_SHARE = 2 / 3
 """Degrees of freedom of the variance over the number of differences, as successive ones share a value."""
-CHANGED_SIGMA = 5.0
-"""Standard deviations by which a length has changed for sure."""
+CHANGED_SIGMA = 3.0
+"""Standard deviations by which a length has changed; several have to."""
 
 
 class ToldLengths:
