@@ -44,7 +44,6 @@ def test_evaluate_prints_tables_or_json(evaluated) -> None:
         "RMSE of loads above 0.2 N",
         "quiet",
         "loaded",
-        "slack",
     ):
         assert words in table.stdout
     batch, live = json.loads(numbers.stdout)
