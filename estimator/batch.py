@@ -270,7 +270,7 @@ class BatchOptimizer:
                     shape = change.doubted(shape, self._builder.structure.free_coordinates)
                 shape = shape.in_doubt(Reason.BOARD) if of_a_board else shape
                 shape = lasting.of_trial(rebounds.widened(shape), velocity_m_per_s[k], is_averaged=bool(averaged[k]))
-                yield shape if other is None or shape.holds(other.node_position_m) else shape.with_other(other)
+                yield shape.beside(other)
 
     def _rebounds(self, trial: _Problem, position_m: NDArray[np.float64]) -> ReboundWatch:
         """Return what all presses of the trial tell of the memory of the strips."""

@@ -42,18 +42,14 @@ class OtherBranch:
         self._other_shape: OtherShape | None = None
 
     def with_other(self, shape: Shape) -> Shape:
-        """Return the shape together with the other shape that the latest search found, if it found one.
-
-        A shape that the ellipsoids hold is no other one.
-        """
+        """Return the shape beside the other shape that the latest search found, if it found one."""
         due = shape.t_s - self._began_s >= self._settings.look_every_s
         if self._search is None and due and self._builder.structure.is_square:
             self._began_s = shape.t_s
             self._search = self._iterations(shape.node_position_m, weigh(shape.lengths, self._builder.noise))
         if self._search is not None and not next(self._search, False):
             self._search = None
-        other = self._other_shape
-        return shape if other is None or shape.holds(other.node_position_m) else shape.with_other(other)
+        return shape.beside(self._other_shape)
 
     def _iterations(self, position_m: NDArray[np.float64], measured: WeightedLengths) -> Iterator[bool]:
         """Search the other minimum of a frame's own factors, and keep it if it is not much less probable.

@@ -102,8 +102,8 @@ class GraphBuilder:
     def begin(self, lengths: TendonLengths) -> None:
         """Take the first frame: whether it has the lengths at rest, but for the worst, whose sensor may be faulty.
 
-        Of n lengths l_e that are those at rest, r_e, the sum of (l_e - r_e)^2 / (sigma_l^2 + sigma_r^2) without the
-        largest one is smaller than one with a chi-square distribution with n - 1 degrees of freedom.
+        Of lengths l_e that are those at rest, r_e, the sum of (l_e - r_e)^2 / (sigma_l^2 + sigma_r^2) without the
+        largest one is not `are_improbable`.
         """
         rest, read = self.rest.lengths(0.0), lengths.usable
         apart = (lengths.length_m - rest.length_m)[read] / np.hypot(lengths.sigma_m, rest.sigma_m)[read]

@@ -165,7 +165,7 @@ def _draw_error_over_time(axis: Axes, e: Evaluation) -> None:
     top = 1.08 * 1e3 * float(c.frame_error_m.max()) or 1.0  # an estimate that is the truth
     axis.fill_between(c.t_s, 0, BAND * expected_mm, color=BLUE, alpha=0.25, lw=0, label="1.96 times the expected RMS")
     axis.plot(c.t_s, 1e3 * c.frame_error_m, color=BLACK, lw=0.9, label="error")
-    if c.wrong_branch.any():
+    if c.wrong_branch is not None and c.wrong_branch.any():
         label = "on the wrong branch"
         axis.fill_between(c.t_s, 0, top, where=c.wrong_branch, color=ORANGE, alpha=0.3, lw=0, label=label)
     for k, fault in enumerate(e.faults):

@@ -111,7 +111,8 @@ def external_loads(
     directions = np.array(
         [2.0 if part == Observable.ACROSS_ROD else 3.0 for part in observable_loads(statics.structure)]
     )
-    directions[statics.joined.nodes] = np.where(statics.joined.rows_per_node > 0, statics.joined.rows_per_node, 1.0)
-    held = statics.joined.nodes[statics.joined.rows_per_node == 0]
-    force[..., held, :], variance[..., held] = np.nan, np.inf
+    joined = statics.joined
+    is_held = joined.rows_per_node == 0
+    directions[joined.nodes[~is_held]] = joined.rows_per_node[~is_held]
+    force[..., joined.nodes[is_held], :], variance[..., joined.nodes[is_held]] = np.nan, np.inf
     return ExternalLoads(force, np.sqrt(variance / directions))

@@ -60,7 +60,7 @@ class FrameErrors:
             face_error_m=frames.face_error_m,
             nees=frames.nees,
             node_sigma_m=frames.node_sigma_m,
-            wrong_branch=None if evaluation.wrong_branch_frames is None else frames.wrong_branch,
+            wrong_branch=frames.wrong_branch,
         )
 
 

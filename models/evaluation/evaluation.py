@@ -186,8 +186,9 @@ class ComparedFrames:
     """(frames, faces, 3) estimated minus true centre of each face."""
     frame_error_m: NDArray[np.float64]
     """(frames,) square root of the mean of |error|^2 over the free nodes."""
-    wrong_branch: NDArray[np.bool_]
-    """(frames,) whether det J has another sign than at the true shape, and the frame's error is above 5 mm."""
+    wrong_branch: NDArray[np.bool_] | None
+    """(frames,) whether det J has another sign than at the true shape, and the frame's error is above 5 mm; None when
+    the length Jacobian is not square, or no true branch is known."""
     estimated_load_n: NDArray[np.float64] | None
     """(frames, free nodes, 3); None when loads were not estimated, or true loads are not known."""
     true_load_n: NDArray[np.float64] | None
@@ -227,7 +228,7 @@ class Evaluation:
     first_good_s: float | None
     """Time from the first compared frame to the first frame whose error is at most 5 mm; None when there is none."""
     wrong_branch_frames: int | None
-    """Number of frames on the wrong branch; None when the length Jacobian is not square."""
+    """Number of frames on the wrong branch; None where `ComparedFrames.wrong_branch` is."""
     faults: tuple[FaultScore, ...]
     false_alarm_share: float
     """Share of the readings (frame, tendon) without a fault that were flagged as faulty or left out."""

@@ -92,7 +92,7 @@ def evaluate(
         regimes=regimes(compared, slack_frames(structure, estimate)[known], load_threshold_n),
         loads=score_loads(compared, load_threshold_n),
         first_good_s=float(compared.t_s[good[0]] - compared.t_s[0]) if len(good) else None,
-        wrong_branch_frames=int(compared.wrong_branch.sum()) if true_branch(structure, true_m).any() else None,
+        wrong_branch_frames=None if compared.wrong_branch is None else int(compared.wrong_branch.sum()),
         faults=tuple(score_fault(fault, estimate) for fault in truth.faults if fault.during(estimate.t_s).any()),
         false_alarm_share=false_alarm_share(truth.faults, estimate),
         pose=pose,
@@ -151,7 +151,8 @@ def compare_frames(
         force_n = interpolated_within(estimate.t_s[known], loads.t_s, loads.force_n)
         true_load_n = observable_part(structure, force_n, true_m)[:, free]
         estimated_load_n = estimate.loads.force_n[known][:, free] if estimate.loads else None
-    other_sign = branch(structure, estimated_m) * true_branch(structure, true_m) < 0
+    true_branch = branch(structure, structure.with_anchors_placed(true_m))  # truth need not tell anchors
+    other_sign = branch(structure, estimated_m) * true_branch < 0
     return ComparedFrames(
         t_s=estimate.t_s[known],
         estimated_m=estimated_m,
@@ -162,18 +163,11 @@ def compare_frames(
         node_error_m=node_error_m,
         face_error_m=error_m[:, structure.faces].mean(axis=-2),
         frame_error_m=frame_error_m,
-        wrong_branch=other_sign & (frame_error_m > GOOD_M),
+        wrong_branch=other_sign & (frame_error_m > GOOD_M) if true_branch.any() else None,
         estimated_load_n=estimated_load_n,
         true_load_n=true_load_n,
         contacts=contacts,
     )
-
-
-def true_branch(structure: Structure, true_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return `branch` of (frames, nodes, 3) true positions, in which anchors need not be told."""
-    placed_m = true_m.copy()
-    placed_m[:, structure.anchors] = structure.anchor_position_m
-    return branch(structure, placed_m)
 
 
 def shape_errors(node_error_m: NDArray[np.float64], face_error_m: NDArray[np.float64]) -> ShapeErrors:

@@ -244,6 +244,10 @@ class Shape:
         is_told = self.status in (Status.OK, Status.PARTIAL)
         return replace(self, status=Status.TWO_SHAPES if is_told else self.status, other=other)
 
+    def beside(self, other: OtherShape | None) -> "Shape":
+        """Return `with_other`; the shape alone where there is no other one, or the ellipsoids hold it."""
+        return self if other is None or self.holds(other.node_position_m) else self.with_other(other)
+
     def holds(self, node_position_m: NDArray[np.float64]) -> bool:
         """Return whether all (nodes, 3) positions are in the ellipsoids of 95 %."""
         apart_m = node_position_m - self.node_position_m
