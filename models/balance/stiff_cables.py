@@ -43,11 +43,14 @@ class StiffCables:
             may_be_taut: (..., cables) where a cable is long enough to be taut.
         """
         pulls = np.where(may_be_taut, 1.0, 0.0)
+        changed = np.ones(pulls.shape[:-1], dtype=np.bool_)
         for _ in self.tendons:  # those that would push are slack, and others pull then
-            pushes = (pulls > 0) & (self.tension_n(rows, by_tension * pulls[..., None, :]) <= 0)
-            if not pushes.any():
+            pull = by_tension[changed] * pulls[changed][:, None, :]
+            pushes = (pulls[changed] > 0) & (self.tension_n(rows[changed], pull) <= 0)
+            pulls[changed] = np.where(pushes, 0.0, pulls[changed])
+            changed[changed] = pushes.any(axis=-1)
+            if not changed.any():
                 break
-            pulls = np.where(pushes, 0.0, pulls)
         return pulls
 
     def tension_n(self, rows: NDArray[np.float64], pull: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -111,5 +114,12 @@ def jacobian_without_cables(
 
 
 def _inverse(pull: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (..., cables, rows) B^+; without the tensions that rows hardly show."""
-    return np.asarray(np.linalg.pinv(pull, rcond=JOINED_RCOND), dtype=np.float64)
+    """Return (..., cables, rows) B^+; without the tensions that rows hardly show.
+
+    From the eigenvectors V of B^T B, which take a quarter of the time of a singular value decomposition of B.
+    """
+    transposed = np.swapaxes(pull, -1, -2)
+    squared, V = np.linalg.eigh(transposed @ pull)
+    shown = squared > JOINED_RCOND**2 * squared[..., -1:]
+    inverse = np.divide(1.0, squared, out=np.zeros_like(squared), where=shown)
+    return np.asarray((V * inverse[..., None, :]) @ np.swapaxes(V, -1, -2) @ transposed)
