@@ -2,8 +2,8 @@ from . import pipeline as pipeline
 from . import plot as plot
 from .commands.simulate import simulate as simulate
 from .io.exports.formats import export as export
+from .io.result import save as save
 from .io.stored_result import load as load
-from .io.stored_result import save as save
 from .io.structures.structure_file import read_structure as read_structure
 from .io.trial_directory import Trial as Trial
 from .io.trial_directory import open_trial as open_trial

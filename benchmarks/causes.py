@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 from tensegraph import Reconstruction, Settings, simulate
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.plan_file import base_plan_path
-from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.evaluation import Evaluation
 from tensegraph.models.evaluation.metrics import errors_of, evaluate
 from tensegraph.models.evaluation.statistics import root_mean_square
@@ -89,8 +88,7 @@ def score_of(
     plan: Path, seed: int, method: Method, shapes: Reconstruction, rest_m: NDArray[np.float64], truth: Truth
 ) -> Score:
     """Return how far the shapes of one method are from the truth."""
-    estimate = Estimate.of(shapes)
-    evaluation = evaluate(shapes.structure, rest_m, estimate, truth)
+    evaluation = evaluate(rest_m, shapes, truth)
     consistency = evaluation.consistency
     return Score(
         plan=plan.stem,
@@ -102,7 +100,7 @@ def score_of(
         coverage_68=consistency.coverage_68,
         coverage_95=consistency.coverage_95,
         median_sigma_m=consistency.median_sigma_m,
-        left_out_share=left_out_share(estimate, truth.faults),
+        left_out_share=left_out_share(shapes, truth.faults),
         doubt_share=float(np.mean([doubt is not None for doubt in shapes.doubts])),
     )
 
@@ -113,19 +111,19 @@ def held_rmse_m(evaluation: Evaluation, rest_m: NDArray[np.float64]) -> float:
     return errors_of(error_m.reshape(-1, 3)).rmse_m
 
 
-def left_out_share(estimate: Estimate, faults: Iterable[Fault]) -> float:
+def left_out_share(shapes: Reconstruction, faults: Iterable[Fault]) -> float:
     """Return the share of the sensors without a fault that were left out for more than `LONG_S` without a break.
 
     A board that is unplugged is no fault of its sensors. While it is unplugged, its sensors do not count as left out.
     """
-    left_out = ~np.isfinite(estimate.sigma_m)
+    left_out = ~np.isfinite(shapes.sigma_m)
     healthy = np.ones(left_out.shape[1], dtype=np.bool_)
     for fault in faults:
         if fault.where.startswith("board"):
-            left_out[np.ix_(fault.during(estimate.t_s), fault.tendons)] = False
+            left_out[np.ix_(fault.during(shapes.t_s), fault.tendons)] = False
         else:
             healthy[fault.tendons] = False
-    return float(np.mean([_longest_s(estimate.t_s, column) > LONG_S for column in left_out.T[healthy]]))
+    return float(np.mean([_longest_s(shapes.t_s, column) > LONG_S for column in left_out.T[healthy]]))
 
 
 def _longest_s(t_s: NDArray[np.float64], holds: NDArray[np.bool_]) -> float:

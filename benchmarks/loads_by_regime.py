@@ -7,7 +7,6 @@ from pathlib import Path
 from tensegraph import Reconstruction, Settings, open_trial
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.reports.cells import or_dash
-from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.evaluation import Evaluation
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.pipeline import Pipeline
@@ -23,8 +22,8 @@ def evaluated(path: Path) -> Evaluation:
     pipeline = Pipeline(description, Settings(), read_sensor_model())
     shapes = pipeline.estimate(trial.readings(), "batch")
     truth = trial.truth_of(trial.truth(), trial.true_loads())
-    estimate = Estimate.of(Reconstruction.of(description.structure, shapes))
-    return evaluate(description.structure, pipeline.rest.node_position_m, estimate, truth)
+    estimate = Reconstruction.of(description.structure, shapes)
+    return evaluate(pipeline.rest.node_position_m, estimate, truth)
 
 
 def table(trials: Sequence[Path]) -> Iterator[str]:

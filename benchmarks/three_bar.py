@@ -23,7 +23,6 @@ import typer
 from numpy.typing import NDArray
 
 from tensegraph import Settings, open_trial, reconstruct
-from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.evaluation import Evaluation
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.structure.floor import Floor
@@ -177,7 +176,7 @@ def evaluated(directory: Path, method: str) -> tuple[Evaluation, str]:
     positions, rest_m = trial.truth(), trial.description.rest_position_m
     assert positions is not None, "the trial is written with its truth"
     assert rest_m is not None, "the trial is written with its rest shape"
-    evaluation = evaluate(trial.description.structure, rest_m, Estimate.of(shapes), trial.truth_of(positions))
+    evaluation = evaluate(rest_m, shapes, trial.truth_of(positions))
     states = [str(s) + (f" ({d})" if d else "") for s, d in zip(shapes.status, shapes.doubts, strict=True)]
     told = ", ".join(f"{state} {states.count(state) / len(states):.0%}" for state in sorted(set(states)))
     return evaluation, told

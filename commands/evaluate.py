@@ -14,7 +14,8 @@ from ..io.figures.track_figure import write_followed_figure
 from ..io.provenance import FINGERPRINT, file_hashes, fingerprint, is_up_to_date, sha256_of, versions
 from ..io.reports.evaluation_tables import ScoredResult, as_text
 from ..io.reports.terminal import Terminal
-from ..io.result import RUN_FILE, read_estimate, read_run, result_directory, settings_of
+from ..io.result import RUN_FILE, result_directory
+from ..io.stored_result import load, read_run, settings_of
 from ..io.trial_directory import Trial, open_trial
 from ..models.values.errors import InputError
 from ..models.values.units import LARGEST, beyond
@@ -163,9 +164,9 @@ def score_result(
         InputError: when the result or the truth cannot be read, or do not match the trial.
     """
     settings = settings_of(run, path)
-    estimate = read_estimate(path, trial.description.structure)
+    result = load(path)
     try:
-        evaluation = evaluation_of(trial, estimate, settings, truth, align=align, offset_s=offset_s)
+        evaluation = evaluation_of(trial, result, settings, truth, align=align, offset_s=offset_s)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     return ScoredResult(path, trial.name, str(run.get("method", "method not stated")), evaluation)

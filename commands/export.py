@@ -5,8 +5,7 @@ from typing import Any
 
 from ..io.exports.formats import all_suffixes, check_file, export, format_of, paths_of
 from ..io.reports.terminal import Terminal
-from ..io.result import read_run, settings_of
-from ..io.stored_result import load
+from ..io.stored_result import load, read_run, settings_of
 from ..models.values.errors import InputError
 
 

@@ -14,8 +14,7 @@ from rich.table import Table
 from ..io.provenance import FINGERPRINT, fingerprint, is_up_to_date, relative_path, versions
 from ..io.reports.progress import StageBar
 from ..io.reports.terminal import Terminal
-from ..io.result import RUN_FILE, SHAPE_FILE
-from ..io.stored_result import FigureFormat, write_result
+from ..io.result import RUN_FILE, SHAPE_FILE, FigureFormat, write_result
 from ..io.toml import read_settings
 from ..io.trial_directory import Trial, open_trial
 from ..models.evaluation.metrics import node_rmse_m

@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from ..estimator.rest_step import rest_shape_of
 from ..io.reports.terminal import Terminal
-from ..io.result import read_run, settings_of
-from ..io.stored_result import load
+from ..io.stored_result import load, read_run, settings_of
 from ..io.viewer.first_screen import first_screen, liveliest_tendon
 from ..io.viewer.run_log import RunLog, new_recording
 from ..io.viewer.server import ViewerServer
-from ..models.evaluation.estimate import Estimate
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.values.errors import TensegraphError
@@ -80,7 +78,7 @@ def read_viewed(path: Path, name: str, terminal: Terminal) -> ViewedResult:
         trial = trial_of(run, path, None)
         rest_m = rest_shape_of(trial.description, settings.rest).node_position_m
         if trial.table.truth is not None and result.coordinate_frame != "body":
-            known = truth_of_trial(trial, None, Estimate.of(result), None)
+            known = truth_of_trial(trial, None, result, None)
             truth = _at_frames(StampedPositions(known.t_s, known.node_position_m), result.t_s)
     except TensegraphError as error:
         without = "the truth" if rest_m is not None else "rest shape and truth"

@@ -5,8 +5,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import tomli_w
@@ -14,39 +13,89 @@ import tomlkit
 from numpy.typing import NDArray
 
 from ..models.balance.observable_loads import observable_loads
-from ..models.evaluation.estimate import Estimate
-from ..models.settings import Settings
+from ..models.settings import Settings, checked_settings
 from ..models.structure.external_loads import ExternalLoads
 from ..models.structure.floor import EstimatedNormal
 from ..models.structure.quantities import UPPER_TRIANGLE
-from ..models.structure.reconstruction import Reconstruction, coordinate_frame_of
+from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.structure import Structure
-from ..models.values.errors import InputError
 from ..models.values.readings import Flag, Mode
-from ..models.values.tables import parse_table
 from ..models.values.time_series import parts
-from .csv import CsvFile
-from .positions import contact_columns, position_columns, read_contacts, read_positions
-from .toml import read_toml
+from .positions import contact_columns, position_columns
 from .whole import check_replaceable, written_whole
 
 RUN_FILE = "run.toml"
 SHAPE_FILE = "shape.csv"
 """A table that every result has, and nothing else that we write."""
 LOADS_FILE = "estimated_loads.csv"
-RUN_TABLES = ("structure", "settings", "inputs", "versions", "floor_normal")
-"""The tables of run.toml that are read again."""
 DRIFT_FILE = "sensor_drift.csv"
 CONTACTS_FILE = "contacts.csv"
 TRACK_FILE = "track.csv"
 SLIPS_FILE = "slips.csv"
 COVARIANCE_COLUMNS = tuple(filter(None, UPPER_TRIANGLE))
 """The upper triangle, row by row; ten digits, because the inverse for a long, thin ellipsoid loses seven."""
-ROUNDED = 1e-6
-"""Negative variance over the greatest one that rounding of a file may make."""
 
 BLOCK_ROWS = 10_000
 """Rows of a table that are made at a time, so that a long run does not need much memory for them."""
+FigureFormat = Literal["png", "pdf"]
+
+
+def save(
+    reconstruction: Reconstruction,
+    path: str | Path,
+    settings: Settings | None = None,
+    *,
+    figures: FigureFormat | None = "png",
+) -> None:
+    """Write shapes as a result directory: tables, figures, and the settings.
+
+    Args:
+        reconstruction: the shapes to write.
+        path: path of the directory; an earlier result at this path is replaced.
+        settings: the settings of the run; their `probability` is that of the ellipsoids.
+        figures: format in which lengths and shapes are drawn, which takes some seconds; None draws nothing.
+
+    Raises:
+        InputError: when the path holds something else than an earlier result, or cannot be written.
+    """
+    path = Path(path)
+    settings = checked_settings(settings)
+    run = {"settings": asdict(settings)}
+    write_result(reconstruction, path, run, settings, path.name, figures)
+
+
+def write_result(
+    reconstruction: Reconstruction,
+    path: Path,
+    run: Mapping[str, Any],
+    settings: Settings,
+    title: str,
+    figures: FigureFormat | None,
+    written: Callable[[str], None] = lambda part: None,
+) -> None:
+    """Write a result directory, completely or not at all.
+
+    Args:
+        reconstruction: the shapes to write.
+        path: path of the directory.
+        run: the content of run.toml, without what the reconstruction tells.
+        settings: the settings of the run.
+        title: of the figures.
+        figures: their format; None draws none.
+        written: called with "tables" and "figures" when they are.
+
+    Raises:
+        InputError: see `save`.
+    """
+    with result_directory(path) as directory:
+        write_tables(reconstruction, settings.probability, directory)
+        written("tables")
+        if figures is not None:
+            from .figures.shape_figures import write_figures  # matplotlib takes a third of a second to import
+
+            write_figures(reconstruction, settings, title, directory, figures)
+            written("figures")
+        write_run({**run, **floor_table(reconstruction.floor_normal)}, reconstruction.structure, directory)
 
 
 @contextmanager
@@ -108,161 +157,6 @@ def write_run(run: Mapping[str, Any], structure: Structure, directory: Path) -> 
 def floor_table(normal: EstimatedNormal | None) -> dict[str, Any]:
     """Return the table `[floor_normal]` of run.toml; nothing where the normal is told exactly, or there is no floor."""
     return {} if normal is None else {"floor_normal": asdict(normal)}
-
-
-def read_run(directory: Path) -> dict[str, Any]:
-    """Return run.toml of a result directory.
-
-    Raises:
-        InputError: when there is none, or something else stands in the place of one of its tables.
-    """
-    path = directory / RUN_FILE
-    if not path.is_file():
-        raise InputError(f"{directory}: is no result: expected a directory with {RUN_FILE}")
-    run = read_toml(path)
-    for name in RUN_TABLES:
-        if not isinstance(run.get(name, {}), dict):
-            raise InputError(f"{path}: {name}: expected a table, got {run[name]!r:.60}")
-    return run
-
-
-def settings_of(run: Mapping[str, Any], directory: Path) -> Settings:
-    """Return the settings in the run.toml of a result directory, see `read_run`.
-
-    Raises:
-        InputError: for a value that is not allowed.
-    """
-    return parse_table(Settings, run.get("settings", {}), str(directory / RUN_FILE))
-
-
-def read_estimate(directory: Path, structure: Structure) -> Estimate:
-    """Return the shapes, covariances, lengths and, where there are any, loads of a result directory.
-
-    Raises:
-        InputError: when a table cannot be read, or does not match shape.csv or the structure.
-    """
-    positions = read_positions(directory / SHAPE_FILE, structure.node_count, fewest=1)
-    t_s = positions.t_s
-    if np.isnan(positions.node_position_m).any():
-        raise InputError(f"{directory / SHAPE_FILE}: expected the positions of all {structure.node_count} nodes")
-    nodes = np.arange(structure.node_count)
-    tendons = np.arange(len(structure.tendons))
-    middle = ["x_m", "y_m", "z_m"]
-    ellipsoid = read_blocks(directory / "ellipsoids.csv", "node", nodes, t_s, [*middle, *COVARIANCE_COLUMNS])
-    if not np.array_equal(ellipsoid[..., :3], positions.node_position_m):
-        raise InputError(
-            f"{directory / 'ellipsoids.csv'}: expected the positions of shape.csv in the middle of ellipsoids"
-        )
-    covariance_m2 = np.empty((*ellipsoid.shape[:2], 3, 3))
-    row, column = np.triu_indices(3)
-    covariance_m2[..., row, column] = covariance_m2[..., column, row] = ellipsoid[..., 3:]
-    _check_covariances(directory / "ellipsoids.csv", covariance_m2)
-    words = {
-        "length_m": number,
-        "sigma_m": number,
-        "innovation_sigma_m": number,
-        "mode": _mode,
-        "flags": Flag.of_names,
-    }
-    lengths = read_blocks(directory / "lengths.csv", "tendon", tendons, t_s, list(words), words)
-    length_m, sigma_m, innovation_sigma_m, mode, flags = np.moveaxis(lengths, -1, 0)
-    contacts = _read_contacts(directory / CONTACTS_FILE, structure, t_s)
-    return Estimate(
-        t_s=t_s,
-        node_position_m=positions.node_position_m,
-        node_covariance_m2=covariance_m2,
-        length_m=length_m,
-        sigma_m=sigma_m,
-        mode=mode.astype(np.int64),
-        flags=flags.astype(np.int64),
-        innovation_sigma_m=innovation_sigma_m,
-        is_sensed=structure.is_sensed,
-        loads=_read_loads(directory / LOADS_FILE, structure, t_s),
-        contacts=contacts,
-        coordinate_frame=coordinate_frame_of(structure, has_floor=contacts is not None),
-    )
-
-
-def _check_covariances(path: Path, covariance_m2: NDArray[np.float64]) -> None:
-    """Raise InputError for (frames, nodes, 3, 3) of which one is the covariance of nothing; nan where there is none."""
-    told = np.isfinite(covariance_m2).all(axis=(-2, -1), keepdims=True)
-    variance_m2 = np.linalg.eigvalsh(np.where(told, covariance_m2, 0.0))
-    wrong = variance_m2[..., 0] < -ROUNDED * variance_m2[..., -1]
-    for frame, node in np.argwhere(wrong)[:1]:
-        raise InputError(
-            f"{path}: row {2 + frame * covariance_m2.shape[1] + node}, columns {COVARIANCE_COLUMNS[0]} to "
-            f"{COVARIANCE_COLUMNS[-1]}: expected a covariance, got one with the variance "
-            f"{variance_m2[frame, node, 0]:.3g} m2 in some direction"
-        )
-
-
-def _read_contacts(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    if not path.is_file():
-        return None
-    contacts_s, probability = read_contacts(path, structure.node_count, fewest=1)
-    if not np.array_equal(contacts_s, t_s):
-        raise InputError(f"{path}: expected one row for each row of shape.csv")
-    return probability
-
-
-def _read_loads(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> ExternalLoads | None:
-    if not path.is_file():
-        return None
-    words = dict.fromkeys(("fx_n", "fy_n", "fz_n"), _force) | {"sigma_n": number}
-    rows = read_blocks(path, "node", structure.free_nodes, t_s, list(words), words)
-    force_n = np.full((len(t_s), structure.node_count, 3), np.nan)
-    sigma_n = np.full(force_n.shape[:2], np.inf)
-    force_n[:, structure.free_nodes] = rows[..., :3]
-    sigma_n[:, structure.free_nodes] = rows[..., 3]
-    return ExternalLoads(force_n, sigma_n)
-
-
-def read_blocks(
-    path: Path,
-    label: str,
-    labels: NDArray[np.int64],
-    t_s: NDArray[np.float64],
-    columns: Sequence[str],
-    words: Mapping[str, Callable[[str], float]] = MappingProxyType({}),
-) -> NDArray[np.float64]:
-    """Return (frames, labels, columns) of a table that has a row for each frame and each label, in order.
-
-    Raises:
-        InputError: when a row is missing, or a cell is no number and no word.
-    """
-    names = ["t_s", label, *columns]
-    rows = np.array(list(CsvFile(path, names, words=words))).reshape(-1, len(names))
-    expected = np.stack([np.repeat(t_s, len(labels)), np.tile(labels, len(t_s))], axis=1)
-    if not np.array_equal(rows[:, :2], expected):
-        which = f"{len(labels)} rows ({label} {labels[0]} to {labels[-1]})"
-        raise InputError(f"{path}: expected {which} for each row of shape.csv")
-    return rows[:, 2:].reshape(len(t_s), len(labels), len(columns))
-
-
-def number(cell: str) -> float:
-    """Return a number that may be nan or inf.
-
-    Raises:
-        ValueError: when it is none.
-    """
-    try:
-        return float(cell)
-    except ValueError as error:
-        raise ValueError("expected a number, nan or inf") from error
-
-
-def _force(cell: str) -> float:
-    value = number(cell)
-    if np.isinf(value):
-        raise ValueError("expected a finite number or nan")
-    return value
-
-
-def _mode(cell: str) -> float:
-    try:
-        return float(Mode[cell.upper()])
-    except KeyError as error:
-        raise ValueError(f"expected {' or '.join(mode.name.lower() for mode in Mode)}") from error
 
 
 def _append(path: Path, rows: Iterator[str]) -> None:

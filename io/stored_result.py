@@ -1,101 +1,44 @@
-"""Result directories: a reconstruction is written as one, and read back from it."""
+"""Result directories, read back."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.evaluation.estimate import Estimate
-from ..models.settings import Settings, checked_settings
+from ..models.settings import Settings
+from ..models.structure.external_loads import ExternalLoads
 from ..models.structure.floor import EstimatedNormal
 from ..models.structure.reconstruction import Propagated, Reconstruction
 from ..models.structure.shape import Covariances, OtherShape, Reason, Status
 from ..models.structure.structure import Structure
 from ..models.structure_description import StructureTable
 from ..models.values.errors import InputError
+from ..models.values.readings import Flag, Mode
 from ..models.values.slip import Slip
+from ..models.values.stamped_positions import StampedPositions
 from ..models.values.tables import parse_table
 from .csv import CsvFile
-from .positions import position_columns
+from .positions import position_columns, read_contacts, read_positions
 from .result import (
+    CONTACTS_FILE,
     COVARIANCE_COLUMNS,
     DRIFT_FILE,
+    LOADS_FILE,
     RUN_FILE,
+    SHAPE_FILE,
     SLIPS_FILE,
     TRACK_FILE,
-    floor_table,
-    number,
-    read_blocks,
-    read_estimate,
-    read_run,
-    result_directory,
-    write_run,
-    write_tables,
 )
+from .toml import read_toml
 from .trial_directory import open_trial
 
-FigureFormat = Literal["png", "pdf"]
-
-
-def save(
-    reconstruction: Reconstruction,
-    path: str | Path,
-    settings: Settings | None = None,
-    *,
-    figures: FigureFormat | None = "png",
-) -> None:
-    """Write shapes as a result directory: tables, figures, and the settings.
-
-    Args:
-        reconstruction: the shapes to write.
-        path: path of the directory; an earlier result at this path is replaced.
-        settings: the settings of the run; their `probability` is that of the ellipsoids.
-        figures: format in which lengths and shapes are drawn, which takes some seconds; None draws nothing.
-
-    Raises:
-        InputError: when the path holds something else than an earlier result, or cannot be written.
-    """
-    path = Path(path)
-    settings = checked_settings(settings)
-    run = {"settings": asdict(settings)}
-    write_result(reconstruction, path, run, settings, path.name, figures)
-
-
-def write_result(
-    reconstruction: Reconstruction,
-    path: Path,
-    run: Mapping[str, Any],
-    settings: Settings,
-    title: str,
-    figures: FigureFormat | None,
-    written: Callable[[str], None] = lambda part: None,
-) -> None:
-    """Write a result directory, completely or not at all.
-
-    Args:
-        reconstruction: the shapes to write.
-        path: path of the directory.
-        run: the content of run.toml, without what the reconstruction tells.
-        settings: the settings of the run.
-        title: of the figures.
-        figures: their format; None draws none.
-        written: called with "tables" and "figures" when they are.
-
-    Raises:
-        InputError: see `save`.
-    """
-    with result_directory(path) as directory:
-        write_tables(reconstruction, settings.probability, directory)
-        written("tables")
-        if figures is not None:
-            from .figures.shape_figures import write_figures  # matplotlib takes a third of a second to import
-
-            write_figures(reconstruction, settings, title, directory, figures)
-            written("figures")
-        write_run({**run, **floor_table(reconstruction.floor_normal)}, reconstruction.structure, directory)
+RUN_TABLES = ("structure", "settings", "inputs", "versions", "floor_normal")
+"""The tables of run.toml that are read."""
+ROUNDED = 1e-6
+"""Negative variance over the greatest one that rounding of a file may make."""
 
 
 def load(path: str | Path) -> Reconstruction:
@@ -113,31 +56,61 @@ def load(path: str | Path) -> Reconstruction:
     path = Path(path)
     run = read_run(path)
     structure = _structure(path, run)
-    estimate = read_estimate(path, structure)
-    frames = _FramesTable(path, estimate.t_s)
-    drift, drift_sigma = _drift(path / DRIFT_FILE, estimate.t_s, len(structure.tendons))
+    positions = read_positions(path / SHAPE_FILE, structure.node_count, fewest=1)
+    t_s = positions.t_s
+    if np.isnan(positions.node_position_m).any():
+        raise InputError(f"{path / SHAPE_FILE}: expected the positions of all {structure.node_count} nodes")
+    words = {"length_m": number, "sigma_m": number, "innovation_sigma_m": number, "mode": _mode, "flags": Flag.of_names}
+    tendons = np.arange(len(structure.tendons))
+    lengths = _read_blocks(path / "lengths.csv", "tendon", tendons, t_s, list(words), words)
+    length_m, sigma_m, innovation_sigma_m, mode, flags = np.moveaxis(lengths, -1, 0)
+    frames = _FramesTable(path, t_s)
+    drift, drift_sigma = _drift(path / DRIFT_FILE, t_s, len(tendons))
     return Reconstruction(
         structure=structure,
-        t_s=estimate.t_s,
-        node_position_m=estimate.node_position_m,
-        covariances=Covariances.of_nodes(estimate.node_covariance_m2),
+        t_s=t_s,
+        node_position_m=positions.node_position_m,
+        covariances=_covariances(path / "ellipsoids.csv", positions),
         status=frames.status,
-        length_m=estimate.length_m,
-        sigma_m=estimate.sigma_m,
-        mode=estimate.mode,
-        flags=estimate.flags,
-        loads=estimate.loads,
+        length_m=length_m,
+        sigma_m=sigma_m,
+        mode=mode.astype(np.int64),
+        flags=flags.astype(np.int64),
+        loads=_loads(path / LOADS_FILE, structure, t_s),
         others=frames.others(structure.node_count),
         doubts=frames.doubts,
         drift=drift,
         drift_sigma=drift_sigma,
-        contacts=estimate.contacts,
-        slips=_slips(path / SLIPS_FILE, estimate.t_s, structure.node_count),
+        contacts=_contacts(path / CONTACTS_FILE, structure, t_s),
+        slips=_slips(path / SLIPS_FILE, t_s, structure.node_count),
         floor_normal=_floor_normal(path, run),
-        propagated=Propagated(
-            estimate.innovation_sigma_m, frames.mechanism_sigma_m, _centroid_covariance_m2(path, estimate)
-        ),
+        propagated=Propagated(innovation_sigma_m, frames.mechanism_sigma_m, _centroid_covariance_m2(path, t_s)),
     )
+
+
+def read_run(directory: Path) -> dict[str, Any]:
+    """Return run.toml of a result directory.
+
+    Raises:
+        InputError: when there is none, or something else stands in the place of one of its tables.
+    """
+    path = directory / RUN_FILE
+    if not path.is_file():
+        raise InputError(f"{directory}: is no result: expected a directory with {RUN_FILE}")
+    run = read_toml(path)
+    for name in RUN_TABLES:
+        if not isinstance(run.get(name, {}), dict):
+            raise InputError(f"{path}: {name}: expected a table, got {run[name]!r:.60}")
+    return run
+
+
+def settings_of(run: Mapping[str, Any], directory: Path) -> Settings:
+    """Return the settings in the run.toml of a result directory, see `read_run`.
+
+    Raises:
+        InputError: for a value that is not allowed.
+    """
+    return parse_table(Settings, run.get("settings", {}), str(directory / RUN_FILE))
 
 
 def _structure(path: Path, run: dict[str, Any]) -> Structure:
@@ -207,13 +180,13 @@ def _doubt(cell: str) -> float:
         raise ValueError(f"expected one of none, {', '.join(Reason)}") from error
 
 
-def _centroid_covariance_m2(path: Path, estimate: Estimate) -> NDArray[np.float64]:
+def _centroid_covariance_m2(path: Path, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (frames, 3, 3) of track.csv; nan where there is none."""
-    covariance_m2 = np.full((len(estimate.t_s), 3, 3), np.nan)
+    covariance_m2 = np.full((len(t_s), 3, 3), np.nan)
     track = path / TRACK_FILE
     if track.is_file():
         rows = np.array(list(CsvFile(track, ["t_s", *COVARIANCE_COLUMNS]))).reshape(-1, 1 + len(COVARIANCE_COLUMNS))
-        if not np.array_equal(rows[:, 0], estimate.t_s):
+        if not np.array_equal(rows[:, 0], t_s):
             raise InputError(f"{track}: expected one row for each row of shape.csv")
         row, column = np.triu_indices(3)
         covariance_m2[:, row, column] = covariance_m2[:, column, row] = rows[:, 1:]
@@ -243,5 +216,103 @@ def _drift(
     drift_s = np.unique([row[0] for row in CsvFile(path, ["t_s"])])
     known = np.isin(t_s, drift_s)
     drift = np.full((2, len(t_s), tendons), np.nan)
-    drift[:, known] = np.moveaxis(read_blocks(path, "tendon", np.arange(tendons), t_s[known], ("drift", "sigma")), 2, 0)
+    drift[:, known] = np.moveaxis(
+        _read_blocks(path, "tendon", np.arange(tendons), t_s[known], ("drift", "sigma")), 2, 0
+    )
     return drift[0], drift[1]
+
+
+def _covariances(path: Path, positions: StampedPositions) -> Covariances:
+    """Return the covariances of ellipsoids.csv, whose middles are the positions of shape.csv."""
+    middle = ["x_m", "y_m", "z_m"]
+    nodes = np.arange(positions.node_position_m.shape[1])
+    ellipsoid = _read_blocks(path, "node", nodes, positions.t_s, [*middle, *COVARIANCE_COLUMNS])
+    if not np.array_equal(ellipsoid[..., :3], positions.node_position_m):
+        raise InputError(f"{path}: expected the positions of shape.csv in the middle of ellipsoids")
+    covariance_m2 = np.empty((*ellipsoid.shape[:2], 3, 3))
+    row, column = np.triu_indices(3)
+    covariance_m2[..., row, column] = covariance_m2[..., column, row] = ellipsoid[..., 3:]
+    _check_covariances(path, covariance_m2)
+    return Covariances.of_nodes(covariance_m2)
+
+
+def _check_covariances(path: Path, covariance_m2: NDArray[np.float64]) -> None:
+    """Raise InputError for (frames, nodes, 3, 3) of which one is the covariance of nothing; nan where there is none."""
+    told = np.isfinite(covariance_m2).all(axis=(-2, -1), keepdims=True)
+    variance_m2 = np.linalg.eigvalsh(np.where(told, covariance_m2, 0.0))
+    wrong = variance_m2[..., 0] < -ROUNDED * variance_m2[..., -1]
+    for frame, node in np.argwhere(wrong)[:1]:
+        raise InputError(
+            f"{path}: row {2 + frame * covariance_m2.shape[1] + node}, columns {COVARIANCE_COLUMNS[0]} to "
+            f"{COVARIANCE_COLUMNS[-1]}: expected a covariance, got one with the variance "
+            f"{variance_m2[frame, node, 0]:.3g} m2 in some direction"
+        )
+
+
+def _contacts(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    if not path.is_file():
+        return None
+    contacts_s, probability = read_contacts(path, structure.node_count, fewest=1)
+    if not np.array_equal(contacts_s, t_s):
+        raise InputError(f"{path}: expected one row for each row of shape.csv")
+    return probability
+
+
+def _loads(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> ExternalLoads | None:
+    if not path.is_file():
+        return None
+    words = dict.fromkeys(("fx_n", "fy_n", "fz_n"), _force) | {"sigma_n": number}
+    rows = _read_blocks(path, "node", structure.free_nodes, t_s, list(words), words)
+    force_n = np.full((len(t_s), structure.node_count, 3), np.nan)
+    sigma_n = np.full(force_n.shape[:2], np.inf)
+    force_n[:, structure.free_nodes] = rows[..., :3]
+    sigma_n[:, structure.free_nodes] = rows[..., 3]
+    return ExternalLoads(force_n, sigma_n)
+
+
+def _read_blocks(
+    path: Path,
+    label: str,
+    labels: NDArray[np.int64],
+    t_s: NDArray[np.float64],
+    columns: Sequence[str],
+    words: Mapping[str, Callable[[str], float]] = MappingProxyType({}),
+) -> NDArray[np.float64]:
+    """Return (frames, labels, columns) of a table that has a row for each frame and each label, in order.
+
+    Raises:
+        InputError: when a row is missing, or a cell is no number and no word.
+    """
+    names = ["t_s", label, *columns]
+    rows = np.array(list(CsvFile(path, names, words=words))).reshape(-1, len(names))
+    expected = np.stack([np.repeat(t_s, len(labels)), np.tile(labels, len(t_s))], axis=1)
+    if not np.array_equal(rows[:, :2], expected):
+        which = f"{len(labels)} rows ({label} {labels[0]} to {labels[-1]})"
+        raise InputError(f"{path}: expected {which} for each row of shape.csv")
+    return rows[:, 2:].reshape(len(t_s), len(labels), len(columns))
+
+
+def number(cell: str) -> float:
+    """Return a number that may be nan or inf.
+
+    Raises:
+        ValueError: when it is none.
+    """
+    try:
+        return float(cell)
+    except ValueError as error:
+        raise ValueError("expected a number, nan or inf") from error
+
+
+def _force(cell: str) -> float:
+    value = number(cell)
+    if np.isinf(value):
+        raise ValueError("expected a finite number or nan")
+    return value
+
+
+def _mode(cell: str) -> float:
+    try:
+        return float(Mode[cell.upper()])
+    except KeyError as error:
+        raise ValueError(f"expected {' or '.join(mode.name.lower() for mode in Mode)}") from error

@@ -9,11 +9,11 @@ import numpy as np
 
 from ..io.trial_directory import Trial, open_trial
 from ..models.evaluation.comparison import ALL, ComparisonRow, FrameErrors, Measured, comparison_row
-from ..models.evaluation.estimate import Estimate
 from ..models.evaluation.metrics import evaluate
 from ..models.evaluation.truth import Truth
 from ..models.settings import Settings, checked_settings
-from ..models.structure.reconstruction import Reconstruction, coordinate_frame_of
+from ..models.structure.reconstruction import Reconstruction
+from ..models.structure.shape import Shape, Status
 from ..models.values.errors import IndeterminateError, InputError
 from ..models.values.readings import TendonLengths
 from ..pipeline import (
@@ -121,7 +121,7 @@ class TrialComparison:
 
     def without_method(self) -> Measured:
         """Return the result of the rest shape alone."""
-        return self._measured(NO_METHOD, np.nan, rest_shape_estimate(self._pipeline, self._frames))
+        return self._measured(NO_METHOD, np.nan, rest_shape_held(self._pipeline, self._frames))
 
     def with_method(self, method: str, factory: EstimatorFactory) -> Measured:
         """Run a method over all frames, and return its result."""
@@ -135,15 +135,15 @@ class TrialComparison:
         except InputError as error:  # the method is not for such a trial
             return self._without_errors(label, f"not run: {error}")
         seconds = time.perf_counter() - start_s
-        return self._measured(label, seconds, Estimate.of(Reconstruction.of(self._structure, shapes)))
+        return self._measured(label, seconds, Reconstruction.of(self._structure, shapes))
 
     def _without_errors(self, label: str, note: str) -> Measured:
         """Return the result of a method that gives no shapes."""
         frames = len(self._frames)
         return Measured(trial=self._name, method=label, frames=frames, seconds=np.nan, errors=None, note=note)
 
-    def _measured(self, method: str, seconds: float, estimate: Estimate) -> Measured:
-        evaluation = evaluate(self._structure, self._pipeline.rest.node_position_m, estimate, self._truth)
+    def _measured(self, method: str, seconds: float, estimate: Reconstruction) -> Measured:
+        evaluation = evaluate(self._pipeline.rest.node_position_m, estimate, self._truth)
         return Measured(
             trial=self._name,
             method=method,
@@ -160,22 +160,14 @@ def _truth_of(trial: Trial) -> Truth:
     return trial.truth_of(positions)
 
 
-def rest_shape_estimate(pipeline: Pipeline, frames: Sequence[TendonLengths]) -> Estimate:
-    """Return the rest shape in every frame, without a covariance, as an estimate."""
-    count = len(frames)
+def rest_shape_held(pipeline: Pipeline, frames: Sequence[TendonLengths]) -> Reconstruction:
+    """Return the rest shape in every frame, without a covariance."""
     rest_m = pipeline.rest.node_position_m
-    sigma_m = np.array([frame.sigma_m for frame in frames])
-    return Estimate(
-        t_s=np.array([frame.t_s for frame in frames]),
-        node_position_m=np.repeat(rest_m[None], count, axis=0),
-        node_covariance_m2=np.full((count, len(rest_m), 3, 3), np.nan),
-        length_m=np.array([frame.length_m for frame in frames]),
-        sigma_m=sigma_m,
-        mode=np.array([frame.mode for frame in frames]),
-        flags=np.array([frame.flags for frame in frames]),
-        innovation_sigma_m=np.full(sigma_m.shape, np.nan),
-        is_sensed=pipeline.rest.structure.is_sensed,
-        coordinate_frame=coordinate_frame_of(pipeline.rest.structure, has_floor=pipeline.trial.floor is not None),
+    unknown_m2 = np.full((rest_m.size, rest_m.size), np.nan)
+    contacts = np.full(len(rest_m), np.nan) if pipeline.trial.floor else None
+    return Reconstruction.of(
+        pipeline.rest.structure,
+        (Shape(frame.t_s, rest_m, unknown_m2, Status.PRIOR_ONLY, frame, contacts=contacts) for frame in frames),
     )
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from ..estimator.rest_step import rest_shape_of
 from ..io.mocap.truth_file import read_truth
 from ..io.trial_directory import Trial, open_trial
-from ..models.evaluation.estimate import Estimate
 from ..models.evaluation.evaluation import Evaluation
 from ..models.evaluation.metrics import evaluate as evaluate_estimate
 from ..models.evaluation.motion_capture import lay_onto
@@ -46,13 +45,18 @@ def evaluate(
             f"{opened.path}: expected the trial of the run, whose structure has {result.structure.node_count} "
             f"nodes, got one of {opened.description.structure.node_count}"
         )
-    estimate = Estimate.of(result)
     path = None if truth is None else Path(truth)
-    return evaluation_of(opened, estimate, checked_settings(settings), path, align=align, offset_s=offset_s)
+    return evaluation_of(opened, result, checked_settings(settings), path, align=align, offset_s=offset_s)
 
 
 def evaluation_of(
-    trial: Trial, estimate: Estimate, settings: Settings, truth: Path | None, *, align: bool, offset_s: float | None
+    trial: Trial,
+    estimate: Reconstruction,
+    settings: Settings,
+    truth: Path | None,
+    *,
+    align: bool,
+    offset_s: float | None,
 ) -> Evaluation:
     """Return the evaluation of an estimate against the truth of its trial, or of a file; see `evaluate`.
 
@@ -62,7 +66,6 @@ def evaluation_of(
     rest = rest_shape_of(trial.description, settings.rest)
     known = truth_of_trial(trial, truth, estimate, offset_s)
     return evaluate_estimate(
-        trial.description.structure,
         rest.node_position_m,
         estimate,
         known,
@@ -71,7 +74,7 @@ def evaluation_of(
     )
 
 
-def truth_of_trial(trial: Trial, path: Path | None, estimate: Estimate, offset_s: float | None) -> Truth:
+def truth_of_trial(trial: Trial, path: Path | None, estimate: Reconstruction, offset_s: float | None) -> Truth:
     """Return the truth of a trial, with positions from another file if one is given, on the host's clock.
 
     Raises:
@@ -85,7 +88,6 @@ def truth_of_trial(trial: Trial, path: Path | None, estimate: Estimate, offset_s
         positions, capture = lay_onto(
             recorded,
             estimate,
-            structure,
             marked=trial.marked_nodes(),
             offset_s=offset_s,
             rest_seconds=trial.description.rest_seconds,

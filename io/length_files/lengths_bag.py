@@ -1,6 +1,7 @@
 """Lengths of tendons from a bag of ROS 2: an MCAP file, or the directory that `ros2 bag record` writes."""
 
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -79,8 +80,9 @@ class LengthsBag:
         if not self.path.exists():
             raise InputError(f"{self.path}: no such file")
         try:
-            reader = AnyReader([self.path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-            reader.open()
+            with warnings.catch_warnings(action="ignore"):  # of ruamel.yaml, at metadata that are then refused
+                reader = AnyReader([self.path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+                reader.open()
         except (TypeError, AttributeError, LookupError) as error:
             raise InputError(f"{self.path}: cannot be read as a bag: its metadata are not those of a bag") from error
         except Exception as error:  # what rosbags and its readers of YAML, SQLite and MCAP raise

@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from ..structure.reconstruction import Reconstruction
 from ..structure.shape import chi_squared_quantile
-from ..structure.structure import Structure
 from ..values.time_series import correlation_samples
-from .estimate import Estimate
 from .evaluation import ComparedFrames, Consistency
 from .statistics import mean_over_frames, of_known
 
@@ -15,13 +14,14 @@ REDUNDANT = 0.5
 shape follows the length so closely that the innovation is no test."""
 
 
-def consistency(structure: Structure, estimate: Estimate, compared: ComparedFrames) -> Consistency:
+def consistency(estimate: Reconstruction, compared: ComparedFrames) -> Consistency:
     """Return NEES, NIS and coverage of an estimate, and the bands in which they lie when it is consistent."""
-    tendons = structure.free_tendons
-    predicted_m = structure.tendon_length_m(estimate.node_position_m)
-    innovation = ((estimate.length_m - predicted_m) / np.maximum(estimate.innovation_sigma_m, 1e-9))[:, tendons]
+    tendons = estimate.structure.free_tendons
+    innovation_m = (estimate.length_m - estimate.predicted_m)[:, tendons]
+    innovation_sigma_m = estimate.innovation_sigma_m[:, tendons]
+    innovation = innovation_m / np.maximum(innovation_sigma_m, 1e-9)
     sigma_m = estimate.sigma_m[:, tendons]
-    checked = np.isfinite(sigma_m) & (estimate.innovation_sigma_m[:, tendons] >= REDUNDANT * sigma_m)
+    checked = np.isfinite(sigma_m) & (innovation_sigma_m >= REDUNDANT * sigma_m)
     nis = np.where(checked, innovation**2, np.nan)
     count = np.array([independent_count(column) for column in compared.nees.T])
     return Consistency(

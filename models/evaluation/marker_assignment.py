@@ -7,12 +7,12 @@ from itertools import combinations, permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..structure.reconstruction import Reconstruction
 from ..structure.structure import Structure
 from ..values.errors import InputError
 from ..values.marker_tracks import MarkerTracks
 from ..values.rotations import best_rotation
 from .alignment import interpolated_within
-from .estimate import Estimate
 from .statistics import of_known
 
 REACH = 0.1
@@ -48,14 +48,14 @@ def largest_reach_m(structure: Structure) -> float:
 
 
 def assign_markers(
-    tracks: MarkerTracks, estimate: Estimate, structure: Structure, host_s: HostTimes
+    tracks: MarkerTracks, estimate: Reconstruction, host_s: HostTimes
 ) -> tuple[Assignment, Assignment | None]:
     """Return the assignment that fits the estimated shapes best, and the next best.
 
     Raises:
         InputError: when no assignment fits, or two fit alike.
     """
-    most_m = largest_reach_m(structure)
+    most_m = largest_reach_m(estimate.structure)
     fits: dict[bytes, Assignment] = {}
     for node in _candidates(tracks, estimate.node_position_m[0], most_m):
         fit = follow(tracks, estimate, node, host_s(node), most_m)
@@ -76,7 +76,7 @@ def assign_markers(
 
 
 def follow(
-    tracks: MarkerTracks, estimate: Estimate, node: NDArray[np.int64], host_s: NDArray[np.float64], reach_m: float
+    tracks: MarkerTracks, estimate: Reconstruction, node: NDArray[np.int64], host_s: NDArray[np.float64], reach_m: float
 ) -> Assignment:
     """Return an assignment that other markers have joined, and its misfit over all frames; nan where none is seen.
 
@@ -102,7 +102,7 @@ def follow(
     return Assignment(joined, float(misfit_m))
 
 
-def shape_misfit_m(host_s: NDArray[np.float64], node_m: NDArray[np.float64], estimate: Estimate) -> float:
+def shape_misfit_m(host_s: NDArray[np.float64], node_m: NDArray[np.float64], estimate: Reconstruction) -> float:
     """Return the root mean square distance of captured nodes from an estimate, after the best motion of each frame.
 
     It is nan where no frame has three nodes.
@@ -119,7 +119,7 @@ def shape_misfit_m(host_s: NDArray[np.float64], node_m: NDArray[np.float64], est
 
 
 def _at_frames(
-    host_s: NDArray[np.float64], position_m: NDArray[np.float64], estimate: Estimate
+    host_s: NDArray[np.float64], position_m: NDArray[np.float64], estimate: Reconstruction
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return captured positions and estimated shapes at `FRAMES` times at most."""
     frames = np.unique(np.linspace(0, len(estimate.t_s) - 1, FRAMES).astype(np.int64))

@@ -16,7 +16,6 @@ from ..values.errors import InputError
 from ..values.readings import Flag, Mode
 from .alignment import interpolated_within, laid_on_each_frame, rigid_alignment
 from .consistency import consistency, coverage, normalised_error_squared
-from .estimate import Estimate
 from .evaluation import ComparedFrames, Errors, Evaluation, Regime, ShapeErrors
 from .fault_score import false_alarm_share, score_fault
 from .load_score import score_loads
@@ -31,9 +30,8 @@ GOOD_M = 0.005
 
 
 def evaluate(
-    structure: Structure,
     rest_position_m: NDArray[np.float64],
-    estimate: Estimate,
+    estimate: Reconstruction,
     truth: Truth,
     *,
     align: bool = False,
@@ -42,7 +40,6 @@ def evaluate(
     """Compare an estimate with the truth.
 
     Args:
-        structure: the structure whose shape was estimated.
         rest_position_m: (nodes, 3) the rest shape from which the estimate started.
         estimate: shapes in the coordinate frame that it tells.
         truth: true shapes in the same coordinate frame, unless they are to be aligned. Where the shape is described in
@@ -55,6 +52,7 @@ def evaluate(
     Raises:
         InputError: when the truth covers no frame of the estimate, or is in another unit.
     """
+    structure = estimate.structure
     true_m = _true_positions(structure, estimate.t_s, truth.t_s, truth.node_position_m)
     in_body = estimate.coordinate_frame == "body"
     if in_body:  # in which nobody knows the directions of true loads
@@ -71,7 +69,7 @@ def evaluate(
     start_s = estimate.t_s[0] if truth.start_s is None else truth.start_s
     rest = (estimate.t_s <= start_s + truth.rest_seconds) & (truth.rest_seconds > 0)
     rest_error_m = rest_position_m - mean_over_frames(true_m[rest])
-    compared = compare_frames(structure, estimate, true_m, known, truth)
+    compared = compare_frames(estimate, true_m, known, truth)
     pose = None if structure.is_held else score_pose(compared, rest_position_m, in_body=in_body)
     node_rmse_m = np.sqrt(mean_over_frames((compared.node_error_m**2).sum(axis=-1)))
     node_height_rmse_m = np.sqrt(mean_over_frames(compared.node_error_m[..., 2] ** 2))
@@ -88,8 +86,8 @@ def evaluate(
         node_rmse_m=node_rmse_m,
         node_height_rmse_m=node_height_rmse_m,
         worst_node=int(free[np.nanargmax(node_rmse_m)]),
-        consistency=consistency(structure, estimate, compared),
-        regimes=regimes(compared, slack_frames(structure, estimate)[known], load_threshold_n),
+        consistency=consistency(estimate, compared),
+        regimes=regimes(compared, slack_frames(estimate)[known], load_threshold_n),
         loads=score_loads(compared, load_threshold_n),
         first_good_s=float(compared.t_s[good[0]] - compared.t_s[0]) if len(good) else None,
         wrong_branch_frames=None if compared.wrong_branch is None else int(compared.wrong_branch.sum()),
@@ -119,8 +117,7 @@ def _displacement_errors(
 
 
 def compare_frames(
-    structure: Structure,
-    estimate: Estimate,
+    estimate: Reconstruction,
     true_m: NDArray[np.float64],
     known: NDArray[np.bool_],
     truth: Truth | None,
@@ -128,12 +125,12 @@ def compare_frames(
     """Return the errors and other values of each compared frame.
 
     Args:
-        structure: the structure whose shape was estimated.
         estimate: the estimate in all frames of the run.
         true_m: (frames, nodes, 3) true positions at the times of these frames.
         known: (frames,) which frames to compare.
         truth: true loads and contacts, where they are known.
     """
+    structure = estimate.structure
     loads = truth.loads if truth else None
     contacts = None
     if truth and truth.contacts and estimate.contacts is not None:
@@ -257,7 +254,7 @@ def _check_rods(structure: Structure, true_m: NDArray[np.float64]) -> None:
             )
 
 
-def slack_frames(structure: Structure, estimate: Estimate) -> NDArray[np.bool_]:
+def slack_frames(estimate: Reconstruction) -> NDArray[np.bool_]:
     """Return (frames,) whether some tendon is bent or may be bent, by its measurement."""
     slack = (estimate.mode == Mode.BENDING) | ((estimate.flags & Flag.AMBIGUOUS) != 0)
-    return np.asarray((slack & np.isfinite(estimate.length_m))[:, structure.free_tendons].any(axis=1))
+    return np.asarray((slack & np.isfinite(estimate.length_m))[:, estimate.structure.free_tendons].any(axis=1))

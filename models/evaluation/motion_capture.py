@@ -3,13 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from ..structure.reconstruction import Reconstruction
 from ..structure.structure import Structure
 from ..values.errors import InputError
 from ..values.marker_tracks import MarkerTracks
 from ..values.stamped_positions import StampedPositions
 from .alignment import interpolated_within, rigid_alignment
 from .capture_clock import CaptureClock, ClockFit, MotionSignals, OffsetSearch, moving_pairs, search_offset
-from .estimate import Estimate
 from .marker_assignment import assign_markers, shape_misfit_m
 from .truth import CaptureFit, MarkedNode
 
@@ -21,8 +21,7 @@ LINE_M = 0.005
 
 def lay_onto(
     tracks: MarkerTracks,
-    estimate: Estimate,
-    structure: Structure,
+    estimate: Reconstruction,
     *,
     marked: tuple[MarkedNode, ...] = (),
     offset_s: float | None = None,
@@ -33,7 +32,6 @@ def lay_onto(
     Args:
         tracks: the capture.
         estimate: the shapes with which it will be compared.
-        structure: the structure that was captured.
         marked: which marker is which node; if none is given, the best fit to the shapes tells it.
         offset_s: host time minus capture time; if None, the motion tells it.
         rest_seconds: how long a free-standing structure stands at its start.
@@ -43,16 +41,14 @@ def lay_onto(
     """
     found, next_misfit_m = not marked, np.nan
     if found:
-        best, other = assign_markers(
-            tracks, estimate, structure, lambda node: _roughly(tracks, estimate, structure, node, offset_s)
-        )
+        best, other = assign_markers(tracks, estimate, lambda node: _roughly(tracks, estimate, node, offset_s))
         marked = _marks(tracks, best.node)
         next_misfit_m = other.misfit_m if other else np.nan
     _check_names(tracks, marked)
-    node_m = node_positions(tracks, marked, structure)
-    clock = _given(offset_s) if offset_s is not None else find_clock(tracks.t_s, node_m, estimate, structure)
+    node_m = node_positions(tracks, marked, estimate.structure)
+    clock = _given(offset_s) if offset_s is not None else find_clock(tracks.t_s, node_m, estimate)
     host_s = clock.host_s(tracks.t_s)
-    placed_m, rotation_deg = _in_axes_of(host_s, node_m, estimate, structure, max(rest_seconds, PLACED_S))
+    placed_m, rotation_deg = _in_axes_of(host_s, node_m, estimate, max(rest_seconds, PLACED_S))
     fit = CaptureFit(
         clock=clock,
         markers=marked,
@@ -65,21 +61,18 @@ def lay_onto(
     return StampedPositions(host_s, placed_m), fit
 
 
-def find_clock(
-    t_s: NDArray[np.float64], node_m: NDArray[np.float64], estimate: Estimate, structure: Structure
-) -> CaptureClock:
-    """Return the capture's clock, by the motion of its nodes.
+def find_clock(t_s: NDArray[np.float64], node_m: NDArray[np.float64], estimate: Reconstruction) -> CaptureClock:
+    """Return the capture's clock, by the motion of its nodes: by distances, or by speeds of a free-standing structure.
 
     Args:
         t_s: (times,) capture clock.
         node_m: (times, nodes, 3) in any axes; nan where a node was not captured.
         estimate: shapes on the host's clock.
-        structure: tells whether distances or speeds are used.
 
     Raises:
         InputError: when two offsets explain the motion nearly as well, or none does.
     """
-    estimated, captured = _motions(t_s, node_m, estimate, structure)
+    estimated, captured = _motions(t_s, node_m, estimate)
     search = search_offset(estimated, captured)
     if not search.is_clear:
         raise InputError(_unclear(search))
@@ -119,22 +112,22 @@ def _check_names(tracks: MarkerTracks, marked: tuple[MarkedNode, ...]) -> None:
 
 
 def _roughly(
-    tracks: MarkerTracks, estimate: Estimate, structure: Structure, node: NDArray[np.int64], offset_s: float | None
+    tracks: MarkerTracks, estimate: Reconstruction, node: NDArray[np.int64], offset_s: float | None
 ) -> NDArray[np.float64]:
     """Return the (times,) capture times on the host's clock, to a step of the search, for markers at such nodes."""
     if offset_s is None:
-        node_m = node_positions(tracks, _marks(tracks, node), structure)
-        offset_s = search_offset(*_motions(tracks.t_s, node_m, estimate, structure)).offset_s
+        node_m = node_positions(tracks, _marks(tracks, node), estimate.structure)
+        offset_s = search_offset(*_motions(tracks.t_s, node_m, estimate)).offset_s
     return tracks.t_s + offset_s
 
 
 def _motions(
-    t_s: NDArray[np.float64], node_m: NDArray[np.float64], estimate: Estimate, structure: Structure
+    t_s: NDArray[np.float64], node_m: NDArray[np.float64], estimate: Reconstruction
 ) -> tuple[MotionSignals, MotionSignals]:
     """Return the motions of the estimate and of the capture: speeds where the structure moves about, else distances."""
     nodes = np.flatnonzero(np.isfinite(node_m).any(axis=2).any(axis=0))
     estimated_m, captured_m = estimate.node_position_m[:, nodes], node_m[:, nodes]
-    if structure.is_free_standing:
+    if estimate.structure.is_free_standing:
         return MotionSignals.of_speeds(estimate.t_s, estimated_m), MotionSignals.of_speeds(t_s, captured_m)
     if len(nodes) < 2:
         raise InputError(f"expected markers of two nodes or more, got {len(nodes)}")
@@ -159,8 +152,7 @@ def _given(offset_s: float) -> CaptureClock:
 def _in_axes_of(
     host_s: NDArray[np.float64],
     node_m: NDArray[np.float64],
-    estimate: Estimate,
-    structure: Structure,
+    estimate: Reconstruction,
     placed_s: float,
 ) -> tuple[NDArray[np.float64], float]:
     """Return the positions after the rigid motion that lays them onto the estimate best, and its angle in degrees.
@@ -175,7 +167,7 @@ def _in_axes_of(
             f"the capture from {host_s[0]:.3f} to {host_s[-1]:.3f} s of the host's clock covers no frame of the "
             f"estimate, {estimate.t_s[0]:.3f} to {estimate.t_s[-1]:.3f} s"
         )
-    if structure.is_free_standing:
+    if estimate.structure.is_free_standing:
         known[estimate.t_s > estimate.t_s[frames[0]] + placed_s] = False
     points_m = true_m[known]
     if len(points_m) < 3 or _off_line_m(points_m) < LINE_M:

@@ -15,7 +15,6 @@ from tensegraph.estimator.baselines.least_squares import LeastSquares
 from tensegraph.estimator.baselines.unscented_kalman import UnscentedKalman
 from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.smoother import LiveSmoother
-from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.sensor.stretching import StretchingSensors
 from tensegraph.models.structure.rest_shape import RestShape
@@ -102,9 +101,9 @@ def test_evaluation_of_a_trial(benchmark, measured, example) -> None:
     pipeline, frames = measured
     structure, rest = pipeline.trial.structure, pipeline.rest
     shapes = LiveSmoother(structure, rest, Settings()).estimate(frames)
-    estimate, trial = Estimate.of(Reconstruction.of(structure, shapes)), open_trial(example)
+    estimate, trial = Reconstruction.of(structure, shapes), open_trial(example)
     truth = trial.truth_of(trial.truth())
-    result = benchmark(evaluate, structure, rest.node_position_m, estimate, truth)
+    result = benchmark(evaluate, rest.node_position_m, estimate, truth)
     assert result.frames > 1400
 
 

@@ -118,7 +118,7 @@ class TestComparison:
         made = []
         for trial, errors, seconds in (("one", [[3, 0, 0]] * 2, 0.2), ("two", [[0, 0, 6]] * 6, 0.6)):
             estimate = estimate_of(structure, moved(errors))
-            evaluation = evaluate(structure, TRUE_M, estimate, truth_of(len(errors)))
+            evaluation = evaluate(TRUE_M, estimate, truth_of(len(errors)))
             made.append(Measured(trial, "any", len(errors), seconds, FrameErrors.of(evaluation), ""))
         return [*made, Measured("three", "any", 4, np.nan, None, "gave up")]
 

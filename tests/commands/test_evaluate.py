@@ -122,7 +122,7 @@ def test_a_score_is_json_without_holes() -> None:
 
     structure = four_nodes()
     estimate = estimate_of(structure, moved([[0, 0, 1]] * 3), variance_m2=(1e-6, 1e-6, 0.0))
-    score = ScoredResult(Path("out"), "toy", NO_METHOD, evaluate(structure, TRUE_M, estimate, truth_of(3)))
+    score = ScoredResult(Path("out"), "toy", NO_METHOD, evaluate(TRUE_M, estimate, truth_of(3)))
     read = json.loads(json.dumps(score.as_json(), allow_nan=False))
     assert read["consistency"]["nees"] == [None]
     assert read["absolute"]["nodes"]["rmse_m"] == pytest.approx(0.001)

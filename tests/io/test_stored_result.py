@@ -39,7 +39,11 @@ class TestLoad:
         np.testing.assert_allclose(read.node_covariance_m2, kept.node_covariance_m2, rtol=1e-8, atol=1e-16)
         for name in ("innovation_sigma_m", "mechanism_sigma_m", "length_m", "sigma_m", "drift"):
             np.testing.assert_allclose(getattr(read, name), getattr(kept, name), atol=1e-6, err_msg=name)
+        np.testing.assert_array_equal(read.flags, kept.flags)
+        free = kept.structure.free_nodes
         np.testing.assert_allclose(read.loads.force_n, kept.loads.force_n, atol=1e-4)
+        np.testing.assert_allclose(read.loads.sigma_n[:, free], kept.loads.sigma_n[:, free], atol=1e-4)
+        assert np.isnan(read.loads.force_n[:, kept.structure.anchors]).all()
         assert (read.status, read.doubts) == (kept.status, kept.doubts)
         np.testing.assert_array_equal(read.others[3].node_position_m, kept.others[3].node_position_m)
         assert [k for k, other in enumerate(read.others) if other] == [3]
@@ -59,6 +63,10 @@ class TestLoad:
         assert np.isnan(read.force_n[2]).all()
         assert np.isinf(read.sigma_n[2]).all()
         np.testing.assert_allclose(read.force_n[3], force_n[3], atol=1e-4)
+
+    def test_without_loads(self, saved) -> None:
+        (saved / "estimated_loads.csv").unlink()  # as a result without [mechanics]
+        assert tg.load(saved).loads is None
 
     def test_does_not_invent_covariances_between_nodes(self, saved) -> None:
         read = tg.load(saved)
@@ -129,6 +137,18 @@ class TestLoad:
             ("status.csv", "0.0200,", "0.0201,", "status.csv: expected one row for each row of shape.csv"),
             ("other_shape.csv", "0.0600,", "0.0800,", "other_shape.csv: expected one row for each frame of"),
             ("sensor_drift.csv", "0.0200,3,", "0.0200,4,", "expected 24 rows (tendon 0 to 23)"),
+            (
+                "lengths.csv",
+                "stretching,,",
+                "stretching,asleep,",
+                "column flags: expected names of flags joined by |, got",
+            ),
+            ("lengths.csv", ",stretching,", ",x,stretching,", "row 2: expected 8 fields, got 9"),
+            ("ellipsoids.csv", "0.0000,3,", "0.0000,4,", "expected 12 rows (node 0 to 11) for each row of shape.csv"),
+            ("lengths.csv", ",stretching,", ",flying,", "column mode: expected stretching or bending, got 'flying'"),
+            ("estimated_loads.csv", "0.0000,3,", "0.0000,2,", "expected 9 rows (node 3 to 11) for each row of"),
+            ("shape.csv", ",0.18", ",18.", "ellipsoids.csv: expected the positions of shape.csv in the middle of"),
+            ("shape.csv", "n11_z_m", "n12_z_m", "shape.csv: expected the positions of all 12 nodes"),
         ],
     )
     def test_refuses_what_does_not_fit(self, saved, file, old, new, message) -> None:
@@ -139,6 +159,26 @@ class TestLoad:
             tg.load(saved)
         assert message in str(error.value)
         assert "\n" not in str(error.value)
+
+    def test_an_infinite_load_is_refused(self, saved) -> None:
+        """Unknown is nan; the figures have no place for an infinite one."""
+        loads = saved / "estimated_loads.csv"
+        header, first, *rows = loads.read_text().splitlines()
+        cells = first.split(",")
+        cells[2] = "-inf"
+        loads.write_text("\n".join([header, ",".join(cells), *rows, ""]))
+        with pytest.raises(tg.InputError, match=r"row 2, column fx_n: expected a finite number or nan, got '-inf'"):
+            tg.load(saved)
+
+    def test_what_is_no_covariance_is_refused(self, saved) -> None:
+        rows = (saved / "ellipsoids.csv").read_text().splitlines()
+        fields = rows[4].split(",")
+        rows[4] = ",".join([*fields[:5], "-0.4", *fields[6:]])
+        (saved / "ellipsoids.csv").write_text("\n".join(rows) + "\n")
+        with pytest.raises(
+            tg.InputError, match=r"ellipsoids\.csv: row 5, columns cxx_m2 to czz_m2: .* variance -0\.4 m2"
+        ):
+            tg.load(saved)
 
 
 class TestFramesByTime:

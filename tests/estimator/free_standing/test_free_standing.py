@@ -10,7 +10,6 @@ import tomli_w
 
 from tensegraph import InputError, open_trial, reconstruct
 from tensegraph import evaluate as tg_evaluate
-from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.structure.lengths import member_length_m
 from tensegraph.models.structure.shape import Reason, Status
@@ -28,7 +27,7 @@ def rolled(request, tmp_path_factory):
     reconstruction = reconstruct(trial, request.param)
     d = trial.description
     truth = trial.truth_of(trial.truth(), trial.true_loads())
-    return reconstruction, evaluate(d.structure, d.rest_position_m, Estimate.of(reconstruction), truth)
+    return reconstruction, evaluate(d.rest_position_m, reconstruction, truth)
 
 
 def test_the_robot_is_followed(rolled) -> None:
@@ -110,7 +109,7 @@ def test_without_any_aid_it_is_followed_too(until_s, tmp_path) -> None:
     reconstruction = reconstruct(trial, "batch")
     truth = trial.truth_of(trial.truth())
     d = trial.description
-    pose = evaluate(d.structure, d.rest_position_m, Estimate.of(reconstruction), truth).pose
+    pose = evaluate(d.rest_position_m, reconstruction, truth).pose
     assert pose.contacts.still_precision > 0.95
     assert pose.still_tilt_rms_deg < 2.0
     assert pose.drift_share < 0.06
@@ -180,7 +179,7 @@ def test_without_its_sensor_the_robot_is_followed_by_the_balance_of_forces(fault
     truth = trial.truth_of(trial.truth())
     result = reconstruct(trial, "live")
     d = trial.description
-    pose = evaluate(d.structure, d.rest_position_m, Estimate.of(result), truth).pose
+    pose = evaluate(d.rest_position_m, result, truth).pose
     assert pose.still_tilt_rms_deg < 2.0
     assert pose.contacts.still_precision > 0.9
 
@@ -192,7 +191,7 @@ def test_without_mechanics_contacts_are_told_by_heights(tmp_path) -> None:
     pose = evaluate(
         trial.description.structure,
         trial.description.rest_position_m,
-        Estimate.of(result),
+        result,
         trial.truth_of(trial.truth()),
     ).pose
     assert pose.still_tilt_rms_deg < 3.0

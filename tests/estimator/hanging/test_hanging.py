@@ -12,7 +12,6 @@ from plan_edits import PLANS
 from tensegraph import InputError, Settings, open_trial, reconstruct, simulate, stream
 from tensegraph.estimator.hanging.hanging_filter import HangingFilter
 from tensegraph.io.model_file import read_sensor_model
-from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.structure.shape import Shape, Status
 from tensegraph.pipeline import Pipeline
@@ -111,9 +110,9 @@ def test_a_sensor_on_an_upright_rod_turns_it_nowhere(tmp_path) -> None:
     (tmp_path / "prism.toml").write_text(PLANS["prism"].read_text())
     (tmp_path / "jack.toml").write_text(JACK)
     trial = simulate(tmp_path / "jack.toml", tmp_path / "jack_03", 3)
-    estimate, truth = Estimate.of(reconstruct(trial, "live")), trial.truth_of(trial.truth())
+    estimate, truth = reconstruct(trial, "live"), trial.truth_of(trial.truth())
     d = trial.description
-    evaluation = evaluate(d.structure, d.rest_position_m, estimate, truth)
+    evaluation = evaluate(d.rest_position_m, estimate, truth)
     assert evaluation.consistency.coverage_95 > 0.95
 
 

@@ -12,7 +12,7 @@ from tensegraph.models.evaluation.metrics import evaluate
 @pytest.mark.parametrize("errors", [[[0, 0, 0]] * 3, [[0, 0, 0]], [[3, 0, 0]]], ids=["exact", "one, exact", "one"])
 def test_no_warning_of_matplotlib(errors, tmp_path) -> None:
     structure = four_nodes()
-    evaluation = evaluate(structure, TRUE_M, estimate_of(structure, moved(errors)), truth_of(3))
+    evaluation = evaluate(TRUE_M, estimate_of(structure, moved(errors)), truth_of(3))
     assert len(evaluation.compared.t_s) == np.shape(errors)[0]
     for write in (write_errors_figure, write_heights_figure):
         write(evaluation, "trial", tmp_path / "figure.png")

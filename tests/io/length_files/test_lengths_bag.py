@@ -193,6 +193,14 @@ def test_metadata_that_are_none_are_one_line(told, instead, message, ros, tmp_pa
     assert message in refused(tmp_path / "bag", None, 2)
 
 
+def test_odd_metadata_do_not_warn(ros, tmp_path) -> None:
+    """The reader of YAML warns of an anchor that is used twice; every warning is an error here."""
+    write_bag(ros, tmp_path / "bag", {"/l": [joint_state(ros, EPOCH_NS + k, [1, 2]) for k in range(3)]})
+    path = tmp_path / "bag" / "metadata.yaml"
+    path.write_text(path.read_text().replace("version: ", "a: &a 1\n  b: &a 2\n  version: "))
+    assert len(list(LengthsBag(tmp_path / "bag", None, [0, 1]))) == 3
+
+
 @pytest.mark.parametrize(
     ("kind", "field", "damaged"),
     [

@@ -13,4 +13,4 @@ def result():
     structure = four_nodes()
     estimate = estimate_of(structure, moved([[3, 0, 4], [0, 0, 0], [0, 12, -5]]))
     rest = TRUE_M + np.array([[0, 0, 0]] * 3 + [[0, 0, 0.001]])
-    return evaluate(structure, rest, estimate, truth_of(3, rest_seconds=0.03))
+    return evaluate(rest, estimate, truth_of(3, rest_seconds=0.03))

@@ -61,15 +61,13 @@ class TestAlignment:
         turned = position @ Rotation.from_euler("z", 90, degrees=True).as_matrix().T + [1.0, 0, 0]
         truth = Truth(np.arange(6) / 50, turned, rest_seconds=0.02)
         estimate = estimate_of(structure, position)
-        plain = evaluate(structure, rest.node_position_m, estimate, truth)
-        aligned = evaluate(structure, rest.node_position_m, estimate, truth, align=True)
+        plain = evaluate(rest.node_position_m, estimate, truth)
+        aligned = evaluate(rest.node_position_m, estimate, truth, align=True)
         assert plain.absolute.nodes.rmse_m > 0.5
         assert plain.rotation_deg is None
         assert aligned.absolute.nodes.rmse_m < 1e-12
         assert aligned.rotation_deg == pytest.approx(90)
-        larger = evaluate(
-            structure, rest.node_position_m, estimate, replace(truth, node_position_m=1.1 * turned), align=True
-        )
+        larger = evaluate(rest.node_position_m, estimate, replace(truth, node_position_m=1.1 * turned), align=True)
         assert larger.absolute.nodes.rmse_m > 0.005
 
 

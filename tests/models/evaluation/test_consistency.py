@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from four_nodes import TRUE_M, estimate_of, four_nodes, truth_of
 from tensegraph.models.evaluation.consistency import coverage, independent_count, mean_band
 from tensegraph.models.evaluation.metrics import evaluate
+from tensegraph.models.structure.shape import Covariances
 
 
 class TestConsistency:
@@ -25,9 +26,8 @@ class TestConsistency:
         position[:, 3] += error @ root.T
         estimate = estimate_of(structure, position)
         covariance = np.broadcast_to(scale * root @ root.T, (count, 4, 3, 3))
-        return evaluate(
-            structure, TRUE_M, replace(estimate, node_covariance_m2=covariance), truth_of(count)
-        ).consistency
+        told = replace(estimate, covariances=Covariances.of_nodes(covariance))
+        return evaluate(TRUE_M, told, truth_of(count)).consistency
 
     @pytest.mark.parametrize("correlation", [0.0, 0.95])
     def test_nees_of_a_linear_gaussian_toy_is_in_its_band(self, correlation) -> None:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from four_nodes import TRUE_M, estimate_of, four_nodes
-from tensegraph import Flag
-from tensegraph.models.evaluation.estimate import Estimate
+from tensegraph import Flag, Reconstruction
 from tensegraph.models.evaluation.fault_score import false_alarm_share, score_fault
 from tensegraph.models.evaluation.truth import Fault
 
@@ -15,7 +14,7 @@ from tensegraph.models.evaluation.truth import Fault
 class TestFaults:
     FAULT = Fault("stuck", "tendon 2", np.array([2]), 0.05, 0.13)
 
-    def estimate(self, flags) -> Estimate:
+    def estimate(self, flags) -> Reconstruction:
         return estimate_of(four_nodes(), np.repeat(TRUE_M[None], 10, axis=0), flags=np.asarray(flags))
 
     def flags(self, *cells) -> np.ndarray:

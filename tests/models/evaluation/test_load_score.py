@@ -52,6 +52,6 @@ class TestLoads:
         true_n[1, 3] = [6, 0, 0]
         estimate = replace(estimate_of(structure, moved([[0, 0, 0]] * 3)), loads=loads)
         truth = truth_of(3, loads=TrueLoads(np.array([0.0, 0.04]), true_n))
-        compared = evaluate(structure, TRUE_M, estimate, truth).compared
+        compared = evaluate(TRUE_M, estimate, truth).compared
         np.testing.assert_allclose(compared.true_load_n[:, 0], [[0, 0, 0], [2.5, -0.5, -1], [5, -1, -2]], atol=1e-12)
         np.testing.assert_allclose(compared.estimated_load_n[1, 0] - compared.true_load_n[1, 0], [0, 0, 1], atol=1e-12)

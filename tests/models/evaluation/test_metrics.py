@@ -61,22 +61,22 @@ class TestFrames:
     def test_first_good_shape(self) -> None:
         structure = four_nodes()
         estimate = estimate_of(structure, moved([[9, 0, 0], [5.1, 0, 0], [0, 4.9, 0], [9, 0, 0]]))
-        assert evaluate(structure, TRUE_M, estimate, truth_of(4)).first_good_s == pytest.approx(0.04)
+        assert evaluate(TRUE_M, estimate, truth_of(4)).first_good_s == pytest.approx(0.04)
         late = replace(estimate, node_position_m=moved([[9, 0, 0]] * 4))
-        assert evaluate(structure, TRUE_M, late, truth_of(4)).first_good_s is None
+        assert evaluate(TRUE_M, late, truth_of(4)).first_good_s is None
 
     def test_the_wrong_branch(self) -> None:
         """Mirrored about the anchors' plane all lengths are the same; a small error over the plane does not count."""
         structure = four_nodes()
         position = moved([[0, 0, 0], [0, 0, -200], [0, 0, 8]])
-        assert evaluate(structure, TRUE_M, estimate_of(structure, position), truth_of(3)).wrong_branch_frames == 1
+        assert evaluate(TRUE_M, estimate_of(structure, position), truth_of(3)).wrong_branch_frames == 1
         flat = np.repeat(TRUE_M[None], 1, axis=0)
         flat[0, 3, 2] = 0.001
         below = flat * np.array([1, 1, -1])
         truth = Truth(np.array([0.0, 1.0]), np.repeat(flat, 2, axis=0))
         assert branch(structure, flat) * branch(structure, below) == -1
         short = replace(structure, rod_length_m=np.array([0.0707]))
-        assert evaluate(short, TRUE_M, estimate_of(short, below), truth).wrong_branch_frames == 0
+        assert evaluate(TRUE_M, estimate_of(short, below), truth).wrong_branch_frames == 0
 
     def test_the_branch_is_that_of_free_nodes_and_unknown_where_these_are(self) -> None:
         """Anchors are known, whether the truth tells them or not."""
@@ -84,7 +84,7 @@ class TestFrames:
         estimate = estimate_of(structure, moved([[0, 0, 0], [0, 0, -200]]))
         truth = truth_of(2)
         truth.node_position_m[:, :3] = np.nan
-        assert evaluate(structure, TRUE_M, estimate, truth).wrong_branch_frames == 1
+        assert evaluate(TRUE_M, estimate, truth).wrong_branch_frames == 1
 
     def test_nodes_in_another_order_are_refused(self) -> None:
         structure = four_nodes()
@@ -92,13 +92,13 @@ class TestFrames:
         truth.node_position_m[:, [0, 1]] = truth.node_position_m[:, [1, 0]]
         message = r"nodes 0 and 3: expected as far apart as their rod is long, 0\.12 m, got"
         with pytest.raises(InputError, match=message):
-            evaluate(structure, TRUE_M, estimate_of(structure, moved([[0, 0, 0]] * 2)), truth)
+            evaluate(TRUE_M, estimate_of(structure, moved([[0, 0, 0]] * 2)), truth)
 
     def test_no_branch_where_j_is_not_square(self) -> None:
         structure = four_nodes()
         more = replace_tendons(structure, [[0, 1], [1, 2], [1, 3]])
         position = moved([[0, 0, 0], [0, 0, -200]])
-        assert evaluate(more, TRUE_M, estimate_of(more, position), truth_of(2)).wrong_branch_frames is None
+        assert evaluate(TRUE_M, estimate_of(more, position), truth_of(2)).wrong_branch_frames is None
 
     def test_frames_without_truth_are_left_out(self) -> None:
         """Truth from 0.02 to 0.06 s, with a node unseen at 0.04 s: of five frames, two are compared."""
@@ -107,7 +107,7 @@ class TestFrames:
         truth.node_position_m[2, 3] = np.nan
         truth = replace(truth, t_s=truth.t_s[1:4], node_position_m=truth.node_position_m[1:4])
         estimate = estimate_of(structure, moved([[99, 0, 0], [3, 0, 0], [99, 0, 0], [3, 0, 0], [99, 0, 0]]))
-        result = evaluate(structure, TRUE_M, estimate, truth)
+        result = evaluate(TRUE_M, estimate, truth)
         assert (result.frames, result.frames_without_truth) == (2, 3)
         assert result.absolute.nodes.rmse_m == pytest.approx(0.003)
         assert result.displacement is None
@@ -116,18 +116,18 @@ class TestFrames:
         structure = four_nodes()
         estimate = estimate_of(structure, moved([[0, 0, 0]] * 2), t_s=[10.0, 10.02])
         with pytest.raises(InputError, match=r"truth from 0\.000 to 0\.040 s covers no frame of the estimate, 10\.000"):
-            evaluate(structure, TRUE_M, estimate, truth_of(3))
+            evaluate(TRUE_M, estimate, truth_of(3))
 
     def test_an_estimate_without_covariance(self) -> None:
         structure = four_nodes()
         estimate = estimate_of(structure, moved([[3, 0, 4]] * 3), variance_m2=(np.nan,) * 3)
-        c = evaluate(structure, TRUE_M, estimate, truth_of(3)).consistency
+        c = evaluate(TRUE_M, estimate, truth_of(3)).consistency
         assert np.isnan([c.coverage_95, c.median_sigma_m, *c.nees]).all()
 
     def test_certainty_that_is_wrong_is_outside(self) -> None:
         structure = four_nodes()
         estimate = estimate_of(structure, moved([[0, 0, 1]] * 3), variance_m2=(1e-6, 1e-6, 0.0))
-        c = evaluate(structure, TRUE_M, estimate, truth_of(3)).consistency
+        c = evaluate(TRUE_M, estimate, truth_of(3)).consistency
         assert c.coverage_95 == 0
         assert c.nees[0] == np.inf
 
@@ -137,7 +137,7 @@ def test_a_part_without_the_rest_has_no_displacements_and_no_faults_of_before() 
     estimate = estimate_of(four_nodes(), moved([[3, 0, 0]] * 5))
     faults = tuple(Fault("stuck", "tendon 3", np.array([3]), *span) for span in ((-0.9, -0.5), (-0.9, 0.04)))
     whole, part = (
-        evaluate(four_nodes(), TRUE_M, estimate, truth_of(5, rest_seconds=0.5, start_s=start_s, faults=faults))
+        evaluate(TRUE_M, estimate, truth_of(5, rest_seconds=0.5, start_s=start_s, faults=faults))
         for start_s in (0.0, -1.0)
     )
     assert whole.displacement is not None
@@ -167,7 +167,7 @@ class TestRegimes:
         true_n = np.zeros((3, 4, 3))
         true_n[1:, 3] = [0.5, -0.5, 0]  # across the rod
         truth = truth_of(3, loads=TrueLoads(np.arange(3) / 50, true_n))
-        quiet, loaded, slack = evaluate(structure, TRUE_M, estimate, truth).regimes
+        quiet, loaded, slack = evaluate(TRUE_M, estimate, truth).regimes
         assert [r.name for r in (quiet, loaded, slack)] == ["quiet", "loaded", "slack"]
         assert [r.frames for r in (quiet, loaded, slack)] == [1, 2, 1]
         assert (quiet.nees, loaded.nees, slack.nees) == pytest.approx((9, 1, 1))
@@ -180,7 +180,7 @@ class TestRegimes:
         true_n = np.full((3, 4, 3), np.nan)
         true_n[0, 3] = 0.0
         truth = truth_of(3, loads=TrueLoads(np.arange(3) / 50, true_n))
-        regimes = evaluate(four_nodes(), TRUE_M, estimate_of(four_nodes(), moved([[3, 0, 0]] * 3)), truth).regimes
+        regimes = evaluate(TRUE_M, estimate_of(four_nodes(), moved([[3, 0, 0]] * 3)), truth).regimes
         assert {regime.name: regime.frames for regime in regimes} == {"quiet": 1, "loaded": 0, "slack": 0}
 
     def test_without_known_loads_only_slack(self, result) -> None:
@@ -194,7 +194,7 @@ class TestRegimes:
         flags[:, :] = [[int(Flag.AMBIGUOUS), 0, 0, 0], [0, 0, int(Flag.AMBIGUOUS), 0], [0, 0, 0, int(Flag.AMBIGUOUS)]]
         estimate = estimate_of(structure, moved([[0, 0, 0]] * 3), flags=flags)
         estimate.length_m[2, 3] = np.nan
-        assert slack_frames(structure, estimate).tolist() == [False, True, False]
+        assert slack_frames(estimate).tolist() == [False, True, False]
 
 
 def test_node_rmse_by_hand(structure, rest, lengths_of) -> None:

@@ -36,8 +36,8 @@ def take(true_positions):
     return take_of(*true_positions, NODES, ghosts=2)
 
 
-def test_markers_clock_and_axes_are_found(take, estimate, example_structure, true_positions) -> None:
-    positions, fit = lay_onto(tracks_of(take), estimate, example_structure)
+def test_markers_clock_and_axes_are_found(take, estimate, true_positions) -> None:
+    positions, fit = lay_onto(tracks_of(take), estimate)
     assert fit.found
     assert {mark.marker: mark.node for mark in fit.markers} == dict(zip(take.names, NODES, strict=False))
     assert fit.ignored == tuple(take.names[-2:])
@@ -51,9 +51,9 @@ def test_markers_clock_and_axes_are_found(take, estimate, example_structure, tru
     assert np.isnan(positions.node_position_m[:, [4, 6, 8, 10]]).all()
 
 
-def test_what_is_told_is_used(take, estimate, example_structure) -> None:
+def test_what_is_told_is_used(take, estimate) -> None:
     marked = tuple(MarkedNode(name, node) for name, node in zip(take.names[:3], NODES, strict=False))
-    positions, fit = lay_onto(tracks_of(take), estimate, example_structure, marked=marked, offset_s=1.371)
+    positions, fit = lay_onto(tracks_of(take), estimate, marked=marked, offset_s=1.371)
     assert not fit.found
     assert fit.markers == marked
     assert fit.ignored == tuple(take.names[3:])
@@ -65,56 +65,56 @@ def test_a_mapping_that_is_wrong_does_not_fit(take, estimate, example_structure)
     """With two of five markers exchanged they are further from their nodes than any marker may be."""
     names = [take.names[k] for k in (1, 0, 2, 3, 4)]
     marked = tuple(MarkedNode(name, node) for name, node in zip(names, NODES, strict=False))
-    _, fit = lay_onto(tracks_of(take), estimate, example_structure, marked=marked, offset_s=OFFSET_S)
+    _, fit = lay_onto(tracks_of(take), estimate, marked=marked, offset_s=OFFSET_S)
     assert fit.misfit_m > largest_reach_m(example_structure) == pytest.approx(0.03)
     assert "far off: are they told rightly?" in dict(_capture_facts(fit, example_structure))["markers = nodes"]
 
 
-def test_pieces_of_a_lost_marker_are_one_node(take, estimate, example_structure) -> None:
+def test_pieces_of_a_lost_marker_are_one_node(take, estimate) -> None:
     """Half of the take under one name, the other half under another."""
     middle = len(take.t_s) // 2
     position_m = np.concatenate([1e-3 * take.position_mm, 1e-3 * take.position_mm[:, :1]], axis=1)
     position_m[middle:, 0] = position_m[:middle, -1] = np.nan
     tracks = MarkerTracks(take.t_s, (*take.names, "again"), position_m)
-    _, fit = lay_onto(tracks, estimate, example_structure, offset_s=OFFSET_S)
+    _, fit = lay_onto(tracks, estimate, offset_s=OFFSET_S)
     assert {mark.marker for mark in fit.markers if mark.node == NODES[0]} == {take.names[0], "again"}
 
 
-def test_two_fits_alike_are_named(true_positions, estimate, example_structure) -> None:
+def test_two_fits_alike_are_named(true_positions, estimate) -> None:
     """Three markers fit in two ways to half a millimetre."""
     take = take_of(*true_positions, [0, 4, 8], ghosts=0, noise_mm=2.0)
     with pytest.raises(InputError, match=r"two assignments .* mm: Unlabeled 1000 = .*; .* mm: .*\[truth.markers\]"):
-        lay_onto(tracks_of(take), estimate, example_structure, offset_s=OFFSET_S)
+        lay_onto(tracks_of(take), estimate, offset_s=OFFSET_S)
 
 
-def test_what_fits_nowhere(take, estimate, example_structure) -> None:
+def test_what_fits_nowhere(take, estimate) -> None:
     tracks = MarkerTracks(take.t_s, tuple(take.names), 3e-3 * take.position_mm)
     with pytest.raises(InputError, match="no assignment of its 10 markers to nodes fits the shape to 30 mm"):
-        lay_onto(tracks, estimate, example_structure)
+        lay_onto(tracks, estimate)
 
 
-def test_times_at_which_two_markers_are_seen(take, estimate, example_structure) -> None:
+def test_times_at_which_two_markers_are_seen(take, estimate) -> None:
     """Nothing is told of them; the markers are assigned where more are seen."""
     tracks = tracks_of(take)
     position_m = tracks.position_m.copy()
     position_m[: len(position_m) // 2, 2:] = np.nan
-    _, fit = lay_onto(replace(tracks, position_m=position_m), estimate, example_structure)
+    _, fit = lay_onto(replace(tracks, position_m=position_m), estimate)
     assert {mark.marker: mark.node for mark in fit.markers} == dict(zip(take.names, NODES, strict=False))
 
 
-def test_what_cannot_be_told(take, estimate, example_structure) -> None:
+def test_what_cannot_be_told(take, estimate) -> None:
     tracks, marks = tracks_of(take), [MarkedNode(name, node) for name, node in zip(take.names, NODES, strict=False)]
     with pytest.raises(InputError, match="no marker is called 'A': expected one of Unlabeled 1000, "):
-        lay_onto(tracks, estimate, example_structure, marked=(MarkedNode("A", 0),))
+        lay_onto(tracks, estimate, marked=(MarkedNode("A", 0),))
     still = tuple(mark for mark in marks if mark.node in (0, 1, 2))
     with pytest.raises(
         InputError, match=r"the motion does not tell the offset of the capture's clock .*: give --offset"
     ):
-        lay_onto(tracks, estimate, example_structure, marked=still)
+        lay_onto(tracks, estimate, marked=still)
     with pytest.raises(InputError, match="markers are on one line"):
-        lay_onto(tracks, estimate, example_structure, marked=still[:1], offset_s=OFFSET_S)
+        lay_onto(tracks, estimate, marked=still[:1], offset_s=OFFSET_S)
     with pytest.raises(InputError, match="covers no frame of the estimate"):
-        lay_onto(tracks, estimate, example_structure, marked=still, offset_s=100.0)
+        lay_onto(tracks, estimate, marked=still, offset_s=100.0)
 
 
 def test_a_marker_beyond_its_node_by_hand(example_structure) -> None:

@@ -5,7 +5,6 @@ import pytest
 
 from plan_edits import PLANS, replaced
 from tensegraph import open_trial, reconstruct, simulate
-from tensegraph.models.evaluation.estimate import Estimate
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.twin.carried_sensors import ImuPlan, PositionPlan, RangePlan
 from tensegraph.models.twin.engine import TwinMotion
@@ -56,7 +55,7 @@ def test_the_estimate_follows_it(rolled) -> None:
     result = reconstruct(rolled, "live")
     d = rolled.description
     truth = rolled.truth_of(rolled.truth())
-    evaluation = evaluate(d.structure, d.rest_position_m, Estimate.of(result), truth)
+    evaluation = evaluate(d.rest_position_m, result, truth)
     assert evaluation.pose.tilt_rms_deg < 2.0
     assert evaluation.pose.contacts.precision > 0.9
     assert evaluation.pose.contacts.recall > 0.9
