@@ -27,7 +27,6 @@ from .models.pose.aid_use import OLD_S, AidUse
 from .models.pose.filled_positions import FilledPositions
 from .models.pose.imu_gate import ImuGate
 from .models.pose.position_frames import OwnFrames
-from .models.pose.rest_clock import RestClock
 from .models.pose.robot import FreeStandingRobot, HangingRobot
 from .models.sensor.frames import FrameAssembler, LengthPauses
 from .models.sensor.front_end import FrontEnd
@@ -39,6 +38,7 @@ from .models.structure.mechanics import Mechanics
 from .models.structure.natural_lengths import Winding, strip_length_m
 from .models.structure.possible import PossibleShapes
 from .models.structure.reconstruction import Reconstruction
+from .models.structure.rest_clock import RestClock
 from .models.structure.rest_shape import RestShape
 from .models.structure.shape import Shape
 from .models.structure.structure import Structure

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from .sensor.gate import GateSettings, JumpGate, StuckGate
 from .sensor.stillness import MOVING_TENDONS
+from .structure.rest_clock import RestClock
 from .structure.shape import chi_squared_quantile
 from .values.readings import Flag, TendonLengths, is_impossible_length
 
@@ -50,12 +51,11 @@ class ToldLengths:
             unstated_m: standard deviation of a length that is told without one.
         """
         self._full_m = full_m
-        self._rest_seconds = rest_seconds
+        self._rest_clock = RestClock(rest_seconds)
         self._unstated_m = unstated_m
         count = len(full_m)
         self._jumps = JumpGate(settings, count)
         self._repeats = StuckGate(settings, count)
-        self._first_s = np.nan
         self._last_m = np.full(count, np.nan)
         self._since_m = np.full((count, count), np.nan)
         """(tendons, tendons) the row with which the present value of each tendon began."""
@@ -66,7 +66,7 @@ class ToldLengths:
 
     def checked(self, lengths: TendonLengths) -> TendonLengths:
         """Return the lengths of one more row, with a sigma each, and without those that are left out."""
-        self._first_s = lengths.t_s if np.isnan(self._first_s) else self._first_s
+        self._rest_clock.count_frame(lengths.t_s)
         impossible = is_impossible_length(lengths.length_m, self._full_m)
         length_m = np.where(impossible, np.nan, lengths.length_m)
         sigma_m = np.where(np.isnan(lengths.sigma_m), self._unstated_m, lengths.sigma_m)
@@ -74,7 +74,7 @@ class ToldLengths:
         jumped = self._jumps.outliers(lengths.t_s, length_m / self._full_m, counted_m / self._full_m)
         length_m = np.where(jumped, np.nan, length_m)
         stuck = self._stuck(lengths.t_s, length_m, counted_m)
-        if lengths.t_s - self._first_s < self._rest_seconds:
+        if self._rest_clock.is_at_rest(lengths.t_s):
             self._rest(length_m, sigma_m)
         self._last_m = np.where(np.isnan(length_m), self._last_m, length_m)
         length_m = np.where(stuck, np.nan, length_m)

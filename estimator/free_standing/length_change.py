@@ -14,6 +14,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from ...models.structure.rest_clock import RestClock
 from ...models.values.readings import TendonLengths
 
 WINDOW_S = 0.2
@@ -29,15 +30,13 @@ class LengthChange:
     """Follows how much the lengths have changed in the last moments."""
 
     def __init__(self, rest_seconds: float) -> None:
-        self._rest_seconds = rest_seconds
+        self._rest_clock = RestClock(rest_seconds)
         self._newest: deque[tuple[float, NDArray[np.float64]]] = deque()
-        self._first_s = np.nan
         self._at_rest = np.zeros(2)
 
     def observe(self, lengths: TendonLengths) -> None:
         """Add the lengths of one more frame; those with an infinite sigma are left out."""
-        if np.isnan(self._first_s):
-            self._first_s = lengths.t_s
+        self._rest_clock.count_frame(lengths.t_s)
         self._newest.append((lengths.t_s, np.where(np.isfinite(lengths.sigma_m), lengths.length_m, np.nan)))
         while self._newest[0][0] <= lengths.t_s - 3 * WINDOW_S:
             self._newest.popleft()
@@ -54,7 +53,7 @@ class LengthChange:
         change_m = _mean(length_m[age_s < WINDOW_S]) - _mean(length_m[age_s >= 2 * WINDOW_S])
         known = np.isfinite(change_m)
         squared = float(np.mean(change_m[known] ** 2)) if known.any() else np.nan
-        if t_s[-1] - self._first_s < self._rest_seconds:
+        if self._rest_clock.is_at_rest(t_s[-1]):
             if known.any():
                 self._at_rest += [squared, 1]
             return 0.0

@@ -23,8 +23,8 @@ equal at rest too: then p is about 1, and nothing is told.
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.pose.rest_clock import RestClock
 from ...models.sensor.gate import GateSettings
+from ...models.structure.rest_clock import RestClock
 from ...models.structure.shape import Shape, are_improbable
 from ...models.values.readings import RestLengths, TendonLengths
 
@@ -95,16 +95,15 @@ class RestWatch:
 
     def __init__(self, rest: RestLengths) -> None:
         self._rest = rest
+        self._rest_clock = RestClock(rest.seconds)
         self._mean = MeanMisfit(rest)
-        self._start_s: float | None = None
         self.in_doubt = False
         """Whether at least half of the tendons do not fit, all together do not, or two fit that are exchanged."""
 
     def observe(self, lengths: TendonLengths) -> None:
         """Take on the lengths of one more frame while the structure rests."""
-        if self._start_s is None:
-            self._start_s = lengths.t_s
-        if lengths.t_s - self._start_s >= self._rest.seconds:
+        self._rest_clock.count_frame(lengths.t_s)
+        if not self._rest_clock.is_at_rest(lengths.t_s):
             return
         mean = self._mean
         mean.add(lengths)

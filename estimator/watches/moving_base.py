@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ...factors.imu import ImuArray
 from ...models.pose.imu_gate import ATTITUDE_HOLDS_S
 from ...models.pose.imu_samples import ImuPreintegration, ImuSamples
-from ...models.pose.rest_clock import RestClock
 from ...models.structure.floor import UP
+from ...models.structure.rest_clock import RestClock
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
 from ...models.values.aids import Imu, ImuReading

@@ -11,10 +11,10 @@ Of a sensor whose samples are mostly absurd, as those in another unit, the other
 import numpy as np
 
 from ..structure.floor import GRAVITY_M_PER_S2
+from ..structure.rest_clock import RestClock
 from ..values.aids import ImuReading
 from .imu_agreement import has_size_of_gravity
 from .imu_cadence import ImuCadence
-from .rest_clock import RestClock
 
 MOST_RATE_RAD_PER_S = 70.0
 """Rate beyond the range of every small sensor: 4000 degrees per second."""

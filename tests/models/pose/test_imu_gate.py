@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tensegraph.models.pose.imu_gate import ImuGate
-from tensegraph.models.pose.rest_clock import RestClock
+from tensegraph.models.structure.rest_clock import RestClock
 from tensegraph.models.values.aids import ImuReading
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tensegraph.models.pose.position_frames import OwnFrames, fitted_frame
-from tensegraph.models.pose.rest_clock import RestClock
+from tensegraph.models.structure.rest_clock import RestClock
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.values.aids import PositionReading
 from tensegraph.models.values.rotations import rotation

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tensegraph.models.pose.rest_clock import RestClock, rest_until_s
+from tensegraph.models.structure.rest_clock import RestClock, rest_until_s
 
 
 @pytest.mark.parametrize("first_s", [0.0, 0.06, 100.02, 1.7e9])
