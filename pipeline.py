@@ -104,9 +104,6 @@ ESTIMATORS: dict[str, EstimatorFactory] = {
 `tensegraph.estimators` adds one for all processes."""
 
 
-BRIDGED = 0.9
-"""Share of the longest gap up to which rows are bridged although they come a little late."""
-
 WITH_FACTORS = ("batch", "live", "frame")
 """The methods that use factors of one's own; the others would leave them out and not say so."""
 
@@ -197,7 +194,9 @@ class Pipeline:
         )
         wound = [tendon for motors in trial.motors for tendon in motors.tendons]
         references = np.setdiff1d(np.flatnonzero(trial.structure.joins_anchors & trial.structure.is_sensed), wound)
-        self._frames = FrameAssembler(natural_ohm, max(len(trial.tendons_of_board), 1), settings.frames, settings.gate)
+        longest_s = model.ranges.step_s[1] if isinstance(model, SensorModel) else np.inf
+        sources = max(len(trial.tendons_of_board), 1)
+        self._frames = FrameAssembler(natural_ohm, sources, settings.frames, settings.gate, longest_s)
         natural_m = trial.structure.natural_length_m  # of a cable that a motor winds, it may be very short
         full_m = np.maximum(natural_m, trial.structure.tendon_length_m(self.rest.node_position_m))
         self._told = ToldLengths(settings.gate, full_m, trial.rest_seconds, settings.noise.unstated_m)
@@ -288,17 +287,12 @@ class Pipeline:
 
     def aid_warnings(self) -> dict[str, str]:
         """Return what looks wrong of boards, and of other sensors than tendons, by the board or sensor."""
-        return self._slow_boards() | self._told.warnings() | self.imu_gate.warnings() | self.aid_use.lines()
+        return self._slow_sources() | self._told.warnings() | self.imu_gate.warnings() | self.aid_use.lines()
 
-    def _slow_boards(self) -> dict[str, str]:
-        """Return of each board whose rows are too far apart to be bridged what that means, by its name."""
-        max_gap_s = self.settings.frames.max_gap_s
-        return {
-            f"board {board}": f"a row each {period_s:.3g} s: frames between them have no reading, as frames.max_gap_s "
-            f"is {max_gap_s:g} s"
-            for board, period_s in enumerate(self.boards.row_period_s if self.boards else ())
-            if period_s > BRIDGED * max_gap_s
-        }
+    def _slow_sources(self) -> dict[str, str]:
+        """Return of each board, or of a file of resistances, that is slower than the frames what that means."""
+        found = self._frames.slow_sources()
+        return {f"board {source}" if self.boards else "resistances": text for source, text in found.items()}
 
     def aid_counts(self) -> dict[str, int]:
         """Return how many readings of other sensors were left out, and how many frames had none; none that is zero."""

@@ -5,6 +5,9 @@ reading counts once, a lost row is bridged, and boards of 100 Hz are averaged to
 were compared on the available trials: the newest reading, the line at the frame's time, and the mean of the line. The
 noise of dR/R at rest was 0.0022, 0.0018 and 0.0013; the length error about each tendon's mean was 0.38, 0.36 and
 0.35 mm (press_01), and 1.57, 1.50 and 1.47 mm (slack_02).
+
+Frames between the rows of a slow board would add nothing but noise that lasts, which looks like motion: there are no
+more of them than half as many again as rows of the slowest board.
 """
 
 from bisect import bisect_left, bisect_right
@@ -32,11 +35,12 @@ class FrameSettings:
     """The output rate, and the longest gap between readings that is bridged."""
 
     rate_hz: Annotated[float, Interval(ge=0.1, le=1000)] = 50.0
-    """Frames per second. The times of the frames are whole multiples of the period on the host clock. A sensor model is
-    for the rates at which it was trained, the one that ships for 10 to 100 Hz."""
+    """Frames per second, or the half, the third and so on of them where boards are slower. The times of the frames are
+    whole multiples of the period on the host clock. A sensor model is for the rates at which it was trained, the one
+    that ships for 10 to 100 Hz."""
     max_gap_s: Positive = 0.1
-    """Longest time between two readings that is bridged, and longest time to wait for a silent board. After it the
-    board's sensors are missing."""
+    """Longest time between two readings that is bridged, and longest time to wait for a silent board, or one and a half
+    rows of a slow one. After it the board's sensors are missing."""
 
     @property
     def longest_silence_s(self) -> float:
@@ -44,6 +48,16 @@ class FrameSettings:
         return min(LONGEST_SILENCE_S, MOST_SILENT_FRAMES / self.rate_hz)
 
 
+PERIOD_ROWS = 5
+"""Number of rows of each source from which the time between its rows is known."""
+BEGUN_AFTER_S = 1.0
+"""Time after the first reading in which sources may be silent or slower before there are frames without them."""
+ROUNDED_ROWS = 0.1
+"""Part of a frame by which rows may be closer than the frames: clocks differ, and times vary."""
+LATE_ROWS = 1.5
+"""Times between two rows of a slow source that are bridged."""
+LONGEST_ROW_S = 0.2
+"""Longest such time: what a robot does in between is not known."""
 STAMP_ERROR_S = 1e-6
 """Error of a difference of two stamps: readings at 10 Hz are 0.1 s apart, which no binary fraction is exactly."""
 
@@ -70,6 +84,11 @@ class _Source:
         self._whole.append(bool(np.isfinite(resistance_ohm).all()))
         self._values.append(np.array([resistance_ohm, reading.sigma_ohm]))
         self._flags.append(flags)
+
+    @property
+    def period_s(self) -> float:
+        """The time between the last readings, their median; 0 before the second."""
+        return float(np.median(np.diff(self.t_s))) if len(self.t_s) > 1 else 0.0
 
     def mean(self, from_s: float, until_s: float, max_gap_s: float) -> ResistanceFrame:
         """Return the mean over an interval, of this source's channels alone, and delete the readings before it."""
@@ -161,17 +180,38 @@ def _mean_weights(t_s: list[float], from_s: float, until_s: float, max_gap_s: fl
 class FrameAssembler:
     """Makes frames from readings in order of arrival.
 
-    A frame is complete as soon as every source has a reading after it or has been silent for `max_gap_s`.
+    A frame is complete as soon as every source has a reading after it or has been silent for `max_gap_s`. The first one
+    waits until the times between rows are known.
     """
 
     def __init__(
-        self, natural_ohm: NDArray[np.float64], sources: int, frames: FrameSettings, gate: GateSettings
+        self,
+        natural_ohm: NDArray[np.float64],
+        sources: int,
+        frames: FrameSettings,
+        gate: GateSettings,
+        longest_step_s: float = np.inf,
     ) -> None:
+        """Begin before the first reading.
+
+        Args:
+            natural_ohm: (sensors,) natural resistance.
+            sources: number of boards, or 1 for a file.
+            frames: rate, and what is bridged.
+            gate: which readings are left out.
+            longest_step_s: longest time between frames of slow boards.
+        """
         self._natural_ohm = natural_ohm
         self._settings = frames
         self._gate = gate
+        self._longest_step_s = longest_step_s
         self._sources: list[_Source | None] = [None] * sources
+        self.rate_hz = frames.rate_hz
+        """Frames per second, see `FrameSettings.rate_hz`."""
+        self._max_gap_s = frames.max_gap_s
+        self._period_s: list[float] = []
         self._next: int | None = None
+        self._first_s = np.nan
         self._last_s = -np.inf
         self._first_arrival_s = np.nan
 
@@ -179,45 +219,72 @@ class FrameAssembler:
         """Add one reading, and yield the frames that are complete with it."""
         if self._next is not None and reading.t_s - self._last_s > self._settings.longest_silence_s:
             yield from self.finish()
-            self._next = round(reading.t_s * self._settings.rate_hz)
+            self._next = round(reading.t_s * self.rate_hz)
         self._last_s = max(reading.t_s, self._last_s)
         source = self._sources[reading.source]
         if source is None:
             source = self._sources[reading.source] = _Source(reading, self._natural_ohm, self._gate)
         source.add(reading)
-        if self._next is None:
-            self._next = round(reading.t_s * self._settings.rate_hz)
-            self._first_arrival_s = reading.arrival_s
-        while self._complete(reading.arrival_s):
-            yield self._frame()
+        if np.isnan(self._first_s):
+            self._first_s, self._first_arrival_s = reading.t_s, reading.arrival_s
+        if self._next is None and self._knows_periods(reading.arrival_s):
+            self._begin()
+        while self._next is not None and self._complete(self._next, reading.arrival_s):
+            yield self._frame(self._next)
 
     def finish(self) -> Iterator[ResistanceFrame]:
         """Yield the frames up to the last reading."""
-        while self._next is not None and self._next <= round(self._last_s * self._settings.rate_hz):
-            yield self._frame()
+        if self._next is None and not np.isnan(self._first_s):
+            self._begin()
+        while self._next is not None and self._next <= round(self._last_s * self.rate_hz):
+            yield self._frame(self._next)
 
-    def _complete(self, now_s: float) -> bool:
-        assert self._next is not None
-        until_s = (self._next + 0.5) / self._settings.rate_hz
+    def slow_sources(self) -> dict[int, str]:
+        """Return of each source that is slower than the frames, by its number, what that means."""
+        told_hz = self._settings.rate_hz
+        texts = {}
+        for number, period_s in enumerate(self._period_s):
+            if period_s > self._max_gap_s:
+                texts[number] = f"a row each {period_s:.3g} s: frames between them have no reading"
+            elif int(period_s * told_hz + ROUNDED_ROWS) > 1:
+                texts[number] = f"a row each {period_s:.3g} s: {self.rate_hz:.3g} frames a second, and not {told_hz:g}"
+        return texts
+
+    def _knows_periods(self, now_s: float) -> bool:
+        """Return whether every source has rows enough, or has had time for them."""
+        rows = min(len(source.t_s) if source else 0 for source in self._sources)
+        return rows >= PERIOD_ROWS or now_s - self._first_arrival_s > BEGUN_AFTER_S
+
+    def _begin(self) -> None:
+        """Choose the rate by the slowest source, and the first frame."""
+        self._period_s = [source.period_s if source else 0.0 for source in self._sources]
+        period_s = max(self._period_s)
+        longest_s = max(self._longest_step_s, 1 / self._settings.rate_hz)
+        rows = min(period_s, longest_s) * self._settings.rate_hz
+        self.rate_hz = self._settings.rate_hz / max(int(rows + ROUNDED_ROWS), 1)
+        if period_s <= LONGEST_ROW_S:
+            self._max_gap_s = max(self._max_gap_s, LATE_ROWS * period_s)
+        self._next = round(self._first_s * self.rate_hz)
+
+    def _complete(self, number: int, now_s: float) -> bool:
+        until_s = (number + 0.5) / self.rate_hz
         passed = [source is not None and source.t_s[-1] >= until_s for source in self._sources]
         if not any(passed):
             return False
         silent_s = [now_s - (source.arrival_s if source else self._first_arrival_s) for source in self._sources]
-        return all(done or silent > self._settings.max_gap_s for done, silent in zip(passed, silent_s, strict=True))
+        return all(done or silent > self._max_gap_s for done, silent in zip(passed, silent_s, strict=True))
 
-    def _frame(self) -> ResistanceFrame:
-        assert self._next is not None
-        rate_hz = self._settings.rate_hz
-        frame = _missing(self._next / rate_hz, len(self._natural_ohm))
+    def _frame(self, number: int) -> ResistanceFrame:
+        frame = _missing(number / self.rate_hz, len(self._natural_ohm))
         for source in self._sources:
             if source is not None:
-                from_s = (self._next - 0.5) / rate_hz
-                until_s = (self._next + 0.5) / rate_hz
-                mean = source.mean(from_s, until_s, self._settings.max_gap_s)
+                from_s = (number - 0.5) / self.rate_hz
+                until_s = (number + 0.5) / self.rate_hz
+                mean = source.mean(from_s, until_s, self._max_gap_s)
                 frame.resistance_ohm[source.tendon] = mean.resistance_ohm
                 frame.sigma_ohm[source.tendon] = mean.sigma_ohm
                 frame.flags[source.tendon] = mean.flags
-        self._next += 1
+        self._next = number + 1
         return frame
 
 

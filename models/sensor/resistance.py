@@ -25,11 +25,6 @@ class CountConverter:
         """The numbers of rows and irregular events of each board so far."""
         return [clock.counts for clock in self._clocks]
 
-    @property
-    def row_period_s(self) -> list[float]:
-        """The time from row to row of each board, nan before its second row."""
-        return [clock.row_period_s for clock in self._clocks]
-
     def reading(self, row: BoardReading) -> ResistanceReading | None:
         """Return the reading of a row; None for a row that came late or twice or does not follow the one before.
 

@@ -38,7 +38,8 @@ class TestFrames:
     def test_mean_by_hand(self) -> None:
         """Readings 0, 1, 0 at 0.98, 1.00, 1.02: the mean over [0.99, 1.01] of the two straight lines is 3/4."""
         frames = assembler()
-        got = [f for t, v in ((0.98, 1.0), (1.0, 2.0), (1.02, 1.0), (1.04, 1.0)) for f in frames.add(reading(t, v))]
+        values = ((0.98, 1.0), (1.0, 2.0), (1.02, 1.0), (1.04, 1.0), (1.06, 1.0))
+        got = [f for t, v in values for f in frames.add(reading(t, v))]
         assert {round(f.t_s, 3): f.resistance_ohm[0] for f in got}[1.0] == pytest.approx(1.75)
 
     def test_every_reading_counts_once(self) -> None:
@@ -67,9 +68,35 @@ class TestFrames:
     @pytest.mark.parametrize("start_s", [0.0, 1e5, 1.7e9])
     def test_readings_as_far_apart_as_the_longest_gap_are_bridged(self, start_s: float) -> None:
         """Most differences of stamps at 10 Hz are a rounding error above 0.1 s, or below."""
-        frames = assembler()
+        frames = assembler(rate_hz=10)
         got = [f for k in range(200) for f in frames.add(reading(start_s + k / 10, 1.0))]
-        assert len(got) > 980
+        assert len(got) > 196
+        assert all(np.isfinite(f.resistance_ohm).all() for f in got)
+
+    @pytest.mark.parametrize(
+        ("period_s", "rate_hz"), [(0.02, 50), (0.033, 50), (0.0398, 25), (0.0502, 25), (0.067, 50 / 3), (0.1003, 10)]
+    )
+    def test_slow_boards_have_fewer_frames(self, period_s: float, rate_hz: float) -> None:
+        """Never twice as many as rows, but for a tenth of a frame; each has all sensors."""
+        frames, got = assembler(2), []
+        for k in range(100):
+            for source, late_s in ((0, 0.0), (1, 0.007)):
+                got += frames.add(reading(period_s * k + late_s, 1.0 + 0.01 * (k % 2), source=source))
+        assert frames.rate_hz == pytest.approx(rate_hz)
+        assert len(got) == pytest.approx(100 * period_s * rate_hz, abs=3)
+        assert all(np.isfinite(f.resistance_ohm).all() for f in got)
+        assert len(frames.slow_sources()) == (0 if rate_hz == 50 else 2)
+
+    def test_rows_too_far_apart_are_not_bridged(self) -> None:
+        frames = assembler()
+        got = [f for k in range(40) for f in frames.add(reading(0.5 * k, 1.0 + 0.01 * (k % 2)))]
+        assert np.mean([np.isnan(f.resistance_ohm[0]) for f in got]) > 0.5
+        assert frames.slow_sources() == {0: "a row each 0.5 s: frames between them have no reading"}
+
+    def test_the_longest_step_of_a_sensor_model(self) -> None:
+        frames = FrameAssembler(np.ones(2), 1, FrameSettings(), GateSettings(max_rate_per_s=1e9), 0.1)
+        got = [f for k in range(40) for f in frames.add(reading(0.2 * k, 1.0 + 0.01 * (k % 2)))]
+        assert frames.rate_hz == 10
         assert all(np.isfinite(f.resistance_ohm).all() for f in got)
 
     def test_a_silent_board_is_not_waited_for(self) -> None:
