@@ -12,7 +12,7 @@ motion that they do not see.
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
@@ -22,7 +22,7 @@ import tomli_w
 import typer
 from numpy.typing import NDArray
 
-from tensegraph import Settings, open_trial, reconstruct
+from tensegraph import open_trial, reconstruct
 from tensegraph.models.evaluation.evaluation import Evaluation
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.structure.floor import Floor
@@ -140,7 +140,7 @@ def write_trial(tracks: Tracks, directory: Path, sigma_m: float, *, on_floor: bo
     }
     if on_floor:
         floor = tracks.floor
-        table["ground"] = {"height_m": floor.height_m, "normal": floor.normal.tolist()}
+        table["ground"] = {"height_m": floor.height_m, "normal": floor.normal.tolist(), "cap_radius_m": CAP_RADIUS_M}
         table["truth"]["contacts"] = "contacts.csv"
         stands = np.abs(floor.clearance_m(x)) < NEAR_M
         _write_csv(directory / "contacts.csv", tracks.t_s, [f"c{n}" for n in range(6)], stands)
@@ -170,9 +170,7 @@ def _write_csv(path: Path, t_s: NDArray[np.float64], names: list[str], values: N
 def evaluated(directory: Path, method: str) -> tuple[Evaluation, str]:
     """Reconstruct a trial; return its evaluation, and the share of each status with its reason."""
     trial = open_trial(directory)
-    settings = Settings()
-    settings = replace(settings, pose=replace(settings.pose, cap_radius_m=CAP_RADIUS_M))
-    shapes = reconstruct(trial, method, settings=settings)
+    shapes = reconstruct(trial, method)
     positions, rest_m = trial.truth(), trial.description.rest_position_m
     assert positions is not None, "the trial is written with its truth"
     assert rest_m is not None, "the trial is written with its rest shape"

@@ -53,7 +53,6 @@ def foothold_rows(
     floor: Floor,
     nodes: NDArray[np.int64],
     turned: NDArray[np.float64],
-    cap_radius_m: float,
     sigma_m: float,
 ) -> Rows:
     """Return two rows for each of the nodes that have stood since the frame before.
@@ -63,14 +62,14 @@ def foothold_rows(
         floor: the floor.
         nodes: these nodes.
         turned: (3,) phi, rotation vector of the body since the frame before.
-        cap_radius_m: r.
         sigma_m: standard deviation of a foothold.
     """
     at = placed.state.layout
-    rolled_m = rolled_on_floor_m(turned, floor, cap_radius_m)
+    rolled_m = rolled_on_floor_m(turned, floor)
     error = placed.state.foothold_m[nodes] + rolled_m - placed.node_position_m[nodes] @ floor.axes.T
     of_nodes = np.zeros((len(nodes), 2, at.size))
-    by_turn = cap_radius_m * cross_matrix(floor.normal) - cross_matrix(placed.arm_m[nodes])  # d(phi x n) = -n x d(phi)
+    by_roll = floor.cap_radius_m * cross_matrix(floor.normal)  # d(phi x n) = -n x d(phi)
+    by_turn = by_roll - cross_matrix(placed.arm_m[nodes])
     of_nodes[:, :, at.turn] = floor.axes @ by_turn
     of_nodes[:, :, at.position] = floor.axes
     jacobian = of_nodes.reshape(-1, at.size)
@@ -80,6 +79,6 @@ def foothold_rows(
     return Rows(error.ravel(), jacobian, (sigma_m**2 + of_shape).ravel())
 
 
-def rolled_on_floor_m(turned: NDArray[np.float64], floor: Floor, cap_radius_m: float) -> NDArray[np.float64]:
+def rolled_on_floor_m(turned: NDArray[np.float64], floor: Floor) -> NDArray[np.float64]:
     """Return (2,), the way r E (phi x n) that the centre of a cap rolls when the body turns by phi."""
-    return np.asarray(cap_radius_m * floor.axes @ cross(turned, floor.normal))
+    return np.asarray(floor.cap_radius_m * floor.axes @ cross(turned, floor.normal))

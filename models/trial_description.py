@@ -215,7 +215,7 @@ def _robot(
         )
     if told.rest_position_m is not None:
         _check_has_faces(told.rest_position_m)
-    floor = _floor(table, table.ground, told.rest_position_m)
+    floor = _floor(table, table.ground, told)
     return FreeStandingRobot(floor, imus, tuple(pairs), table.rest.seconds, len(_own_frames(table)))
 
 
@@ -236,9 +236,9 @@ def _check_stands(floor: Floor, rest_m: NDArray[np.float64]) -> None:
         )
 
 
-def _floor(table: TrialTable, ground: GroundTable, rest_m: NDArray[np.float64] | None) -> Floor:
+def _floor(table: TrialTable, ground: GroundTable, told: DescribedStructure) -> Floor:
     """Return the floor; one whose normal is estimated is where the structure stands on it at rest."""
-    floor = ground.floor()
+    floor, rest_m = ground.floor(float(told.structure.rod_length_m.min())), told.rest_position_m
     if rest_m is None:
         return floor
     if floor.normal_sigma_rad == 0:

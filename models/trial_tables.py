@@ -6,13 +6,15 @@ from typing import Any, Literal
 import numpy as np
 
 from .sensor.divider import Divider
-from .structure.floor import Floor
+from .structure.floor import USUAL_CAP_M, Floor
 from .structure.natural_lengths import Motors
 from .structure.structure import Structure
 from .structure_description import BodyTable, MechanicsTable, RestTable, StructureTable
 from .values.errors import InputError
 from .values.tables import AtLeastOne, FileName, NotNegative, Positive
 
+MOST_CAP = 0.2
+"""Height of a floor over the length of a rod up to which it may be the radius of the end caps."""
 LEAST_TOLD_RAD = 0.3
 """Largest standard deviation of the floor's normal, 17 degrees: beyond it, others may stand than the lowest nodes."""
 
@@ -25,9 +27,13 @@ class GroundTable:
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     normal_sigma_rad: NotNegative = 0.0
     """Standard deviation of the normal's direction as told; above 0, it is estimated."""
+    cap_radius_m: NotNegative | None = None
 
-    def floor(self) -> Floor:
+    def floor(self, rod_length_m: float) -> Floor:
         """Return the floor.
+
+        Args:
+            rod_length_m: of the shortest rod, much longer than the radius of its caps.
 
         Raises:
             InputError: for a height or a normal that is none, or a normal that is hardly told.
@@ -42,7 +48,11 @@ class GroundTable:
             raise InputError(
                 f"ground.normal_sigma_rad: expected at most {LEAST_TOLD_RAD} rad, got {self.normal_sigma_rad}"
             )
-        return Floor(self.height_m, normal / length, self.normal_sigma_rad)
+        cap_radius_m = self.cap_radius_m
+        if cap_radius_m is None:
+            is_radius = 0 <= self.height_m <= MOST_CAP * rod_length_m
+            cap_radius_m = self.height_m if is_radius else USUAL_CAP_M
+        return Floor(self.height_m, normal / length, self.normal_sigma_rad, cap_radius_m=cap_radius_m)
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,7 +80,7 @@ class Feet:
     def of(cls, predicted: Prediction, nodes: NDArray[np.bool_], floor: Floor, settings: PoseSettings) -> "Feet":
         """Return those of (nodes,) some nodes."""
         here, placed = np.flatnonzero(nodes), predicted.placed
-        return cls(here, foothold_rows(placed, floor, here, predicted.turned, settings.cap_radius_m, settings.floor_m))
+        return cls(here, foothold_rows(placed, floor, here, predicted.turned, settings.floor_m))
 
     def among(self, nodes: NDArray[np.bool_]) -> "Feet":
         """Return those which are among (nodes,) some nodes."""

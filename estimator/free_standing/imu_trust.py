@@ -43,6 +43,7 @@ from ...models.structure.floor import GRAVITY_M_PER_S2, UP
 from ...models.values.aids import ImuReading
 from ...models.values.readings import TendonLengths
 from ...models.values.time_series import low_pass_weight
+from .pose_start import IMU_TURN_RAD
 from .prediction import Prediction
 
 MOST_APART = 0.25
@@ -228,7 +229,7 @@ def taken_on_again(
     for imu in map(int, back):
         place = at.of_imu(at.imu_turn, imu)
         F[place] = np.eye(3, at.size, at.turn.start)
-        noise[place] = settings.misalignment_rad**2
+        noise[place] = IMU_TURN_RAD**2
         noise[at.of_imu(at.rate_bias, imu)] = settings.rate_bias_rad_per_s**2
         noise[at.of_imu(at.force_bias, imu)] = settings.force_bias_m_per_s2**2
     return replace(state, imu_turn=turn), F @ covariance @ F.T + np.diag(noise), F

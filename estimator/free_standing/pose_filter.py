@@ -124,7 +124,7 @@ class PoseFilter:
             if frame.is_felt and not by_heights:  # the sensors have told another face
                 self._misled_rad = max(self._misled_rad, _angle(predicted.placed.state.turn, before))
         if self._misled_rad and standing.nodes.any():
-            predicted = misplaced(predicted, self._misled_rad, self.floor, self._settings.cap_radius_m)
+            predicted = misplaced(predicted, self._misled_rad, self.floor)
             self._slide_watch.restart()
             kept, landed, self._misled_rad = np.zeros_like(kept), standing.nodes, 0.0
         if frame.samples is not None:

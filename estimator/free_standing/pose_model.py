@@ -72,7 +72,7 @@ class PoseModel:
         motion = self._motion.after(state, frame.step_s, frame.samples, (frame.body_before_m, frame.body_m))
         turns = np.stack([state.turn @ before.turn_before.T, motion.state.turn @ state.turn.T])
         turned_before, turned = rotation_vector(turns)
-        rolled_m = rolled_on_floor_m(turned_before, self.floor, settings.cap_radius_m)
+        rolled_m = rolled_on_floor_m(turned_before, self.floor)
         moved = replace(motion.state, foothold_m=state.foothold_m + np.where(stands[:, None], rolled_m, 0.0))
         falls_s = frame.step_s if frame.is_felt else 0.0
         F = following_heading(motion.transition, state, moved, self.floor, falls_s)

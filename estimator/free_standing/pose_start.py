@@ -10,6 +10,10 @@ from ...models.pose.robot import FreeStandingRobot
 from ...models.structure.floor import Floor
 from ...models.values.rotations import rotation_vector
 
+IMU_TURN_RAD = 0.3
+"""Standard deviation of the attitude of a sensor that is taken on. It comes from the direction of its rod and from
+gravity, whose rows tell it again in the same frame, with the biases that are in it: about a rod that is nearly upright
+it is known to some degrees only."""
 STILL = 1e-3
 """Standard deviation of all motion while the structure stands at rest at the start, in rad and m and per second."""
 
@@ -43,7 +47,7 @@ def covariance_at_rest(state: PoseState, floor: Floor, settings: PoseSettings) -
     """
     at = state.layout
     sigma = np.full(at.size, STILL)
-    sigma[at.imu_turn] = settings.misalignment_rad
+    sigma[at.imu_turn] = IMU_TURN_RAD
     sigma[at.rate_bias] = settings.rate_bias_rad_per_s
     sigma[at.force_bias] = settings.force_bias_m_per_s2
     sigma[at.misalignment] = settings.misalignment_rad

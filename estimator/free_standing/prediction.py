@@ -123,8 +123,20 @@ def without_heading(rows: Rows, state: PoseState, floor: Floor) -> Rows:
 
         H <- H - H N n^T
     """
+    return without_turn(rows, heading_direction(state, floor), state, floor.tilted(state.floor_tilt).normal)
+
+
+def without_turn(rows: Rows, N: NDArray[np.float64], state: PoseState, n: NDArray[np.float64]) -> Rows:
+    """Return rows that say nothing of one turn of all, H <- H - H N n^T.
+
+    Args:
+        rows: that no such turn changes.
+        N: (size,) derivative of the state's errors by the turn.
+        state: at which the rows are linearised.
+        n: (3,) unit vector along the axis of the turn.
+    """
     H = rows.jacobian.copy()
-    H[:, state.layout.turn] -= np.outer(H @ heading_direction(state, floor), floor.tilted(state.floor_tilt).normal)
+    H[:, state.layout.turn] -= np.outer(H @ N, n)
     return Rows(rows.error, H, rows.variance)
 
 

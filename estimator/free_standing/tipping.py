@@ -55,16 +55,16 @@ def tipped(
         pivot_m: (3,) the point.
         stayed: (nodes,) which nodes have stood before and after it.
         floor: the floor.
-        settings: for the caps, and the motion that follows.
+        settings: for the motion that follows.
     """
     placed = predicted.placed
     phi = rotation_vector(turn)
     angle = float(np.linalg.norm(phi))
-    rolled_m = rolled_on_floor_m(phi, floor, settings.cap_radius_m) @ floor.axes
+    rolled_m = rolled_on_floor_m(phi, floor) @ floor.axes
     turned_rad, moved_m = LANDING_RAD_PER_RAD05 * np.sqrt(angle), LANDING_M_PER_RAD05 * np.sqrt(angle)
     if not stayed.any():
         rolled_m = np.zeros(3)
-        turned_rad, moved_m = ANY_HEADING_RAD, angle * float(floor.clearance_m(pivot_m) + settings.cap_radius_m)
+        turned_rad, moved_m = ANY_HEADING_RAD, angle * float(floor.clearance_m(pivot_m) + floor.cap_radius_m)
     state = replace(
         placed.state,
         turn=turn @ placed.state.turn,
@@ -85,7 +85,7 @@ def tipped(
     return Prediction(after, F @ predicted.transition, F @ predicted.covariance @ F.T + G @ G.T, np.zeros(3))
 
 
-def misplaced(predicted: Prediction, misled_rad: float, floor: Floor, cap_radius_m: float) -> Prediction:
+def misplaced(predicted: Prediction, misled_rad: float, floor: Floor) -> Prediction:
     """Return the prediction of a body whose attitude was found to be wrong after it had tipped.
 
     It has rolled another way than was told: heading and place are as uncertain as they would be after an unseen tip by
@@ -95,11 +95,10 @@ def misplaced(predicted: Prediction, misled_rad: float, floor: Floor, cap_radius
         predicted: before.
         misled_rad: the angle by which the attitude was wrong.
         floor: the floor.
-        cap_radius_m: radius of the end caps.
     """
     placed = predicted.placed
     at = placed.state.layout
-    height_m = float(floor.clearance_m(placed.state.position_m[None])[0]) + cap_radius_m
+    height_m = float(floor.clearance_m(placed.state.position_m[None])[0]) + floor.cap_radius_m
     variance = np.zeros(at.size)
     variance[at.turn] = (misled_rad * floor.normal) ** 2
     variance[at.position] = (misled_rad * height_m) ** 2

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ...factors.torque import anchor_rows, torque_rows
 from ...models.pose.placed import PlacedShape, Rows
+from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import FreeStandingRobot, HangingRobot
 from ...models.settings import Settings
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
@@ -25,6 +26,7 @@ from ...models.values.rotations import cross_matrix
 from ..free_standing.contacts import Standing
 from ..free_standing.pose_filter import PoseFilter
 from ..free_standing.pose_smoother import PoseStep
+from ..free_standing.prediction import heading_direction, without_turn
 from ..free_standing.watches.measured_attitude import are_parallel
 from .hands import HandTorque, Hanging, Swing
 
@@ -115,7 +117,13 @@ class HangingFilter(PoseFilter):
             rows.append(limited(torque, covariance, in_full))
             self._has_spun |= self._swing.seen_rad > FAST_RAD and self._spins_unseen()
             self.is_contradicted = self._has_spun or (bool(against.any()) and not self._turn_is_measured())
-        return rows
+        return [self._without_heading(each, placed.state) for each in rows] if self._suspension.is_ball else rows
+
+    def _without_heading(self, rows: Rows, state: PoseState) -> Rows:
+        """Return rows that say nothing of a turn about the vertical through the one anchor, see `without_turn`."""
+        N = heading_direction(state, NO_FLOOR).copy()
+        N[state.layout.position] -= np.cross(UP, self._suspension.pivot_m)
+        return without_turn(rows, N, state, UP)
 
     def _spins_unseen(self) -> bool:
         """Return whether the inertial sensors in use, all on parallel rods, do not tell how a body on a ball spins."""

@@ -32,8 +32,6 @@ class PoseSettings:
     deforms whose attitude nothing measures."""
     slip_sigma: Positive = 4.0
     """Distance from its foothold, in standard deviations, at which a node has slipped."""
-    cap_radius_m: NotNegative = 0.01
-    """Radius of the end caps, on which rods roll."""
     rate_rad_per_s: Positive = 0.001
     """White noise of an inertial sensor's rate, per sample."""
     rate_scale: NotNegative = 0.01

@@ -201,11 +201,23 @@ class _LowerLine:
         self._rate = 0.0
         self._origin_s = 0.0
         self._offset_s = np.inf
+        self._off_since_s = np.nan
 
     def add(self, device_s: float, offset_s: float) -> None:
-        """Add a point, so that the line does not lie above it; a point impossibly far below the line is ignored."""
-        if self.value(device_s) - offset_s > HOST_TOLERANCE_S and np.isfinite(self._offset_s):
-            return
+        """Add a point, so that the line does not lie above it.
+
+        Points far above the line are of rows that have waited, as in a port while the host was stopped, and none can be
+        far below it: both are ignored. If they go on for `offset_window_s` on the host's clock, one of the clocks has
+        been set, and the line begins anew.
+        """
+        if np.isfinite(self._offset_s) and abs(self.value(device_s) - offset_s) > HOST_TOLERANCE_S:
+            host_s = device_s + offset_s
+            if np.isnan(self._off_since_s):
+                self._off_since_s = host_s
+            if host_s - self._off_since_s < self._settings.offset_window_s:
+                return
+            self.clear()
+        self._off_since_s = np.nan
         if self._lowest and int(self._lowest[-1][0]) == int(device_s):
             if offset_s < self._lowest[-1][1]:
                 self._lowest[-1] = (device_s, offset_s)

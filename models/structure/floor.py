@@ -17,6 +17,8 @@ UP = np.array([0.0, 0.0, 1.0])
 """(3,) against gravity, in the world."""
 GRAVITY_M_PER_S2 = 9.81
 """Size g of the acceleration of free fall."""
+USUAL_CAP_M = 0.01
+"""Radius of an end cap of which nothing is told."""
 STANDS_WITHIN_M = 0.005
 """Height above the floor below which a node of the rest shape stands on it."""
 
@@ -36,13 +38,15 @@ class Floor:
     """A plane in the world, whose gravity is along -z."""
 
     height_m: float
-    """Height of the centre of an end cap that stands on the floor, along the normal: the radius of the cap."""
+    """Height of the centre of an end cap that stands on the floor, along the normal."""
     normal: NDArray[np.float64]
     """(3,) unit vector, upward."""
     normal_sigma_rad: float = 0.0
     """Standard deviation of the normal's direction, about each of the floor's axes; 0 where it is told exactly."""
     pivot_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     """(3,) o, about which the floor is tilted."""
+    cap_radius_m: float = USUAL_CAP_M
+    """Radius of the end caps, on which rods roll."""
 
     @cached_property
     def axes(self) -> NDArray[np.float64]:

@@ -70,7 +70,7 @@ def turned_ball(state) -> Suspension:
 ROWS: dict[str, Callable[..., Rows]] = {
     "height": lambda state: height_rows(placed(state), FLOOR, NODES, 5e-4, 1.0),
     "foothold": lambda state: foothold_rows(
-        placed(state), FLOOR, NODES, rotation_vector(state.turn @ STATE.turn.T), 0.01, 5e-4
+        placed(state), FLOOR, NODES, rotation_vector(state.turn @ STATE.turn.T), 5e-4
     ),
     "direction": direction_in_the_first_axes,
     "gravity": lambda state: IMUS.gravity_rows(state, slow_samples(), PoseSettings()),
@@ -120,7 +120,7 @@ def test_a_cap_rolls_by_its_radius_times_the_turn(check_jacobian) -> None:
     moved_m = np.array([0.001, 0.0, 0.0]) @ floor.axes.T
     foothold_m = state.foothold_m.copy()
     foothold_m[NODES] = at - moved_m
-    rows = foothold_rows(placed(replace(state, foothold_m=foothold_m)), floor, NODES, np.array([0, 0.1, 0]), 0.01, 5e-4)
+    rows = foothold_rows(placed(replace(state, foothold_m=foothold_m)), floor, NODES, np.array([0, 0.1, 0]), 5e-4)
     assert rows.error == pytest.approx(0, abs=1e-12)
 
 

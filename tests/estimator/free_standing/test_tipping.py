@@ -27,9 +27,9 @@ STATE = any_state(imus=0, pairs=0)
 SIZE = STATE.layout.size
 BODY_M = 0.15 * np.random.default_rng(5).standard_normal((12, 3))
 FLOOR = Floor(0.01, np.array([0.1, 0.0, 1.0]) / np.sqrt(1.01))
+NO_CAPS = replace(FLOOR, cap_radius_m=0.0)
 STANDS = np.isin(np.arange(12), [0, 2, 4])
 STAYED = np.isin(np.arange(12), [0, 2])
-NO_CAPS = PoseSettings(cap_radius_m=0.0)
 
 
 def prediction(state) -> Prediction:
@@ -37,11 +37,11 @@ def prediction(state) -> Prediction:
     return Prediction(placed, np.eye(SIZE), 1e-6 * np.eye(SIZE), turned=np.zeros(3))
 
 
-def after_tip(state, stayed=STAYED, settings=NO_CAPS) -> Prediction:
+def after_tip(state, stayed=STAYED, floor=NO_CAPS) -> Prediction:
     """Return the prediction tipped onto three nodes."""
     before = prediction(state)
     turn, pivot_m = tipping(before.placed.node_position_m, STANDS, stayed, FLOOR.normal)
-    return tipped(before, turn, pivot_m, stayed, FLOOR, settings)
+    return tipped(before, turn, pivot_m, stayed, floor, PoseSettings())
 
 
 def turned(state, angle: float):
@@ -72,7 +72,7 @@ def test_who_was_turned_wrongly_may_head_and_be_elsewhere() -> None:
     """By hand: wrong by 0.5 rad with the centroid 0.1 m above the floor, 0.5 rad about the normal and 50 mm beside."""
     state = replace(STATE, position_m=(0.01 + 0.1) * FLOOR.normal)
     before = prediction(state)
-    after = misplaced(before, 0.5, FLOOR, cap_radius_m=0.0)
+    after = misplaced(before, 0.5, NO_CAPS)
     added = after.covariance - before.covariance
     at = STATE.layout
     assert added[at.turn, at.turn].diagonal() == pytest.approx((0.5 * FLOOR.normal) ** 2)
@@ -92,7 +92,7 @@ def test_the_direction_of_a_heading_is_the_derivative_of_a_turn(check_jacobian) 
 
 def test_an_error_of_the_heading_is_one_after_a_tip_on_caps() -> None:
     """F N = N' for the pose: a robot that is turned about the normal before a tip is turned so after it."""
-    after = after_tip(STATE, settings=PoseSettings())
+    after = after_tip(STATE, floor=FLOOR)
     pose = STATE.layout.pose
     told = (after.transition @ heading_direction(STATE, FLOOR))[pose]
     assert told == pytest.approx(heading_direction(after.placed.state, FLOOR)[pose], abs=1e-9)
@@ -100,7 +100,7 @@ def test_an_error_of_the_heading_is_one_after_a_tip_on_caps() -> None:
 
 def test_a_tip_rolls_on_the_caps_of_the_feet_that_stay() -> None:
     """By hand: the mean of the feet moves by r phi x n, 10 mm times the angle."""
-    before, after = prediction(STATE).placed, after_tip(STATE, settings=PoseSettings()).placed
+    before, after = prediction(STATE).placed, after_tip(STATE, floor=FLOOR).placed
     moved_m = (after.node_position_m - before.node_position_m)[STAYED].mean(axis=0)
     phi = rotation_vector(after.state.turn @ before.state.turn.T)
     assert moved_m == pytest.approx(0.01 * np.cross(phi, FLOOR.normal))
@@ -133,7 +133,7 @@ def test_what_the_floor_tells_says_nothing_of_the_heading() -> None:
     rows = stacked(
         [
             height_rows(placed, FLOOR, nodes, 5e-4, 1.0),
-            foothold_rows(placed, FLOOR, nodes, np.zeros(3), 0.01, 5e-4),
+            foothold_rows(placed, FLOOR, nodes, np.zeros(3), 5e-4),
         ]
     )
     heading = np.zeros(SIZE)

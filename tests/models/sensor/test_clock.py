@@ -131,6 +131,25 @@ class TestClock:
         error_s = np.array([clock.time_s(row) for row in readings[:500] + moved]) - true_s
         assert np.abs(error_s[250:]).max() < 0.01
 
+    def test_rows_that_have_waited_do_no_harm(self) -> None:
+        """The host is stopped for 20 s: its port keeps the rows of the first 10 s, and loses those after them."""
+        readings, true_s = rows(3000)
+        go_on_s = readings[1500].host_s
+        waited = [BoardReading(0, go_on_s, r.seq, r.device_us, r.counts) for r in readings[500:1000]]
+        clock = BoardClock(ClockSettings())
+        times_s = [clock.time_s(row) for row in readings[:500] + waited + readings[1500:]]
+        error_s = np.array(times_s) - np.r_[true_s[:1000], true_s[1500:]]
+        assert np.abs(error_s[250:]).max() < 0.01
+        assert clock.counts.restarts == clock.counts.dropped_rows == 0
+
+    def test_a_host_clock_set_ahead_is_followed(self) -> None:
+        readings, true_s = rows(1500)
+        moved = [BoardReading(0, r.host_s + 3600.0, r.seq, r.device_us, r.counts) for r in readings[500:]]
+        clock = BoardClock(ClockSettings())
+        error_s = np.array([clock.time_s(row) for row in readings[:500] + moved]) - true_s
+        assert np.abs(error_s[250:500]).max() < 0.01
+        assert np.abs(error_s[1000:] - 3600.0).max() < 0.01
+
     @pytest.mark.parametrize("first_us", [0, 2**32 - 700_000])
     def test_other_stamps_of_the_board_are_on_the_same_line(self, first_us: int) -> None:
         """Half a row before and after the newest row, wherever the counter wraps."""
