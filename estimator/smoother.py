@@ -30,6 +30,11 @@ from .watches.rebound_watch import ReboundWatch
 
 FIRST_BYSTANDER = 2**60
 """Key of the first of `_bystanders`, beyond those of all frames."""
+SETTLED_M = 0.001
+"""Change of a position below which a frame is not updated again. After a second without frames, as when live is behind,
+nodes of a robot that was pressed meanwhile have moved by centimetres, and one update leaves a fifth of it."""
+MOST_UPDATES = 6
+"""Number of updates after which it is left as it is."""
 CONTRADICTED = 0.2
 """Probability that the lengths are less exact than their sigmas say, above which sensors may drift apart."""
 
@@ -151,8 +156,18 @@ class LiveSmoother:
             self._positions.extend([start_m] * 2)
         values = gtsam.Values()
         keys = list(self.builder.keys(self._frame))
-        for key, position in zip(keys, self._predict(), strict=True):
-            values.insertPoint3(key, position)
+        position = self._predict()
+        for key, start_m in zip(keys, position, strict=True):
+            values.insertPoint3(key, start_m)
+        for _ in range(MOST_UPDATES):
+            before, position = position, self._updated(graph, values, keys)
+            if np.abs(position - before).max() < SETTLED_M:
+                break
+            graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        return position
+
+    def _updated(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: list[int]) -> NDArray[np.float64]:
+        """Return the (nodes, 3) positions of the newest frame after an update with more factors and nodes, or none."""
         try:
             self._isam.update(graph, values, self._update_parameters())
         except RuntimeError as error:

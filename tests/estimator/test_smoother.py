@@ -77,7 +77,7 @@ def test_an_update_linearises_the_newest_frame_alone(
 def test_no_frames_for_a_while_and_the_shape_is_back_at_once(gap_s: float, structure, balanced, lengths_of) -> None:
     """A press at 0.1 m/s, nothing for seconds, and another shape: neither the old velocity nor a load remains."""
     load = np.zeros((12, 3))
-    load[5] = [0, 0, -1.5]
+    load[5] = [0, 0, -3.0]
     far = pressed(structure, balanced, load)
     smoother = LiveSmoother(structure, balanced, Settings())
     for k in range(25):
@@ -86,8 +86,7 @@ def test_no_frames_for_a_while_and_the_shape_is_back_at_once(gap_s: float, struc
     for k in range(25):
         shape = smoother.update(lengths_of(structure, balanced.node_position_m, 0.5 + gap_s + 0.02 * k))
         error_m = np.linalg.norm(shape.node_position_m - balanced.node_position_m, axis=1)
-        assert error_m.max() < 0.004
-    assert error_m.max() < 0.001
+        assert error_m.max() < 0.001
     assert np.nanmax(np.abs(shape.loads.force_n)) < 0.1
 
 
