@@ -1,5 +1,7 @@
 """Ellipsoids of a covariance."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -85,3 +87,11 @@ def test_a_second_shape_hides_no_worse_status(rest, structure, lengths_of, befor
     order = list(Status)
     assert told.status == max(before, Status.TWO_SHAPES, key=order.index)
     assert told.other is not None
+
+
+def test_the_readme_shows_what_is_said_of_frames_that_are_ok() -> None:
+    """A tendon without a sensor is not measured in such a frame, and the sentence does not say so."""
+    readme = Path(__file__).parents[3] / "README.md"
+    words = " ".join(readme.read_text(encoding="utf-8").replace("│", " ").split())
+    assert f"1499 frames: {Status.OK.advice} " in words
+    assert "with a sensor" in Status.OK.advice
