@@ -116,7 +116,17 @@ def _capture_facts(c: CaptureFit, structure: Structure) -> list[tuple[str, str]]
         fit += ", far off: are they told rightly?"
     markers = ", ".join(f"{mark.marker} = {mark.node}" for mark in c.markers)
     ignored = f"; ignored: {', '.join(c.ignored)}" if c.ignored else ""
-    return [("clock of the capture", told), ("markers = nodes", f"{fit}: {markers}{ignored}")]
+    rows = [("clock of the capture", told), ("markers = nodes", f"{fit}: {markers}{ignored}")]
+    return [*rows, ("markers of a rod", _beyond_nodes(c))] if np.isfinite(c.farther_apart_m) else rows
+
+
+def _beyond_nodes(c: CaptureFit) -> str:
+    """Return by which `beyond_m` the markers of a rod are farther apart than it is long."""
+    equals = "larger by" if any(mark.beyond_m for mark in c.markers) else "="
+    return (
+        f"{1e3 * c.farther_apart_m:.1f} mm farther apart than it is long, on average: "
+        f"beyond_m {equals} {0.5 * c.farther_apart_m:.3f} in [truth.markers] would explain it"
+    )
 
 
 def _pose_facts(p: PoseScore, *, in_body: bool) -> list[tuple[str, str]]:

@@ -10,7 +10,8 @@ from ..values.marker_tracks import MarkerTracks
 from ..values.stamped_positions import StampedPositions
 from .alignment import interpolated_within, rigid_alignment
 from .capture_clock import CaptureClock, ClockFit, MotionSignals, OffsetSearch, moving_pairs, search_offset
-from .marker_assignment import assign_markers, shape_misfit_m
+from .marker_assignment import BESIDE_M, assign_markers, largest_reach_m, shape_misfit_m
+from .statistics import of_known
 from .truth import CaptureFit, MarkedNode
 
 PLACED_S = 1.0
@@ -57,6 +58,7 @@ def lay_onto(
         misfit_m=shape_misfit_m(host_s, placed_m, estimate),
         next_misfit_m=next_misfit_m,
         rotation_deg=rotation_deg,
+        farther_apart_m=farther_apart_m(node_m, estimate.structure),
     )
     return StampedPositions(host_s, placed_m), fit
 
@@ -97,6 +99,22 @@ def node_positions(tracks: MarkerTracks, marked: tuple[MarkedNode, ...], structu
     with np.errstate(invalid="ignore", divide="ignore"):
         moved_m = raw_m - beyond_m[:, None] * along_m / length_m
     return np.where(beyond_m[:, None] > 0, moved_m, raw_m)
+
+
+def farther_apart_m(node_m: NDArray[np.float64], structure: Structure) -> float:
+    """Return how much farther apart the captured ends of a rod are than it is long, on average over the rods.
+
+    It is nan where no rod has both ends captured, and where markers beyond the nodes do not explain it: where it is
+    less than 3 mm, less than the rods differ among themselves, or more than two markers may be from their nodes.
+
+    Args:
+        node_m: (times, nodes, 3) captured positions in any axes; nan where a node was not captured.
+        structure: with the lengths of its rods.
+    """
+    apart_m = np.linalg.norm(np.diff(node_m[:, structure.rods], axis=2)[:, :, 0], axis=-1)
+    excess_m = np.array([of_known(np.median, of_rod) for of_rod in apart_m.T]) - structure.rod_length_m
+    mean_m, differ_m = of_known(np.mean, excess_m), of_known(np.ptp, excess_m)
+    return mean_m if max(BESIDE_M, differ_m) < mean_m < 2 * largest_reach_m(structure) else np.nan
 
 
 def _marks(tracks: MarkerTracks, node: NDArray[np.int64]) -> tuple[MarkedNode, ...]:

@@ -94,6 +94,9 @@ class CaptureFit:
     """The same for the next best assignment; nan where there is none."""
     rotation_deg: float
     """Angle by which the capture was turned."""
+    farther_apart_m: float
+    """How much farther apart the markers of a rod are than it is long, on average, after their `beyond_m` is taken off;
+    nan where markers that stand beyond the nodes do not explain it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,18 +153,25 @@ def marked_nodes(truth: TruthTable, structure: Structure, where: str) -> tuple[M
 
     Raises:
         InputError: for a node that does not exist, or a marker beyond a node that is on no rod, or whose rod has no
-            marker at its other end.
+            marker at its other end, or is shorter than the marker is beyond it.
     """
     nodes = {marker.node for marker in truth.markers.values()}
     other = {int(a): int(b) for rod in structure.rods for a, b in (rod, rod[::-1])}
+    rod_m = {int(node): float(m) for rod, m in zip(structure.rods, structure.rod_length_m, strict=True) for node in rod}
     for name, marker in truth.markers.items():
         here = f"{where}: truth.markers.{name}"
         if not 0 <= marker.node < structure.node_count:
             raise InputError(f"{here}.node: expected a node from 0 to {structure.node_count - 1}, got {marker.node}")
         if marker.beyond_m and marker.node not in other:
             raise InputError(f"{here}.beyond_m: expected a node of a rod, whose direction it tells, got {marker.node}")
+        if marker.beyond_m and marker.beyond_m >= rod_m[marker.node]:
+            raise InputError(
+                f"{here}.beyond_m: expected less than the rod is long, {rod_m[marker.node]:g} m, got "
+                f"{marker.beyond_m:g}: is the unit right?"
+            )
         if marker.beyond_m and other[marker.node] not in nodes:
             raise InputError(
-                f"{here}.beyond_m: expected a marker at node {other[marker.node]} too: it tells the rod's direction"
+                f"{here}.beyond_m: expected a marker at node {other[marker.node]} too, which tells the rod's "
+                "direction: without it, leave this marker out of truth.markers"
             )
     return tuple(MarkedNode(name, marker.node, marker.beyond_m) for name, marker in truth.markers.items())

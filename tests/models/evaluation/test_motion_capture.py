@@ -10,7 +10,7 @@ from four_nodes import estimate_of
 from tensegraph import InputError
 from tensegraph.io.reports.evaluation_tables import _capture_facts
 from tensegraph.models.evaluation.marker_assignment import largest_reach_m
-from tensegraph.models.evaluation.motion_capture import lay_onto, node_positions
+from tensegraph.models.evaluation.motion_capture import farther_apart_m, lay_onto, node_positions
 from tensegraph.models.evaluation.truth import MarkedNode, marked_nodes
 from tensegraph.models.trial_tables import TruthTable
 from tensegraph.models.values.marker_tracks import MarkerTracks
@@ -83,7 +83,16 @@ def test_pieces_of_a_lost_marker_are_one_node(take, estimate) -> None:
 def test_two_fits_alike_are_named(true_positions, estimate) -> None:
     """Three markers fit in two ways to half a millimetre."""
     take = take_of(*true_positions, [0, 4, 8], ghosts=0, noise_mm=2.0)
-    with pytest.raises(InputError, match=r"two assignments .* mm: Unlabeled 1000 = .*; .* mm: .*\[truth.markers\]"):
+    with pytest.raises(
+        InputError, match=r"two assignments .* mm: Unlabeled 1000 = .*; .* mm: .*: tell it in \[truth.markers\]"
+    ):
+        lay_onto(tracks_of(take), estimate, offset_s=OFFSET_S)
+
+
+def test_two_poor_fits_may_be_markers_beyond_their_nodes(true_positions, estimate, example_structure) -> None:
+    """All ways to turn the six rods fit to about 12 mm."""
+    take = beyond(take_of(*true_positions, list(range(12)), ghosts=0), example_structure, 12.0)
+    with pytest.raises(InputError, match=r"two assignments .* alike .*: tell it, and beyond_m where markers stand"):
         lay_onto(tracks_of(take), estimate, offset_s=OFFSET_S)
 
 
@@ -125,6 +134,53 @@ def test_a_marker_beyond_its_node_by_hand(example_structure) -> None:
     np.testing.assert_allclose(node_m[0, [0, 3]], [[0, 0, 0], [0, 0, 0.3]], atol=1e-12)
 
 
+def beyond(take, structure, beyond_mm: float):
+    """The same take, with every marker beyond its node; the other end of its rod is a marker, too."""
+    other = dict(structure.rods.tolist()) | {b: a for a, b in structure.rods.tolist()}
+    place = {node: k for k, node in enumerate(take.node.tolist())}
+    along_mm = np.stack(
+        [take.position_mm[:, place[n]] - take.position_mm[:, place[other[n]]] for n in take.node.tolist()], axis=1
+    )
+    along_mm /= np.linalg.norm(along_mm, axis=-1, keepdims=True)
+    return replace(take, position_mm=take.position_mm + beyond_mm * along_mm)
+
+
+@pytest.mark.parametrize(
+    ("excess_mm", "farther_mm"),
+    [
+        ([24, 23, 25], 24),
+        ([24, 24, np.nan], 24),
+        ([2, 2, 3], np.nan),  # as far as rods are measured
+        ([24, 4, 14], np.nan),  # the rods differ by 20 mm: a marker is at another node
+        ([150, 150, 150], np.nan),  # 75 mm from each node is no marker of it
+        ([np.nan, np.nan, np.nan], np.nan),
+    ],
+)
+def test_rods_whose_markers_are_farther_apart_by_hand(example_structure, excess_mm, farther_mm) -> None:
+    """Of three rods both ends are seen, of which one is at the origin; in one of three times something jumps."""
+    node_m = np.full((3, 12, 3), np.nan)
+    rods, rod_m = example_structure.rods, example_structure.rod_length_m
+    for (a, b), length_m, excess in zip(rods, rod_m, excess_mm, strict=False):
+        node_m[:, a] = 0.0
+        node_m[:, b] = [length_m + 1e-3 * excess, 0, 0]
+    node_m[1] *= 2
+    assert 1e3 * farther_apart_m(node_m, example_structure) == pytest.approx(farther_mm, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("told_m", "words"), [(0.0, "beyond_m = 0.012 in"), (0.004, "beyond_m larger by 0.008 in"), (0.012, None)]
+)
+def test_markers_beyond_their_nodes_are_told(true_positions, estimate, example_structure, told_m, words) -> None:
+    """12 mm beyond both ends of two rods, 0-3 and 2-9: 24 mm farther apart; nothing is corrected."""
+    take = beyond(take_of(*true_positions, [0, 3, 2, 9], ghosts=0), example_structure, 12.0)
+    marked = tuple(MarkedNode(name, node, told_m) for name, node in zip(take.names, take.node.tolist(), strict=True))
+    positions, fit = lay_onto(tracks_of(take), estimate, marked=marked, offset_s=OFFSET_S)
+    said = dict(_capture_facts(fit, example_structure)).get("markers of a rod")
+    apart_m = np.linalg.norm(np.diff(positions.node_position_m[:, [0, 3]], axis=1), axis=-1)
+    assert np.nanmedian(apart_m) == pytest.approx(0.3 + 2 * (0.012 - told_m), abs=0.0005)
+    assert said is None if words is None else f"farther apart than it is long, on average: {words}" in said
+
+
 def test_the_table_of_markers(example_structure) -> None:
     def nodes(structure=example_structure, **markers):
         return marked_nodes(parse_table(TruthTable, {"file": "a.csv", "markers": markers}, "t"), structure, "t")
@@ -132,8 +188,12 @@ def test_the_table_of_markers(example_structure) -> None:
     assert nodes(a={"node": 0, "beyond_m": 0.01}, b={"node": 3}) == (MarkedNode("a", 0, 0.01), MarkedNode("b", 3))
     with pytest.raises(InputError, match=r"t: truth.markers.a.node: expected a node from 0 to 11, got 12"):
         nodes(a={"node": 12})
-    with pytest.raises(InputError, match=r"t: truth.markers.a.beyond_m: expected a marker at node 3 too"):
+    with pytest.raises(
+        InputError, match=r"a.beyond_m: expected a marker at node 3 too, .*: without it, leave this marker out of truth"
+    ):
         nodes(a={"node": 0, "beyond_m": 0.01})
+    with pytest.raises(InputError, match=r"t: truth.markers.a.beyond_m: .*, 0.3 m, got 12: is the unit right\?"):
+        nodes(a={"node": 0, "beyond_m": 12.0}, b={"node": 3, "beyond_m": 12.0})
     without_a_rod = replace(
         example_structure, rods=example_structure.rods[1:], rod_length_m=example_structure.rod_length_m[1:]
     )
