@@ -1,14 +1,18 @@
 """The files of what a robot carries beside its strips: inertial sensors, ranges, positions, and motors."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import chain, islice
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..models.trial_description import TrialDescription
 from ..models.values.aids import DECIMALS, ImuReading, PositionReading, RangeReading
 from ..models.values.errors import InputError
 from ..models.values.readings import NaturalLengthReading, OtherReading
-from .csv import CsvFile, in_seconds
+from ..models.values.units import OTHER_UNIT
+from .csv import FIRST_ROWS, CsvFile, in_seconds
 
 IMU_COLUMNS = ("t_s", "gx_rad_per_s", "gy_rad_per_s", "gz_rad_per_s", "ax_m_per_s2", "ay_m_per_s2", "az_m_per_s2")
 RANGE_COLUMNS = ("t_s", "beacon", "node", "range_m")
@@ -61,9 +65,13 @@ def natural_length_readings(file: CsvFile, recording: int, trial: TrialDescripti
 
     Raises:
         InputError: see `imu_readings`, where stamps count for each tendon; for a tendon that the recording's table does
-            not name, and for a length or a sigma that is not positive.
+            not name, for a length or a sigma that is not positive, and for lengths in another unit.
     """
-    tendons = trial.motors[recording].tendons
+    readings = _natural_lengths(file, trial.motors[recording].tendons)
+    return _in_metres(readings, trial.structure.natural_length_m, file.path)
+
+
+def _natural_lengths(file: CsvFile, tendons: Sequence[int]) -> Iterator[NaturalLengthReading]:
     latest_s: dict[int, float] = {}
     for row, (t_s, tendon, *values) in _forward(file, strictly=False):
         here = f"{file.path}: row {row}"
@@ -77,6 +85,28 @@ def natural_length_readings(file: CsvFile, recording: int, trial: TrialDescripti
                 raise InputError(f"{here}, column {name}: expected a positive number, got {value}")
         latest_s[int(tendon)] = t_s
         yield NaturalLengthReading(t_s, int(tendon), *values)
+
+
+def _in_metres(
+    readings: Iterator[NaturalLengthReading], natural_length_m: NDArray[np.float64], path: Path
+) -> Iterator[NaturalLengthReading]:
+    """Return natural lengths, whose zero may be any, but not so far away as another unit makes it look.
+
+    Args:
+        readings: of the file.
+        natural_length_m: (tendons,) at rest.
+        path: of the file, for the error text.
+
+    Raises:
+        InputError: when the first `FIRST_ROWS` rows are all `OTHER_UNIT` times as long as at rest, or more.
+    """
+    first = list(islice(readings, FIRST_ROWS))
+    if first and all(row.natural_length_m >= OTHER_UNIT * natural_length_m[row.tendon] for row in first):
+        raise InputError(
+            f"{path}: column natural_length_m: expected lengths like that of tendon {first[0].tendon} at rest, "
+            f"{natural_length_m[first[0].tendon]:.3g} m, got {first[0].natural_length_m:.3g} m: is the unit right?"
+        )
+    return chain(first, readings)
 
 
 def aid_row(reading: OtherReading) -> str:

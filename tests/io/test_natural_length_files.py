@@ -61,6 +61,26 @@ def test_a_row_that_cannot_be_is_refused(message, wound) -> None:
     assert message in str(refused.value)
 
 
+MILLIMETRES = "t_s,tendon,natural_length_m,sigma_m\n0.0,3,170,0.1\n0.0,7,170,0.1\n0.02,3,169,0.2\n"
+
+
+def test_millimetres_are_refused_in_one_line_that_asks_for_the_unit(wound) -> None:
+    path = wound(MILLIMETRES)
+    result = run("reconstruct", path.name, "--figures", "none", cwd=path.parent)
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+    assert (
+        "natural_length.csv: column natural_length_m: expected lengths like that of tendon 3 at rest" in result.stderr
+    )
+    assert "got 170 m: is the unit right?" in result.stderr
+
+
+@pytest.mark.parametrize("rows", [ROWS.replace("0.17,", "170,", 1), ROWS.replace(",0.1", ",10.1")])
+def test_a_single_wrong_row_and_an_encoder_with_another_zero_are_no_other_unit(wound, rows) -> None:
+    """Of tendons of 0.17 m, one row of 170 m among others, or all of them 10 m longer."""
+    readings = list(open_trial(wound(rows)).readings())
+    assert sum(isinstance(reading, NaturalLengthReading) for reading in readings) == 3
+
+
 REFUSED_TABLES = {
     "motor[0].tendons: expected tendons from 0 to 23, got 24": TABLE.replace("[3, 7]", "[3, 24]"),
     "motor[0].strip_length_m: expected at most the natural length of tendon 3": TABLE.replace("0.12", "0.5"),
