@@ -155,9 +155,10 @@ class PoseScore:
     heading_error_deg: float
     """Turn about the vertical in the last frame, estimated minus true."""
     path_m: float
-    """Length of the true path of the centroid."""
+    """Length of the true path of the centroid, in steps that are larger than its noise."""
     drift_share: float
-    """Error of the centroid in the last frame, in proportion to the path; nan where that is less than a millimetre."""
+    """Error of the centroid in the last frame, or of as many as the truth's noise needs, up to 0.2 s, in proportion to
+    the path; nan where that is less than a millimetre."""
     centroid_rmse_m: float
     """RMSE of the centroid."""
     contacts: ContactScore | None

@@ -1,12 +1,14 @@
 """The score of a free-standing structure, worked by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from tensegraph import six_strut
 from tensegraph.models.evaluation.evaluation import ComparedFrames
-from tensegraph.models.evaluation.pose_score import score_pose
+from tensegraph.models.evaluation.pose_score import _noise_m, _still, score_pose
 from tensegraph.models.structure.rigidity import find_rest_shape
 from tensegraph.models.values.rotations import rotation
 
@@ -51,6 +53,56 @@ def test_a_turn_and_a_shift_are_told_apart(rest_m) -> None:
     assert score.shape_rmse_m == pytest.approx(0.0, abs=1e-9)
     assert 0.001 < score.level_rmse_m < 0.01
     assert np.isnan(score.still_tilt_rms_deg)
+
+
+def tipped(rest_m) -> ComparedFrames:
+    """A robot that stands for 4 s, goes 0.3 m within 2 s, and stands for 4 s; 30 mm aside at the end."""
+    t_s = 0.02 * np.arange(500)
+    gone = np.clip((t_s - 4.0) / 2.0, 0, 1)[:, None, None]
+    true_m = rest_m + gone * [0.3, 0, 0]
+    return compared(true_m + gone * [0, 0.03, 0], true_m)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_of_the_truth_is_no_path_and_no_motion(rest_m, seed) -> None:
+    """With 0.5 mm of it at each node, frame by frame, the path was 0.43 m, and no frame was still."""
+    exact = tipped(rest_m)
+    noise_m = 0.0005 * np.random.default_rng(seed).standard_normal(exact.true_m.shape)
+    clean = score_pose(exact, rest_m)
+    noisy = score_pose(replace(exact, true_m=exact.true_m + noise_m), rest_m)
+    assert clean.path_m == pytest.approx(0.3, abs=1e-9)
+    assert clean.drift_share == pytest.approx(0.1, abs=1e-9)
+    assert noisy.path_m == pytest.approx(clean.path_m, rel=0.1)
+    assert noisy.drift_share == pytest.approx(clean.drift_share, rel=0.1)
+    assert np.isfinite(noisy.still_tilt_rms_deg)
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.0005, 0.001])
+def test_which_frames_are_still(rest_m, noise_m) -> None:
+    """Those of the 4 s before it goes and of the 4 s after, but for the time over which speeds are averaged."""
+    exact = tipped(rest_m)
+    noise = noise_m * np.random.default_rng(3).standard_normal(exact.true_m.shape)
+    still = _still(exact.t_s, exact.true_m + noise)
+    assert still[:185].all()
+    assert still[315:].all()
+    assert not still[205:295].any()
+
+
+def test_the_noise_of_a_coordinate_is_measured_while_the_robot_stands(rest_m) -> None:
+    """The third difference of 1 mm is 4.5 mm, of a constant speed nothing."""
+    exact = tipped(rest_m)
+    noise_m = 0.001 * np.random.default_rng(0).standard_normal(exact.true_m.shape)
+    assert _noise_m(exact.t_s, exact.true_m) < 1e-6
+    assert _noise_m(exact.t_s, exact.true_m + noise_m) == pytest.approx(0.001, rel=0.1)
+    assert _noise_m(exact.t_s[:3], noise_m[:3]) == 0.0
+
+
+def test_a_vibration_without_noise_counts(rest_m) -> None:
+    """1 mm to and fro at 5 Hz for 1 s of ten, 4 mm a period: 20 mm."""
+    t_s = 0.02 * np.arange(500)
+    sway_m = 0.001 * np.sin(2 * np.pi * 5 * t_s) * ((t_s > 4.99) & (t_s < 5.99))
+    true_m = rest_m + sway_m[:, None, None] * [1.0, 0, 0]
+    assert score_pose(compared(true_m, true_m), rest_m).path_m == pytest.approx(0.020, abs=0.001)
 
 
 def test_a_robot_that_stands_has_no_share_of_its_path(rest_m) -> None:
