@@ -20,16 +20,21 @@ from .style import (
     ORANGE,
     PURPLE,
     RED,
+    SKY_BLUE,
     add_grid,
     add_legend_below,
     panels_over_time,
     save_figure,
 )
 
-NODE_COLORS = (BLUE, ORANGE, GREEN, PURPLE, BLACK)
-"""Colours of the loaded nodes, repeated if there are more nodes."""
+NODE_COLORS = (BLUE, ORANGE, GREEN, PURPLE, BLACK, RED, SKY_BLUE)
+"""Colours of the loaded nodes, repeated after seven nodes."""
 NODE_MARKERS = "os^vD"
-"""Markers of the loaded nodes, repeated if there are more nodes."""
+"""Markers of the loaded nodes, repeated after five, so that no pair of colour and marker comes twice in 35 nodes."""
+MOST_NODES = len(NODE_COLORS) * len(NODE_MARKERS)
+"""Number of nodes that can be told apart; of more, those with the largest loads are drawn."""
+LEGEND_ROWS = 18
+"""Number of rows of a legend beside a panel."""
 
 
 def write_heights_figure(e: Evaluation, title: str, path: Path) -> None:
@@ -80,7 +85,8 @@ def write_loads_figure(e: Evaluation, title: str, path: Path) -> None:
     pairs.plot([0, top_n], [0, top_n], color=GREY, lw=1, ls="--", label="as it should be")
     _draw_load_pairs(pairs, e.structure.free_nodes, estimated_n, true_n, threshold_n)
     pairs.set(xlim=(0, top_n), ylim=(0, top_n), aspect="equal")
-    pairs.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False)
+    columns = -(-len(pairs.get_legend_handles_labels()[1]) // LEGEND_ROWS)
+    pairs.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), ncols=columns, frameon=False)
     over_time.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0, -0.11), ncols=3, frameon=False)
     for axis in (over_time, pairs):
         add_grid(axis)
@@ -109,9 +115,11 @@ def _draw_load_pairs(
     true_n: NDArray[np.float64],
     threshold_n: float,
 ) -> None:
-    """Draw (frames, nodes) estimated against true loads where these are above the threshold."""
+    """Draw (frames, nodes) estimated against true loads where these are above the threshold, each node otherwise."""
     loaded = true_n > threshold_n
-    for place, k in enumerate(np.flatnonzero(loaded.any(axis=0))):
+    largest_n = np.where(loaded, true_n, 0.0).max(axis=0)
+    most = np.argsort(-largest_n, kind="stable")[:MOST_NODES]
+    for place, k in enumerate(np.sort(most[largest_n[most] > 0])):
         axis.plot(
             true_n[loaded[:, k], k],
             estimated_n[loaded[:, k], k],
@@ -188,7 +196,7 @@ def _draw_coverage(axis: Axes, e: Evaluation) -> None:
         axis.plot(100 * nominal, 100 * observed, color=BLUE, label=f"observed, median sigma {sigma_mm:.2f} mm")
     axis.set(xlim=(0, 100), ylim=(0, 100), aspect="equal", xlabel="nominal probability [%]", ylabel="within [%]")
     axis.set_title("share of nodes within their ellipsoid; below the line: overconfident", fontsize=10)
-    axis.legend(loc="upper left", fontsize=8)
+    axis.legend(fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.13), frameon=False)
     add_grid(axis)
 
 

@@ -87,12 +87,16 @@ def write_lengths_figure(r: Reconstruction, title: str, path: Path) -> None:
 
 
 def draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
-    """Draw the length of tendon `e` in mm, with its band, and where it bends or has no reading."""
+    """Draw the length of tendon `e` in mm, with its band, and where it bends or has no reading.
+
+    Of a tendon without a sensor only the length of the estimated shape is drawn.
+    """
+    has_sensor = r.structure.is_sensed[e]
     length_mm = 1e3 * r.length_m[:, e]
     half_mm = BAND * (1e3 * np.where(np.isfinite(r.sigma_m[:, e]), r.sigma_m[:, e], np.nan))
     predicted_mm = 1e3 * r.predicted_m[:, e]
-    missing = (r.flags[:, e] & LEFT_OUT) != 0
-    bending = (r.mode[:, e] == Mode.BENDING) & ~missing
+    missing = has_sensor & ((r.flags[:, e] & LEFT_OUT) != 0)
+    bending = has_sensor & (r.mode[:, e] == Mode.BENDING) & ~missing
     if len(r) > LONG_FRAMES:
         _draw_pieces(axis, r.t_s, length_mm, half_mm, predicted_mm)
         _draw_shares(axis, r.t_s, bending, missing)
@@ -110,7 +114,7 @@ def draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
     margin = max(0.15 * (high - low), 1.5)
     axis.set_ylim(low - margin, high + margin)
     a, b = r.structure.tendons[e]
-    axis.set_title(f"tendon {e} ({a}-{b})", fontsize=8, pad=2, y=1)
+    axis.set_title(f"tendon {e} ({a}-{b}){'' if has_sensor else ', no sensor'}", fontsize=8, pad=2, y=1)
     axis.tick_params(labelsize=7)
     add_grid(axis)
     axis.margins(x=0)

@@ -1,10 +1,13 @@
-"""Figures of an evaluation where an axis would have no extent."""
+"""Figures of an evaluation: axes without extent, nodes that are told apart, legends beside curves."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
-from tensegraph.io.figures.evaluation_figures import write_errors_figure, write_heights_figure
+from tensegraph.io.figures.evaluation_figures import _draw_load_pairs, write_errors_figure, write_heights_figure
 from tensegraph.models.evaluation.metrics import evaluate
 
 
@@ -17,3 +20,35 @@ def test_no_warning_of_matplotlib(errors, tmp_path) -> None:
     for write in (write_errors_figure, write_heights_figure):
         write(evaluation, "trial", tmp_path / "figure.png")
         assert (tmp_path / "figure.png").stat().st_size > 10_000
+
+
+def test_every_loaded_node_has_a_colour_and_a_marker_of_its_own() -> None:
+    """Of 40 nodes with 1.0, 1.1, ... 4.9 N the 35 with the largest loads are drawn, in their order."""
+    true_n = np.tile(1.0 + 0.1 * np.arange(40), (3, 1))
+    axis = Figure().subplots()
+    _draw_load_pairs(axis, 100 + np.arange(40), true_n, true_n, 0.2)
+    nodes = [line for line in axis.lines if str(line.get_label()).startswith("node")]
+    assert [line.get_label() for line in nodes] == [f"node {k}" for k in range(105, 140)]
+    assert len({(line.get_color(), line.get_marker()) for line in nodes}) == len(nodes) == 35
+
+
+def test_a_node_without_loads_is_not_drawn() -> None:
+    true_n = np.array([[0.0, 3.0, 0.1]])
+    axis = Figure().subplots()
+    _draw_load_pairs(axis, np.array([4, 5, 6]), true_n, true_n, 0.2)
+    assert [line.get_label() for line in axis.lines if str(line.get_label()).startswith("node")] == ["node 5"]
+
+
+def test_no_legend_of_the_errors_is_over_a_curve(monkeypatch) -> None:
+    """Legends are below the panels that they belong to."""
+    saved: list[Figure] = []
+    monkeypatch.setattr(
+        "tensegraph.io.figures.evaluation_figures.save_figure", lambda figure, path: saved.append(figure)
+    )
+    evaluation = evaluate(TRUE_M, estimate_of(four_nodes(), moved([[3, 0, 0]] * 3)), truth_of(3))
+    write_errors_figure(evaluation, "trial", Path("errors.png"))
+    saved[0].draw_without_rendering()
+    for axis in saved[0].axes:
+        legend = axis.get_legend()
+        assert legend is not None
+        assert legend.get_window_extent().y1 < axis.get_window_extent().y0

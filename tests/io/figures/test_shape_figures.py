@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tensegraph.io.figures.shape_figures import (
@@ -17,7 +18,7 @@ from tensegraph.io.figures.shape_figures import (
 from tensegraph.io.figures.structure_view import LoadArrows, Scale, round_down
 from tensegraph.io.figures.track_figure import write_track_figure
 from tensegraph.models.structure.shape import Covariances
-from tensegraph.models.values.readings import Mode
+from tensegraph.models.values.readings import Flag, Mode
 
 
 def test_an_arrow_ends_at_the_node_it_pushes(loaded) -> None:
@@ -108,3 +109,34 @@ def test_tendons_without_a_sensor_are_not_in_the_figure_of_drift(loaded, tmp_pat
     assert [text.get_text() for text in without.legends[0].texts] == ["sensors, with one band for all"]
     assert len(every.axes[0].lines) == 24
     assert len(every.legends[0].texts) == 2
+
+
+@pytest.mark.parametrize("long", [False, True])
+def test_of_a_tendon_without_a_sensor_only_the_estimated_length_is_drawn(loaded, monkeypatch, long) -> None:
+    """No grey panel, as of a sensor that is broken: tendon 3 has none, tendon 4 one that is not read."""
+    if long:
+        monkeypatch.setattr("tensegraph.io.figures.shape_figures.LONG_FRAMES", 99)
+        monkeypatch.setattr("tensegraph.io.figures.shape_figures.PIECES", 25)
+    loaded.length_m[:, [3, 4]] = np.nan
+    loaded.flags[:, [3, 4]] = int(Flag.MISSING)
+    loaded.mode[:, 3] = int(Mode.BENDING)
+    shapes = replace(loaded, structure=replace(loaded.structure, unsensed=[3]))
+    without, broken = Figure().subplots(1, 2)
+    draw_length(without, shapes, 3)
+    draw_length(broken, shapes, 4)
+    assert without.get_title().endswith(", no sensor")
+    assert "no sensor" not in broken.get_title()
+    assert [np.isfinite(line.get_ydata()).any() for line in without.lines] == [False, True]
+    assert _filled(without) < 1e-12
+    assert _filled(broken) == pytest.approx(1.98, rel=0.05)
+
+
+def _filled(axis: Axes) -> float:
+    """Return the area of what is filled over the whole height of a panel, in seconds times heights of the panel."""
+    across = axis.get_xaxis_transform()
+    return sum(
+        0.5 * abs(np.sum(x * np.roll(y, 1) - np.roll(x, 1) * y))
+        for area in axis.collections
+        if area.get_transform() == across
+        for x, y in (path.vertices.T for path in area.get_paths())
+    )
