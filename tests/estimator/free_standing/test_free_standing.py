@@ -188,12 +188,7 @@ def test_without_mechanics_contacts_are_told_by_heights(tmp_path) -> None:
     path = without(tmp_path / "no_mechanics", "mechanics", until_s=5.5)
     trial = open_trial(path)
     result = reconstruct(trial, "live")
-    pose = evaluate(
-        trial.description.structure,
-        trial.description.rest_position_m,
-        result,
-        trial.truth_of(trial.truth()),
-    ).pose
+    pose = evaluate(trial.description.rest_position_m, result, trial.truth_of(trial.truth())).pose
     assert pose.still_tilt_rms_deg < 3.0
 
 
