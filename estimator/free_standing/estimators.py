@@ -46,6 +46,10 @@ LOOK_PARTS = 3
 
 LEAST_LIKELY = 0.02
 """Probability of the face on which the robot stands by heights, below which forces contradict it."""
+CERTAIN_FACE = 0.95
+"""Probability of a face in each of `SURE_LOOKS`, from which inertial sensors are turned as the robot stands on it."""
+SURE_LOOKS = 3
+"""Number of looks in succession."""
 SURE_FACE = 0.8
 """Probability of a face that the balance of forces tells, above which it may contradict heights."""
 CONTRADICTS_S = 0.8
@@ -110,6 +114,7 @@ class FreeStandingSmoother:
         self._tipped_s = -np.inf
         self._looked_s = -np.inf
         self._look: _Look | None = None
+        self._sure_looks = 0
         self._last_m = rest.node_position_m
         self._last_s = -np.inf
         self._stand_on(self._poses.state, self._poses.covariance, self._poses.standing)
@@ -136,6 +141,9 @@ class FreeStandingSmoother:
         one_direction = are_parallel(np.concatenate([rods, self._measured.located_pairs]), self._rest)
         looked = (not measured or one_direction) and self._looks(shape)
         stands = self._stands_by_shape(shape, measured=measured, one_direction=one_direction)
+        self._sure_looks = self._sure_looks_after(looked=looked) if not measured else 0
+        at_rest = shape.t_s < self._robot.rest_until_s
+        self._poses.knows_attitude = measured or at_rest or self._faces is None or self._sure_looks >= SURE_LOOKS
         step = self._poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands)
         if measured and one_direction:
             step = self._with_doubt(step, tips_unseen=not used.any() and self._tips_unseen(step))
@@ -166,6 +174,16 @@ class FreeStandingSmoother:
         if self._faces and (not measured or (one_direction and self._contradicts(shape.t_s))):
             return self._faces.standing
         return None
+
+    def _sure_looks_after(self, *, looked: bool) -> int:
+        """Return in how many looks in succession forces have told one face.
+
+        An inertial sensor that is heard again is turned with the robot. On a wrong face it would tell that face from
+        then on, as long as its rod is inclined alike there.
+        """
+        if self._faces is None or not looked:
+            return self._sure_looks
+        return self._sure_looks + 1 if self._faces.probability.max() > CERTAIN_FACE else 0
 
     def _turn_faces(self, standing: Standing) -> None:
         """Take over on which nodes the robot stands, as its measured attitude tells it."""

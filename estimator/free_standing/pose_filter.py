@@ -81,6 +81,8 @@ class PoseFilter:
         self._position_trust = PositionTrust(rest, robot.rest_until_s, settings.position_m)
         self._range_trust = RangeTrust(self._model.number_of_pair, robot.rest_until_s, settings)
         self._jump_watch = JumpWatch(settings)
+        self.knows_attitude = True
+        """Whether the robot is turned as told, so that inertial sensors which are heard again may be turned with it."""
         self._flies = False
         self._lifted_since_s = np.inf
         self._slide_watch = SlideWatch(self._model, len(self._standing))
@@ -408,7 +410,9 @@ class PoseFilter:
             self.state = replace(self.state, imu_turn=turn)
             self._trust.start(self._imus, self._body_before_m @ self.state.turn.T)
         self._trust.hear(t_s, samples)
-        back = self._trust.back(self._imus, self._body_before_m @ self.state.turn.T, samples)
+        back = np.zeros(0, dtype=np.int64)
+        if self.knows_attitude:
+            back = self._trust.back(self._imus, self._body_before_m @ self.state.turn.T, samples)
         if len(back):
             turn = self._imu_turns(samples)
             self.state, self.covariance, F = taken_on_again(self.state, self.covariance, back, turn, self._settings)

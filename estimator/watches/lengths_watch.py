@@ -5,8 +5,8 @@ those of this structure. Lengths that are recorded as such are compared here: wi
 tendon e and the rest shape's length l_e, at least half of the tendons have |m_e - l_e| > 5 sigma_e when the structure
 is another one, most columns are in another order, or there was no rest. When lengths have offsets, which are not tared,
 the sum of (m_e - l_e)^2 / sigma_e^2 without the two largest, whose sensors may be faulty, is larger than chance. When
-two columns are exchanged, two tendons a and b have |m_e - l_e| > 5 sigma_e, but not |m_a - l_b| > 5 sigma_b and
-|m_b - l_a| > 5 sigma_a, which are less than half as large.
+two columns a and b are exchanged, that sum is smaller with m_a - l_b and m_b - l_a in place of m_a - l_a and m_b - l_b,
+by more than chance allows for the best of all pairs.
 
 Tendons between anchors have a known length all the time: when at least half of them have another one, and two or more,
 the positions of the anchors are told wrongly; of a single one it may be the sensor.
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ...models.sensor.gate import GateSettings
 from ...models.structure.rest_clock import RestClock
-from ...models.structure.shape import Shape, are_improbable
+from ...models.structure.shape import IMPROBABLE, Shape, are_improbable, chi_squared_quantile
 from ...models.values.readings import RestLengths, TendonLengths
 
 REST_APART_SIGMA = 5.0
@@ -111,15 +111,19 @@ class RestWatch:
         self.in_doubt = (
             bool(2 * beyond.sum() >= read.sum() > 0)
             or are_improbable(mean.misfit_m[read] / mean.sigma_m[read], faulty=2)
-            or self._are_exchanged(beyond, REST_APART_SIGMA * mean.sigma_m)
+            or self._are_exchanged(read)
         )
 
-    def _are_exchanged(self, beyond: NDArray[np.bool_], limit_m: NDArray[np.float64]) -> bool:
-        """Return whether two of the tendons that do not fit have each other's lengths."""
-        rest_m, misfit_m = self._rest.length_m[beyond], self._mean.misfit_m[beyond]
-        apart_m = np.abs((rest_m + misfit_m)[:, None] - rest_m)  # the length of one from the other's at rest
-        fits = (apart_m < limit_m[beyond]) & (apart_m < 0.5 * np.abs(misfit_m)[:, None])
-        return bool((fits & fits.T).any())
+    def _are_exchanged(self, read: NDArray[np.bool_]) -> bool:
+        """Return whether two of the tendons that were read have each other's lengths, more probably than by chance."""
+        rest_m, sigma_m = self._rest.length_m[read], self._mean.sigma_m[read]
+        mean_m = rest_m + self._mean.misfit_m[read]
+        square = ((mean_m[:, None] - rest_m) / sigma_m[:, None]) ** 2  # of one tendon's mean, with another's length
+        own = np.diag(square)
+        exchanged = square + square.T
+        pairs = max(len(own) * (len(own) - 1) / 2, 1)
+        more_probable = 0.5 * (own[:, None] + own - exchanged) > np.log(pairs / IMPROBABLE)
+        return bool((more_probable & (exchanged < chi_squared_quantile(1 - IMPROBABLE, 2))).any())
 
 
 class RepeatWatch:
