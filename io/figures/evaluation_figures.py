@@ -33,6 +33,8 @@ NODE_MARKERS = "os^vD"
 """Markers of the loaded nodes, repeated after five, so that no pair of colour and marker comes twice in 35 nodes."""
 MOST_NODES = len(NODE_COLORS) * len(NODE_MARKERS)
 """Number of nodes that can be told apart; of more, those with the largest loads are drawn."""
+MOST_BAND = 3.0
+"""Ratio of the highest expected error that is shown to the largest error."""
 LEGEND_ROWS = 18
 """Number of rows of a legend beside a panel."""
 
@@ -169,19 +171,22 @@ def _span_s(t_s: NDArray[np.float64]) -> tuple[float, float]:
 
 def _draw_error_over_time(axis: Axes, e: Evaluation) -> None:
     c = e.compared
-    expected_mm = 1e3 * np.sqrt(np.mean(c.node_sigma_m**2, axis=1))
-    top = 1.08 * 1e3 * float(c.frame_error_m.max()) or 1.0  # an estimate that is the truth
-    axis.fill_between(c.t_s, 0, BAND * expected_mm, color=BLUE, alpha=0.25, lw=0, label="1.96 times the expected RMS")
+    band_mm = BAND * 1e3 * np.sqrt(np.mean(c.node_sigma_m**2, axis=1))
+    largest_mm = 1e3 * float(c.frame_error_m.max())
+    highest_mm = float(np.nan_to_num(band_mm).max())
+    top = 1.08 * max(largest_mm, min(highest_mm, MOST_BAND * largest_mm)) or 1.0  # an estimate that is the truth
+    axis.fill_between(c.t_s, 0, band_mm, color=BLUE, alpha=0.25, lw=0, label="1.96 times the expected RMS")
     axis.plot(c.t_s, 1e3 * c.frame_error_m, color=BLACK, lw=0.9, label="error")
     if c.wrong_branch is not None and c.wrong_branch.any():
         label = "on the wrong branch"
         axis.fill_between(c.t_s, 0, top, where=c.wrong_branch, color=ORANGE, alpha=0.3, lw=0, label=label)
-    for k, fault in enumerate(e.faults):
+    from_s, until_s = _span_s(c.t_s)
+    for k, fault in enumerate(fault for fault in e.faults if from_s <= fault.from_s <= until_s):
         axis.axvline(fault.from_s, color=RED, ls=":", lw=1, label="a fault begins" if k == 0 else None)
         height = (0.98 - 0.06 * (k % 4)) * top  # labels of faults that begin at similar times do not overlap
         axis.text(fault.from_s, height, f" {fault.kind}, {fault.where}", fontsize=7, color=RED, va="top")
-    axis.set(xlim=_span_s(c.t_s), ylim=(0, top), xlabel="time [s]", ylabel="RMS over the free nodes [mm]")
-    axis.set_title("error over time; the band is cut at the axis", fontsize=10)
+    axis.set(xlim=(from_s, until_s), ylim=(0, top), xlabel="time [s]", ylabel="RMS over the free nodes [mm]")
+    axis.set_title("error over time" + ("; the band is cut at the axis" if highest_mm > top else ""), fontsize=10)
     axis.legend(loc="upper left", bbox_to_anchor=(0, -0.09), fontsize=8, ncols=4, frameon=False)
     add_grid(axis)
 

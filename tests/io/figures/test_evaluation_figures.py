@@ -1,5 +1,6 @@
 """Figures of an evaluation: axes without extent, nodes that are told apart, legends beside curves."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from matplotlib.figure import Figure
 
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
 from tensegraph.io.figures.evaluation_figures import _draw_load_pairs, write_errors_figure, write_heights_figure
+from tensegraph.models.evaluation.evaluation import FaultScore
 from tensegraph.models.evaluation.metrics import evaluate
 
 
@@ -20,6 +22,15 @@ def test_no_warning_of_matplotlib(errors, tmp_path) -> None:
     for write in (write_errors_figure, write_heights_figure):
         write(evaluation, "trial", tmp_path / "figure.png")
         assert (tmp_path / "figure.png").stat().st_size > 10_000
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_fault_beyond_the_frames_is_not_drawn(tmp_path) -> None:
+    """Its label far beyond the axis left no room for the panels."""
+    evaluation = evaluate(TRUE_M, estimate_of(four_nodes(), moved([[3, 0, 0]] * 3)), truth_of(3))
+    late = FaultScore("stuck", "tendon 2", 8.0, 1, 1, 0.1)
+    write_errors_figure(replace(evaluation, faults=(late,)), "trial", tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
 
 
 def test_every_loaded_node_has_a_colour_and_a_marker_of_its_own() -> None:
