@@ -183,7 +183,13 @@ def show_live(
         session = Session(feed, Pipeline(feed.description, settings, sensor_model))
         with ExitStack() as stack:
             sinks = [stack.enter_context(sink) for sink in outputs.sinks(session.pipeline, server)]
-            run_session(session, feed, path, sinks, terminal, made_with("live", model, feed.plug_ins))
+            try:
+                run_session(session, feed, path, sinks, terminal, made_with("live", model, feed.plug_ins))
+            except KeyboardInterrupt:
+                terminal.error(f"{path}: not written: interrupted")
+                if source.record is not None:
+                    report_recording(source.record, feed.state(), terminal)
+                raise
         for sink in sinks:
             if isinstance(sink, UdpPublisher) and sink.left_out:
                 terminal.line(f"{sink.address}: {sink.left_out} shapes could not be sent")
@@ -225,5 +231,6 @@ def run_session(
                     result.add_latency(session.latency)
                 for sink in (result, *sinks):
                     sink.add(shape)
+        terminal.line(f"writing {path}: Ctrl-C once more gives it up")
         with terminal.stage("figures"):
             result.finish(f"{feed.name}, live", {**session.as_table(path), **parts})

@@ -1,7 +1,7 @@
 """The counts of a live session, and the choice of frames that are too late to be estimated."""
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Self
@@ -74,6 +74,8 @@ class Activity:
     """Latency of the latest frames: time from the last byte that a frame needs to its shape."""
     shape: Shape | None = None
     """The newest shape; None before the first."""
+    states: Counter[str] = field(default_factory=Counter)
+    """Number of shapes of each status, with the reason of a doubt."""
 
     @classmethod
     def of(cls, boards: int, imus: int) -> Self:
@@ -92,6 +94,16 @@ class Activity:
             self.boards[reading.board].add(time.perf_counter() - late_s)
         elif isinstance(reading, ImuReading):
             self.imus[reading.imu].add(time.perf_counter() - late_s)
+
+    def show(self, shape: Shape) -> None:
+        """Take on the newest shape."""
+        self.frames += 1
+        self.shape = shape
+        self.states[f"{shape.status}" + (f" ({shape.doubt})" if shape.doubt else "")] += 1
+
+    def states_so_far(self) -> str:
+        """Return the share of each status in the shapes so far, the most frequent first."""
+        return ", ".join(f"{state} {count / self.frames:.1%}" for state, count in self.states.most_common())
 
     def latency_ms(self) -> tuple[float, float]:
         """Return the latency's median and 99th percentile; nan before the first shape."""

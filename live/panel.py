@@ -149,6 +149,7 @@ def _summary(activity: Activity, state: LinkState, aid_counts: Mapping[str, int]
         table.add_row("largest sigma", f"{1e3 * sigma_m.max():.1f} mm, node {int(np.argmax(sigma_m))}")
         if activity.shape.doubt is not None:
             table.add_row(f"doubt {activity.shape.doubt}", activity.shape.doubt.advice)
+        table.add_row("status so far", activity.states_so_far())
         table.add_row("flagged", _flagged(activity.shape.lengths.flags, unsensed) or "none")
     if activity.skipped_frames or state.skipped_rows:
         table.add_row("skipped", f"{activity.skipped_frames} frames, {state.skipped_rows} rows")

@@ -163,8 +163,7 @@ class Session:
             self.latency = latency if newest.started and not self._ended else None
             if self.latency is not None:
                 activity.latency_s.append(latency.latency_s)
-            activity.frames += 1
-            activity.shape = shape
+            activity.show(shape)
             yield shape
             stopwatch.output()
 
@@ -228,8 +227,9 @@ class Session:
 def stopped_by_signals(source: Source) -> Iterator[None]:
     """Let Ctrl-C, a termination or a terminal that is closed stop the source, so that the session ends in order.
 
-    A second one ends it at once, but for that of a closed terminal: shell and system may both send it, or it follows
-    Ctrl-C while figures are drawn. What asks a process to go on in the background (`nohup`) still does.
+    A second one ends it at once, as Ctrl-C ends a program, so that nothing unfinished is left; but not that of a closed
+    terminal: shell and system may both send it, or it follows Ctrl-C while figures are drawn. What asks a process to go
+    on in the background (`nohup`) still does.
     """
     numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
     earlier = {number: signal.getsignal(number) for number in numbers}
@@ -238,7 +238,8 @@ def stopped_by_signals(source: Source) -> Iterator[None]:
     def stop(*_: object) -> None:
         earlier.update({number: signal.SIG_IGN for number in earlier if signal.Signals(number).name == "SIGHUP"})
         for number, handler in earlier.items():
-            signal.signal(number, handler)
+            is_termination = signal.Signals(number).name == "SIGTERM"
+            signal.signal(number, signal.default_int_handler if is_termination else handler)
         source.stop()
 
     for number in earlier:

@@ -483,6 +483,22 @@ def test_a_signal_while_figures_are_drawn_takes_no_result_with_it(tmp_path, tria
     assert tomllib.loads((tmp_path / "out" / "run.toml").read_text())["frames"] > 0
 
 
+def test_a_second_termination_gives_the_result_up_and_says_so(tmp_path, trial_copy, typed, monkeypatch) -> None:
+    """While figures are drawn; nothing unfinished is left."""
+
+    def draw(*_) -> None:
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr("tensegraph.io.figures.shape_figures.write_figures", draw)
+    before = signal.getsignal(signal.SIGTERM)
+    code, _, error = typed("live", "--replay", trial_copy(rows=20), "--out", "out", cwd=tmp_path)
+    assert signal.signal(signal.SIGTERM, before) == before
+    assert code == 130
+    assert "tensegraph: out: not written: interrupted" in error
+    assert not list(tmp_path.glob("*out*"))
+
+
 def check_all_rows(trial: Path, boards: list) -> None:
     """Every row that a port took between the first and the last that is recorded is recorded once."""
     rows = list(open_trial(trial).readings())
