@@ -19,6 +19,8 @@ STILL_M = 0.001
 """Change of length below which a tendon counts as still. At rest the largest change of 24 tendons in 2 s is 0.5 to
 0.8 mm (six trials), all of it noise. While the structure is pressed 17 tendons change by more than the threshold, and
 the largest change is at least 3.5 mm."""
+USUAL_READINGS = 12.5
+"""Number of readings in a block at 50 Hz, of which those six trials are; with fewer the noise of the mean is larger."""
 MOVING_TENDONS = 3
 """Number of tendons that must change for the structure to count as moving. A node that moves changes at least four
 tendons, a faulty sensor only one."""
@@ -89,4 +91,6 @@ class StillnessWatch:
         )
         range_m = np.where(np.isfinite(range_m), range_m, 0.0)
         tendon = int(np.argmax(range_m))
-        return RestMotion(float(range_m[tendon]), tendon, int((range_m > STILL_M).sum()), float(range_m.mean()))
+        noise = np.sqrt(np.maximum(USUAL_READINGS / np.maximum(blocks[:, 1].mean(axis=0), 1.0), 1.0))
+        moving = int((range_m > STILL_M * noise).sum())
+        return RestMotion(float(range_m[tendon]), tendon, moving, float(range_m.mean()))

@@ -8,19 +8,20 @@ from tensegraph import open_trial
 from tensegraph.models.sensor.stillness import StillnessWatch
 
 
-@pytest.mark.parametrize(("from_s", "still"), [(0.0, True), (4.0, False)])
-def test_stillness(example, model, from_s: float, still: bool) -> None:
-    """The example rests for two seconds, and is pressed after four."""
+@pytest.mark.parametrize("every", [1, 5, 10])
+@pytest.mark.parametrize(("from_s", "still"), [(0.0, True), (2.8, False)])
+def test_stillness(example, model, from_s: float, still: bool, every: int) -> None:
+    """The example rests for two seconds, and is pressed after three; boards may send 50, 10 or 5 rows a second."""
     trial = open_trial(example)
     d, boards = trial.description, trial.description.boards(tensegraph.Settings().clock)
     watch = StillnessWatch(model.gauge, d.natural_resistance_ohm, d.structure.natural_length_m)
     for row in trial.readings():
         reading = boards.reading(row)
-        if reading is not None and from_s <= row.host_s < from_s + 2:
+        if reading is not None and from_s <= row.host_s < from_s + 2 and row.seq % every == 0:
             watch.add(reading)
     motion = watch.motion()
     assert motion.still == still
-    assert (motion.largest_m < 0.001) == still
+    assert (motion.largest_m < 0.001) == still or every > 1
 
 
 def test_too_few_readings_are_no_rest(example, model) -> None:
