@@ -357,7 +357,8 @@ def wrong_geometry(wrong: WrongPart) -> str:
         "anchors": "the anchors are elsewhere than trial.toml tells; those estimated are used",
         "rest shape": "the measured rest shape does not balance: was it measured in this state?; sigmas are widened",
         "axes": "the rest shape seems to be measured in other axes than the anchors: measure both in the same",
-        "hubs": "the tendons seem to end beside the ends of the rods: tell structure.hub_radius_m; sigmas are widened",
+        "hubs": "tendons seem to end beside the ends of the rods (tell structure.hub_radius_m), or [mechanics] or the "
+        "rest shape are wrong, a mirrored one, too; sigmas are widened",
         "floor": "the lowest nodes at rest are off the floor: are height_m, normal and the rest shape right?",
     }
     return told[wrong]
