@@ -34,7 +34,8 @@ SETTLED_M = 0.001
 """Change of a position below which a frame is not updated again. After a second without frames, as when live is behind,
 nodes of a robot that was pressed meanwhile have moved by centimetres, and one update leaves a fifth of it."""
 MOST_UPDATES = 6
-"""Number of updates after which it is left as it is."""
+"""Number of updates after which it is left as it is. Where all frames are optimised later on, one is better: on seven of
+eight slack trials of the twin, frames that had settled were worse starts, by 1 to 6 % of the error."""
 CONTRADICTED = 0.2
 """Probability that the lengths are less exact than their sigmas say, above which sensors may drift apart."""
 
@@ -58,6 +59,7 @@ class LiveSmoother:
         self.drift = OwnDrift(self.builder, settings.drift)
         self._branches = OtherBranch(self.builder, settings.branch)
         self._lag = settings.smoother.lag
+        self._most_updates = MOST_UPDATES
         self._isam = gtsam.ISAM2(_isam2_parameters(settings.smoother.relinearize_m))
         self._isam.update(*_bystanders(structure.node_count))
         self.linear: LinearFrame | None = None
@@ -75,7 +77,8 @@ class LiveSmoother:
         return self._lasting.observe(self._compensation.now(shape))
 
     def keep(self) -> None:
-        """Keep what is learned in each frame, for a smoother; live, memory is bounded."""
+        """Keep what is learned in each frame, for a smoother, and update each once; live, memory is bounded."""
+        self._most_updates = 1
         self.modes.kept, self.modes.share = [], BATCH_SHARE
         self.drift.kept = []
         self.doubt.kept = []
@@ -159,7 +162,7 @@ class LiveSmoother:
         position = self._predict()
         for key, start_m in zip(keys, position, strict=True):
             values.insertPoint3(key, start_m)
-        for _ in range(MOST_UPDATES):
+        for _ in range(self._most_updates):
             before, position = position, self._updated(graph, values, keys)
             if np.abs(position - before).max() < SETTLED_M:
                 break
