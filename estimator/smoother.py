@@ -34,8 +34,8 @@ SETTLED_M = 0.001
 """Change of a position below which a frame is not updated again. After a second without frames, as when live is behind,
 nodes of a robot that was pressed meanwhile have moved by centimetres, and one update leaves a fifth of it."""
 MOST_UPDATES = 6
-"""Number of updates after which it is left as it is. Where all frames are optimised later on, one is better: on seven of
-eight slack trials of the twin, frames that had settled were worse starts, by 1 to 6 % of the error."""
+"""Number of updates after which it is left as it is. Where all frames are optimised later on, one is better: frames
+that had settled were worse starts on seven of eight slack trials of the twin, by 1 to 6 % of the error."""
 CONTRADICTED = 0.2
 """Probability that the lengths are less exact than their sigmas say, above which sensors may drift apart."""
 

@@ -81,7 +81,10 @@ def test_any_iterator_of_readings_will_do(example) -> None:
 
 
 def test_live_shapes_come_while_readings_come(example) -> None:
-    """A shape is out as soon as both boards have passed the end of its frame: within 50 ms."""
+    """A shape is out as soon as both boards have passed the end of its frame: within 50 ms.
+
+    The first ones wait until the boards have sent five rows each, which tell how fast they are.
+    """
     trial = tensegraph.open_trial(example)
     now_s = [0.0]
 
@@ -94,7 +97,8 @@ def test_live_shapes_come_while_readings_come(example) -> None:
 
     late_s = [now_s[0] - shape.t_s for shape in tensegraph.stream(watched(), trial.description) if now_s[0] < 2.9]
     assert np.median(late_s) < 0.03
-    assert max(late_s) < 0.08
+    assert max(late_s[:5]) < 0.15
+    assert max(late_s[5:]) < 0.08
 
 
 def test_saved_results_are_those_of_the_command(tmp_path, trial_copy, undrawn) -> None:

@@ -42,20 +42,29 @@ def test_one_board_alone_is_enough(trial_copy) -> None:
     assert not (result.flags[5:, :12] & Flag.MISSING).any()
 
 
-@pytest.mark.parametrize(("every", "slow"), [(4, False), (8, True)])
-def test_a_board_whose_rows_are_not_bridged_is_named(trial_copy, every, slow) -> None:
-    """A sketch of 12.5 rows a second, and of 6.25, of which many frames have no reading."""
+@pytest.mark.parametrize(
+    ("every", "text"),
+    [
+        (1, None),
+        (4, "a row each 0.08 s: 12.5 frames a second, and not 50"),
+        (8, "a row each 0.16 s: 10 frames a second, and not 50"),
+        (16, "a row each 0.32 s: frames between them have no reading"),
+    ],
+)
+def test_a_slow_board_is_named(trial_copy, every, text) -> None:
+    """Sketches of 12.5 and 6.25 rows a second have as few frames, but 10 at least; those of 3 leave gaps."""
 
     def thinned(rows):
         cells = [row.split(",", 2) for row in rows[1::every]]
         return [rows[0], *(f"{host_s},{number},{others}" for number, (host_s, _, others) in enumerate(cells))]
 
-    trial = open_trial(trial_copy(rows=100, board0=lines(thinned)))
+    trial = open_trial(trial_copy(rows=200, board0=lines(thinned)))
     pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
     frames = list(pipeline.lengths(trial.readings()))
     missing = np.mean([np.isnan(frame.length_m[:12]).all() for frame in frames])
-    assert (missing > 0.3) == slow
-    assert list(pipeline.aid_warnings()) == (["board 0"] if slow else [])
+    assert (missing > 0.3) == (every == 16)
+    assert missing < 0.05 or every == 16
+    assert pipeline.aid_warnings() == ({"board 0": text} if text else {})
 
 
 def test_a_board_that_counts_past_its_end_goes_on(trial_copy, plain) -> None:
