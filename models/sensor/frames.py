@@ -6,8 +6,8 @@ were compared on the available trials: the newest reading, the line at the frame
 noise of dR/R at rest was 0.0022, 0.0018 and 0.0013; the length error about each tendon's mean was 0.38, 0.36 and
 0.35 mm (press_01), and 1.57, 1.50 and 1.47 mm (slack_02).
 
-Frames between the rows of a slow board would add nothing but noise that lasts, which looks like motion: there are no
-more of them than half as many again as rows of the slowest board.
+Frames between the rows of a slow board would add nothing but noise that lasts, which looks like motion: there are less
+than twice as many of them as rows of the slowest board.
 """
 
 from bisect import bisect_left, bisect_right
@@ -217,9 +217,9 @@ class FrameAssembler:
 
     def add(self, reading: ResistanceReading) -> Iterator[ResistanceFrame]:
         """Add one reading, and yield the frames that are complete with it."""
-        if self._next is not None and reading.t_s - self._last_s > self._settings.longest_silence_s:
+        if reading.t_s - self._last_s > self._settings.longest_silence_s:
             yield from self.finish()
-            self._next = round(reading.t_s * self.rate_hz)
+            self._next, self._first_s = None, np.nan
         self._last_s = max(reading.t_s, self._last_s)
         source = self._sources[reading.source]
         if source is None:

@@ -142,12 +142,13 @@ class TestFrames:
         assert flags[0.1] == 0
 
 
+@pytest.mark.parametrize("after", [1, 3, 50])
 @pytest.mark.parametrize("jump_s", [100.0, 1e9])
-def test_a_long_silence_has_no_frames(jump_s: float) -> None:
+def test_a_long_silence_has_no_frames(jump_s: float, after: int) -> None:
     frames = assembler()
     made = []
     for k in range(100):
-        made += frames.add(reading(0.02 * k + (jump_s if k >= 50 else 0.0), 1.0))
+        made += frames.add(reading(0.02 * k + (jump_s if k >= after else 0.0), 1.0))
     made += frames.finish()
     t_s = np.array([frame.t_s for frame in made])
     assert len(made) < 110
