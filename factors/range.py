@@ -2,6 +2,9 @@
 
     y = |x - b| + o + noise
 
+With u = (x - b) / |x - b|, its variance is that of the noise and u^T P u, with the covariance P of the node in the
+shape.
+
 A range that a wall has reflected is too long. Its weight is that of Huber's kernel, and beyond `OUTLIER` it has none.
 """
 
@@ -21,13 +24,18 @@ NEAREST_M = 1e-6
 """Distance below which a beacon is at its node, and the range tells nothing of a direction."""
 
 
-def range_error(placed: PlacedShape, reading: RangeReading, pair: int) -> tuple[float, NDArray[np.float64]]:
-    """Return the range minus that predicted, and the (size,) derivative of the predicted by the errors of the state."""
+def range_error(placed: PlacedShape, reading: RangeReading, pair: int) -> tuple[float, NDArray[np.float64], float]:
+    """Return the range minus that predicted, with the latter's derivative and variance.
+
+    The derivative is (size,), by the errors of the state; the variance is that of the shape.
+    """
     difference = placed.node_position_m[reading.node] - reading.beacon_position_m
     distance = float(np.linalg.norm(difference))
-    jacobian = difference / max(distance, NEAREST_M) @ placed.jacobian[reading.node]
+    u = difference / max(distance, NEAREST_M)
+    jacobian = u @ placed.jacobian[reading.node]
     jacobian[placed.state.layout.range_offset.start + pair] = 1.0
-    return reading.range_m - distance - float(placed.state.range_offset_m[pair]), jacobian
+    error_m = reading.range_m - distance - float(placed.state.range_offset_m[pair])
+    return error_m, jacobian, float(u @ placed.node_covariance_m2[reading.node] @ u)
 
 
 def range_rows(
@@ -49,10 +57,11 @@ def range_rows(
     size = placed.state.layout.size
     rows = []
     for reading in readings:
-        error, jacobian = range_error(placed, reading, number_of_pair[reading.pair])
-        studentised = _studentised(error, jacobian, covariance, sigma_m)
+        error, jacobian, of_shape = range_error(placed, reading, number_of_pair[reading.pair])
+        variance = sigma_m**2 + of_shape
+        studentised = _studentised(error, jacobian, covariance, variance)
         if studentised < OUTLIER:
-            rows.append((error, jacobian, sigma_m**2 * max(studentised / HUBER, 1.0)))
+            rows.append((error, jacobian, variance * max(studentised / HUBER, 1.0)))
     return Rows(
         np.array([row[0] for row in rows]),
         np.array([row[1] for row in rows]).reshape(-1, size),
@@ -70,12 +79,14 @@ def outlying(
     """Return the ranges that are outliers, of which there is no row; arguments as those of `range_rows`."""
     found = []
     for reading in readings:
-        error, jacobian = range_error(placed, reading, number_of_pair[reading.pair])
-        if _studentised(error, jacobian, covariance, sigma_m) >= OUTLIER:
+        error, jacobian, of_shape = range_error(placed, reading, number_of_pair[reading.pair])
+        if _studentised(error, jacobian, covariance, sigma_m**2 + of_shape) >= OUTLIER:
             found.append(reading)
     return found
 
 
-def _studentised(error: float, jacobian: NDArray[np.float64], covariance: NDArray[np.float64], sigma_m: float) -> float:
-    """Return the size of an error over its standard deviation, by the state and the range."""
-    return abs(error) / float(np.sqrt(jacobian @ covariance @ jacobian + sigma_m**2))
+def _studentised(
+    error: float, jacobian: NDArray[np.float64], covariance: NDArray[np.float64], variance: float
+) -> float:
+    """Return the size of an error over its standard deviation, by the state and by the range with the shape."""
+    return abs(error) / float(np.sqrt(jacobian @ covariance @ jacobian + variance))

@@ -141,6 +141,16 @@ def test_a_frame_that_is_turned_moves_a_position_by_its_lever() -> None:
     assert rows.error == pytest.approx([0, 0.001, 0], abs=1e-12)
 
 
+def test_a_range_is_as_uncertain_as_its_node_in_the_shape() -> None:
+    """Beside the noise, the variance of the node's coordinate towards the beacon."""
+    shape = placed()
+    beacon_m = shape.node_position_m[4] + np.array([0.0, 3.0, 0.0])
+    reading = RangeReading(0.0, beacon_m, (0, 0, 4), 3.0)
+    rows = range_rows(shape, [reading], {(0, 0, 4): 1}, 1e-4 * np.eye(SIZE), 0.05)
+    assert shape.node_covariance_m2[4, 1, 1] > 0
+    assert rows.variance == pytest.approx(0.05**2 + shape.node_covariance_m2[4, 1, 1])
+
+
 def test_a_range_that_a_wall_reflects_is_left_out() -> None:
     reading = RangeReading(0.0, np.array([2.0, 1, 1]), (0, 0, 4), 9.0)
     rows = range_rows(placed(), [reading], {(0, 0, 4): 1}, 1e-4 * np.eye(SIZE), 0.05)

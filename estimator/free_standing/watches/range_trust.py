@@ -137,12 +137,12 @@ class RangeTrust:
     def _observe(self, reading: RangeReading, predicted: Prediction, *, rests: bool) -> None:
         """Take on one more range, while the robot rests or later."""
         number = self._number_of_pair[reading.pair]
-        error_m, jacobian = range_error(predicted.placed, reading, number)
+        error_m, jacobian, of_shape = range_error(predicted.placed, reading, number)
         if not np.isfinite(error_m):
             return
         if rests:
             self._at_rest[reading.pair].observe(error_m + float(predicted.placed.state.range_offset_m[number]))
-        variance_m2 = float(jacobian @ predicted.covariance @ jacobian)
+        variance_m2 = float(jacobian @ predicted.covariance @ jacobian) + of_shape
         self._recent[reading.pair[:2]].observe(reading.t_s, error_m, variance_m2, self._settings.range_m)
 
     def _is_misplaced(self, recording: int) -> bool:
