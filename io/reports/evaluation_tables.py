@@ -82,6 +82,10 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
         rows.append(("truth aligned", f"turned by {e.rotation_deg:.2f} degrees"))
     rows += _anchor_facts(e.anchors_apart_m, e.structure)
     rows += _capture_facts(e.capture, e.structure) if e.capture else []
+    if np.isfinite(e.other_offset_s):
+        rows.append(
+            ("clock of the truth", f"its motion fits best with --offset {e.other_offset_s:+.2f}: is it another?")
+        )
     if e.wrong_branch_frames is not None:
         rows.append(("on the wrong branch", f"{e.wrong_branch_frames} frames"))
     rows += _pose_facts(e.pose, in_body=e.in_body) if e.pose else []

@@ -152,14 +152,12 @@ def search_offset(estimated: MotionSignals, captured: MotionSignals) -> OffsetSe
     2 S_em - S_mm, with S the sums of products about the means. A lag at which little is in common, or both are still,
     explains little.
     """
-    from scipy.signal import find_peaks  # a second, which an estimate does without
-
     e, m = estimated.signal_m, captured.signal_m
     s_em, s_mm, s_ee = _products_about_means(_about_mean(e), _about_mean(m))
     explained = 2 * s_em - s_mm
     offsets_s = estimated.t_s[0] - captured.t_s[0] + STEP_S * (np.arange(len(explained)) - len(m) + 1)
     best = int(np.argmax(explained))
-    peaks, _ = find_peaks(explained)
+    peaks = 1 + np.flatnonzero((explained[1:-1] > explained[:-2]) & (explained[1:-1] > explained[2:]))
     others = peaks[np.abs(offsets_s[peaks] - offsets_s[best]) >= APART_S]
     other = others[np.argmax(explained[others])] if len(others) else None
     return OffsetSearch(

@@ -239,5 +239,7 @@ class Evaluation:
     """Whether the shape is described in body coordinates, so that the truth was laid onto each frame."""
     capture: CaptureFit | None
     """How motion capture was laid onto the estimate; None for a truth on the host's clock."""
+    other_offset_s: float
+    """What to add to the times of the truth for its motion to be that of the estimate; nan where it is."""
     structure: Structure
     compared: ComparedFrames

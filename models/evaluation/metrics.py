@@ -19,6 +19,7 @@ from .consistency import consistency, coverage, normalised_error_squared
 from .evaluation import ComparedFrames, Errors, Evaluation, Regime, ShapeErrors
 from .fault_score import false_alarm_share, score_fault
 from .load_score import score_loads
+from .motion_capture import other_offset_s
 from .pose_score import score_pose
 from .statistics import mean_over_frames, of_known
 from .truth import Truth
@@ -96,6 +97,7 @@ def evaluate(
         pose=pose,
         in_body=in_body,
         capture=truth.capture,
+        other_offset_s=other_offset_s(truth.t_s, truth.node_position_m, estimate),
         structure=structure,
         compared=compared,
     )

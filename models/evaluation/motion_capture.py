@@ -14,6 +14,9 @@ from .marker_assignment import BESIDE_M, assign_markers, largest_reach_m, shape_
 from .statistics import of_known
 from .truth import CaptureFit, MarkedNode
 
+CLOCK_OFF_S = 0.15
+"""Offset above which stamped positions seem to be on another clock: an estimate is late by 0.05 s, as long as a step of
+the search."""
 PLACED_S = 1.0
 """Time at the start by which the capture of a free-standing structure is placed in the world, at least."""
 LINE_M = 0.005
@@ -79,6 +82,21 @@ def find_clock(t_s: NDArray[np.float64], node_m: NDArray[np.float64], estimate: 
     if not search.is_clear:
         raise InputError(_unclear(search))
     return ClockFit(estimated, captured, search.offset_s).solve()
+
+
+def other_offset_s(t_s: NDArray[np.float64], node_m: NDArray[np.float64], estimate: Reconstruction) -> float:
+    """Return what to add to the times of true positions, by their motion; nan where they are in time, or do not tell.
+
+    Args:
+        t_s: (times,) on the host's clock, as far as is known.
+        node_m: (times, nodes, 3) nan where a node was not measured.
+        estimate: shapes on the host's clock.
+    """
+    try:
+        search = search_offset(*_motions(t_s, node_m, estimate))
+    except InputError:  # it is too short, or of a single node
+        return np.nan
+    return search.offset_s if search.is_clear and abs(search.offset_s) > CLOCK_OFF_S else np.nan
 
 
 def node_positions(tracks: MarkerTracks, marked: tuple[MarkedNode, ...], structure: Structure) -> NDArray[np.float64]:

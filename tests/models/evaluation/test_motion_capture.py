@@ -10,7 +10,7 @@ from four_nodes import estimate_of
 from tensegraph import InputError
 from tensegraph.io.reports.evaluation_tables import _capture_facts
 from tensegraph.models.evaluation.marker_assignment import largest_reach_m
-from tensegraph.models.evaluation.motion_capture import farther_apart_m, lay_onto, node_positions
+from tensegraph.models.evaluation.motion_capture import farther_apart_m, lay_onto, node_positions, other_offset_s
 from tensegraph.models.evaluation.truth import MarkedNode, marked_nodes
 from tensegraph.models.trial_tables import TruthTable
 from tensegraph.models.values.marker_tracks import MarkerTracks
@@ -34,6 +34,16 @@ def estimate(true_positions, example_structure):
 @pytest.fixture(scope="module")
 def take(true_positions):
     return take_of(*true_positions, NODES, ghosts=2)
+
+
+@pytest.mark.parametrize(("late_s", "told_s"), [(0.0, np.nan), (0.08, np.nan), (0.6, -0.6), (-4.3, 4.3)])
+def test_positions_on_another_clock(estimate, true_positions, late_s: float, told_s: float) -> None:
+    """To a step of the search, 0.05 s; a single moment, or what does not move, tells nothing."""
+    t_s, position_m = true_positions
+    assert other_offset_s(t_s + late_s, position_m, estimate) == pytest.approx(told_s, abs=0.05, nan_ok=True)
+    assert np.isnan(other_offset_s(t_s[:2] + late_s, position_m[:2], estimate))
+    still_m = np.repeat(position_m[:1], len(t_s), axis=0)
+    assert np.isnan(other_offset_s(t_s + late_s, still_m, estimate))
 
 
 def test_markers_clock_and_axes_are_found(take, estimate, true_positions) -> None:
