@@ -11,6 +11,8 @@ from ..values.errors import InputError
 
 STEP_S = 0.05
 """Time step of the signals that are compared."""
+LONGEST_MOTION_S = 10_000.0
+"""Longest time of a motion from which a clock is found: signals of a day would take gigabytes."""
 SMOOTH_S = 0.3
 """Standard deviation of the Gaussian that smooths them. In motion that is quicker an estimate is late, by the time
 constants of its sensors of 0.1 to 0.3 s: without smoothing the offsets of three trials are 13 to 22 ms too large, with
@@ -82,12 +84,14 @@ def _smoothed(t_s: NDArray[np.float64], value: NDArray[np.float64]) -> tuple[NDA
     """Return times in steps of `STEP_S` and series smoothed by `SMOOTH_S`; nan at the ends and in gaps.
 
     Raises:
-        InputError: when the times do not last for two steps.
+        InputError: when the times do not last for two steps, or for more than `LONGEST_MOTION_S`.
     """
+    lasts_s = float(t_s[-1] - t_s[0])
+    if not STEP_S < lasts_s <= LONGEST_MOTION_S:
+        bound = f"more than {STEP_S:g} s" if lasts_s <= STEP_S else f"at most {LONGEST_MOTION_S:g} s"
+        lasts = f"got {lasts_s:.3g} s: are its times in seconds?"
+        raise InputError(f"the clock is found from a motion of {bound}, {lasts}")
     even_s = np.arange(t_s[0], t_s[-1], STEP_S)
-    if len(even_s) < 2:
-        lasts = f"got {t_s[-1] - t_s[0]:.3g} s: are its times in seconds?"
-        raise InputError(f"the clock is found from a motion of more than {STEP_S:g} s, {lasts}")
     sampled = np.stack([_bridged(even_s, t_s, column) for column in value.T], axis=1)
     width = SMOOTH_S / STEP_S
     return even_s, gaussian_filter1d(sampled, width, axis=0, mode="constant", cval=np.nan, truncate=2)

@@ -158,6 +158,15 @@ def test_a_capture_of_no_duration_is_refused(seconds: float) -> None:
         MotionSignals.of_distances(t_s, position_m, np.array([[0, 1]]))
 
 
+def test_a_capture_of_a_day_is_refused() -> None:
+    """At 20 values a second its signals would take gigabytes; it is a stamp that jumps, or a wrong unit."""
+    t_s = np.append(np.linspace(0, 10, 100), 86_400.0)
+    with pytest.raises(
+        InputError, match=r"from a motion of at most 10000 s, got 8\.64e\+04 s: are its times in seconds"
+    ):
+        MotionSignals.of_speeds(t_s, np.zeros((101, 3, 3)))
+
+
 def test_a_short_gap_is_bridged_and_a_long_one_is_not() -> None:
     t_s = np.arange(0, 10, 0.02)
     position_m = wandering(t_s)

@@ -42,6 +42,7 @@ def test_positions_on_another_clock(estimate, true_positions, late_s: float, tol
     t_s, position_m = true_positions
     assert other_offset_s(t_s + late_s, position_m, estimate) == pytest.approx(told_s, abs=0.05, nan_ok=True)
     assert np.isnan(other_offset_s(t_s[:2] + late_s, position_m[:2], estimate))
+    assert np.isnan(other_offset_s(np.append(t_s[:-1], 1e9) + late_s, position_m, estimate))  # a stamp that jumps
     still_m = np.repeat(position_m[:1], len(t_s), axis=0)
     assert np.isnan(other_offset_s(t_s + late_s, still_m, estimate))
 
