@@ -14,6 +14,7 @@ from ..structure.shape import node_sigma_m
 from ..structure.structure import Structure
 from ..values.errors import InputError
 from ..values.readings import Flag, Mode
+from ..values.units import OTHER_UNIT
 from .alignment import interpolated_within, laid_on_each_frame, rigid_alignment
 from .consistency import consistency, coverage, normalised_error_squared
 from .evaluation import ComparedFrames, Errors, Evaluation, Regime, ShapeErrors
@@ -234,6 +235,7 @@ def _true_positions(
 ) -> NDArray[np.float64]:
     """Return (frames, nodes, 3) the true positions at the times of the frames; nan where they are not known."""
     structure.check_unit("truth", truth_m)
+    _check_apart(structure, truth_s, truth_m)
     true_m = interpolated_within(t_s, truth_s, truth_m)
     if not np.isfinite(true_m[:, structure.free_nodes]).all(axis=-1).any():
         raise InputError(
@@ -242,6 +244,17 @@ def _true_positions(
         )
     _check_rods(structure, true_m)
     return true_m
+
+
+def _check_apart(structure: Structure, truth_s: NDArray[np.float64], truth_m: NDArray[np.float64]) -> None:
+    """Raise InputError for a time at which true nodes are a hundred times as far apart as the rods are long."""
+    apart_m = (np.fmax.reduce(truth_m, axis=1) - np.fmin.reduce(truth_m, axis=1)).max(axis=-1)
+    rod_m = float(structure.rod_length_m.max())
+    for index in np.flatnonzero(apart_m > OTHER_UNIT * rod_m)[:1]:
+        raise InputError(
+            f"truth at {truth_s[index]:.3f} s: expected nodes as far apart as rods of {rod_m:g} m hold them, got "
+            f"{apart_m[index]:g} m: leave the cells of a node that was not seen blank"
+        )
 
 
 def _check_rods(structure: Structure, true_m: NDArray[np.float64]) -> None:

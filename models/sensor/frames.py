@@ -241,14 +241,18 @@ class FrameAssembler:
 
     def slow_sources(self) -> dict[int, str]:
         """Return of each source that is slower than the frames, by its number, what that means."""
-        told_hz = self._settings.rate_hz
         texts = {}
         for number, period_s in enumerate(self._period_s):
             if period_s > self._max_gap_s:
                 texts[number] = f"a row each {period_s:.3g} s: frames between them have no reading"
-            elif int(period_s * told_hz + ROUNDED_ROWS) > 1:
-                texts[number] = f"a row each {period_s:.3g} s: {self.rate_hz:.3g} frames a second, and not {told_hz:g}"
+            elif self._frames_in(period_s) > 1:
+                rates = f"{self.rate_hz:.3g} frames a second, and not {self._settings.rate_hz:g}"
+                texts[number] = f"a row each {period_s:.3g} s: {rates}"
         return texts
+
+    def _frames_in(self, period_s: float) -> int:
+        """Return how many whole frames of the rate that was told there are between two rows."""
+        return int(period_s * self._settings.rate_hz + ROUNDED_ROWS)
 
     def _knows_periods(self, now_s: float) -> bool:
         """Return whether every source has rows enough, or has had time for them."""
@@ -259,9 +263,7 @@ class FrameAssembler:
         """Choose the rate by the slowest source, and the first frame."""
         self._period_s = [source.period_s if source else 0.0 for source in self._sources]
         period_s = max(self._period_s)
-        longest_s = max(self._longest_step_s, 1 / self._settings.rate_hz)
-        rows = min(period_s, longest_s) * self._settings.rate_hz
-        self.rate_hz = self._settings.rate_hz / max(int(rows + ROUNDED_ROWS), 1)
+        self.rate_hz = self._settings.rate_hz / max(self._frames_in(min(period_s, self._longest_step_s)), 1)
         if period_s <= LONGEST_ROW_S:
             self._max_gap_s = max(self._max_gap_s, LATE_ROWS * period_s)
         self._next = round(self._first_s * self.rate_hz)

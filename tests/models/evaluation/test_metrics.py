@@ -94,6 +94,17 @@ class TestFrames:
         with pytest.raises(InputError, match=message):
             evaluate(TRUE_M, estimate_of(structure, moved([[0, 0, 0]] * 2)), truth)
 
+    def test_a_node_a_kilometre_away_for_a_moment_is_refused(self) -> None:
+        structure = four_nodes()
+        truth = truth_of(3)
+        truth.node_position_m[1, 3, 0] = 1023.0
+        truth.node_position_m[2, 2] = np.nan
+        message = (
+            rf"truth at {truth.t_s[1]:.3f} s: expected nodes as far apart as rods of 0\.12 m hold them, got 1023 m"
+        )
+        with pytest.raises(InputError, match=message):
+            evaluate(TRUE_M, estimate_of(structure, moved([[0, 0, 0]] * 3)), truth)
+
     def test_no_branch_where_j_is_not_square(self) -> None:
         structure = four_nodes()
         more = replace_tendons(structure, [[0, 1], [1, 2], [1, 3]])
