@@ -38,7 +38,6 @@ from .models.structure.mechanics import Mechanics
 from .models.structure.natural_lengths import Winding, strip_length_m
 from .models.structure.possible import PossibleShapes
 from .models.structure.reconstruction import Reconstruction
-from .models.structure.rest_clock import RestClock
 from .models.structure.rest_shape import RestShape
 from .models.structure.shape import Shape
 from .models.structure.structure import Structure
@@ -56,6 +55,7 @@ from .models.values.readings import (
     ResistanceReading,
     TendonLengths,
 )
+from .models.values.stamps import RestClock
 from .models.values.threads import one_thread
 
 OFFLINE_FRAMES = 500

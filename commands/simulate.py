@@ -18,7 +18,7 @@ from ..models.twin.plan import Plan
 from ..models.twin.virtual_trial import simulate as simulate_plan
 from ..models.values.errors import InputError, naming
 from ..models.values.extras import needs_extra
-from ..models.values.stamped_positions import StampedPositions
+from ..models.values.tracks import StampedPositions
 from .paths import result_paths
 
 if TYPE_CHECKING:  # rich is not needed by `simulate` from Python

@@ -17,7 +17,7 @@ from ..io.viewer.server import ViewerServer
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.values.errors import TensegraphError
-from ..models.values.stamped_positions import StampedPositions
+from ..models.values.tracks import StampedPositions
 from ..scoring.run_score import truth_of_trial
 from .evaluate import trial_of
 from .paths import distinct_names

@@ -13,10 +13,11 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from ..models.values.stamps import SHORTEST_STEP_S
 from .noise import isotropic
 
-SHORTEST_STEP_S = 1e-6
-"""Shortest time between two frames, to which steps are rounded so that factors can be reused."""
+STEP_DECIMALS = 6
+"""Decimals of a time step in seconds, to which steps are rounded so that factors can be reused."""
 
 
 def still_factors(
@@ -41,7 +42,7 @@ def constant_velocity_factors(
         steps_s: the two time steps between the three frames.
         motion_m_per_s15: q, the square root of the power density of the acceleration.
     """
-    before_s, now_s = (max(round(step_s, 6), SHORTEST_STEP_S) for step_s in steps_s)
+    before_s, now_s = _rounded(np.array(steps_s)).tolist()
     template, origin = _second_difference(before_s, now_s, motion_m_per_s15)
     oldest, before, now = frames
     # rekeying shares the inner factor, so each node gets a copy of its own
@@ -67,11 +68,15 @@ def motion_rows(
     if at_rest_sigma_m is not None:
         rows[:1, 2] = 1 / at_rest_sigma_m
         rows[1:2] = np.outer(1 / (motion_m_per_s15 * step_s[:1] ** 1.5), [0.0, -1.0, 1.0])
-    before_s, now_s = np.round(step_s[:-1], 6), np.round(step_s[1:], 6)
+    before_s, now_s = _rounded(step_s[:-1]), _rounded(step_s[1:])
     ratio = now_s / before_s
     sigma_m = _sigma_m(before_s, now_s, motion_m_per_s15)
     rows[2:] = np.stack([ratio, -(1 + ratio), np.ones_like(ratio)], axis=1) / sigma_m[:, None]
     return rows
+
+
+def _rounded(step_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.maximum(np.round(step_s, STEP_DECIMALS), SHORTEST_STEP_S)
 
 
 def _sigma_m(before_s: Any, now_s: Any, motion_m_per_s15: float) -> Any:

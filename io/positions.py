@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..models.evaluation.truth import TrueLoads
 from ..models.values.errors import InputError
-from ..models.values.stamped_positions import StampedPositions
+from ..models.values.tracks import StampedPositions
 from .csv import CsvFile
 
 

@@ -18,8 +18,8 @@ from ..models.structure_description import StructureTable
 from ..models.values.errors import InputError
 from ..models.values.readings import Flag, Mode
 from ..models.values.slip import Slip
-from ..models.values.stamped_positions import StampedPositions
 from ..models.values.tables import parse_table
+from ..models.values.tracks import StampedPositions
 from .csv import CsvFile
 from .positions import position_columns, read_contacts, read_positions
 from .result import (

@@ -26,7 +26,6 @@ from ..models.trial_description import TrialDescription, describe_trial
 from ..models.trial_tables import TrialTable
 from ..models.values.aids import AidReading
 from ..models.values.errors import InputError, printable
-from ..models.values.marker_tracks import MarkerTracks
 from ..models.values.readings import (
     BENDING,
     STRETCHING,
@@ -38,8 +37,9 @@ from ..models.values.readings import (
     arrival_s,
     is_impossible_length,
 )
-from ..models.values.stamped_positions import StampedPositions
+from ..models.values.stamps import is_later
 from ..models.values.tables import SMALLEST_SIGMA
+from ..models.values.tracks import MarkerTracks, StampedPositions
 from .aid_files import (
     IMU_COLUMNS,
     MOTOR_COLUMNS,
@@ -61,8 +61,6 @@ from .result import RUN_FILE
 from .structures.structure_file import with_structure_file
 from .toml import read_toml
 
-STAMP_DECIMALS = 4
-"""Decimals of a time in seconds in the tables of a result: times that differ by less are one."""
 LONGEST_STEP_S = 600.0
 """Time from the first row to the second above which stamps are not in seconds, and between the first rows of two boards
 above which they are of two clocks."""
@@ -372,10 +370,10 @@ class Trial:
         return ReadLengths(self.path / self.table.lengths.file, reader, sensed)
 
     def _forward(self, rows: CsvFile | LengthsBag | ReadLengths) -> Iterator[list[float]]:
-        """Yield the rows whose stamp is later than all stamps before, as results write them; count the others."""
+        """Yield the rows that are later than all rows before, see `is_later`; count the others."""
         latest_s = -np.inf
         for index, row in enumerate(rows):
-            if round(row[0], STAMP_DECIMALS) > round(latest_s, STAMP_DECIMALS):
+            if is_later(row[0], latest_s):
                 if index == 1 and row[0] - latest_s > LONGEST_STEP_S:
                     raise InputError(
                         f"{rows.place(index)}, column t_s: expected at most {LONGEST_STEP_S:g} s after "

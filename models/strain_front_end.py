@@ -20,6 +20,7 @@ from .sensor.stillness import MOVING_TENDONS
 from .sensor.taring import MOVED_M
 from .values.errors import InputError
 from .values.readings import Flag, Mode, ResistanceFrame, RestLengths, TendonLengths, is_impossible_length
+from .values.stamps import RestClock
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,10 +66,9 @@ class StrainFrontEnd:
         self._model = make(count)
         self._R0 = natural_resistance_ohm
         self._L0 = natural_length_m
-        self._rest_s = rest.seconds if rest else 0.0
+        self._rest_clock = RestClock(rest.seconds if rest else 0.0)
         self._rest_strain = rest.length_m / natural_length_m - 1 if rest else np.zeros(count)
         self._rest_sigma = rest.sigma_m / natural_length_m if rest else np.zeros(count)
-        self._first_s = np.nan
         self._count = np.zeros(count)
         self._mean = np.zeros(count)
         self._squares = np.zeros(count)
@@ -117,8 +117,8 @@ class StrainFrontEnd:
 
     def _tare(self, t_s: float, strain: NDArray[np.float64], used: NDArray[np.bool_]) -> None:
         """Add strain to mean and squares about it (Welford), while the structure rests from the first frame on."""
-        self._first_s = t_s if np.isnan(self._first_s) else self._first_s
-        if t_s - self._first_s >= self._rest_s:
+        self._rest_clock.count_frame(t_s)
+        if not self._rest_clock.is_at_rest(t_s):
             return
         self._count += used
         before = np.where(used, strain - self._mean, 0.0)

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from .sensor.gate import GateSettings, JumpGate, StuckGate
 from .sensor.stillness import MOVING_TENDONS
-from .structure.rest_clock import RestClock
 from .structure.shape import chi_squared_quantile
+from .values.errors import InputError
 from .values.readings import Flag, TendonLengths, is_impossible_length
+from .values.stamps import SHORTEST_STEP_S, RestClock, is_later
 
 CHANCE = 1e-6
 """Probability that the values of a sensor whose sigma is right scatter as much as is taken for a wrong sigma."""
@@ -56,6 +57,7 @@ class ToldLengths:
         count = len(full_m)
         self._jumps = JumpGate(settings, count)
         self._repeats = StuckGate(settings, count)
+        self._last_s = -np.inf
         self._last_m = np.full(count, np.nan)
         self._since_m = np.full((count, count), np.nan)
         """(tendons, tendons) the row with which the present value of each tendon began."""
@@ -65,7 +67,15 @@ class ToldLengths:
         self._scale = np.ones(count)
 
     def checked(self, lengths: TendonLengths) -> TendonLengths:
-        """Return the lengths of one more row, with a sigma each, and without those that are left out."""
+        """Return the lengths of one more row, with a sigma each, and without those that are left out.
+
+        Raises:
+            InputError: when the row is not `SHORTEST_STEP_S` later than the one before.
+        """
+        if not is_later(lengths.t_s, self._last_s):
+            least = f"{SHORTEST_STEP_S:g} s after the one before, at {self._last_s:.6f} s"
+            raise InputError(f"lengths: expected each row at least {least}, got one at {lengths.t_s:.6f} s")
+        self._last_s = lengths.t_s
         self._rest_clock.count_frame(lengths.t_s)
         impossible = is_impossible_length(lengths.length_m, self._full_m)
         length_m = np.where(impossible, np.nan, lengths.length_m)

@@ -13,8 +13,7 @@ from ..models.evaluation.truth import Truth
 from ..models.settings import Settings, checked_settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.values.errors import InputError
-from ..models.values.marker_tracks import MarkerTracks
-from ..models.values.stamped_positions import StampedPositions
+from ..models.values.tracks import MarkerTracks, StampedPositions
 
 
 def evaluate(

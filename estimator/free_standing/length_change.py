@@ -14,8 +14,8 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.structure.rest_clock import RestClock
 from ...models.values.readings import TendonLengths
+from ...models.values.stamps import RestClock
 
 WINDOW_S = 0.2
 """Time over which lengths are averaged; two such means, with as much time between them, are compared."""

@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.sensor.gate import GateSettings
-from ...models.structure.rest_clock import RestClock
 from ...models.structure.shape import IMPROBABLE, Shape, are_improbable, chi_squared_quantile
 from ...models.values.readings import RestLengths, TendonLengths
+from ...models.values.stamps import RestClock
 
 REST_APART_SIGMA = 5.0
 """Number of standard deviations beyond which a tendon's length at rest is not that of the rest shape."""

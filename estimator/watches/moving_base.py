@@ -16,11 +16,11 @@ from ...factors.imu import ImuArray
 from ...models.pose.imu_gate import ATTITUDE_HOLDS_S
 from ...models.pose.imu_samples import ImuPreintegration, ImuSamples
 from ...models.structure.floor import UP
-from ...models.structure.rest_clock import RestClock
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
 from ...models.values.aids import Imu, ImuReading
 from ...models.values.rotations import rotation
+from ...models.values.stamps import RestClock
 
 APART_RAD = 0.03
 """Standard deviation of the angle between both directions: misalignment, and errors of the shape."""

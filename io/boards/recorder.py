@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ...models.values.aids import ImuReading, PositionReading, RangeReading
 from ...models.values.errors import InputError, RecordingError, TensegraphError
 from ...models.values.readings import BoardReading, NaturalLengthReading, RecordedReading
-from ...models.values.stamped_positions import StampedPositions
+from ...models.values.tracks import StampedPositions
 from ..aid_files import AID_COLUMNS, aid_row
 from ..positions import contact_columns, force_columns, position_columns
 from ..toml import commented

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...models.values.errors import InputError
 from ...models.values.extras import needs_extra
-from ...models.values.marker_tracks import MarkerTracks
+from ...models.values.tracks import MarkerTracks
 from ..input_files import check_regular
 from .marker_rows import marker_tracks, metres_per, positive_number
 

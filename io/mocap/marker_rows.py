@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.values.errors import InputError
-from ...models.values.marker_tracks import MarkerTracks
+from ...models.values.tracks import MarkerTracks
 from ...models.values.units import LARGEST, beyond
 from ..input_files import check_regular, lines_of
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...models.values.errors import InputError
-from ...models.values.marker_tracks import MarkerTracks
+from ...models.values.tracks import MarkerTracks
 from .marker_rows import MarkerColumns, MarkerRows, coordinate_columns, metres_per, read_cells
 
 FIRST_CELL = "Format Version"

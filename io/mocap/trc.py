@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ...models.values.errors import InputError
-from ...models.values.marker_tracks import MarkerTracks
+from ...models.values.tracks import MarkerTracks
 from .marker_rows import MarkerColumns, MarkerRows, metres_per, read_cells
 
 FIRST_CELL_OF_TRC = "PathFileType"

@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from ...models.values.errors import InputError
-from ...models.values.marker_tracks import MarkerTracks
-from ...models.values.stamped_positions import StampedPositions
+from ...models.values.tracks import MarkerTracks, StampedPositions
 from ..input_files import check_regular
 from ..positions import read_positions
 from .c3d_file import read_c3d

@@ -7,7 +7,7 @@ the units, and the values up to a blank line or the end. Other sections may stan
 from pathlib import Path
 
 from ...models.values.errors import InputError
-from ...models.values.marker_tracks import MarkerTracks
+from ...models.values.tracks import MarkerTracks
 from .marker_rows import MarkerRows, coordinate_columns, metres_per, positive_number, read_cells
 
 SECTION = "Trajectories"

@@ -9,7 +9,7 @@ from ...models.settings import Settings
 from ...models.structure.reconstruction import Reconstruction
 from ...models.structure.structure import Structure
 from ...models.values.extras import needs_extra
-from ...models.values.stamped_positions import StampedPositions
+from ...models.values.tracks import StampedPositions
 from .curves import curve_columns, curve_styles, status_changes
 from .scene import ghost_columns, rest_lines, space_columns
 

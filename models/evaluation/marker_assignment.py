@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ..structure.reconstruction import Reconstruction
 from ..structure.structure import Structure
 from ..values.errors import InputError
-from ..values.marker_tracks import MarkerTracks
 from ..values.rotations import best_rotation
+from ..values.tracks import MarkerTracks
 from .alignment import interpolated_within
 from .statistics import of_known
 

@@ -14,6 +14,7 @@ from ..structure.shape import node_sigma_m
 from ..structure.structure import Structure
 from ..values.errors import InputError
 from ..values.readings import Flag, Mode
+from ..values.stamps import rest_until_s
 from ..values.units import OTHER_UNIT
 from .alignment import interpolated_within, laid_on_each_frame, rigid_alignment
 from .consistency import consistency, coverage, normalised_error_squared
@@ -69,7 +70,7 @@ def evaluate(
         true_m = true_m @ rotation.as_matrix().T + shift_m
         rotation_deg = float(np.rad2deg(rotation.magnitude()))
     start_s = estimate.t_s[0] if truth.start_s is None else truth.start_s
-    rest = (estimate.t_s <= start_s + truth.rest_seconds) & (truth.rest_seconds > 0)
+    rest = estimate.t_s < rest_until_s(start_s, truth.rest_seconds)
     rest_error_m = rest_position_m - mean_over_frames(true_m[rest])
     compared = compare_frames(estimate, true_m, known, truth)
     pose = None if structure.is_held else score_pose(compared, rest_position_m, in_body=in_body)

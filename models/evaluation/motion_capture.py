@@ -6,8 +6,7 @@ from numpy.typing import NDArray
 from ..structure.reconstruction import Reconstruction
 from ..structure.structure import Structure
 from ..values.errors import InputError
-from ..values.marker_tracks import MarkerTracks
-from ..values.stamped_positions import StampedPositions
+from ..values.tracks import MarkerTracks, StampedPositions
 from .alignment import interpolated_within, rigid_alignment
 from .capture_clock import CaptureClock, ClockFit, MotionSignals, OffsetSearch, moving_pairs, search_offset
 from .marker_assignment import BESIDE_M, assign_markers, largest_reach_m, shape_misfit_m

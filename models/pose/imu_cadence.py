@@ -41,14 +41,15 @@ class ImuCadence:
         self._steps[imu] += 1
         self._packed[imu] += step_s < PACKED * self._total_s[imu] / self._steps[imu]
 
-    def warnings(self) -> dict[str, str]:
-        """Return what looks wrong of the stamps of a sensor, by its name."""
-        period_s = self._total_s / np.maximum(self._steps, 1)
-        known = self._steps >= COUNTED
-        warnings = {
-            f"imu {i}": f"a new sample each {period_s[i]:.2g} s: expected 0.01 s, or {SLOW_S:g} s at most: impacts "
-            "between them are missed"
-            for i in np.flatnonzero(known & (period_s > SLOW_S))
-        }
-        packed = np.flatnonzero(known & (2 * self._packed > self._steps))
-        return warnings | {f"imu {i}": "most samples come in packets: tell when each was measured" for i in packed}
+    def warnings(self, imu: int) -> list[str]:
+        """Return what looks wrong of the stamps of a sensor."""
+        texts: list[str] = []
+        if self._steps[imu] < COUNTED:
+            return texts
+        period_s = self._total_s[imu] / self._steps[imu]
+        if period_s > SLOW_S:
+            expected = f"expected 0.01 s, or {SLOW_S:g} s at most"
+            texts.append(f"a new sample each {period_s:.2g} s: {expected}: impacts between them are missed")
+        if 2 * self._packed[imu] > self._steps[imu]:
+            texts.append("most samples come in packets: tell when each was measured")
+        return texts

@@ -11,8 +11,8 @@ Of a sensor whose samples are mostly absurd, as those in another unit, the other
 import numpy as np
 
 from ..structure.floor import GRAVITY_M_PER_S2
-from ..structure.rest_clock import RestClock
 from ..values.aids import ImuReading
+from ..values.stamps import RestClock
 from .imu_agreement import has_size_of_gravity
 from .imu_cadence import ImuCadence
 
@@ -143,16 +143,18 @@ class ImuGate:
         return False
 
     def warnings(self) -> dict[str, str]:
-        """Return what looks wrongly told of a sensor, by its name."""
-        size = np.linalg.norm(self._force_at_rest, axis=1) / np.maximum(self._rested, 1)
-        wrong = (self._rested > 0) & ~has_size_of_gravity(size)
-        mostly_absurd = np.flatnonzero(2 * self.absurd > self._samples)
-        warnings = self._cadence.warnings()
-        warnings |= {f"imu {i}": "most samples are absurd, and none is used: unit?" for i in mostly_absurd}
-        return warnings | {
-            f"imu {i}": f"specific force at rest: expected {GRAVITY_M_PER_S2:.2f} m/s^2, got {size[i]:.4g}: unit?"
-            for i in np.flatnonzero(wrong)
-        }
+        """Return all that looks wrong of each sensor, by its name."""
+        texts = {f"imu {imu}": self._warnings_of(imu) for imu in range(len(self._samples))}
+        return {name: "; ".join(of_one) for name, of_one in texts.items() if of_one}
+
+    def _warnings_of(self, imu: int) -> list[str]:
+        texts: list[str] = []
+        size = np.linalg.norm(self._force_at_rest[[imu]], axis=1) / max(int(self._rested[imu]), 1)
+        if self._rested[imu] > 0 and not has_size_of_gravity(size).all():
+            texts.append(f"specific force at rest: expected {GRAVITY_M_PER_S2:.2f} m/s^2, got {size[0]:.4g}: unit?")
+        if 2 * self.absurd[imu] > self._samples[imu]:
+            texts.append("most samples are absurd, and none is used: unit?")
+        return texts + self._cadence.warnings(imu)
 
     def counts(self) -> dict[str, int]:
         """Return the number of samples that were left out, by sensor and cause."""

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..structure.rest_clock import RestClock
 from ..structure.rest_shape import RestShape
 from ..values.aids import OwnFrame, PositionReading
 from ..values.rotations import best_rotation, cross_matrix
+from ..values.stamps import RestClock
 
 LEAST_NODES = 3
 """Number of nodes that tell a frame."""

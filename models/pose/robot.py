@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 from ..structure.floor import Floor
-from ..structure.rest_clock import rest_until_s
 from ..values.aids import Imu
+from ..values.stamps import rest_until_s
 
 
 @dataclass(frozen=True, slots=True, eq=False)

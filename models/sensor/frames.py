@@ -21,6 +21,7 @@ from annotated_types import Interval
 from numpy.typing import NDArray
 
 from ..values.readings import STRETCHING, Flag, ResistanceFrame, ResistanceReading, TendonLengths
+from ..values.stamps import ROUNDING_S
 from ..values.tables import Positive
 from .gate import GateSettings, ReadingGate
 
@@ -58,8 +59,6 @@ LATE_ROWS = 1.5
 """Times between two rows of a slow source that are bridged."""
 LONGEST_ROW_S = 0.2
 """Longest such time: what a robot does in between is not known."""
-STAMP_ERROR_S = 1e-6
-"""Error of a difference of two stamps: readings at 10 Hz are 0.1 s apart, which no binary fraction is exactly."""
 
 
 class _Source:
@@ -158,7 +157,7 @@ def _mean_weights(t_s: list[float], from_s: float, until_s: float, max_gap_s: fl
     before_s = t_s[after - 1] if after > 0 else t_s[0]
     after_s = t_s[after] if after < len(t_s) else t_s[-1]
     gap_s = max(after_s - before_s, before_s - middle_s, middle_s - after_s)
-    if gap_s > max_gap_s + STAMP_ERROR_S:
+    if gap_s > max_gap_s + ROUNDING_S:
         return np.zeros(len(t_s))
     inside = t_s[bisect_right(t_s, from_s) : bisect_left(t_s, until_s)]
     points = sorted({from_s, *inside, until_s})

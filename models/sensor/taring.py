@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..values.errors import InputError
 from ..values.readings import RestLengths
+from ..values.stamps import RestClock
 from ..values.units import OTHER_UNIT
 from .bending import BendingCurve
 from .gauge import StaticGauge, common_change
@@ -51,7 +52,7 @@ class Taring:
     ) -> None:
         count = len(natural_length_m)
         self._gauge = gauge
-        self._rest_s = rest.seconds if rest else 0.0
+        self._rest_clock = RestClock(rest.seconds if rest else 0.0)
         self.rest_strain = rest.length_m / natural_length_m - 1 if rest else np.full(count, np.nan)
         self.reach = LEAST_REACH + np.maximum(np.nan_to_num(self.rest_strain), 0.0)
         """(tendons,) change of strain over which the model's error becomes another one than at rest."""
@@ -74,7 +75,7 @@ class Taring:
         """Whether the structure moved while it was supposed to stand still, see `StillnessWatch`."""
         self.motion_sigma = np.zeros(count)
         """(tendons,) strain sigma due to motion at rest: half of the range, if the structure moved."""
-        self._first_s: float | None = None
+        self._has_begun = False
         self.gain = np.ones(count)
         self.offset = np.zeros(count)
         self.misfit = np.zeros(count, dtype=np.bool_)
@@ -116,11 +117,11 @@ class Taring:
 
     def is_over(self, t_s: float) -> bool:
         """Whether nothing more is learned at a time: the rest is over, and its last readings have been looked at."""
-        return self._first_s is not None and not self.is_resting(t_s) and not self._block[1].any()
+        return self._has_begun and not self.is_resting(t_s) and not self._block[1].any()
 
     def is_resting(self, t_s: float) -> bool:
         """Whether the structure still stands at its rest shape, as it does for the rest time from the first frame."""
-        return self._first_s is not None and t_s - self._first_s < self._rest_s
+        return self._rest_clock.is_at_rest(t_s)
 
     def common_change(self, t_s: float, change: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (tendons,) dR/R on the common curve; while the structure rests, update gain and offset first.
@@ -128,9 +129,10 @@ class Taring:
         Raises:
             InputError: when the first resistances are in another unit than the natural ones.
         """
-        if self._first_s is None:
+        if not self._has_begun:
             _check_unit(change)
-            self._first_s = t_s
+            self._has_begun = True
+        self._rest_clock.count_frame(t_s)
         if self.is_resting(t_s):
             self._learn(change)
             self._watch(t_s, change)

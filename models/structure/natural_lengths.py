@@ -30,6 +30,7 @@ from ..values.readings import (
     RestLengths,
     TendonLengths,
 )
+from ..values.stamps import RestClock
 from .structure import Structure
 
 MAX_SILENCE_S = 0.5
@@ -93,9 +94,8 @@ class Winding:
     ) -> None:
         self._natural_m = structure.natural_length_m
         self._strip_m = strip_length_m(structure, motors)
-        self._rest_seconds = rest_seconds
+        self._rest_clock = RestClock(rest_seconds)
         self._reads_strips = reads_strips
-        self._first_s: float | None = None
         self._motors = {
             tendon: _Motor(float(structure.natural_length_m[tendon]), one.strip_length_m)
             for one in motors
@@ -108,14 +108,13 @@ class Winding:
 
     def add(self, reading: NaturalLengthReading) -> None:
         """Add one row of a motor; of one tendon, stamps increase."""
-        self._motors[reading.tendon].add(reading, resting=self._rests(reading.t_s))
+        self._motors[reading.tendon].add(reading, resting=self._rest_clock.is_at_rest(reading.t_s))
 
     def applied(self, lengths: TendonLengths) -> TendonLengths:
         """Return the lengths of whole tendons at one instant, with the natural lengths that they show."""
         if not self._motors:
             return lengths
-        if self._first_s is None:
-            self._first_s = lengths.t_s
+        self._rest_clock.count_frame(lengths.t_s)
         natural, unknown = self._at(lengths.t_s - lengths.lag_s)
         lengths = replace(lengths, natural=natural)
         if not self._reads_strips:
@@ -148,9 +147,6 @@ class Winding:
             counts[f"motor of tendon {tendon}: frames without its rows"] = motor.unknown
         return counts
 
-    def _rests(self, t_s: float) -> bool:
-        return self._rest_seconds > 0 and (self._first_s is None or t_s < self._first_s + self._rest_seconds)
-
     def _at(self, t_s: float) -> tuple[NaturalLengths, NDArray[np.bool_]]:
         """Return the natural lengths at a time, later than those before, and (tendons,) which are unknown."""
         natural = NaturalLengths(self._natural_m.copy(), np.zeros(len(self._natural_m)))
@@ -159,7 +155,7 @@ class Winding:
             known = motor.at(t_s)
             if known is not None:
                 natural.length_m[tendon], natural.sigma_m[tendon] = known
-            elif not self._rests(t_s):
+            elif not self._rest_clock.is_at_rest(t_s):
                 unknown[tendon] = True
                 motor.unknown += 1
                 natural.sigma_m[tendon] = UNKNOWN_SHARE * self._natural_m[tendon]

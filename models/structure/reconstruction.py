@@ -262,6 +262,8 @@ class Reconstruction:
             doubt=self.doubts[k] if self.doubts else None,
             contacts=self.contacts[k] if self.contacts is not None else None,
             slips=self.slips[k] if self.slips else (),
+            floor_normal=self.floor_normal,
+            contradicted_positions=self.contradicted_positions[k] if self.contradicted_positions else (),
         )
 
     def _summary(self) -> dict[str, str]:

@@ -7,11 +7,12 @@ import pytest
 
 from balance import pressed
 from noise_settings import with_noise
-from tensegraph import IndeterminateError, Settings
+from tensegraph import IndeterminateError, Settings, Status
 from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.models.balance.statics import Statics
 from tensegraph.models.estimation import SmootherSettings
+from tensegraph.models.values.stamps import SHORTEST_STEP_S
 
 
 def test_live_with_a_long_lag_ends_where_batch_ends(structure, rest, lengths_of) -> None:
@@ -71,6 +72,18 @@ def test_an_update_linearises_the_newest_frame_alone(
     for lengths in frames[10:]:
         smoother.first_shape(lengths)
     assert len(calls) == 2 * 20
+
+
+def test_two_frames_that_are_close_together_do_no_harm(structure, balanced, lengths_of) -> None:
+    """The shortest step that the pipeline lets through, after which the step is 400 times as long."""
+    rng = np.random.default_rng(3)
+    noise_m = 5e-4 * rng.standard_normal((20, 24))
+    t_s = 0.02 * np.arange(20)
+    t_s[10] = t_s[9] + SHORTEST_STEP_S
+    frames = [lengths_of(structure, balanced.node_position_m, t, noise=n) for t, n in zip(t_s, noise_m, strict=True)]
+    for shape in LiveSmoother(structure, balanced, Settings()).estimate(frames):
+        assert shape.status == Status.OK
+        assert np.abs(shape.node_position_m - balanced.node_position_m).max() < 0.005
 
 
 @pytest.mark.parametrize("gap_s", [1.0, 3.0, 10.0])

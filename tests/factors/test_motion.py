@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from graph_values import KEYS, values_of
-from tensegraph.factors.motion import constant_velocity_factors
+from tensegraph.factors.motion import constant_velocity_factors, motion_rows
 
 
 def test_constant_velocity_by_hand() -> None:
@@ -23,9 +23,16 @@ def test_constant_velocity_costs_nothing_at_any_steps(steps) -> None:
         assert factor.error(values_of(positions)) == pytest.approx(0, abs=1e-12)
 
 
-def test_stamps_a_tenth_of_a_microsecond_apart_are_a_microsecond_apart() -> None:
-    (factor,) = constant_velocity_factors([3], KEYS, (1e-7, 0.02), 0.3)
-    assert np.isfinite(factor.error(values_of(np.zeros((3, 12, 3)))))
+@pytest.mark.parametrize("step_s", [0.0, 1e-7])
+def test_frames_that_are_closer_are_a_tenth_of_a_millisecond_apart(step_s) -> None:
+    """Live and batch: node 3 is 1 mm off in the second frame, so that the second difference is -201 mm."""
+    positions = np.zeros((3, 12, 3))
+    positions[1, 3, 0] = 0.001
+    sigma_m = 0.3 * np.sqrt(0.02) * 0.5 * (1e-4 + 0.02)
+    (factor,) = constant_velocity_factors([3], KEYS, (step_s, 0.02), 0.3)
+    assert factor.error(values_of(positions)) == pytest.approx(0.5 * (0.201 / sigma_m) ** 2)
+    rows = motion_rows(np.array([0.0, step_s, step_s + 0.02]), 0.3, None)
+    assert rows[2] == pytest.approx(np.array([200.0, -201.0, 1.0]) / sigma_m)
 
 
 def test_motion_factors_of_several_nodes_do_not_share_keys() -> None:

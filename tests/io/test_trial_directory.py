@@ -118,17 +118,17 @@ class TestFaults:
 
 
 def test_stamps_that_a_result_cannot_tell_apart_are_one(example, tmp_path) -> None:
-    """Rows 40 microseconds apart: tables have a tenth of a millisecond."""
+    """Rows 40 microseconds apart, and 20 nanoseconds on two sides of a rounding: tables have 0.1 milliseconds."""
     table = tomllib.loads((example / "trial.toml").read_text())
     kept = {name: table[name] for name in ("structure", "mechanics", "rest")} | {"lengths": {"file": "lengths.csv"}}
     (tmp_path / "trial.toml").write_text(tomli_w.dumps(kept))
     lengths = ",".join(map(str, table["structure"]["natural_length_m"]))
     names = ",".join(f"l{tendon}_m" for tendon in range(24))
-    stamps = (0.0, 0.02, 0.02004, 0.0201, 0.04)
+    stamps = (0.0, 0.02, 0.02004, 0.0201, 0.04, 0.06014999, 0.06015001)
     (tmp_path / "lengths.csv").write_text("\n".join([f"t_s,{names}", *(f"{t},{lengths}" for t in stamps), ""]))
     trial = open_trial(tmp_path)
-    assert [reading.t_s for reading in trial.readings()] == [0.0, 0.02, 0.0201, 0.04]
-    assert trial.dropped_rows == 1
+    assert [reading.t_s for reading in trial.readings()] == [0.0, 0.02, 0.0201, 0.04, 0.06014999]
+    assert trial.dropped_rows == 2
 
 
 def test_dates_and_times_of_a_user_are_hashed_too(example, tmp_path) -> None:

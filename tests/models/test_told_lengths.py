@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tensegraph import Flag
+from tensegraph import Flag, InputError
 from tensegraph.models.sensor.gate import GateSettings
 from tensegraph.models.told_lengths import ToldLengths
 from tensegraph.models.values.readings import TendonLengths
@@ -32,6 +32,14 @@ def pressed(rows: int, sigma_m: float = 0.001, begin: int = 100) -> np.ndarray:
     """Noise about lengths that swing by 20 mm from some row on, each in another phase."""
     phase = 0.05 * np.maximum(np.arange(rows) - begin, 0)[:, None] + np.zeros(4)
     return noise(rows, sigma_m) + 0.02 * np.sin(phase * [1.0, 1.1, 1.2, 1.3])
+
+
+def test_rows_that_repeat_a_stamp_are_refused() -> None:
+    """Readers of files leave them out; of an iterable of rows they are a mistake."""
+    told, none = ToldLengths(GateSettings(), FULL_M, REST_S, unstated_m=0.001), np.zeros(4, dtype=np.int64)
+    told.checked(TendonLengths(0.02, FULL_M, np.full(4, 0.001), none, none))
+    with pytest.raises(InputError, match=r"0\.0001 s after the one before, at 0\.020000 s, got one at 0\.020050 s"):
+        told.checked(TendonLengths(0.02005, FULL_M, np.full(4, 0.001), none, none))
 
 
 class TestStuck:

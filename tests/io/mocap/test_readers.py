@@ -11,8 +11,7 @@ from capture_files import motive_text, take_of, trc_text, vicon_text, write_c3d
 from tensegraph import InputError
 from tensegraph.io.mocap import c3d_file
 from tensegraph.io.mocap.truth_file import read_truth
-from tensegraph.models.values.marker_tracks import MarkerTracks
-from tensegraph.models.values.stamped_positions import StampedPositions
+from tensegraph.models.values.tracks import MarkerTracks, StampedPositions
 
 TAKE = take_of(np.array([0.0, 2.0, 3.0]), np.random.default_rng(0).random((3, 4, 3)), [2, 0, 3], gaps=1)
 TEXTS = {"take.csv": motive_text, "vicon.csv": vicon_text, "take.trc": trc_text}

@@ -13,8 +13,8 @@ from tensegraph.models.evaluation.marker_assignment import largest_reach_m
 from tensegraph.models.evaluation.motion_capture import farther_apart_m, lay_onto, node_positions, other_offset_s
 from tensegraph.models.evaluation.truth import MarkedNode, marked_nodes
 from tensegraph.models.trial_tables import TruthTable
-from tensegraph.models.values.marker_tracks import MarkerTracks
 from tensegraph.models.values.tables import parse_table, unknown_keys
+from tensegraph.models.values.tracks import MarkerTracks
 
 NODES = [7, 3, 11, 0, 5, 2, 9, 1]
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tensegraph.models.pose.imu_gate import ImuGate
-from tensegraph.models.structure.rest_clock import RestClock
 from tensegraph.models.values.aids import ImuReading
+from tensegraph.models.values.stamps import RestClock
 
 
 def sample(k: int, rate: float = 0.1, force: float = 9.8) -> ImuReading:

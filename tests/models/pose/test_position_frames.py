@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tensegraph.models.pose.position_frames import OwnFrames, fitted_frame
-from tensegraph.models.structure.rest_clock import RestClock
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.values.aids import PositionReading
 from tensegraph.models.values.rotations import rotation
+from tensegraph.models.values.stamps import RestClock
 
 TURN, ORIGIN_M = rotation(np.array([1.1, -0.7, 1.9])), np.array([1.3, -2.1, 0.8])
 SEEN = (2, 4, 9, 11)

@@ -1,6 +1,6 @@
 """The shapes of a whole trial as one value."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -9,7 +9,10 @@ from tensegraph import Reconstruction, Settings
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.models.structure.lengths import length_jacobian
+from tensegraph.models.structure.floor import EstimatedNormal
+from tensegraph.models.structure.shape import OtherShape, Reason
 from tensegraph.models.values.readings import SensorDrift
+from tensegraph.models.values.slip import Slip
 
 
 class TestReconstruction:
@@ -38,6 +41,28 @@ class TestReconstruction:
         again = Reconstruction.of(structure, iter(result))
         np.testing.assert_array_equal(again.covariance_m2, result.covariance_m2)
         assert len(again) == 3
+
+    def test_a_shape_holds_what_the_run_holds_of_it(self, structure, rest, lengths_of) -> None:
+        """All fields but what a run keeps once for all frames, or only counts."""
+        frames = [lengths_of(structure, rest.node_position_m, 0.02 * k) for k in range(2)]
+        shapes = list(FrameEstimator(structure, rest, Settings()).estimate(frames))
+        told = [
+            replace(
+                shape,
+                doubt=Reason.GEOMETRY,
+                contacts=np.linspace(0, 1, 12),
+                slips=(Slip(0.02, 1, np.array([0.01, 0.0, 0.0]), 0.002),),
+                floor_normal=EstimatedNormal((0.0, 0.0, 1.0), 0.01),
+                contradicted_positions=(3,),
+                other=OtherShape(shape.node_position_m, 0.1),
+            )
+            for shape in shapes
+        ]
+        shape = Reconstruction.of(structure, told)[0.02]
+        np.testing.assert_allclose(shape.covariance_m2, told[1].covariance_m2, atol=1e-15)  # it holds one triangle
+        counted = {"covariance_m2", "lengths", "factor_innovation", "outlying_ranges"}
+        for name in {each.name for each in fields(shape)} - counted:
+            np.testing.assert_equal(getattr(shape, name), getattr(told[1], name), err_msg=name)
 
     def test_drift_is_that_of_the_frames_which_show_it(self, structure, rest, lengths_of) -> None:
         """By nothing, by the lengths together, and by reference tendons."""

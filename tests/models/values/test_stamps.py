@@ -2,7 +2,17 @@
 
 import pytest
 
-from tensegraph.models.structure.rest_clock import RestClock, rest_until_s
+from tensegraph.models.values.stamps import RestClock, is_later, rest_until_s
+
+
+@pytest.mark.parametrize("first_s", [0.0, 100.02, 1.7e9])
+@pytest.mark.parametrize(("step_s", "later"), [(1e-4, True), (9e-5, False), (1e-3, True), (0.0, False), (-1.0, False)])
+def test_rows_are_a_tenth_of_a_millisecond_apart_at_least(first_s, step_s, later) -> None:
+    assert is_later(first_s + step_s, first_s) == later
+
+
+def test_rows_on_two_sides_of_a_rounding_are_not_apart() -> None:
+    assert not is_later(0.02015001, 0.02014999)
 
 
 @pytest.mark.parametrize("first_s", [0.0, 0.06, 100.02, 1.7e9])

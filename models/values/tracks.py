@@ -1,4 +1,4 @@
-"""Positions of nodes at known times."""
+"""Positions of nodes and of markers at known times."""
 
 from dataclasses import dataclass
 
@@ -20,3 +20,15 @@ class StampedPositions:
         x = self.node_position_m
         same = (x[:, :, None] == x[:, None]).all(axis=-1) & ~np.eye(x.shape[1], dtype=bool)
         return StampedPositions(self.t_s, np.where(same.any(axis=-1)[..., None], np.nan, x))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkerTracks:
+    """Positions of markers on the capture's own clock and in its own axes, whichever of them points upward."""
+
+    t_s: NDArray[np.float64]
+    """(times,) increasing, capture clock."""
+    names: tuple[str, ...]
+    """Name of each marker, all different."""
+    position_m: NDArray[np.float64]
+    """(times, markers, 3); nan where a marker was hidden."""

@@ -1,4 +1,4 @@
-"""When the rest at the start of a trial ends: the clock of its stamps may count from anywhere.
+"""The stamps of rows and frames, whose clock may count from anywhere: which is later, and when the rest is over.
 
 A robot rests for `rest.seconds` from the first frame on, as sensors are tared; t_s of that frame need not be 0.
 """
@@ -6,7 +6,18 @@ A robot rests for `rest.seconds` from the first frame on, as sensors are tared; 
 import math
 
 ROUNDING_S = 1e-6
-"""More than stamps and their sums are rounded by: a frame at the very end of the rest is after it, on every clock."""
+"""More than stamps, their sums and their differences are rounded by: a frame at the very end of the rest is after it,
+on every clock."""
+STAMP_DECIMALS = 4
+"""Decimals of a time in seconds in the tables of a result."""
+SHORTEST_STEP_S = 1e-4
+"""Shortest time between two rows, that of the last decimal: what moves in a shorter one is not known."""
+
+
+def is_later(t_s: float, latest_s: float) -> bool:
+    """Return whether a row is `SHORTEST_STEP_S` later than the one before, as it is and as results write it."""
+    is_written_later = round(t_s, STAMP_DECIMALS) > round(latest_s, STAMP_DECIMALS)
+    return is_written_later and t_s - latest_s > SHORTEST_STEP_S - ROUNDING_S
 
 
 def rest_until_s(first_frame_s: float, rest_seconds: float) -> float:
