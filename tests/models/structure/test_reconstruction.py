@@ -8,8 +8,8 @@ import pytest
 from tensegraph import Reconstruction, Settings
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.smoother import LiveSmoother
-from tensegraph.models.structure.lengths import length_jacobian
 from tensegraph.models.structure.floor import EstimatedNormal
+from tensegraph.models.structure.lengths import length_jacobian
 from tensegraph.models.structure.shape import OtherShape, Reason
 from tensegraph.models.values.readings import SensorDrift
 from tensegraph.models.values.slip import Slip
