@@ -285,16 +285,8 @@ class BatchOptimizer:
     def _shape(self, trial: _Problem, assessment: Assessment, k: int, converged: bool) -> Shape:
         """Return the shape of one frame, with the status that its lengths and the doubt about it give."""
         lengths, reason = trial.measured[k].lengths, trial.doubts[k].reason
-        shape = Shape(
-            t_s=lengths.t_s,
-            node_position_m=assessment.node_position_m,
-            covariance_m2=assessment.covariance_m2,
-            status=status_of(lengths, self._builder.structure, reason) if converged else Status.NOT_CONVERGED,
-            lengths=lengths,
-            loads=assessment.loads,
-            doubt=reason,
-            factor_innovation=assessment.factor_innovation,
-        )
+        status = status_of(lengths, self._builder.structure, reason) if converged else Status.NOT_CONVERGED
+        shape = assessment.shape(lengths, status, reason)
         return shape.farther(self._builder.structure.free_coordinates, assessment.apart_m)
 
     def _assessed(self, trial: _Problem, position_m: NDArray[np.float64], window: slice) -> Assessment:

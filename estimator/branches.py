@@ -57,6 +57,7 @@ class OtherBranch:
         Yields True after each iteration.
         """
         structure = self._builder.structure
+        balance = TrialBalance.of_newest(self._builder, 1)  # of this frame; motors wind on while it is searched
         first = self._builder.search(measured, position_m)
         yield from _iterated(first)
         second = self._builder.search(measured, across(structure, first.node_position_m))
@@ -64,13 +65,12 @@ class OtherBranch:
         is_other = branch(structure, second.node_position_m) * branch(structure, position_m) <= 0
         others = [OtherShape(second.node_position_m, second.error - first.error)] if is_other else []
         if is_unlikely(structure, first.error):
-            others.append(self._far_shape(first.node_position_m, measured))
+            others.append(self._far_shape(first.node_position_m, TrialFactors(self._builder, [measured], balance)))
         best = min(others, key=lambda other: other.log_ratio, default=None)
         self._other_shape = best if best and best.log_ratio < self._settings.log_ratio else None
 
-    def _far_shape(self, position_m: NDArray[np.float64], measured: WeightedLengths) -> OtherShape:
+    def _far_shape(self, position_m: NDArray[np.float64], factors: TrialFactors) -> OtherShape:
         """Return the most probable minimum of a frame's own factors that is not the one at (nodes, 3) positions."""
-        factors = TrialFactors(self._builder, [measured], TrialBalance.of_newest(self._builder, 1))
         frame = np.zeros(1, dtype=np.int64)
         far_m, far_error = far_minima(self._builder.structure, factors, frame, position_m[None])
         return OtherShape(far_m[0], float(far_error[0] - factors.error(position_m[None], frame)[0]))

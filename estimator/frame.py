@@ -34,13 +34,6 @@ class FrameEstimator:
         minimum = self._builder.search(measured, self._builder.rest.node_position_m).finished()
         position = minimum.node_position_m
         assessment = self._evidence.assess(linearised(self._builder, position, measured), position)
-        shape = Shape(
-            t_s=lengths.t_s,
-            node_position_m=assessment.node_position_m,
-            covariance_m2=assessment.covariance_m2,
-            status=status_of(lengths, self._builder.structure) if minimum.converged else Status.NOT_CONVERGED,
-            lengths=lengths,
-            loads=assessment.loads,
-            factor_innovation=assessment.factor_innovation,
-        )
+        status = status_of(lengths, self._builder.structure) if minimum.converged else Status.NOT_CONVERGED
+        shape = assessment.shape(lengths, status)
         return shape.farther(self._builder.structure.free_coordinates, assessment.apart_m)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.body_frame import BODY_FRAME_M
-from ..factors.equilibrium import squared_norms
+from ..factors.equilibrium import cauchy_weight
 from ..factors.noise import WeightedLengths, independent_rows, robust_loss, stacked_shared
 from ..models.balance.statics import Statics
 from ..models.structure.lengths import length_and_jacobian
@@ -231,7 +231,7 @@ def linearised_frames(builder: GraphBuilder, node_position_m: NDArray[np.float64
     if data.statics:
         force_n, by_position = data.statics.residual_and_jacobian(node_position_m)
         by_position = by_position[..., free]
-        force_weight = 1 / (1 + squared_norms(force_n / data.force_sigma_n, data.statics)) / data.force_sigma_n
+        force_weight = cauchy_weight(force_n / data.force_sigma_n, data.statics) / data.force_sigma_n
     else:
         force_n = force_weight = np.zeros((*lead, 0))
         by_position = np.zeros((*lead, 0, len(free)))

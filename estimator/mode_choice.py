@@ -5,10 +5,10 @@ probability p of the reading alone is therefore multiplied by the evidence of th
 sigma_c that follow from all else (the cavity: the estimate without this reading), and the readings y_m and sigma_m in
 the modes m,
 
-    log-odds = log(p / (1 - p)) + a mean of log(N_b / N_s),     N_m = N(y_m; l_c, sigma_m^2 + sigma_c^2)
+    log-odds = log(p / (1 - p)) + alpha <log(N_b / N_s)>,     N_m = N(y_m; l_c, sigma_m^2 + sigma_c^2)
 
-The mean is over `EVIDENCE_S`, because a tendon does not change its mode from frame to frame; a is `LIVE_SHARE`, or in
-batch `BATCH_SHARE`. The length is the mean of both modes, and its variance includes the distance between them.
+The mean <.> is over `EVIDENCE_S`, because a tendon does not change its mode from frame to frame; alpha is `LIVE_SHARE`,
+or in batch `BATCH_SHARE`. The length is the mean of both modes, and its variance includes the distance between them.
 """
 
 from collections.abc import Sequence

@@ -126,16 +126,8 @@ class LiveSmoother:
         self._forget()
         self._frame += 1
         self._positions.append(position)
-        shape = Shape(
-            t_s=lengths.t_s,
-            node_position_m=assessment.node_position_m,
-            covariance_m2=assessment.covariance_m2,
-            status=status_of(admitted.lengths, self.builder.structure, doubt.reason),
-            lengths=admitted.lengths,
-            loads=assessment.loads,
-            doubt=doubt.reason,
-            factor_innovation=assessment.factor_innovation,
-        )
+        status = status_of(admitted.lengths, self.builder.structure, doubt.reason)
+        shape = assessment.shape(admitted.lengths, status, doubt.reason)
         self.changes.observe(frame, shape, scale)
         if self._health:
             self._health.observe(shape, measured, self.changes.explains_more)

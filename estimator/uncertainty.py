@@ -46,8 +46,9 @@ from ..models.balance.statics import Statics
 from ..models.estimation import DoubtSettings
 from ..models.structure.external_loads import ExternalLoads
 from ..models.structure.lengths import length_curvature_per_m, propagated_variance
-from ..models.structure.shape import Reason
+from ..models.structure.shape import Reason, Shape, Status
 from ..models.values.errors import UNDETERMINED, IndeterminateError
+from ..models.values.readings import TendonLengths
 from .doubt import WIDEST_M, Doubt
 from .graph import GraphBuilder
 from .linear_frame import LinearFrame
@@ -129,6 +130,19 @@ class Assessment:
             None if force_n is None else ExternalLoads(force_n, np.concatenate([one.sigma_n for one in loads])),
             np.concatenate([part.apart_m for part in parts]),
             np.concatenate(innovations) if innovations else None,
+        )
+
+    def shape(self, lengths: TendonLengths, status: Status, doubt: Reason | None = None) -> Shape:
+        """Return the shape of a single frame, without the step `apart_m` in its covariance."""
+        return Shape(
+            t_s=lengths.t_s,
+            node_position_m=self.node_position_m,
+            covariance_m2=self.covariance_m2,
+            status=status,
+            lengths=lengths,
+            loads=self.loads,
+            doubt=doubt,
+            factor_innovation=self.factor_innovation,
         )
 
     def __getitem__(self, frames: int | slice) -> "Assessment":

@@ -26,11 +26,22 @@ def equilibrium_rows(statics: Statics, sigma_n: NDArray[np.float64]) -> NodeRows
 
     def linearised(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         r, jacobian = statics.residual_and_jacobian(position)
-        weight = np.sqrt(1 / (1 + squared_norms(r / sigma_n, statics))) / sigma_n
+        weight = np.sqrt(cauchy_weight(r / sigma_n, statics)) / sigma_n
         jacobian *= weight[:, None]
         return r * weight, jacobian
 
     return NodeRows(len(statics.group), residual, linearised)
+
+
+def cauchy_error(r: NDArray[np.float64], statics: Statics) -> NDArray[np.float64]:
+    """Return (...,) 1/2 sum_g log(1 + q_g) of (..., rows) residuals over their sigmas."""
+    q = np.add.reduceat(r * r, statics.group_start, axis=-1)
+    return np.asarray(0.5 * np.sum(np.log1p(q), axis=-1))
+
+
+def cauchy_weight(r: NDArray[np.float64], statics: Statics) -> NDArray[np.float64]:
+    """Return (..., rows) 1 / (1 + q_g) of (..., rows) residuals over their sigmas."""
+    return 1 / (1 + squared_norms(r, statics))
 
 
 def squared_norms(r: NDArray[np.float64], statics: Statics) -> NDArray[np.float64]:

@@ -73,7 +73,7 @@ def weigh(lengths: TendonLengths, settings: NoiseSettings) -> WeightedLengths:
 
 
 def tendon_sigma_m(lengths: TendonLengths, settings: NoiseSettings) -> NDArray[np.float64]:
-    """Return (tendons,): sigma^2 = (sigma of the mode)^2 + (sigma of the reading)^2; inf for a tendon to leave out.
+    """Return (tendons,): sigma^2 = sigma_mode^2 + sigma_reading^2 - sigma_rest^2; inf for a tendon to leave out.
 
     The part of the reading's sigma that comes from the rest shape is subtracted, because that error is the same in
     every frame.

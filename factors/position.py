@@ -44,21 +44,6 @@ def position_rows(placed: PlacedShape, readings: Sequence[PositionReading], t_s:
     )
 
 
-def common_misfit(rows: Rows, covariance: NDArray[np.float64], moves_m: float) -> float:
-    """Return e^T S^-1 e of the mean error e of some positions; if it is far above three, they are off alike.
-
-    Args:
-        rows: of these positions, one at least.
-        covariance: (size, size) of the errors of the state.
-        moves_m: standard deviation, per axis, of what the robot may move beside them.
-    """
-    count = len(rows.error) // 3
-    mean = np.tile(np.eye(3), count) / count
-    e, H = mean @ rows.error, mean @ rows.jacobian
-    S = H @ covariance @ H.T + (mean * rows.variance) @ mean.T + moves_m**2 * np.eye(3)
-    return float(e @ np.linalg.solve(S, e))
-
-
 def earlier_nodes(
     placed: PlacedShape, nodes: NDArray[np.int64], age_s: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

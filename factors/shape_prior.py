@@ -12,7 +12,7 @@ from .noise import isotropic
 def shape_prior_factors(
     nodes: Sequence[int], keys: Sequence[int], rest_position_m: NDArray[np.float64], sigma_m: float
 ) -> list[gtsam.NonlinearFactor]:
-    """Return |x_n - rest_n| / sigma for each of the nodes in one frame; an empty list for an infinite sigma."""
+    """Return (x_n - rest_n) / sigma, three rows for each of the nodes in one frame; nothing for an infinite sigma."""
     if not np.isfinite(sigma_m):
         return []
     model = isotropic(3, sigma_m)

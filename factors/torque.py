@@ -1,11 +1,11 @@
-"""Anchors of a structure that hangs: each node is where its anchor is, and torques about the suspension balance.
+"""Torques of a structure that hangs: they balance about its suspension.
 
-With the anchor a of node k, the weight W, the lever d from the suspension to the centre of mass, in world axes, and the
-torque T of hands, about every axis e of the suspension
+With the weight W, the lever d from the suspension to the centre of mass, in world axes, and the torque T of hands,
+about every axis e of the suspension
 
-    x_k = a,     e . (d x (-z) + T / W) = 0
+    e . (d x (-z) + T / W) = 0
 
-A swing and what is not told of the masses are in the variance of the second.
+A swing and what is not told of the masses are in its variance.
 """
 
 import numpy as np
@@ -15,22 +15,6 @@ from ..models.pose.placed import PlacedShape, Rows
 from ..models.structure.floor import UP
 from ..models.structure.suspension import Suspension
 from ..models.values.rotations import cross_matrix
-
-
-def anchor_rows(
-    placed: PlacedShape, anchors: NDArray[np.int64], anchor_position_m: NDArray[np.float64], sigma_m: float
-) -> Rows:
-    """Return three rows for each anchor.
-
-    Args:
-        placed: the shape in the world.
-        anchors: (anchors,) their nodes.
-        anchor_position_m: (anchors, 3) where they are.
-        sigma_m: standard deviation of their positions, per axis.
-    """
-    error = (anchor_position_m - placed.node_position_m[anchors]).ravel()
-    jacobian = placed.jacobian[anchors].reshape(-1, placed.state.layout.size)
-    return Rows(error, jacobian, np.full(len(error), sigma_m**2))
 
 
 def torque_rows(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.ground import foothold_rows
-from ...factors.sliding import least_friction_slides_m
+from ...models.balance.sliding import least_friction_slides_m
 from ...models.balance.support import legs_n
 from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_settings import PoseSettings

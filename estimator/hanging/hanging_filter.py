@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...factors.torque import anchor_rows, torque_rows
+from ...factors.anchor import anchor_rows
+from ...factors.torque import torque_rows
 from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import FreeStandingRobot, HangingRobot

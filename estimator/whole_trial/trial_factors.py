@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.body_frame import BODY_FRAME_M
-from ...factors.equilibrium import squared_norms
+from ...factors.equilibrium import cauchy_error, cauchy_weight
 from ...factors.noise import WeightedLengths, robust_loss, rounded_sigma_m, stacked_shared
 from ...models.structure.lengths import length_and_jacobian, member_length_m
 from ..graph import GraphBuilder
@@ -84,8 +84,7 @@ class TrialFactors:
             error += own_error(self._own, self._t_s[frames], node_position_m)
         if self._balance:
             statics = self._balance.statics_of(frames)
-            z = statics.residual_n(node_position_m) / self._balance.sigma_n[frames]
-            error += 0.5 * np.sum(np.log1p(np.add.reduceat(z * z, statics.group_start, axis=1)), axis=1)
+            error += cauchy_error(statics.residual_n(node_position_m) / self._balance.sigma_n[frames], statics)
         return np.asarray(error)
 
     def linear(
@@ -132,6 +131,6 @@ class TrialFactors:
             return by_length, z
         statics, sigma_n = self._balance.statics_of(frames), self._balance.sigma_n[frames]
         force_n, by_force = statics.residual_and_jacobian(node_position_m)
-        kernel = 1 / np.sqrt(1 + squared_norms(force_n / sigma_n, statics)) / sigma_n
+        kernel = np.sqrt(cauchy_weight(force_n / sigma_n, statics)) / sigma_n
         by_force *= kernel[:, :, None]
         return np.concatenate([by_length, by_force], axis=1), np.concatenate([z, force_n * kernel], axis=1)

@@ -53,7 +53,7 @@ class NetworkEstimator:
         rate = np.diff(change, axis=0, prepend=change[:1]) / step_s
         network = sensors.run(change, rate, step_s)
         spread = StrainSpread(count).run(network.strain, step_s)
-        factor, widening, beyond = Extrapolation(self.model, count).run(change, rate, network.strain, step_s)
-        scaled = network.sigma * self.model.sigma_scale.at(spread) * factor
-        sigma = np.hypot(scaled, np.hypot(widening, network.curve_sigma))
-        return EstimatedStrain(network.strain, sigma, network.sigma, spread, beyond)
+        growth = Extrapolation(self.model, count).run(change, rate, network.strain, step_s)
+        scaled = network.sigma * self.model.sigma_scale.at(spread) * growth.factor
+        sigma = np.hypot(scaled, np.hypot(growth.added, network.curve_sigma))
+        return EstimatedStrain(network.strain, sigma, network.sigma, spread, growth.is_beyond)

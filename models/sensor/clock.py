@@ -116,7 +116,7 @@ class BoardClock:
         return self._time_s
 
     def _compare(self, row: BoardReading) -> None:
-        """Add the time since the last row that the board counted on, by both clocks; of a gap, a second at most."""
+        """Add the time since the last row that the board counted on, by both clocks; the host's is a second at most."""
         if self._heard is not None:
             rows, device_s = _steps(row, self._heard)
             if 0 < rows < SEQ_WRAP // 2:

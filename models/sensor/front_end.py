@@ -110,7 +110,7 @@ class FrontEnd:
         frame_step_s: float,
         references: ReferenceTendons,
         *,
-        is_held: bool = True,
+        is_held: bool,
     ) -> None:
         count = len(natural_length_m)
         self._model = model
@@ -253,12 +253,12 @@ class FrontEnd:
         change, rate, step_s = readings.change, readings.rate_per_s, readings.step_s
         network = self._stretching.run(change, rate, step_s)
         strain = self._rest_shift.corrected(network.strain, readings.seen[0] & readings.resting)
-        widening, beyond, _ = self._extrapolation.run(change, rate, strain, step_s)
+        growth = self._extrapolation.run(change, rate, strain, step_s)
         spread = self._spread.run(strain, step_s)
-        sigma = network.sigma * widening * self._model.sigma_scale.at(spread)
+        sigma = network.sigma * growth.factor * self._model.sigma_scale.at(spread)
         left = np.exp(-(readings.t_s[:, None] - self._warm_s) / self._settings.warm_up_s)
         warm_up = np.where(np.isnan(self._warm_s), 0.0, self._warm_sigma * left)
-        parts = (sigma, self._taring.sigma(strain, change), network.curve_sigma, beyond, warm_up)
+        parts = (sigma, self._taring.sigma(strain, change), network.curve_sigma, growth.added, warm_up)
         whole_sigma = np.asarray(np.sqrt(sum(part**2 for part in parts)))
         model_sigma = np.hypot(sigma, network.curve_sigma)
         return _Strain(strain, whole_sigma, model_sigma, MOTION_SHARE * spread / model_sigma)

@@ -149,6 +149,18 @@ class StrainSpread:
         return np.sqrt(variance)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SigmaGrowth:
+    """How sigma grows for inputs beyond those of the training, (samples, sensors) each."""
+
+    factor: NDArray[np.float64]
+    """By which sigma is multiplied."""
+    added: NDArray[np.float64]
+    """What is added to it in quadrature."""
+    is_beyond: NDArray[np.bool_]
+    """Whether the input is beyond those of the training."""
+
+
 class Extrapolation:
     """The increase of sigma for inputs outside the range of the training, for each sensor.
 
@@ -174,11 +186,10 @@ class Extrapolation:
         rate_per_s: NDArray[np.float64],
         strain: NDArray[np.float64],
         step_s: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return (samples, sensors) the factor of sigma, the term to add, and whether the input is beyond training.
+    ) -> SigmaGrowth:
+        """Return the increase of sigma, which decays with `EXTRAPOLATION_MEMORY_S` after an input beyond training.
 
-        The factor and the term decay with `EXTRAPOLATION_MEMORY_S` after such an input. Arguments are (samples,
-        sensors); the time step may be (samples, 1) for all.
+        Arguments are (samples, sensors); the time step may be (samples, 1) for all.
         """
         fade = np.exp(-(step_s / EXTRAPOLATION_MEMORY_S))
         ratio = np.maximum(np.abs(rate_per_s) / self._ranges.rate_per_s - 1, 0)
@@ -188,7 +199,7 @@ class Extrapolation:
         self._ratio, self._excess = faded_ratio[-1], faded_excess[-1]
         strain_beyond = np.maximum(change - self._ranges.change[1], 0) / self._gauge.slope(strain)
         beyond = (ratio > 0) | (excess > 0) | (strain_beyond > 0)
-        return 1 + faded_ratio, np.hypot(STRETCHING_LAG_S * faded_excess, strain_beyond), beyond
+        return SigmaGrowth(1 + faded_ratio, np.hypot(STRETCHING_LAG_S * faded_excess, strain_beyond), beyond)
 
 
 def _fading(value: NDArray[np.float64], fade: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from poses import any_state
+from tensegraph.estimator.free_standing.watches.jump_watch import common_misfit
+from tensegraph.factors.anchor import anchor_rows
 from tensegraph.factors.ground import foothold_rows, height_rows
 from tensegraph.factors.imu import ImuArray
-from tensegraph.factors.position import common_misfit, position_rows
+from tensegraph.factors.position import position_rows
 from tensegraph.factors.range import range_rows
-from tensegraph.factors.torque import anchor_rows, torque_rows
+from tensegraph.factors.torque import torque_rows
 from tensegraph.models.pose.imu_samples import ImuSamples
 from tensegraph.models.pose.placed import PlacedShape, Rows
 from tensegraph.models.pose.pose_settings import PoseSettings

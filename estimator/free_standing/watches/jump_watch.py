@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ....factors.position import common_misfit, position_rows
+from ....factors.position import position_rows
 from ....models.pose.placed import PlacedShape, Rows
 from ....models.pose.pose_settings import PoseSettings
 from ....models.pose.position_gate import MOST_SIGMA
@@ -58,3 +58,18 @@ class JumpWatch:
 
     def _rows(self, placed: PlacedShape, readings: Sequence[PositionReading], t_s: float) -> Rows:
         return position_rows(placed, readings, t_s, self._settings.position_m)
+
+
+def common_misfit(rows: Rows, covariance: NDArray[np.float64], moves_m: float) -> float:
+    """Return e^T S^-1 e of the mean error e of some positions; if it is far above three, they are off alike.
+
+    Args:
+        rows: of these positions, one at least.
+        covariance: (size, size) of the errors of the state.
+        moves_m: standard deviation, per axis, of what the robot may move beside them.
+    """
+    count = len(rows.error) // 3
+    mean = np.tile(np.eye(3), count) / count
+    e, H = mean @ rows.error, mean @ rows.jacobian
+    S = H @ covariance @ H.T + (mean * rows.variance) @ mean.T + moves_m**2 * np.eye(3)
+    return float(e @ np.linalg.solve(S, e))

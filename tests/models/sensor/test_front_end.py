@@ -38,6 +38,7 @@ def front_end(model: SensorModel, count: int = 4, rest_strain: float | None = 0.
         settings=FrontEndSettings(**kwargs),
         frame_step_s=0.02,
         references=ReferenceTendons(np.empty(0, dtype=np.int64), DriftSettings()),
+        is_held=True,
     )
 
 

@@ -44,26 +44,26 @@ class TestExtrapolation:
         """Twice the fastest trained rate doubles sigma; after 3 s of rest 1 + 1/e is left of that."""
         outside, still = Extrapolation(model, 1), np.zeros((2, 1))
         rate = np.array([[2 * model.ranges.rate_per_s], [0.0]])
-        factor, extra, beyond = outside.run(still, rate, still, np.array([[0.1], [3.0]]))
-        assert factor[:, 0] == pytest.approx([2.0, 1 + np.exp(-1)])
-        assert beyond[:, 0].tolist() == [True, False]
-        assert (extra == 0).all()
+        growth = outside.run(still, rate, still, np.array([[0.1], [3.0]]))
+        assert growth.factor[:, 0] == pytest.approx([2.0, 1 + np.exp(-1)])
+        assert growth.is_beyond[:, 0].tolist() == [True, False]
+        assert (growth.added == 0).all()
 
     def test_strain_faster_than_trained_adds_the_lag_times_the_excess(self, model: SensorModel) -> None:
         """Steady strain at the fastest trained rate and 0.1 /s more: sigma 0.4 s * 0.1 /s on top."""
         still, rate = np.zeros((200, 1)), model.ranges.strain_rate_per_s + 0.1
         strain = rate * 0.02 * np.arange(200)[:, None]
-        factor, extra, beyond = Extrapolation(model, 1).run(still, still, strain, steps(200, 0.02))
-        assert (factor == 1).all()
-        assert extra[-1, 0] == pytest.approx(0.04, rel=0.01)
-        assert beyond[-1, 0]
+        growth = Extrapolation(model, 1).run(still, still, strain, steps(200, 0.02))
+        assert (growth.factor == 1).all()
+        assert growth.added[-1, 0] == pytest.approx(0.04, rel=0.01)
+        assert growth.is_beyond[-1, 0]
 
     def test_grows_with_the_distance_beyond_the_trained_change(self, model: SensorModel) -> None:
         far = np.array([[model.ranges.change[1] + 0.3]])
         strain = model.gauge.stretched_strain(far)
-        _, extra, beyond = Extrapolation(model, 1).run(far, np.zeros((1, 1)), strain, steps(1, 0.02))
-        assert beyond[0, 0]
-        assert extra[0, 0] == pytest.approx(0.3 / model.gauge.slope(strain)[0, 0])
+        growth = Extrapolation(model, 1).run(far, np.zeros((1, 1)), strain, steps(1, 0.02))
+        assert growth.is_beyond[0, 0]
+        assert growth.added[0, 0] == pytest.approx(0.3 / model.gauge.slope(strain)[0, 0])
 
 
 def swings_in(swing: FastSwing, strain: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tensegraph.factors.sliding import least_friction_slides_m
+from tensegraph.models.balance.sliding import least_friction_slides_m
 from tensegraph.models.values.rotations import rotation
 
 CORNER_M = np.array([[0.0, 0.0], [0.3, 0.0], [0.0, 0.3]])
