@@ -41,7 +41,7 @@ from .models.structure.reconstruction import Reconstruction
 from .models.structure.rest_shape import RestShape
 from .models.structure.shape import Shape
 from .models.structure.structure import Structure
-from .models.told_lengths import ToldLengths
+from .models.told_lengths import ToldLengths, lengths_at_rest
 from .models.trial_description import TrialDescription
 from .models.values.aids import AidReading, ImuReading, PositionReading
 from .models.values.errors import InputError
@@ -170,7 +170,10 @@ class Pipeline:
     def __init__(self, trial: TrialDescription, settings: Settings, model: AnySensorModel) -> None:
         self.trial = trial
         self.settings = settings
-        self.rest = rest_shape_of(trial, settings.rest)
+        self._described_rest = rest_shape_of(trial, settings.rest)
+        self.rest = self._described_rest
+        """The rest shape: that of the description, or of the lengths at rest of the latest run, see `after_rest`."""
+        self._lengths_misfit = self._lengths_moved = False
         rest_clock = RestClock(trial.rest_seconds)
         self.imu_gate = ImuGate(len(trial.imus), rest_clock)  # which counts the frames for the clock
         self.factors: tuple[NodeFactor, ...] = tuple(factor.factor(trial.structure) for factor in trial.factors)
@@ -270,10 +273,52 @@ class Pipeline:
             raise InputError(
                 f"method '{method}': expected one of {', '.join(WITH_FACTORS)}, which use the trial's [[factor]]"
             )
+        if self._lengths_tell_rest:
+            return in_one_thread(self._watched_after_rest(frames, method, factory, progress))
+        return in_one_thread(self._watched(frames, method, factory, progress))
+
+    @property
+    def _lengths_tell_rest(self) -> bool:
+        """Whether the lengths at the start tell the rest shape: they are told, and it was not measured."""
+        is_told = self.trial.source == "lengths" and self.trial.rest_seconds > 0
+        return is_told and self.trial.rest_position_m is None
+
+    def after_rest(self, frames: Iterable[TendonLengths]) -> Iterator[TendonLengths]:
+        """Read the frames of the rest, estimate the rest shape from their lengths, and return all frames.
+
+        Each frame says so where the structure moved meanwhile, or where no shape has such lengths: then the rest shape
+        stays that of the description. Nothing is read where lengths do not tell the rest.
+        """
+        later = iter(frames)
+        if not self._lengths_tell_rest:
+            return later
+        clock, taken = RestClock(self.trial.rest_seconds), []
+        for lengths in later:
+            taken.append(lengths)
+            clock.count_frame(lengths.t_s)
+            if not clock.is_at_rest(lengths.t_s):
+                break
+        resting = [lengths for lengths in taken if clock.is_at_rest(lengths.t_s)]
+        if not any(lengths.usable.any() for lengths in resting):
+            return chain(taken, later)
+        at_rest, moved = lengths_at_rest(resting, self.trial.rest_seconds)
+        rest = rest_shape_of(self.trial, self.settings.rest, at_rest)
+        misfit = rest.misfits(at_rest)
+        self.rest = self._described_rest if misfit else rest
+        self._lengths_misfit, self._lengths_moved = misfit, moved
+        return (replace(lengths, rest_in_doubt=moved or misfit) for lengths in chain(taken, later))
+
+    def _watched_after_rest(self, frames: Iterable[TendonLengths], *how: Any) -> Iterator[Shape]:
+        """Yield shapes as `_watched` does; the frames of the rest are read before the first one."""
+        yield from self._watched(self.after_rest(frames), *how)
+
+    def _watched(
+        self, frames: Iterable[TendonLengths], method: str, factory: EstimatorFactory, progress: Progress | None
+    ) -> Iterator[Shape]:
         self.watch = watch = RunWatch(self.trial, self.rest, self.settings.gate)
         shapes = map(watch.observe, self._shapes(map(watch.take, frames), method, factory, progress))
         shapes = map(self.aid_use.observe, shapes)
-        return in_one_thread(map(PossibleShapes(self.rest).check, shapes))
+        return map(PossibleShapes(self.rest).check, shapes)
 
     def _shapes(
         self, frames: Iterable[TendonLengths], method: str, factory: EstimatorFactory, progress: Progress | None
@@ -304,7 +349,12 @@ class Pipeline:
     def misfits_at_rest(self) -> bool:
         """Whether at least half of the sensors, or the lengths that are told, do not fit the rest shape."""
         by_sensors = getattr(self.front_end, "misfits_at_rest", False)  # one of one's own may have `lengths` alone
-        return by_sensors or self.watch.misfits_at_rest
+        return by_sensors or self.watch.misfits_at_rest or self._lengths_misfit
+
+    @property
+    def moved_at_rest(self) -> bool:
+        """Whether the structure moved while it was to stand still."""
+        return self.front_end.moved_at_rest or self._lengths_moved
 
     def _not_held(self, method: str) -> Callable[[float], Estimator]:
         """Return what makes the estimator of a structure that hangs, stands on a floor, or has body coordinates alone.
@@ -467,6 +517,17 @@ def stream(
         IndeterminateError: see `reconstruct`.
     """
     return _pipeline_of(trial, settings, model).estimate(readings, method)
+
+
+def rest_shape_of_trial(trial: Trial, settings: Settings) -> RestShape:
+    """Return the rest shape of a recorded trial, of which lengths at rest are read where these tell it.
+
+    Raises:
+        InputError: see `reconstruct`.
+    """
+    pipeline = _pipeline_of(trial.description, settings, None)
+    pipeline.after_rest(pipeline.lengths(trial.readings()))
+    return pipeline.rest
 
 
 def sensor_model_plug_ins() -> dict[str, PlugIn]:

@@ -281,11 +281,12 @@ class Run:
             table.add_row("flagged", line)
         if self.pipeline.misfits_at_rest:
             table.add_row(
-                "rest in doubt", "sensors do not fit the rest shape: was it still, this structure, these columns?"
+                "rest in doubt",
+                "sensors do not fit the rest shape: was it still, are anchors and columns right?",
             )
-        if self.pipeline.front_end.moved_at_rest:
+        if self.pipeline.moved_at_rest:
             table.add_row(
-                "moved at rest", "the structure moved while its sensors were tared, sigmas are widened: tare again"
+                "moved at rest", "the structure moved while it was to stand still, sigmas are widened: rest it again"
             )
         for a, b in self.pipeline.front_end.exchanged:
             table.add_row("wiring", f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel")
@@ -355,6 +356,7 @@ def wrong_geometry(wrong: WrongPart) -> str:
     told = {
         "rods": "the rods have other lengths than trial.toml tells; those estimated are used",
         "anchors": "the anchors are elsewhere than trial.toml tells; those estimated are used",
+        "natural lengths": "they are others than trial.toml tells; those estimated are used",
         "rest shape": "the measured rest shape does not balance: was it measured in this state?; sigmas are widened",
         "axes": "the rest shape seems to be measured in other axes than the anchors: measure both in the same",
         "hubs": "tendons seem to end beside the ends of the rods (tell structure.hub_radius_m), or [mechanics] or the "

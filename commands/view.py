@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimator.rest_step import rest_shape_of
 from ..io.reports.terminal import Terminal
 from ..io.stored_result import load, read_run, settings_of
 from ..io.viewer.first_screen import first_screen, liveliest_tendon
@@ -18,6 +17,7 @@ from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.values.errors import TensegraphError
 from ..models.values.tracks import StampedPositions
+from ..pipeline import rest_shape_of_trial
 from ..scoring.run_score import truth_of_trial
 from .evaluate import trial_of
 from .paths import distinct_names
@@ -76,7 +76,7 @@ def read_viewed(path: Path, name: str, terminal: Terminal) -> ViewedResult:
     rest_m = truth = None
     try:
         trial = trial_of(run, path, None)
-        rest_m = rest_shape_of(trial.description, settings.rest).node_position_m
+        rest_m = rest_shape_of_trial(trial, settings).node_position_m
         if trial.table.truth is not None and result.coordinate_frame != "body":
             known = truth_of_trial(trial, None, result, None)
             truth = _at_frames(StampedPositions(known.t_s, known.node_position_m), result.t_s)

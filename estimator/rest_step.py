@@ -7,7 +7,8 @@ stiffnesses k and natural lengths L0 minimise
     |(l_rod(x) - L_rod) / sigma_rod|^2 + |(x_anchor - a) / sigma_anchor|^2 + |(x - x_known) / sigma_x|^2
         + |r(x; k, L0) / sigma_F|^2 + |log(k / k_nominal) / spread|^2 + |(L0 - L0_given) / sigma_L0|^2
 
-with r of `Statics`, and the lengths of stiff cables that are taut as further terms (`TautCables`). One common scale of
+with r of `Statics`, and as further terms the lengths of stiff cables that are taut (`TautCables`), and, where the shape
+was not measured, those of the tendons at rest, if these were, |(l(x) - l_rest) / sigma_l|^2. One common scale of
 all k does not change the balance; the prior determines it, and it has little effect on shapes. Ratios of k that do not
 balance at rest, in contrast, would shift the shape in every frame.
 
@@ -23,7 +24,6 @@ more probable, the axes are doubted.
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +35,12 @@ from ..models.balance.support import Support, in_the_air, standing
 from ..models.structure.floor import UP, Floor
 from ..models.structure.lengths import length_jacobian, member_length_m
 from ..models.structure.mechanics import Mechanics
-from ..models.structure.rest_shape import GeometrySigma, RestSettings, RestShape, WrongPart
+from ..models.structure.rest_shape import GeometrySigma, RestSettings, RestShape, RestSource, WrongPart
 from ..models.structure.rigidity import find_rest_shape, rigid_motions
 from ..models.structure.structure import Structure
 from ..models.trial_description import TrialDescription
 from ..models.values.errors import IndeterminateError
+from ..models.values.readings import RestLengths
 from .own_evidence import own_rows
 
 WRONG_ROD_M = 0.001
@@ -51,6 +52,12 @@ WRONG_SHAPE_M = 0.002
 WRONG_AXES_M = 0.005
 """Root mean square over the nodes of what a measured shape is moved by, if it was measured in other axes than those of
 the anchors: a turn by 2 degrees about its middle, or a shift."""
+WRONG_NATURAL_M = 0.003
+"""Standard deviation of a natural length, if the natural lengths are what was told wrongly."""
+WRONG_LENGTH_M = 0.02
+"""Standard deviation of a length that was measured at rest, if its sensor is wrong."""
+WRONG_LENGTHS = 2
+"""Largest number of such lengths."""
 WRONG_HUB_M = 0.0075
 """Distance from a rod's end at which its tendons end, if it was not told that they end on hubs."""
 MOST_STEPS = 200
@@ -76,6 +83,7 @@ def rest_step(
     settings: RestSettings,
     floor: Floor | None = None,
     near_position_m: NDArray[np.float64] | None = None,
+    lengths: RestLengths | None = None,
 ) -> RestShape:
     """Return the rest shape with its covariance, the geometry estimated with it, and the mechanics that balance there.
 
@@ -87,6 +95,7 @@ def rest_step(
         settings: the standard deviations of what else is known beforehand.
         floor: the floor that the structure stands on; None where anchors hold it.
         near_position_m: (nodes, 3) about the rest shape, from which the search for it starts, if it was not measured.
+        lengths: the lengths of the tendons as they were measured at rest, nan of those that were not; None without any.
 
     Raises:
         IndeterminateError: when neither a measurement nor form finding gives a shape, or no forces balance there.
@@ -94,8 +103,8 @@ def rest_step(
     known_m, sigma_m = _known_shape(structure, mechanics, measured_position_m, near_position_m, settings)
     support = _support(structure, mechanics, known_m, floor)
     root_m = sigma_m * np.eye(known_m.size)
-    told = _RestProblem(structure, mechanics, known_m, root_m, geometry, settings, support)
-    source: Literal["measured", "found"] = "found" if measured_position_m is None else "measured"
+    told = _RestProblem(structure, mechanics, known_m, root_m, geometry, settings, support, lengths)
+    source: RestSource = "measured" if measured_position_m is not None else "found" if lengths is None else "lengths"
     problem, minimum, wrong = _most_probable(told, source)
     position_m = problem.position_m(minimum.z)
     coordinates = problem.coordinates
@@ -116,8 +125,8 @@ def rest_step(
     return found if mechanics is None else _balanced(found, problem, minimum, mechanics)
 
 
-def rest_shape_of(trial: TrialDescription, settings: RestSettings) -> RestShape:
-    """Return the rest shape of a trial as its description tells it; see `rest_step`."""
+def rest_shape_of(trial: TrialDescription, settings: RestSettings, lengths: RestLengths | None = None) -> RestShape:
+    """Return the rest shape of a trial as its description tells it, and lengths at rest, if any; see `rest_step`."""
     rest = rest_step(
         trial.structure,
         trial.mechanics,
@@ -126,6 +135,7 @@ def rest_shape_of(trial: TrialDescription, settings: RestSettings) -> RestShape:
         settings,
         trial.floor,
         trial.near_position_m,
+        lengths,
     )
     return replace(rest, at_start=trial.rest_seconds > 0)
 
@@ -197,6 +207,8 @@ class _RestProblem:
     settings: RestSettings
     support: Support | None
     """The force of gravity and floor; None without mechanics."""
+    lengths: RestLengths | None
+    """The measured lengths of the tendons; None without any."""
 
     @property
     def coordinates(self) -> int:
@@ -244,6 +256,8 @@ class _RestProblem:
         if self.nominal:
             statics = Statics(self.structure, self.nominal)
             log_sigma += statics.rank * np.log(self._force_sigma_n)
+        if self.lengths:
+            log_sigma += np.log(self.lengths.sigma_m[self.lengths.is_read]).sum()
         log_evidence = -solution.cost - 0.5 * np.linalg.slogdet(hessian)[1] - log_sigma
         return _Minimum(solution.x, hessian, float(log_evidence) if solution.success else -np.inf)
 
@@ -253,18 +267,21 @@ class _RestProblem:
         structure = self.structure
         rod_error = member_length_m(position_m, structure.rods) - structure.rod_length_m
         cable_rows, by_cables = self._cables(position_m)
+        length_rows, by_lengths = self._lengths(position_m)
         anchor_error = (position_m[structure.anchors] - structure.anchor_position_m).ravel()
         by_position = np.concatenate(
             [
                 length_jacobian(position_m, structure.rods) / self.geometry.rod_length_m,
                 np.eye(self.coordinates)[structure.anchored_coordinates] / self.geometry.anchor_m,
                 by_cables,
+                by_lengths,
             ]
         )
         jacobian = np.zeros((len(by_position), len(z)))
         jacobian[:, : self.coordinates] = by_position @ self.root_m
         force_rows, force_jacobian = self._balance(z)
-        rows = [rod_error / self.geometry.rod_length_m, anchor_error / self.geometry.anchor_m, cable_rows, force_rows]
+        of_geometry = [rod_error / self.geometry.rod_length_m, anchor_error / self.geometry.anchor_m]
+        rows = [*of_geometry, cable_rows, length_rows, force_rows]
         return np.concatenate(rows), np.concatenate([jacobian, force_jacobian])
 
     def _cables(self, position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -272,6 +289,25 @@ class _RestProblem:
         if self.nominal is None or not len(self.nominal.stiff_cables):
             return np.zeros(0), np.zeros((0, self.coordinates))
         return own_rows([TautCables.of(self.structure, self.nominal, by_forces=False)], 0.0, position_m)
+
+    def with_wrong_length(self, z: NDArray[np.float64]) -> "_RestProblem | None":
+        """Return the problem in which the length that fits worst at z is wrong; None where enough are already."""
+        lengths = self.lengths
+        if lengths is None or np.count_nonzero(lengths.sigma_m == WRONG_LENGTH_M) >= WRONG_LENGTHS:
+            return None
+        apart_m = member_length_m(self.position_m(z), self.structure.tendons) - lengths.length_m
+        apart = np.where(lengths.sigma_m < WRONG_LENGTH_M, np.abs(apart_m) / lengths.sigma_m, -np.inf)
+        worst = np.arange(len(apart)) == np.argmax(np.where(lengths.is_read, apart, -np.inf))
+        return replace(self, lengths=replace(lengths, sigma_m=np.where(worst, WRONG_LENGTH_M, lengths.sigma_m)))
+
+    def _lengths(self, position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the residuals of measured lengths over their sigma, and their Jacobian; no rows without any."""
+        if self.lengths is None:
+            return np.zeros(0), np.zeros((0, self.coordinates))
+        read = self.lengths.is_read
+        tendons, sigma_m = self.structure.tendons[read], self.lengths.sigma_m[read]
+        error_m = member_length_m(position_m, tendons) - self.lengths.length_m[read]
+        return error_m / sigma_m, length_jacobian(position_m, tendons) / sigma_m[:, None]
 
     @property
     def _carried(self) -> NDArray[np.int64]:
@@ -320,10 +356,10 @@ class _RestProblem:
         return r / self._force_sigma_n, np.concatenate(parts, axis=1) / self._force_sigma_n
 
 
-def _most_probable(
-    told: _RestProblem, source: Literal["measured", "found"]
-) -> tuple[_RestProblem, _Minimum, WrongPart | None]:
+def _most_probable(told: _RestProblem, source: RestSource) -> tuple[_RestProblem, _Minimum, WrongPart | None]:
     """Return the problem of most evidence, its minimum, and the part of the geometry that it takes as told wrongly.
+
+    Lengths whose sensors are wrong are less certain in it.
 
     Raises:
         IndeterminateError: when none of them has a minimum.
@@ -338,6 +374,10 @@ def _most_probable(
         less_certain["rest shape"] = replace(told, root_m=sigma_m * np.eye(told.coordinates))
     if told.nominal is not None and sigma.hub_radius_m == 0:
         less_certain["hubs"] = replace(told, geometry=replace(sigma, hub_radius_m=WRONG_HUB_M))
+    if told.nominal is not None and source == "lengths":
+        sigma_m = max(told.settings.natural_length_sigma_m, WRONG_NATURAL_M)
+        settings = replace(told.settings, natural_length_sigma_m=sigma_m)
+        less_certain["natural lengths"] = replace(told, settings=settings)
     minima = {part: problem.minimum() for part, problem in less_certain.items()}
     anchors = told.structure.anchors
     aside_m = less_certain["anchors"].position_m(minima["anchors"].z)[anchors] - told.structure.anchor_position_m
@@ -345,8 +385,15 @@ def _most_probable(
         less_certain["axes"] = replace(told, root_m=_root_in_other_axes_m(told.known_m, told.settings))
         minima["axes"] = less_certain["axes"].minimum()
     chosen: tuple[_RestProblem, _Minimum, WrongPart | None] = (told, told.minimum(), None)
+    if "natural lengths" in minima and "hubs" in minima:  # both put the forces right; tendons rarely end beside rods
+        hubs = minima["hubs"]
+        minima["hubs"] = replace(hubs, log_evidence=hubs.log_evidence - LOG_PRIOR_ODDS)
     likeliest = max(minima, key=lambda part: minima[part].log_evidence)
-    if minima[likeliest].log_evidence > chosen[1].log_evidence + LOG_PRIOR_ODDS:
+    least_evidence = chosen[1].log_evidence + LOG_PRIOR_ODDS
+    wrong_lengths, evidence = _with_wrong_lengths(told, chosen[1])
+    if wrong_lengths is not told and evidence > max(minima[likeliest].log_evidence, least_evidence):
+        return _most_probable(wrong_lengths, source)
+    if minima[likeliest].log_evidence > least_evidence:
         if likeliest == "anchors" and "axes" in minima:
             less_probable = minima["anchors"].log_evidence - minima["axes"].log_evidence
             likeliest = "axes" if less_probable < ALIKE_LOG_ODDS else likeliest
@@ -357,6 +404,18 @@ def _most_probable(
             "in N/m and the masses in kg?"
         )
     return chosen
+
+
+def _with_wrong_lengths(told: _RestProblem, minimum: _Minimum) -> tuple[_RestProblem, float]:
+    """Return the problem of most evidence in which no length or some are wrong, and the log of its evidence."""
+    best = told, minimum.log_evidence
+    wider = told.with_wrong_length(minimum.z)
+    while wider is not None:
+        minimum = wider.minimum()
+        if minimum.log_evidence > best[1]:
+            best = wider, minimum.log_evidence
+        wider = wider.with_wrong_length(minimum.z)
+    return best
 
 
 def _root_in_other_axes_m(known_m: NDArray[np.float64], settings: RestSettings) -> NDArray[np.float64]:

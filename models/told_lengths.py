@@ -13,6 +13,7 @@ slowly (von Neumann):
 If it is larger than chance allows for the sigma that is told, sigma counts s / sigma times from then on.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,17 +21,51 @@ from numpy.typing import NDArray
 
 from .sensor.gate import GateSettings, JumpGate, StuckGate
 from .sensor.stillness import MOVING_TENDONS
+from .sensor.taring import MOVED_M
 from .structure.shape import chi_squared_quantile
 from .values.errors import InputError
-from .values.readings import Flag, TendonLengths, is_impossible_length
+from .values.readings import Flag, RestLengths, TendonLengths, is_impossible_length
 from .values.stamps import SHORTEST_STEP_S, RestClock, is_later
+from .values.time_series import mean_over_frames
 
 CHANCE = 1e-6
 """Probability that the values of a sensor whose sigma is right scatter as much as is taken for a wrong sigma."""
 DIFFERENCES_SHARE = 2 / 3
 """Degrees of freedom of the variance over the number of differences, as successive ones share a value."""
+LASTING_M = 0.0003
+"""Standard deviation of the error that all readings of a length share, as of where on its node it ends."""
+MOST_INDEPENDENT = 25
+"""Largest number of readings whose errors count as independent of each other."""
+REST_PARTS = 4
+"""Number of parts of the rest whose mean lengths are compared."""
 CHANGED_SIGMA = 3.0
 """Standard deviations by which a length has changed; several have to."""
+
+
+def lengths_at_rest(frames: Sequence[TendonLengths], seconds: float) -> tuple[RestLengths, bool]:
+    """Return the mean lengths at rest, and whether the structure moved.
+
+    sigma^2 = sigma_reading^2 / n + `LASTING_M`^2 with n up to `MOST_INDEPENDENT`, nan where nothing was read. If the
+    structure moved, half the range of the means over parts of the rest is added in quadrature.
+
+    Args:
+        frames: of the rest, at least one.
+        seconds: how long the rest is.
+    """
+    length_m = np.array([lengths.length_m for lengths in frames])
+    read = np.isfinite(length_m)
+    sigma_m = mean_over_frames(np.where(read, [lengths.sigma_m for lengths in frames], np.nan))
+    parts_m = np.array([mean_over_frames(part) for part in np.array_split(length_m, REST_PARTS) if len(part)])
+    range_m = np.fmax.reduce(parts_m) - np.fmin.reduce(parts_m)
+    count = read.sum(axis=0)
+    of_part_m = sigma_m * np.sqrt(REST_PARTS / np.maximum(count, REST_PARTS))
+    moved = bool((range_m > MOVED_M + CHANGED_SIGMA * of_part_m).sum() >= MOVING_TENDONS)
+    noise_m = sigma_m / np.sqrt(np.clip(count, 1, MOST_INDEPENDENT))
+    return RestLengths(
+        seconds=seconds,
+        length_m=mean_over_frames(length_m),
+        sigma_m=np.sqrt(noise_m**2 + LASTING_M**2 + (0.5 * range_m if moved else np.zeros_like(range_m)) ** 2),
+    ), moved
 
 
 class ToldLengths:

@@ -117,7 +117,7 @@ class TrialComparison:
         self._structure = trial.description.structure
         self._pipeline = Pipeline(trial.description, settings, model)
         readings = bar.track("lengths", trial.readings(), trial.row_count())
-        self._frames = list(self._pipeline.lengths(readings, OFFLINE_FRAMES))
+        self._frames = list(self._pipeline.after_rest(self._pipeline.lengths(readings, OFFLINE_FRAMES)))
 
     def without_method(self) -> Measured:
         """Return the result of the rest shape alone."""

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-from ..estimator.rest_step import rest_shape_of
 from ..io.mocap.truth_file import read_truth
 from ..io.trial_directory import Trial, open_trial
 from ..models.evaluation.evaluation import Evaluation
@@ -14,6 +13,7 @@ from ..models.settings import Settings, checked_settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.values.errors import InputError
 from ..models.values.tracks import MarkerTracks, StampedPositions
+from ..pipeline import rest_shape_of_trial
 
 
 def evaluate(
@@ -62,7 +62,7 @@ def evaluation_of(
     Raises:
         InputError: when the truth cannot be read, or does not match the estimate.
     """
-    rest = rest_shape_of(trial.description, settings.rest)
+    rest = rest_shape_of_trial(trial, settings)
     known = truth_of_trial(trial, truth, estimate, offset_s)
     return evaluate_estimate(
         rest.node_position_m,

@@ -259,7 +259,10 @@ def test_two_columns_of_lengths_that_are_exchanged_are_in_doubt(plain, example, 
 
 @pytest.mark.parametrize(("moved_m", "expected"), [(0.0, False), (0.012, True)])
 def test_anchors_that_are_not_where_lengths_between_them_say_are_in_doubt(moved_m, expected, plain, example) -> None:
-    """One anchor 12 mm away: two of the three lengths between anchors contradict it; forces are not known."""
+    """One anchor 12 mm away: two of the three lengths between anchors contradict it; forces are not known.
+
+    Where the structure rests at the start, its lengths tell where the anchors are.
+    """
     trial = open_trial(example).description
     anchors_m = trial.structure.anchor_position_m + moved_m * (np.arange(3)[:, None] == 1) * np.array([1.0, 0, 0])
     structure = replace(trial.structure, anchor_position_m=anchors_m)
@@ -269,7 +272,11 @@ def test_anchors_that_are_not_where_lengths_between_them_say_are_in_doubt(moved_
     none = np.zeros(24, dtype=np.int64)
     noise_m = 0.001 * np.random.default_rng(1).standard_normal((10, 24))
     read = [TendonLengths(0.02 * k, true_m + noise_m[k], np.full(24, 0.001), none, none) for k in range(10)]
-    assert all((shape.doubt is Reason.GEOMETRY) is expected for shape in stream(read, trial, "frame"))
+    resting = Pipeline(trial, Settings(), read_sensor_model())
+    assert not any(shape.doubt for shape in resting.shapes(read, "frame"))
+    assert (resting.rest.wrong == "anchors") is expected
+    moving = replace(trial, rest_seconds=0.0)
+    assert all((shape.doubt is Reason.GEOMETRY) is expected for shape in stream(read, moving, "frame"))
 
 
 def test_what_was_watched_in_one_run_is_nothing_to_the_next(plain, example) -> None:
@@ -286,6 +293,27 @@ def test_what_was_watched_in_one_run_is_nothing_to_the_next(plain, example) -> N
         all(shape.doubt is Reason.REST for shape in pipeline.shapes(run, "frame")) for run in (others, read, others)
     ]
     assert in_doubt == [True, False, True]
+
+
+@pytest.mark.parametrize("method", ["live", "batch", "frame"])
+def test_lengths_at_rest_tell_a_rest_shape_that_nobody_measured(method, plain, example) -> None:
+    """The true lengths, which nothing loads at rest; found from forces alone, the rest shape shows loads of 1 N."""
+    opened = open_trial(example)
+    trial = replace(opened.description, source="lengths", natural_resistance_ohm=np.empty(0), rest_position_m=None)
+    truth = opened.truth()
+    length_m = trial.structure.tendon_length_m(truth.node_position_m[:130])
+    none = np.zeros(24, dtype=np.int64)
+    read = [TendonLengths(t_s, m, np.full(24, 0.0005), none, none) for t_s, m in zip(truth.t_s, length_m, strict=False)]
+    pipeline = Pipeline(trial, Settings(), read_sensor_model())
+    shapes = Reconstruction.of(trial.structure, pipeline.shapes(read, method))
+    assert (pipeline.rest.source, pipeline.rest.wrong) == ("lengths", None)
+    np.testing.assert_allclose(shapes.node_position_m, truth.node_position_m[:130], atol=0.0015)
+    assert np.nanmax(np.abs(shapes.loads.force_n)) < 0.15
+    assert set(shapes.status) == {Status.OK}
+    longer = [replace(one, length_m=one.length_m + 0.012) for one in read]
+    assert all(shape.status is Status.DOUBT for shape in pipeline.shapes(longer, method))
+    assert pipeline.rest.source == "found"
+    assert pipeline.misfits_at_rest
 
 
 def test_lengths_that_are_told_again_and_again_are_in_doubt(plain, example) -> None:

@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 
 from ..structure.reconstruction import Reconstruction
 from ..structure.shape import chi_squared_quantile
-from ..values.time_series import correlation_samples
+from ..values.time_series import correlation_samples, mean_over_frames
 from .evaluation import ComparedFrames, Consistency
-from .statistics import mean_over_frames, of_known
+from .statistics import of_known
 
 REDUNDANT = 0.5
 """Least ratio of the sigma of the innovation to the sigma of the length with which a length is in the NIS. Below it the

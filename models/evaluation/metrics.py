@@ -15,6 +15,7 @@ from ..structure.structure import Structure
 from ..values.errors import InputError
 from ..values.readings import Flag, Mode
 from ..values.stamps import rest_until_s
+from ..values.time_series import mean_over_frames
 from ..values.units import OTHER_UNIT
 from .alignment import interpolated_within, laid_on_each_frame, rigid_alignment
 from .consistency import consistency, coverage, normalised_error_squared
@@ -23,7 +24,7 @@ from .fault_score import false_alarm_share, score_fault
 from .load_score import score_loads
 from .motion_capture import other_offset_s
 from .pose_score import score_pose
-from .statistics import mean_over_frames, of_known
+from .statistics import of_known
 from .truth import Truth
 
 ROD_APART = 0.15

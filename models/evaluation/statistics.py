@@ -7,13 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def mean_over_frames(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean over the first axis of the values that are not nan; nan where there are none."""
-    known = ~np.isnan(values)
-    count = known.sum(axis=0)
-    return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
-
-
 def of_known(statistic: Callable[[NDArray[np.float64]], Any], values: NDArray[np.float64]) -> float:
     """Return a statistic of the values that are not nan; nan when there are none."""
     known = values[~np.isnan(values)]

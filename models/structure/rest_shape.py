@@ -10,6 +10,7 @@ from ..values.readings import RestLengths
 from ..values.tables import NotNegative, Positive
 from .lengths import length_jacobian, propagated_variance
 from .mechanics import Mechanics
+from .shape import are_improbable
 from .structure import Structure
 
 
@@ -30,9 +31,12 @@ class RestSettings:
     """Standard deviation of the balance of forces at rest: sway, creep and hysteresis of the rubber."""
 
 
-WrongPart = Literal["rods", "anchors", "rest shape", "axes", "hubs", "floor"]
+WrongPart = Literal["rods", "anchors", "natural lengths", "rest shape", "axes", "hubs", "floor"]
 """A part of the geometry that may have been told wrongly: `axes` are those in which the rest shape was measured, and
 `hubs` means that tendons end beside the ends of the rods."""
+RestSource = Literal["measured", "lengths", "found"]
+"""What tells the rest shape: its measured positions, or the lengths at rest; it is found from natural lengths and
+stiffness alone where neither was measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +61,7 @@ class RestShape:
     """(nodes, 3)"""
     covariance_m2: NDArray[np.float64]
     """(3 nodes, 3 nodes), anchors included; the error is the same in every frame."""
-    source: Literal["measured", "found"]
+    source: RestSource
     mechanics: Mechanics | None = None
     """The mechanics tared at this shape; None where stiffness is not known."""
     mechanics_covariance: NDArray[np.float64] | None = None
@@ -75,12 +79,18 @@ class RestShape:
     @property
     def is_doubted(self) -> bool:
         """Whether what is wrong of the geometry was not mended, so that every shape is in doubt."""
-        return self.wrong not in (None, "rods", "anchors")
+        return self.wrong not in (None, "rods", "anchors", "natural lengths")
 
     @property
     def largest_sigma_m(self) -> float:
         """Largest standard deviation of a coordinate."""
         return float(np.sqrt(np.diag(self.covariance_m2).max()))
+
+    def misfits(self, measured: RestLengths) -> bool:
+        """Return whether measured lengths are not those of this shape, even without two, whose sensors may be wrong."""
+        read = measured.is_read
+        apart_m = measured.length_m - self.structure.tendon_length_m(self.node_position_m)
+        return are_improbable(apart_m[read] / measured.sigma_m[read], faulty=2)
 
     def lengths(self, seconds: float) -> RestLengths:
         """Return the tendon lengths at rest with their sigma; the structure stands there for the given seconds."""

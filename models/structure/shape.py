@@ -90,7 +90,7 @@ REASON_ADVICE = {
     Reason.GEOMETRY: "the geometry in trial.toml contradicts itself, or the forces at rest: measure it again",
     Reason.CHANGE: "a rod or a tendon is not as long as at rest: did a clamp slip, a rod bow, a tendon catch?",
     Reason.BOARD: "the sensors of one board are off alike: check its supply, reference and plug, and tare again",
-    Reason.REST: "sensors do not fit the rest shape: was it still, is it this structure, are boards, columns right?",
+    Reason.REST: "sensors do not fit the rest shape: was it still, are structure, anchors, boards and columns right?",
     Reason.BASE: "the rods turn otherwise than the anchors allow: fix the base, or describe it as free-standing",
     Reason.IMU: "an inertial sensor contradicts gravity, its rod, itself or another: check axis, units, signs",
     Reason.HANGING: "it is turned otherwise than weight and hands can hold it: fix sensors on rods of other directions",

@@ -341,9 +341,14 @@ class RestLengths:
     seconds: float
     """How long the structure stands at its rest shape at the start of the trial."""
     length_m: NDArray[np.float64]
-    """(tendons,)"""
+    """(tendons,) nan where it is not known."""
     sigma_m: NDArray[np.float64]
     """(tendons,) standard deviation of length_m."""
+
+    @property
+    def is_read(self) -> NDArray[np.bool_]:
+        """(tendons,) which lengths are known."""
+        return np.isfinite(self.length_m)
 
 
 OtherReading = AidReading | NaturalLengthReading

@@ -97,6 +97,13 @@ def interpolated(
     return at_times.reshape(len(t_s), *values.shape[1:])
 
 
+def mean_over_frames(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean over the first axis of the values that are not nan; nan where there are none."""
+    known = ~np.isnan(values)
+    count = known.sum(axis=0)
+    return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
+
+
 def correlation_samples(residual: NDArray[np.float64]) -> float:
     """Return the correlation time of a series in samples: 1 + 2 sum of the autocorrelation up to its first zero."""
     autocorrelation = autocorrelation_of(residual)

@@ -14,6 +14,7 @@ from tensegraph.models.structure.floor import UP, Floor
 from tensegraph.models.structure.lengths import length_jacobian, member_length_m
 from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.structure.rest_shape import GeometrySigma, RestSettings
+from tensegraph.models.values.readings import RestLengths
 from tensegraph.models.values.rotations import rotation
 
 TILTED = np.array([0.026, 0.0, np.sqrt(1 - 0.026**2)])
@@ -75,6 +76,75 @@ class TestRestStep:
             error = (found.node_position_m - at_rest)[3:].ravel()
             nees.append(error @ np.linalg.pinv(found.covariance_m2[9:, 9:], 1e-9) @ error / 21)
         assert 0.6 < np.mean(nees) < 1.5
+
+
+@pytest.fixture(scope="module")
+def true(structure):
+    """A structure whose tendons differ, and its shape in balance."""
+    rng = np.random.default_rng(4)
+    stiffness = K * np.exp(0.1 * rng.standard_normal(24))
+    mechanics = Mechanics(stiffness, structure.natural_length_m + 0.002 * rng.standard_normal(24), 0.03, 0.02)
+    exact = RestSettings(stiffness_spread=1e-6, natural_length_sigma_m=1e-7)
+    return mechanics, rest_step(structure, mechanics, None, GeometrySigma(), exact).node_position_m
+
+
+class TestLengthsAtRest:
+    """Nobody measured the rest shape: the lengths at rest tell it, with the balance of forces."""
+
+    def found(self, structure, told, at_rest_m, errors_m=0.0):
+        length_m = structure.tendon_length_m(at_rest_m) + errors_m
+        lengths = RestLengths(2.0, length_m, np.full(24, 0.0003))
+        return rest_step(structure, told, None, GeometrySigma(), RestSettings(), lengths=lengths)
+
+    def test_exact_lengths_tell_shape_and_balance(self, structure, true) -> None:
+        mechanics, at_rest_m = true
+        found = self.found(structure, replace(mechanics, stiffness_n_per_m=np.full(24, K)), at_rest_m)
+        assert (found.source, found.wrong) == ("lengths", None)
+        assert np.linalg.norm(found.node_position_m - at_rest_m, axis=1).max() < 0.0005
+        assert found.unbalanced_n[1] < 0.002
+
+    def test_natural_lengths_that_are_told_wrongly_by_millimetres_are_found(self, structure) -> None:
+        """Without lengths at rest, forces would put the nodes several millimetres off."""
+        error_m = 0.004 * np.random.default_rng(6).standard_normal(24)
+        mechanics = Mechanics(np.full(24, K), structure.natural_length_m + error_m, 0.03, 0.02)
+        exact = RestSettings(stiffness_spread=1e-6, natural_length_sigma_m=1e-7)
+        at_rest_m = rest_step(structure, mechanics, None, GeometrySigma(), exact).node_position_m
+        found = self.found(structure, nominal(structure), at_rest_m)
+        alone = rest_step(structure, nominal(structure), None, GeometrySigma(), RestSettings())
+        assert found.wrong == "natural lengths"
+        assert not found.is_doubted
+        assert np.linalg.norm(found.node_position_m - at_rest_m, axis=1).max() < 0.001
+        assert np.linalg.norm(alone.node_position_m - at_rest_m, axis=1).max() > 0.003
+
+    @pytest.mark.parametrize("wrong", [[9], [9, 17]])
+    def test_sensors_that_are_wrong_do_not_count(self, structure, true, wrong) -> None:
+        mechanics, at_rest_m = true
+        errors_m = np.zeros(24)
+        errors_m[wrong] = 0.015
+        found = self.found(structure, mechanics, at_rest_m, errors_m)
+        assert found.wrong is None
+        assert np.linalg.norm(found.node_position_m - at_rest_m, axis=1).max() < 0.001
+
+    def test_its_covariance_is_honest(self, structure) -> None:
+        """All drawn as assumed: the squared error over its covariance is one per coordinate."""
+        rng, nees = np.random.default_rng(5), []
+        exact = RestSettings(stiffness_spread=1e-6, natural_length_sigma_m=1e-7)
+        for _ in range(12):
+            length_m = structure.natural_length_m + 0.0003 * rng.standard_normal(24)
+            true = Mechanics(K * np.exp(0.1 * rng.standard_normal(24)), length_m, 0.03, 0.02)
+            at_rest_m = rest_step(structure, true, None, GeometrySigma(), exact).node_position_m
+            found = self.found(structure, nominal(structure), at_rest_m, 0.0003 * rng.standard_normal(24))
+            error = (found.node_position_m - at_rest_m)[3:].ravel()
+            nees.append(error @ np.linalg.pinv(found.covariance_m2[9:, 9:], 1e-9) @ error / 21)
+        assert 0.5 < np.mean(nees) < 1.5
+
+    def test_lengths_of_no_shape_are_told(self, structure, true) -> None:
+        """All are 12 mm too long, those between anchors too, as from hooks that were not counted."""
+        mechanics, at_rest_m = true
+        lengths = RestLengths(2.0, structure.tendon_length_m(at_rest_m), np.full(24, 0.0003))
+        assert not self.found(structure, mechanics, at_rest_m).misfits(lengths)
+        longer = replace(lengths, length_m=lengths.length_m + 0.012)
+        assert self.found(structure, mechanics, at_rest_m, 0.012).misfits(longer)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 
 from tensegraph import Flag, InputError
 from tensegraph.models.sensor.gate import GateSettings
-from tensegraph.models.told_lengths import ToldLengths
+from tensegraph.models.told_lengths import LASTING_M, ToldLengths, lengths_at_rest
 from tensegraph.models.values.readings import TendonLengths
 
 FULL_M = np.full(4, 0.2)
@@ -119,3 +119,38 @@ class TestScatter:
         rows, told = checked(length_m)
         assert np.argwhere(flagged(rows, Flag.OUTLIER)).tolist() == [[60, 1]]
         assert not told.warnings()
+
+
+class TestLengthsAtRest:
+    def rows(self, length_m: np.ndarray) -> list[TendonLengths]:
+        none = np.zeros(4, dtype=np.int64)
+        sigma_m = np.where(np.isnan(length_m), np.inf, 0.001)
+        return [
+            TendonLengths(0.02 * k, m, s, none, none) for k, (m, s) in enumerate(zip(length_m, sigma_m, strict=True))
+        ]
+
+    def test_by_hand(self) -> None:
+        """Four readings of 0.200 and 0.202 m: mean 0.201, sigma of 1 mm / 2 and what they share."""
+        length_m = np.tile([[0.2], [0.202]], (2, 4))
+        length_m[:, 3] = np.nan
+        length_m[0, 2] = np.nan
+        at_rest, moved = lengths_at_rest(self.rows(length_m), 0.08)
+        assert at_rest.length_m[:3] == pytest.approx([0.201, 0.201, (0.202 + 0.2 + 0.202) / 3])
+        assert at_rest.sigma_m[:3] == pytest.approx(np.hypot(0.001 / np.sqrt([4, 4, 3]), LASTING_M))
+        assert at_rest.is_read.tolist() == [True, True, True, False]
+        assert not moved
+
+    def test_many_readings_are_not_independent(self) -> None:
+        at_rest, moved = lengths_at_rest(self.rows(noise(400)), 8.0)
+        assert at_rest.sigma_m == pytest.approx(np.hypot(0.001 / 5, LASTING_M))
+        assert not moved
+
+    def test_of_a_structure_that_moves_sigma_is_half_of_the_motion(self) -> None:
+        """5 mm at two tendons alone are their sensors', at three the structure's."""
+        for tendons in (2, 3):
+            length_m = noise(200, 1e-6)
+            length_m[100:, :tendons] += 0.005
+            at_rest, moved = lengths_at_rest(self.rows(length_m), 4.0)
+            assert moved == (tendons == 3)
+            expected_m = np.sqrt(0.0002**2 + LASTING_M**2 + (0.0025 if moved else 0.0) ** 2)
+            assert at_rest.sigma_m[0] == pytest.approx(expected_m, rel=0.01)
