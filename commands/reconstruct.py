@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.table import Table
 
 from ..io.provenance import FINGERPRINT, fingerprint, is_up_to_date, relative_path, versions
@@ -32,6 +33,8 @@ from .many import Many, Workers
 from .origin import chosen_model, made_with, placed_model
 from .paths import result_paths
 
+MOST_PAUSES = 10
+"""Largest number of pauses that are listed."""
 LONG_S = 1.0
 """Total time under load above which a node is named in the summary."""
 
@@ -266,8 +269,8 @@ class Run:
             table.add_row(name, warning)
         for key in self.trial.description.ignored_keys:
             table.add_row("ignored in trial.toml", key)
-        for k in np.flatnonzero(np.diff(r.t_s) > LONG_S):
-            table.add_row("no readings", f"from {r.t_s[k]:.2f} to {r.t_s[k + 1]:.2f} s")
+        for text in pauses(r.t_s):
+            table.add_row("no readings", text)
         for status, frames in Counter(r.status).items():
             table.add_row(f"status {status}", f"{_frames(frames)}: {status.advice}")
         two = Status.TWO_SHAPES
@@ -343,6 +346,15 @@ class Run:
         counts |= position_counts(self.reconstruction.contradicted_positions)
         counts |= {"half lines": self.trial.half_lines, "dropped rows": self.trial.dropped_rows}
         return {name: n for name, n in counts.items() if n}
+
+
+def pauses(t_s: NDArray[np.float64]) -> list[str]:
+    """Return from when to when nothing was read, of (frames,) times; of many pauses, how many and how long."""
+    before = np.flatnonzero(np.diff(t_s) > LONG_S)
+    if len(before) <= MOST_PAUSES:
+        return [f"from {t_s[k]:.2f} to {t_s[k + 1]:.2f} s" for k in before]
+    median_s = float(np.median(np.diff(t_s)[before]))
+    return [f"{len(before)} times, for {median_s:.3g} s in the median: are stamps in seconds?"]
 
 
 def position_counts(contradicted: Sequence[Sequence[int]]) -> dict[str, int]:

@@ -112,7 +112,8 @@ class CsvFile:
                     raise InputError(f"{self.path}: row {blank_row}: expected {len(header)} fields, got a blank line")
                 cells = line.rstrip("\r\n").split(",")
                 if len(cells) != len(header):
-                    raise InputError(f"{self.path}: row {row}: expected {len(header)} fields, got {len(cells)}")
+                    hint = ": is a decimal point a comma?" if len(cells) > len(header) else ""
+                    raise InputError(f"{self.path}: row {row}: expected {len(header)} fields, got {len(cells)}{hint}")
                 yield [
                     math.nan if i is None else self._number(cells[i], row, name, name in may_be_blank, limit)
                     for i, name, limit in zip(index, names, limits, strict=True)

@@ -43,8 +43,8 @@ def read_plan(path: Path) -> Plan:
     def place(key: str) -> str:
         return _place(_owner(layers, key).path, key)
 
-    for key in unknown_keys(Plan, table):
-        raise InputError(f"{place(key)}: {key}: is no key of a plan")
+    for unknown in unknown_keys(Plan, table):
+        raise InputError(f"{place(unknown.name)}: {unknown.name}: is no key of a plan{unknown.hint}")
     plan = parse_table(Plan, table, place)
     for key, problem in problems(plan):
         raise InputError(f"{place(key)}: {key}: {problem}")

@@ -76,7 +76,8 @@ def _read_rows(path: Path, columns: list[str], fewest: int = 2) -> NDArray[np.fl
     file = CsvFile(path, ["t_s"], optional=columns, blank=columns)
     head = file.head()
     if not set(columns) & set(head.columns):
-        raise InputError(f"{path}: holds no node: expected columns as {columns[0]}")
+        commas = ", with commas between" if len(head.columns) == 1 else ""
+        raise InputError(f"{path}: holds no node: expected columns as {columns[0]}{commas}")
     rows = np.array(list(file))
     _check_count(path, len(rows), fewest)
     for index in np.flatnonzero(np.diff(rows[:, 0]) <= 0)[:1]:

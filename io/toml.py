@@ -69,7 +69,7 @@ def read_settings(path: Path | None) -> Settings:
         return Settings()
     table = read_toml(path)
     for key in unknown_keys(Settings, table):
-        raise InputError(f"{path}: {key}: is no setting; a run's run.toml lists them all")
+        raise InputError(f"{path}: {key.name}: is no setting; a run's run.toml lists them all{key.hint}")
     return parse_table(Settings, table, str(path))
 
 
@@ -88,6 +88,7 @@ def line_of(text: str, key: str) -> int:
         key: like `load.press[1].force_n`.
     """
     lines = _lines_of_keys(text)
+    key = key if key in lines or f"{key}[0]" not in lines else f"{key}[0]"  # the first of several tables
     while key and key not in lines:
         key = key[: max(key.rfind("."), key.rfind("["), 0)]
     return lines.get(key, 1)

@@ -174,7 +174,7 @@ class Trial:
         """
         recorded = self.recorded_truth()
         if isinstance(recorded, MarkerTracks):
-            raise InputError("is motion capture: `tensegraph evaluate` lays it onto the result")
+            raise InputError(f"{self.path}: truth is motion capture: `tensegraph evaluate` lays it onto the result")
         return recorded
 
     def recorded_truth(self) -> StampedPositions | MarkerTracks | None:
@@ -328,7 +328,7 @@ class Trial:
         if (short | is_impossible_length(length_m, natural_m)).all():
             raise InputError(
                 f"{place}: expected lengths like the natural ones, {np.median(natural_m):.3g} m, got "
-                f"{np.median(length_m):.3g} m: is the unit right?"
+                f"{np.median(length_m):.3g} m: is the unit right, and is it the length and not its change?"
             )
         if (sigma_m > LARGEST_SIGMA_SHARE * length_m).all():
             raise InputError(

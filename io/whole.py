@@ -136,7 +136,7 @@ def check_vacant(path: Path) -> None:
         InputError: when something stands at `path`, or its directory cannot be written to.
     """
     if path.exists():
-        raise InputError(f"{path}: exists: expected a new name for the trial")
+        raise InputError(f"{path}: exists: expected a new name")
     check_writable(path)
 
 

@@ -51,7 +51,7 @@ class FactorTable:
         """
         if unknown := list(unknown_keys(kind, self.keys)):
             known = ", ".join(get_type_hints(kind))
-            raise InputError(f"{self.where}: {unknown[0]}: expected one of the keys {known}")
+            raise InputError(f"{self.where}: {unknown[0].name}: expected one of the keys {known}")
         return parse_table(kind, self.keys, self.where)
 
     def plug_in(self) -> PlugIn:

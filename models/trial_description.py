@@ -122,7 +122,9 @@ def describe_trial(table: Mapping[str, Any], where: str) -> tuple[TrialTable, Tr
     """
     parsed = parse_table(TrialTable, table, where)
     try:
-        return parsed, _describe(parsed, tuple(unknown_keys(TrialTable, table)), Path(where))
+        return parsed, _describe(
+            parsed, tuple(key.name + key.hint for key in unknown_keys(TrialTable, table)), Path(where)
+        )
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
 

@@ -46,7 +46,9 @@ def read_rig(path: Path | None) -> StripRig:
         return StripRig()
     table = read_toml(path)
     for key in unknown_keys(StripRig, table):
-        raise InputError(f"{path}: {key}: is no key of a rig: expected columns, units, gauge_length_mm, ...")
+        raise InputError(
+            f"{path}: {key.name}: is no key of a rig: expected columns, units, gauge_length_mm, ...{key.hint}"
+        )
     return parse_table(StripRig, table, str(path))
 
 

@@ -40,9 +40,12 @@ def read_cells(path: Path, delimiter: str) -> list[list[str]]:
     check_regular(path)
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            return [[cell.strip() for cell in row] for row in csv.reader(lines_of(file, path), delimiter=delimiter)]
+            rows = [[cell.strip() for cell in row] for row in csv.reader(lines_of(file, path), delimiter=delimiter)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
+    if rows and len(rows[0]) == 1 and ";" in rows[0][0]:
+        raise InputError(f"{path}: row 1: expected commas between cells, got semicolons")
+    return rows
 
 
 def metres_per(unit: str, where: str) -> float:
@@ -140,14 +143,23 @@ def marker_tracks(
     Raises:
         InputError: for times or positions that are in another unit.
     """
-    step_s = (t_s[-1] - t_s[0]) / (len(t_s) - 1)
-    if step_s > LONGEST_FRAME_S or abs(t_s[0]) > LARGEST["s"]:
-        got = f"{step_s:.3g} s from {t_s[0]:.3g} s on"
-        raise InputError(f"{path}: expected frames at most {LONGEST_FRAME_S:g} s apart, got {got}: is the unit right?")
+    check_frames(path, t_s)
     most_m = np.nanmax(np.abs(position_m), initial=0.0)
     if most_m > LARGEST["m"]:
         raise InputError(f"{path}: positions in metres: {beyond(float(most_m), LARGEST['m'])}")
     return MarkerTracks(t_s, different_names(names), position_m)
+
+
+def check_frames(path: Path, t_s: NDArray[np.float64]) -> None:
+    """Check that (times,) frames are so close that positions between them are known.
+
+    Raises:
+        InputError: for times that are in another unit.
+    """
+    step_s = (t_s[-1] - t_s[0]) / (len(t_s) - 1)
+    if step_s > LONGEST_FRAME_S or abs(t_s[0]) > LARGEST["s"]:
+        got = f"{step_s:.3g} s from {t_s[0]:.3g} s on"
+        raise InputError(f"{path}: expected frames at most {LONGEST_FRAME_S:g} s apart, got {got}: is the unit right?")
 
 
 def different_names(names: Sequence[str]) -> tuple[str, ...]:

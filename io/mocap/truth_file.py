@@ -7,6 +7,7 @@ from ...models.values.tracks import MarkerTracks, StampedPositions
 from ..input_files import check_regular
 from ..positions import read_positions
 from .c3d_file import read_c3d
+from .marker_rows import check_frames
 from .motive_csv import FIRST_CELL, read_motive_csv
 from .trc import FIRST_CELL_OF_TRC, read_trc
 from .vicon_csv import SECTIONS, read_vicon_csv
@@ -30,7 +31,9 @@ def read_truth(path: Path, node_count: int) -> StampedPositions | MarkerTracks:
         return read_motive_csv(path)
     if head.lstrip(" ,\r\n").partition("\n")[0].split(",")[0].strip() in SECTIONS:
         return read_vicon_csv(path)
-    return read_positions(path, node_count)
+    positions = read_positions(path, node_count)
+    check_frames(path, positions.t_s)
+    return positions
 
 
 def _head(path: Path) -> str:

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from ..balance.observable_loads import observable_part
 from ..structure.external_loads import LOAD_THRESHOLD_N
-from ..structure.lengths import member_length_m
 from ..structure.reconstruction import Reconstruction
 from ..structure.rigidity import branch
 from ..structure.shape import node_sigma_m
@@ -22,13 +21,11 @@ from .consistency import consistency, coverage, normalised_error_squared
 from .evaluation import ComparedFrames, Errors, Evaluation, Regime, ShapeErrors
 from .fault_score import false_alarm_share, score_fault
 from .load_score import score_loads
-from .motion_capture import other_offset_s
+from .motion_capture import check_rods, other_offset_s
 from .pose_score import score_pose
 from .statistics import of_known
 from .truth import Truth
 
-ROD_APART = 0.15
-"""Share of a rod's length by which it is not as long in the truth: its nodes are others."""
 GOOD_M = 0.005
 """Largest error of a frame with a good shape; above it a different sign of det J means the wrong branch."""
 
@@ -244,7 +241,7 @@ def _true_positions(
             f"truth from {truth_s[0]:.3f} to {truth_s[-1]:.3f} s covers no frame of the estimate, "
             f"{t_s[0]:.3f} to {t_s[-1]:.3f} s: expected both on the host clock"
         )
-    _check_rods(structure, true_m)
+    check_rods(structure, "truth", true_m)
     return true_m
 
 
@@ -257,18 +254,6 @@ def _check_apart(structure: Structure, truth_s: NDArray[np.float64], truth_m: ND
             f"truth at {truth_s[index]:.3f} s: expected nodes as far apart as rods of {rod_m:g} m hold them, got "
             f"{apart_m[index]:g} m: leave the cells of a node that was not seen blank"
         )
-
-
-def _check_rods(structure: Structure, true_m: NDArray[np.float64]) -> None:
-    """Raise InputError for (frames, nodes, 3) true positions in which a rod is not as long as that of the structure."""
-    length_m = member_length_m(true_m, structure.rods)
-    for (i, j), told_m, true_lengths_m in zip(structure.rods, structure.rod_length_m, length_m.T, strict=True):
-        true_length_m = of_known(np.median, true_lengths_m)
-        if abs(true_length_m - told_m) > ROD_APART * told_m:
-            raise InputError(
-                f"truth: nodes {i} and {j}: expected as far apart as their rod is long, {told_m:.3g} m, got "
-                f"{true_length_m:.3g} m: is the order of the nodes right?"
-            )
 
 
 def slack_frames(estimate: Reconstruction) -> NDArray[np.bool_]:

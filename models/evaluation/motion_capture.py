@@ -1,8 +1,11 @@
 """Motion capture laid onto an estimate: which marker is which node, on which clock, and in which axes."""
 
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
 
+from ..structure.lengths import member_length_m
 from ..structure.reconstruction import Reconstruction
 from ..structure.structure import Structure
 from ..values.errors import InputError
@@ -16,8 +19,12 @@ from .truth import CaptureFit, MarkedNode
 CLOCK_OFF_S = 0.15
 """Offset above which stamped positions seem to be on another clock: an estimate is late by 0.05 s, as long as a step of
 the search."""
+ROD_APART = 0.15
+"""Share of a rod's length by which it is not as long in the truth: its nodes are others."""
 PLACED_S = 1.0
 """Time at the start by which the capture of a free-standing structure is placed in the world, at least."""
+SAME_PLACE_M = 0.02
+"""Distance of two markers of one node above which one of them is elsewhere."""
 LINE_M = 0.005
 """Least rms distance of the markers, as they move, from the line through them: else axes turn freely about the line."""
 
@@ -42,6 +49,7 @@ def lay_onto(
     Raises:
         InputError: when the capture does not tell its clock or its markers, or covers too little.
     """
+    estimate.structure.check_unit("motion capture", tracks.position_m)
     found, next_misfit_m = not marked, np.nan
     if found:
         best, other = assign_markers(tracks, estimate, lambda node: _roughly(tracks, estimate, node, offset_s))
@@ -49,7 +57,11 @@ def lay_onto(
         next_misfit_m = other.misfit_m if other else np.nan
     _check_names(tracks, marked)
     node_m = node_positions(tracks, marked, estimate.structure)
-    clock = _given(offset_s) if offset_s is not None else find_clock(tracks.t_s, node_m, estimate)
+    try:
+        clock = _given(offset_s) if offset_s is not None else find_clock(tracks.t_s, node_m, estimate)
+    except InputError:
+        check_rods(estimate.structure, "motion capture", node_m)  # a marker of another node moves otherwise, too
+        raise
     host_s = clock.host_s(tracks.t_s)
     placed_m, rotation_deg = _in_axes_of(host_s, node_m, estimate, max(rest_seconds, PLACED_S))
     fit = CaptureFit(
@@ -118,6 +130,27 @@ def node_positions(tracks: MarkerTracks, marked: tuple[MarkedNode, ...], structu
     return np.where(beyond_m[:, None] > 0, moved_m, raw_m)
 
 
+def check_rods(structure: Structure, name: str, true_m: NDArray[np.float64]) -> None:
+    """Check that rods are as long as those of the structure.
+
+    Args:
+        structure: with its rods.
+        name: of the positions, for the error text.
+        true_m: (times, nodes, 3), nan where a node was not measured.
+
+    Raises:
+        InputError: for the first that is not.
+    """
+    length_m = member_length_m(true_m, structure.rods)
+    for (i, j), told_m, true_lengths_m in zip(structure.rods, structure.rod_length_m, length_m.T, strict=True):
+        true_length_m = of_known(np.median, true_lengths_m)
+        if abs(true_length_m - told_m) > ROD_APART * told_m:
+            raise InputError(
+                f"{name}: nodes {i} and {j}: expected as far apart as their rod is long, {told_m:.3g} m, got "
+                f"{true_length_m:.3g} m: is the order of the nodes right?"
+            )
+
+
 def farther_apart_m(node_m: NDArray[np.float64], structure: Structure) -> float:
     """Return how much farther apart the captured ends of a rod are than it is long, on average over the rods.
 
@@ -144,6 +177,15 @@ def _check_names(tracks: MarkerTracks, marked: tuple[MarkedNode, ...]) -> None:
         if mark.marker not in tracks.names:
             got = ", ".join(tracks.names)
             raise InputError(f"truth.markers: no marker is called '{mark.marker}': expected one of {got}")
+    for one, other in combinations(marked, 2):
+        if one.node == other.node:
+            pieces_m = [tracks.position_m[:, tracks.names.index(mark.marker)] for mark in (one, other)]
+            apart_m = of_known(np.median, np.linalg.norm(pieces_m[0] - pieces_m[1], axis=1))
+            if apart_m > SAME_PLACE_M:
+                raise InputError(
+                    f"truth.markers: {one.marker} and {other.marker}: expected pieces of one track at node {one.node}, "
+                    f"got two markers {apart_m:.3g} m apart"
+                )
 
 
 def _roughly(

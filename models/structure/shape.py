@@ -47,7 +47,7 @@ class Status(StrEnum):
 
 
 ADVICE = {
-    Status.OK: "every tendon with a sensor was measured",
+    Status.OK: "every tendon that moves and has a sensor was measured",
     Status.PARTIAL: "some tendons were left out, see lengths.csv: mend the sensors named there",
     Status.TWO_SHAPES: "another shape or resting face fits about as well, see other_shape.csv: decide by what you saw",
     Status.DOUBT: "the readings fit another explanation better than the model, see the column doubt in status.csv",

@@ -3,7 +3,8 @@
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+from difflib import get_close_matches
+from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Interval, Le
 from pydantic import AfterValidator, AllowInfNan, TypeAdapter, ValidationError
@@ -87,13 +88,27 @@ def parse_table(kind: type[T], table: Mapping[str, Any], where: str | Callable[[
     return parsed
 
 
-def unknown_keys(kind: type[Any], table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    """Yield the dotted names in a table that its dataclass does not have."""
+class UnknownKey(NamedTuple):
+    """A key of a table that its dataclass does not have."""
+
+    name: str
+    """Dotted."""
+    similar: str | None
+    """The key that may be meant."""
+
+    @property
+    def hint(self) -> str:
+        """The end of a sentence that asks for the similar key; nothing without one."""
+        return f": did you mean {self.similar}?" if self.similar else ""
+
+
+def unknown_keys(kind: type[Any], table: Mapping[str, Any], prefix: str = "") -> Iterator[UnknownKey]:
+    """Yield the keys of a table that its dataclass does not have."""
     hints = get_type_hints(kind)
     names = {field.name for field in fields(kind)}
     for key, value in table.items():
         if key not in names:
-            yield prefix + key
+            yield UnknownKey(prefix + key, next(iter(get_close_matches(key, names, 1)), None))
             continue
         for inner in (hints[key], *get_args(hints[key])):
             if is_dataclass(inner) and isinstance(inner, type):

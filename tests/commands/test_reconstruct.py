@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from command_line import run
-from tensegraph.commands.reconstruct import flagged_sensors, load_rows, rest_balance, slip_line
+from tensegraph.commands.reconstruct import flagged_sensors, load_rows, pauses, rest_balance, slip_line
 from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.values.readings import Flag
 from tensegraph.models.values.slip import Slip
@@ -227,3 +227,9 @@ def test_a_tendon_without_a_sensor_is_not_flagged(loaded) -> None:
     shapes.flags[10:12, 8] = int(Flag.OUTLIER)  # the readings about a spike give the length
     shapes.flags[12, 8] = int(Flag.OUTLIER | Flag.MISSING)
     assert "tendon 8: outlier from 0.20 s, left out of 1 frame from 0.24 s" in flagged_sensors(shapes)
+
+
+def test_many_pauses_are_one_line() -> None:
+    """As of stamps in milliseconds."""
+    assert pauses(np.array([0.0, 0.02, 2.0, 2.02])) == ["from 0.02 to 2.00 s"]
+    assert pauses(20.0 * np.arange(12)) == ["11 times, for 20 s in the median: are stamps in seconds?"]

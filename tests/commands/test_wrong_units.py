@@ -100,3 +100,14 @@ def test_a_node_of_the_rest_shape_far_away_is_refused(y_m: float, trial_copy: Ca
     ended = run("reconstruct", trial, cwd=trial.parent)
     assert ended.returncode == 2
     assert "rest.node_position_m: expected rod 3 to be 0.3 m long, got " in ended.stderr
+
+
+def test_truth_in_milliseconds_is_refused(trial_copy: Callable[..., Path]) -> None:
+    def in_milliseconds(text: str) -> str:
+        header, *rows = text.splitlines()
+        cells = [row.split(",", 1) for row in rows]
+        return "\n".join([header, *(f"{1e3 * float(t)},{rest}" for t, rest in cells)]) + "\n"
+
+    trial = trial_copy(rows=60, truth=in_milliseconds)
+    ended = run("reconstruct", trial, "--live", "--figures", "none", cwd=trial.parent)
+    assert "expected frames at most 1 s apart, got 20 s" in " ".join(ended.stdout.split())

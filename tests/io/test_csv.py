@@ -72,6 +72,7 @@ def test_a_table_as_spreadsheets_and_r_write_it(tmp_path) -> None:
     [
         ("a;b\n1;2\n", "row 1: expected columns with commas between, got a;b"),
         ("a,b\n1,2\n\n3,4\n", "row 3: expected 2 fields, got a blank line"),
+        ("a,b\n1,5,2,5\n", r"row 2: expected 2 fields, got 4: is a decimal point a comma\?"),
         ("a\n", "row 1: column 'b' is missing: got a"),
     ],
 )

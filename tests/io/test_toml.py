@@ -30,6 +30,7 @@ class TestSettings:
             ("[pose]\nturn_rad_per_s = 300\n", r"pose.turn_rad_per_s: .*less than or equal to 35, got 300"),
             ("[rest]\nmeasured_sigma_m = 1e-9\n", r"rest.measured_sigma_m: expected .*got 1e-09: is the unit right\?"),
             ("[noise]\nforce_n = inf\n", r"noise.force_n: .*finite number, got inf"),
+            ("[noise]\nrods_m = 1\n", r"lists them all: did you mean rod_m\?$"),
             ("[noise]\nrobust = 'hard'\n", r"noise.robust: .*got 'hard'"),
             ("[doubt]\nloaded_share = 5e-324\n", r"doubt.loaded_share: .*expected at least 1e-12, got 5e-324"),
             ("probability = 95\n", r"probability: .*got 95"),

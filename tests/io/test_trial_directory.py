@@ -94,6 +94,11 @@ def test_unknown_keys_of_a_trial_are_named_not_refused(trial_copy) -> None:
     assert open_trial(path).description.ignored_keys == ("rest.measured_by",)
 
 
+def test_a_table_that_is_mistyped_is_named_with_the_one_that_is_meant(trial_copy) -> None:
+    path = trial_copy(rows=5, trial=lambda text: text.replace("[mechanics]", "[mechanic]"))
+    assert open_trial(path).description.ignored_keys == ("mechanic: did you mean mechanics?",)
+
+
 class TestFaults:
     @pytest.mark.parametrize(
         ("line", "message"),

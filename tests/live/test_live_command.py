@@ -405,12 +405,12 @@ REFUSED = [
     (["live", "--twin", "rig.toml"], "rig.toml: line"),
     (["live", "--rig", "rig.toml", "--speed", "2"], "--speed goes with --replay and --twin, --port with --rig"),
     (["live", "--replay", "nothing"], "nothing/trial.toml: no such file"),
-    (["live", "--replay", "trial", "--record", "trial"], "trial: exists: expected a new name for the trial"),
+    (["live", "--replay", "trial", "--record", "trial"], "trial: exists: expected a new name"),
     (["live", "--replay", "trial", "--record", "results/x"], "results/x: expected another place for the result than"),
     (["live", "--replay", "trial", "--record", "x/trial", "--out", "x"], "x: expected another place for the result"),
     (["live", "--replay", "trial", "--out", "trial"], "trial: exists and is no earlier result"),
     (["live", "--replay", "trial", "--view", "--out", "x"], "no window can be opened"),
-    (["record", "--rig", "rig.toml", "--out", "trial"], "trial: exists: expected a new name for the trial"),
+    (["record", "--rig", "rig.toml", "--out", "trial"], "trial: exists: expected a new name"),
     (
         ["record", "--rig", "twice.toml", "--out", "x"],
         "board[1].board_id: expected a number from 0 to 255, each once, got '0'",
@@ -586,7 +586,8 @@ def test_settings_of_record_are_checked(tmp_path, rig, typed) -> None:
     (tmp_path / "settings.toml").write_text("[clock]\nwindow = 30.0\n")
     code, _, error = typed("record", "--rig", rig, "--out", "t", "--config", "settings.toml", cwd=tmp_path)
     assert code == 2
-    assert error == "tensegraph: settings.toml: clock.window: is no setting; a run's run.toml lists them all\n"
+    said = "clock.window: is no setting; a run's run.toml lists them all: did you mean window_s?"
+    assert error == f"tensegraph: settings.toml: {said}\n"
 
 
 def test_exchanged_wires_and_inputs_are_told_live(tmp_path, trial_copy, typed) -> None:

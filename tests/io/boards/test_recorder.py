@@ -38,7 +38,7 @@ def test_nothing_is_written_over(tmp_path, example) -> None:
     trial = open_trial(example)
     Recorder(tmp_path / "one", trial.toml).__exit__(None, None, None)
     before = (tmp_path / "one" / "trial.toml").read_bytes()
-    with pytest.raises(InputError, match="one: exists: expected a new name for the trial"):
+    with pytest.raises(InputError, match="one: exists: expected a new name"):
         Recorder(tmp_path / "one", trial.toml)
     assert (tmp_path / "one" / "trial.toml").read_bytes() == before
 

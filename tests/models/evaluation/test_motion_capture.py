@@ -81,6 +81,30 @@ def test_a_mapping_that_is_wrong_does_not_fit(take, estimate, example_structure)
     assert "far off: are they told rightly?" in dict(_capture_facts(fit, example_structure))["markers = nodes"]
 
 
+def test_a_capture_in_another_unit_is_refused_by_that_word(take, estimate) -> None:
+    """Metres that are told as millimetres: before the clock is searched for, which they do not tell either."""
+    tracks = tracks_of(take)
+    with pytest.raises(InputError, match=r"motion capture: expected nodes .* hold them, got .*: is the unit right\?"):
+        lay_onto(replace(tracks, position_m=1e-3 * tracks.position_m), estimate)
+
+
+def test_markers_that_are_exchanged_are_told_by_their_rods_where_the_clock_is_not_known(take, estimate) -> None:
+    """The markers of nodes 7 and 3 are exchanged, in the first second, in which nothing moves: rod 0-3 tells it."""
+    exchanged = [take.names[k] for k in (1, 0, 2, 3, 4)]
+    marked = tuple(MarkedNode(name, node) for name, node in zip(exchanged, NODES, strict=False))
+    tracks, still = tracks_of(take), slice(0, int(np.searchsorted(take.t_s, take.t_s[0] + 1.0)))
+    at_rest = MarkerTracks(tracks.t_s[still], tracks.names, tracks.position_m[still])
+    with pytest.raises(InputError, match=r"motion capture: nodes 0 and 3: expected as far apart as their rod is long"):
+        lay_onto(at_rest, estimate, marked=marked)
+
+
+def test_two_markers_that_are_told_to_be_one_node_are_refused(take, estimate) -> None:
+    marked = (*(MarkedNode(name, node) for name, node in zip(take.names, NODES[:3], strict=False)),)
+    twice = (*marked, MarkedNode(take.names[4], NODES[0]))
+    with pytest.raises(InputError, match=r"expected pieces of one track at node 7, got two markers 0\.\d+ m apart"):
+        lay_onto(tracks_of(take), estimate, marked=twice, offset_s=OFFSET_S)
+
+
 def test_pieces_of_a_lost_marker_are_one_node(take, estimate) -> None:
     """Half of the take under one name, the other half under another."""
     middle = len(take.t_s) // 2
@@ -212,4 +236,4 @@ def test_the_table_of_markers(example_structure) -> None:
     with pytest.raises(InputError, match=r"t: truth.markers.a.beyond_m: expected a node of a rod, .*, got 0"):
         nodes(without_a_rod, a={"node": 0, "beyond_m": 0.01}, b={"node": 3})
     table = {"file": "a.csv", "markers": {"a": {"node": 0, "colour": 1}}}
-    assert list(unknown_keys(TruthTable, table)) == ["markers.a.colour"]
+    assert [key.name for key in unknown_keys(TruthTable, table)] == ["markers.a.colour"]

@@ -94,4 +94,4 @@ def test_the_readme_shows_what_is_said_of_frames_that_are_ok() -> None:
     readme = Path(__file__).parents[3] / "README.md"
     words = " ".join(readme.read_text(encoding="utf-8").replace("│", " ").split())
     assert f"1499 frames: {Status.OK.advice} " in words
-    assert "with a sensor" in Status.OK.advice
+    assert "has a sensor" in Status.OK.advice
