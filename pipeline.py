@@ -32,7 +32,7 @@ from .models.sensor.frames import FrameAssembler, LengthPauses
 from .models.sensor.front_end import FrontEnd
 from .models.sensor.reference_drift import ReferenceTendons
 from .models.sensor.sensor_model import SensorModel
-from .models.settings import Settings, checked_settings
+from .models.settings import Settings, checked_settings, sizes_of
 from .models.strain_front_end import StrainFrontEnd, StrainModelFactory
 from .models.structure.mechanics import Mechanics
 from .models.structure.natural_lengths import Winding, strip_length_m
@@ -169,7 +169,8 @@ class Pipeline:
 
     def __init__(self, trial: TrialDescription, settings: Settings, model: AnySensorModel) -> None:
         self.trial = trial
-        self.settings = settings
+        self.settings = settings = settings.of_size(*sizes_of(trial.structure, trial.mechanics))
+        """Those that were given, of the size of the robot."""
         self._described_rest = rest_shape_of(trial, settings.rest)
         self.rest = self._described_rest
         """The rest shape: that of the description, or of the lengths at rest of the latest run, see `after_rest`."""
@@ -198,6 +199,8 @@ class Pipeline:
         wound = [tendon for motors in trial.motors for tendon in motors.tendons]
         references = np.setdiff1d(np.flatnonzero(trial.structure.joins_anchors & trial.structure.is_sensed), wound)
         longest_s = model.ranges.step_s[1] if isinstance(model, SensorModel) else np.inf
+        if trial.imus and not held:
+            longest_s = 0.0  # a robot that rolls turns too far from one row of slow boards to the next
         sources = max(len(trial.tendons_of_board), 1)
         self._frames = FrameAssembler(natural_ohm, sources, settings.frames, settings.gate, longest_s)
         natural_m = trial.structure.natural_length_m  # of a cable that a motor winds, it may be very short

@@ -197,7 +197,7 @@ def reconstruct_trial(job: TrialJob, terminal: Terminal) -> Table | None:
                 run.reconstruction,
                 job.out,
                 table,
-                options.settings,
+                run.settings,
                 title,
                 options.figures,
                 lambda part: bar.reached(part, 1),
@@ -226,7 +226,7 @@ def run_trial(trial: Trial, options: RunOptions, terminal: Terminal, bar: StageB
     return Run(
         trial=trial,
         method=options.method,
-        settings=options.settings,
+        settings=pipeline.settings,
         pipeline=pipeline,
         reconstruction=reconstruction,
         seconds=seconds,

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.structure.shape import Shape
+from ..models.values.stamps import ROUNDING_S
 
 VELOCITY_HOLDS_S = 0.2
 """Time after which a velocity says nothing of the position: the time in which a hand changes its push."""
@@ -68,7 +69,7 @@ class LagCompensation:
             return unknown
         while self._before[0] is not first:
             self._before.popleft()
-        if shape.t_s - first.t_s > VELOCITY_HOLDS_S:
+        if shape.t_s - first.t_s > VELOCITY_HOLDS_S + ROUNDING_S:
             return unknown
         newest = (shape.node_position_m - middle.node_position_m) / (shape.t_s - middle.t_s)
         earlier = (middle.node_position_m - first.node_position_m) / (middle.t_s - first.t_s)

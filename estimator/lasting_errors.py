@@ -109,7 +109,12 @@ class LastingErrors:
 
 
 def _is_stretched(shape: Shape) -> bool:
-    """Return whether no tendon is or may be bent, whose errors last, and nothing is in doubt."""
+    """Return whether strips alone are read, none is or may be bent, whose errors last, and nothing is in doubt."""
     lengths = shape.lengths
     bent = (lengths.mode == BENDING) | (lengths.flags & int(Flag.AMBIGUOUS) != 0)
-    return shape.status is Status.OK and not lengths.rest_in_doubt and not (bent & lengths.usable).any()
+    return (
+        lengths.of_strips
+        and shape.status is Status.OK
+        and not lengths.rest_in_doubt
+        and not (bent & lengths.usable).any()
+    )

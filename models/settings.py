@@ -2,8 +2,10 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from .estimation import BranchSettings, DoubtSettings, HealthSettings, NoiseSettings, SmootherSettings
 from .pose.pose_settings import PoseSettings
@@ -13,7 +15,9 @@ from .sensor.front_end import FrontEndSettings
 from .sensor.gate import GateSettings
 from .sensor.reference_drift import DriftSettings
 from .structure.external_loads import LOAD_THRESHOLD_N
+from .structure.mechanics import Mechanics
 from .structure.rest_shape import RestSettings
+from .structure.structure import Structure
 from .values.errors import InputError
 from .values.tables import Positive, Probability, parse_table
 
@@ -23,6 +27,14 @@ FARTHEST = 500.0
 LEAST = 1e-4
 """The least such ratio: a setting may be small where a robot or its sensors are exact, and a share or a probability as
 small as it likes."""
+
+
+STRETCHED_N = 68.0
+"""Force of a tendon that is stretched by its own length, of the robot for which the defaults are."""
+ROD_M = 0.3
+"""Length of its rods."""
+MOST_DOUBLINGS = 8
+"""Power of two up to which sigmas grow: beyond it they would be as of another unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +66,45 @@ class Settings:
                     f"settings.{part.name}: expected {default.__name__}({_example(value)}), got {type(value).__name__}"
                 )
             _check_scale(part.name, value, default() if is_dataclass(default) else part.default)
+
+    def of_size(self, force: float, length: float) -> "Settings":
+        """Return the settings of a robot whose forces and lengths are so many times those of the defaults.
+
+        The standard deviations of forces and of the shape prior grow with them, but for those that are not at their
+        defaults.
+        """
+        return replace(
+            self,
+            rest=_grown(self.rest, force, "force_sigma_n"),
+            noise=_grown(_grown(self.noise, force, "force_n"), length, "shape_prior_m"),
+            doubt=_grown(self.doubt, force, "load_n", "quiet_n", "many_loads_n", "shaken_n"),
+        )
+
+
+def sizes_of(structure: Structure, mechanics: Mechanics | None) -> tuple[float, float]:
+    """Return how many times as large forces and lengths are as those of the defaults, in powers of two from 1 on.
+
+    The force is that of a tendon that is stretched by its own length, k L0, in the median; the length is that of a rod.
+    A robot that is softer or smaller keeps the defaults: its sigmas are then too large, which is no harm.
+    """
+    force = 1.0
+    if mechanics is not None:
+        elastic = np.setdiff1d(np.arange(len(structure.tendons)), mechanics.stiff_cables)
+        if len(elastic):
+            of_tendon_n = mechanics.stiffness_n_per_m * mechanics.natural_length_m
+            force = _power_of_two(float(np.median(of_tendon_n[elastic])) / STRETCHED_N)
+    return force, _power_of_two(float(structure.rod_length_m.mean()) / ROD_M)
+
+
+def _power_of_two(ratio: float) -> float:
+    return float(2.0 ** np.clip(np.round(np.log2(ratio)), 0, MOST_DOUBLINGS))
+
+
+def _grown(part: Any, factor: float, *names: str) -> Any:
+    """Return a part of the settings with some sigmas times a factor, where they are at their defaults."""
+    default = type(part)()
+    at_default = [name for name in names if getattr(part, name) == getattr(default, name)]
+    return replace(part, **{name: factor * getattr(part, name) for name in at_default})
 
 
 def _check_scale(name: str, value: object, default: object) -> None:

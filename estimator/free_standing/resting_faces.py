@@ -55,7 +55,7 @@ POSSIBLE = 0.003
 """Probability above which another face or edge is counted in the uncertainty."""
 HEIGHT_M = 0.01
 """Standard deviation of a known height under a hypothesis, by which the floor is not quite level."""
-LESS_QUIET_N = (0.1, 0.3)
+LESS_QUIET = (10 / 3, 10.0)
 """Other standard deviations of the balance at a node without load, each as probable: sensors may be worse than told."""
 
 
@@ -74,7 +74,7 @@ class Balance:
 def balances_at(
     node_position_m: NDArray[np.float64], frame: LinearFrame, statics: Statics, builder: GraphBuilder, quiet_n: float
 ) -> list[Balance]:
-    """Return the balance of one frame as told, and for each of `LESS_QUIET_N`, all as probable as each other.
+    """Return the balance of one frame as told, and for each of `LESS_QUIET`, all as probable as each other.
 
     Args:
         node_position_m: (nodes, 3) the shape.
@@ -83,7 +83,7 @@ def balances_at(
         builder: of the graph, for the variance that unknown mechanics add.
         quiet_n: standard deviation of the balance at a node without load.
     """
-    sigma_n = np.array([quiet_n, *LESS_QUIET_N])
+    sigma_n = quiet_n * np.array([1.0, *LESS_QUIET])
     variances_n2 = builder.internal_variance_n2 + sigma_n[:, None] ** 2
     return balances_of(frame, statics.outer_force_jacobian(node_position_m), statics.outer_force_n, variances_n2)
 

@@ -198,7 +198,7 @@ class FrameAssembler:
             sources: number of boards, or 1 for a file.
             frames: rate, and what is bridged.
             gate: which readings are left out.
-            longest_step_s: longest time between frames of slow boards.
+            longest_step_s: longest time between frames of slow boards; 0 for frames as many as are told.
         """
         self._natural_ohm = natural_ohm
         self._settings = frames
@@ -244,7 +244,7 @@ class FrameAssembler:
         for number, period_s in enumerate(self._period_s):
             if period_s > self._max_gap_s:
                 texts[number] = f"a row each {period_s:.3g} s: frames between them have no reading"
-            elif self._frames_in(period_s) > 1:
+            elif self._frames_in(period_s) > 1 and self.rate_hz < self._settings.rate_hz:
                 rates = f"{self.rate_hz:.3g} frames a second, and not {self._settings.rate_hz:g}"
                 texts[number] = f"a row each {period_s:.3g} s: {rates}"
         return texts
@@ -311,7 +311,7 @@ class LengthPauses:
 
     def until(self, t_s: float) -> Iterator[TendonLengths]:
         """Yield the frames of a pause before a time at which something is read; none in one that is bridged."""
-        if not self._settings.max_gap_s < t_s - self._row_s <= self._settings.longest_silence_s:
+        if not self._settings.max_gap_s + ROUNDING_S < t_s - self._row_s <= self._settings.longest_silence_s:
             return
         while self._frame_s + 1.5 * self._step_s <= t_s:
             self._frame_s += self._step_s
