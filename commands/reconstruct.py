@@ -253,7 +253,7 @@ class Run:
         table.add_row("frames", f"{len(r)}")
         table.add_row("duration", f"{r.t_s[-1] - r.t_s[0]:.2f} s")
         table.add_row("time", f"{1e3 * self.seconds / len(r):.2f} ms per frame")
-        table.add_row("rest shape", self.pipeline.rest.source)
+        table.add_row("rest shape", rest_source(self.pipeline))
         table.add_row("mean sigma of a node", f"{1e3 * r.node_sigma_m[:, free].mean():.2f} mm")
         for name, text in [*rest_balance(self.pipeline.rest), *load_rows(r, self.settings.load_threshold_n)]:
             table.add_row(name, text)
@@ -376,6 +376,14 @@ def wrong_geometry(wrong: WrongPart) -> str:
         "floor": "the lowest nodes at rest are off the floor: are height_m, normal and the rest shape right?",
     }
     return told[wrong]
+
+
+def rest_source(pipeline: Pipeline) -> str:
+    """Return what tells the rest shape, and on which side of the anchors it was searched for."""
+    trial, source = pipeline.trial, pipeline.rest.source
+    if source == "measured" or trial.near_position_m is not None or not trial.structure.is_held:
+        return source
+    return f"{source}, above the anchors; if it is below, tell structure.node_position_m"
 
 
 def rest_balance(rest: RestShape) -> list[tuple[str, str]]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .sensor.stillness import MOVING_TENDONS
-from .sensor.taring import MOVED_M
+from .sensor.taring import MOVED_STRAIN
 from .values.errors import InputError
 from .values.readings import Flag, Mode, ResistanceFrame, RestLengths, TendonLengths, is_impossible_length
 from .values.stamps import RestClock
@@ -108,7 +108,7 @@ class StrainFrontEnd:
     @property
     def moved_at_rest(self) -> bool:
         """Whether the structure moved while its sensors were tared; sigma is then widened."""
-        return bool((self._spread * self._L0 > MOVED_M).sum() >= MOVING_TENDONS)
+        return bool((self._spread > MOVED_STRAIN).sum() >= MOVING_TENDONS)
 
     @property
     def _spread(self) -> NDArray[np.float64]:

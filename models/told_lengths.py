@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from .sensor.gate import GateSettings, JumpGate, StuckGate
 from .sensor.stillness import MOVING_TENDONS
-from .sensor.taring import MOVED_M
+from .sensor.taring import MOVED_STRAIN
 from .structure.shape import chi_squared_quantile
 from .values.errors import InputError
 from .values.readings import Flag, RestLengths, TendonLengths, is_impossible_length
@@ -59,11 +59,12 @@ def lengths_at_rest(frames: Sequence[TendonLengths], seconds: float) -> tuple[Re
     range_m = np.fmax.reduce(parts_m) - np.fmin.reduce(parts_m)
     count = read.sum(axis=0)
     of_part_m = sigma_m * np.sqrt(REST_PARTS / np.maximum(count, REST_PARTS))
-    moved = bool((range_m > MOVED_M + CHANGED_SIGMA * of_part_m).sum() >= MOVING_TENDONS)
+    mean_m = mean_over_frames(length_m)
+    moved = bool((range_m > MOVED_STRAIN * mean_m + CHANGED_SIGMA * of_part_m).sum() >= MOVING_TENDONS)
     noise_m = sigma_m / np.sqrt(np.clip(count, 1, MOST_INDEPENDENT))
     return RestLengths(
         seconds=seconds,
-        length_m=mean_over_frames(length_m),
+        length_m=mean_m,
         sigma_m=np.sqrt(noise_m**2 + LASTING_M**2 + (0.5 * range_m if moved else np.zeros_like(range_m)) ** 2),
     ), moved
 

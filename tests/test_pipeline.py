@@ -1,5 +1,6 @@
 """The loop on trials that are not as they should be, and on other sources than boards."""
 
+import shutil
 from dataclasses import replace
 from itertools import islice, takewhile
 from pathlib import Path
@@ -9,6 +10,7 @@ import pytest
 
 from tensegraph import Flag, InputError, Reconstruction, Settings, Status, open_trial
 from tensegraph.io.model_file import read_sensor_model
+from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.sensor.frames import FrameSettings
 from tensegraph.models.structure.shape import Reason
 from tensegraph.models.values.readings import TendonLengths
@@ -65,6 +67,21 @@ def test_a_slow_board_is_named(trial_copy, every, text) -> None:
     assert (missing > 0.3) == (every == 16)
     assert missing < 0.05 or every == 16
     assert pipeline.aid_warnings() == ({"board 0": text} if text else {})
+
+
+def test_a_robot_that_rolls_keeps_its_frames_at_slow_boards(tmp_path) -> None:
+    """Boards of 10 rows a second: between two of them it may turn by a radian, which inertial sensors follow."""
+    path = tmp_path / "roll"
+    shutil.copytree(EXAMPLES / "roll_02", path)
+    for board in path.glob("board*.csv"):
+        header, *rows = board.read_text().splitlines()
+        board.write_text("\n".join([header, *rows[:800:5], ""]))
+    trial = open_trial(path)
+    pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
+    shapes = Reconstruction.of(trial.description.structure, pipeline.estimate(trial.readings(), "live"))
+    assert np.median(np.diff(shapes.t_s)) == pytest.approx(0.02)
+    assert not pipeline.aid_warnings()
+    assert node_rmse_m(shapes, trial.truth().t_s, trial.truth().node_position_m) < 0.02
 
 
 def test_a_board_that_counts_past_its_end_goes_on(trial_copy, plain) -> None:

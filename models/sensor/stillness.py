@@ -15,10 +15,10 @@ BLOCK_S = 0.25
 reduced."""
 SHORTEST_S = 4 * BLOCK_S
 """Shortest time from which motion can be judged: two whole blocks and the incomplete ones before and after."""
-STILL_M = 0.001
-"""Change of length below which a tendon counts as still. At rest the largest change of 24 tendons in 2 s is 0.5 to
-0.8 mm (six trials), all of it noise. While the structure is pressed 17 tendons change by more than the threshold, and
-the largest change is at least 3.5 mm."""
+STILL_STRAIN = 0.0059
+"""Change of strain below which a tendon counts as still: 1 mm of 0.17 m. Of 24 such tendons the largest change at rest in
+2 s is 0.5 to 0.8 mm (six trials), all of it noise. While the structure is pressed 17 tendons change by more than the
+threshold, and the largest change is at least 3.5 mm."""
 USUAL_READINGS = 12.5
 """Number of readings in a block at 50 Hz, of which those six trials are; with fewer the noise of the mean is larger."""
 MOVING_TENDONS = 3
@@ -35,7 +35,7 @@ class RestMotion:
     tendon: int
     """The tendon with the largest change."""
     moving: int
-    """Number of tendons whose change is larger than noise, see `STILL_M`."""
+    """Number of tendons whose change is larger than noise, see `STILL_STRAIN`."""
     mean_m: float
     """Mean of the changes of all tendons."""
 
@@ -57,7 +57,7 @@ class StillnessWatch:
     def __init__(
         self, gauge: StaticGauge, natural_resistance_ohm: NDArray[np.float64], natural_length_m: NDArray[np.float64]
     ) -> None:
-        self._R0 = natural_resistance_ohm
+        self._R0, self._L0 = natural_resistance_ohm, natural_length_m
         self._m_per_change = natural_length_m / gauge.slope(np.zeros_like(natural_length_m))
         self._sum: defaultdict[int, NDArray[np.float64]] = defaultdict(lambda: np.zeros((2, len(natural_length_m))))
 
@@ -92,5 +92,5 @@ class StillnessWatch:
         range_m = np.where(np.isfinite(range_m), range_m, 0.0)
         tendon = int(np.argmax(range_m))
         noise = np.sqrt(np.maximum(USUAL_READINGS / np.maximum(blocks[:, 1].mean(axis=0), 1.0), 1.0))
-        moving = int((range_m > STILL_M * noise).sum())
+        moving = int((range_m > STILL_STRAIN * self._L0 * noise).sum())
         return RestMotion(float(range_m[tendon]), tendon, moving, float(range_m.mean()))

@@ -20,6 +20,9 @@ shape the singular value of the mechanism is 1.6e-8 and the next one 0.16; under
 
 ROD_WEIGHT = 100.0
 """Weight of a rod's length error: a rod is 1e4 times as stiff as a tendon, so that it changes by 1e-5 of its length."""
+LEVEL = 0.7
+"""Height of the normal of the anchors' plane, a unit vector, below which that is a wall: it is steeper than 45
+degrees."""
 STARTS = 8
 """Number of random shapes at which the search for the rest shape starts."""
 MOST_ROD_ERROR = 0.01
@@ -141,6 +144,11 @@ def find_rest_shape(structure: Structure, near_m: NDArray[np.float64] | None = N
     if not structure.is_held:
         return Suspension.of(structure).hanging_m(_free_shape(structure, energy))
     base = structure.anchor_position_m
+    if abs(np.linalg.svd(base - base.mean(axis=0))[2][-1, 2]) < LEVEL:
+        raise IndeterminateError(
+            "the anchors are on a wall, and no length tells on which side of it the structure is: expected "
+            "structure.node_position_m, about as at rest"
+        )
     scale = float(structure.rod_length_m.mean())
     free = structure.free_nodes
     rng = np.random.default_rng(0)

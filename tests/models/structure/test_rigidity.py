@@ -1,5 +1,7 @@
 """The rest shape, its one mechanism and its one self-stress."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +10,7 @@ from hypothesis import strategies as st
 from tensegraph import IndeterminateError, InputError, Structure, six_strut, three_strut
 from tensegraph.models.structure.lengths import member_length_m
 from tensegraph.models.structure.rigidity import find_rest_shape, free_length_jacobian, rigidity
+from tensegraph.models.values.rotations import rotation
 
 
 def test_rest_shape_of_six_strut_by_hand(structure: Structure, rest) -> None:
@@ -53,6 +56,18 @@ def test_any_six_strut_rests_on_its_base(rod_m: float, prestrain: float) -> None
     assert structure.natural_length_m[0] * (1 + prestrain) == pytest.approx(rod_m * np.sqrt(3 / 8))
     base = structure.anchor_position_m
     assert member_length_m(base, np.array([[0, 1], [1, 2], [0, 2]])) == pytest.approx(rod_m * np.sqrt(3 / 8))
+
+
+def test_on_which_side_of_a_wall_a_structure_is_has_to_be_told(structure: Structure, rest) -> None:
+    """Anchors turned by 60 degrees about x, and by 30, which is a slope."""
+    for degrees, is_wall in ((60.0, True), (30.0, False)):
+        turn = rotation(np.deg2rad(degrees) * np.array([1.0, 0.0, 0.0]))
+        turned = replace(structure, anchor_position_m=structure.anchor_position_m @ turn.T)
+        if is_wall:
+            with pytest.raises(IndeterminateError, match=r"on a wall, .*: expected structure\.node_position_m"):
+                find_rest_shape(turned)
+        near_m = rest.node_position_m @ turn.T if is_wall else None
+        np.testing.assert_allclose(find_rest_shape(turned, near_m), rest.node_position_m @ turn.T, atol=1e-4)
 
 
 def test_impossible_prism_is_refused() -> None:
