@@ -218,7 +218,7 @@ def _check_ranges(ranges: TrainedRanges, strain_knots: NDArray[np.float64]) -> N
             raise InputError(f"metadata: ranges.{name}: expected [least, most], got [{least:g}, {most:g}]")
     if ranges.step_s[0] <= 0:
         raise InputError(f"metadata: ranges.step_s: expected positive times, got {ranges.step_s[0]:g}")
-    if strain_knots[0] != 0 or not 1e-3 < strain_knots[-1] / ranges.strain[1] < 2:
+    if strain_knots[0] != 0 or not 1e-3 * ranges.strain[1] < strain_knots[-1] < 2 * ranges.strain[1]:
         got = f"{strain_knots[0]:.3g} to {strain_knots[-1]:.3g}"
         raise InputError(f"tensor 'strain_knots': expected 0 to about ranges.strain, {ranges.strain[1]:.3g}, got {got}")
 

@@ -16,8 +16,8 @@ reduced."""
 SHORTEST_S = 4 * BLOCK_S
 """Shortest time from which motion can be judged: two whole blocks and the incomplete ones before and after."""
 STILL_STRAIN = 0.0059
-"""Change of strain below which a tendon counts as still: 1 mm of 0.17 m. Of 24 such tendons the largest change at rest in
-2 s is 0.5 to 0.8 mm (six trials), all of it noise. While the structure is pressed 17 tendons change by more than the
+"""Change of strain below which a tendon counts as still, 1 mm of 0.17 m. At rest the largest change of 24 such tendons
+in 2 s is 0.5 to 0.8 mm (six trials), all of it noise. While the structure is pressed 17 tendons change by more than the
 threshold, and the largest change is at least 3.5 mm."""
 USUAL_READINGS = 12.5
 """Number of readings in a block at 50 Hz, of which those six trials are; with fewer the noise of the mean is larger."""

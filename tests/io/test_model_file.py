@@ -107,6 +107,11 @@ class TestModelFile:
             ("scaling", {"change": 0.0}, "scaling.change: .*greater than 0"),
             ("scaling", {"change_middle": float("nan")}, "scaling.change_middle: .*, got nan"),
             ("ranges", {"change": [1, 0], "rate_per_s": 1, "strain": [0, 1], "step_s": [0.01, 0.1]}, "ranges.change"),
+            (
+                "ranges",
+                {"change": [0, 1], "rate_per_s": 1, "strain": [0, 0], "step_s": [0.01, 0.1]},
+                "ranges.strain, 0,",
+            ),
             ("format", 3, "expected format 2, got 3"),
         ],
     )
