@@ -373,6 +373,7 @@ def wrong_geometry(wrong: WrongPart) -> str:
         "axes": "the rest shape seems to be measured in other axes than the anchors: measure both in the same",
         "hubs": "tendons seem to end beside the ends of the rods (tell structure.hub_radius_m), or [mechanics] or the "
         "rest shape are wrong, a mirrored one, too; sigmas are widened",
+        "mirror": "nothing tells the structure from its mirror image: tell structure.node_position_m, about as at rest",
         "floor": "the lowest nodes at rest are off the floor: are height_m, normal and the rest shape right?",
     }
     return told[wrong]

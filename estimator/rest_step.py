@@ -111,6 +111,8 @@ def rest_step(
     covariance = np.linalg.inv(minimum.information)[:coordinates, :coordinates]
     if wrong is None and floor is not None and floor.normal_sigma_rad == 0 and _is_off(floor, position_m):
         wrong = "floor"
+    if wrong is None and measured_position_m is None and near_position_m is None and not structure.is_held:
+        wrong = "mirror"
     found = RestShape(
         structure=replace(
             structure,

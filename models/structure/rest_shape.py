@@ -31,9 +31,10 @@ class RestSettings:
     """Standard deviation of the balance of forces at rest: sway, creep and hysteresis of the rubber."""
 
 
-WrongPart = Literal["rods", "anchors", "natural lengths", "rest shape", "axes", "hubs", "floor"]
+WrongPart = Literal["rods", "anchors", "natural lengths", "rest shape", "axes", "hubs", "floor", "mirror"]
 """A part of the geometry that may have been told wrongly: `axes` are those in which the rest shape was measured, and
-`hubs` means that tendons end beside the ends of the rods."""
+`hubs` means that tendons end beside the ends of the rods. With `mirror`, nothing was told that tells the shape from its
+mirror image."""
 RestSource = Literal["measured", "lengths", "found"]
 """What tells the rest shape: its measured positions, or the lengths at rest; it is found from natural lengths and
 stiffness alone where neither was measured."""
