@@ -44,7 +44,7 @@ from .models.structure.structure import Structure
 from .models.told_lengths import ToldLengths, lengths_at_rest
 from .models.trial_description import TrialDescription
 from .models.values.aids import AidReading, ImuReading, PositionReading
-from .models.values.errors import InputError
+from .models.values.errors import IndeterminateError, InputError
 from .models.values.readings import (
     BoardReading,
     NaturalLengthReading,
@@ -305,8 +305,11 @@ class Pipeline:
         if not any(lengths.usable.any() for lengths in resting):
             return chain(taken, later)
         at_rest, moved = lengths_at_rest(resting, self.trial.rest_seconds)
-        rest = rest_shape_of(self.trial, self.settings.rest, at_rest)
-        misfit = rest.misfits(at_rest)
+        try:
+            rest = rest_shape_of(self.trial, self.settings.rest, at_rest)
+            misfit = rest.misfits(at_rest)
+        except IndeterminateError:  # no shape with such lengths is in balance
+            misfit = True
         self.rest = self._described_rest if misfit else rest
         self._lengths_misfit, self._lengths_moved = misfit, moved
         return (replace(lengths, rest_in_doubt=moved or misfit) for lengths in chain(taken, later))

@@ -52,8 +52,8 @@ def lengths_at_rest(frames: Sequence[TendonLengths], seconds: float) -> tuple[Re
         frames: of the rest, at least one.
         seconds: how long the rest is.
     """
-    length_m = np.array([lengths.length_m for lengths in frames])
-    read = np.isfinite(length_m)
+    read = np.array([lengths.usable for lengths in frames])
+    length_m = np.where(read, [lengths.length_m for lengths in frames], np.nan)
     sigma_m = mean_over_frames(np.where(read, [lengths.sigma_m for lengths in frames], np.nan))
     parts_m = np.array([mean_over_frames(part) for part in np.array_split(length_m, REST_PARTS) if len(part)])
     range_m = np.fmax.reduce(parts_m) - np.fmin.reduce(parts_m)
