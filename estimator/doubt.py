@@ -31,7 +31,7 @@ from .linear_frame import LinearFrame
 
 FEW = 6
 """Number of explanations by a few loads: by none, by the node with the largest unbalanced force, by the two with ..."""
-MANY = np.array([1.0, 10 / 3, 20 / 3, 40 / 3])
+OVER_QUIET = np.array([1.0, 10 / 3, 20 / 3, 40 / 3])
 """Standard deviations of the loads, when many nodes are loaded, over that of the balance without any (`quiet_n`)."""
 SCALES = np.array([0.8, 1.0, 2.0, 4.0, 8.0, 16.0])
 """The factors k by which the sigmas of all lengths may be wrong."""
@@ -180,7 +180,7 @@ class ModelDoubt:
 
     def _update(self, frame: LinearFrame, used_scale: float, share: float) -> None:
         few, log_prior = self._few_loads(frame)
-        many = np.maximum(few[0], (self._settings.quiet_n * MANY[:, None]) ** 2)
+        many = np.maximum(few[0], (self._settings.quiet_n * OVER_QUIET[:, None]) ** 2)
         variance = np.concatenate([few, many])
         rods = len(self._builder.structure.rods)
         scale = SCALES[[np.argmax(self._scale.probability)]] / used_scale

@@ -39,7 +39,7 @@ MOST_DOUBLINGS = 8
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """All settings of a run, each of which may be set in a file (--config); of large robots some grow, see `of_size`."""
+    """All settings of a run; each may be set in the file given by --config. See also `of_size`."""
 
     probability: Probability = 0.95
     """Probability with which an ellipsoid contains its node."""
