@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from tensegraph import Reconstruction, Settings, simulate
 from tensegraph.io.model_file import read_sensor_model
-from tensegraph.io.plan_file import base_plan_path
+from tensegraph.io.plan_file import plan_files
 from tensegraph.models.evaluation.evaluation import Evaluation
 from tensegraph.models.evaluation.metrics import errors_of, evaluate
 from tensegraph.models.evaluation.statistics import root_mean_square
@@ -200,7 +200,7 @@ def main(
 ) -> None:
     """Print the table."""
     chosen = sorted((plan.resolve() for plan in plans or PLANS.glob("*.toml")), key=healthy_first)
-    base_of = {plan: base_plan_path(plan) for plan in chosen}
+    base_of = {plan: next(iter(plan_files(plan)[1:]), None) for plan in chosen}
     # a plan of another folder, such as the one that healthy.toml extends, is no pair
     pairs = {base.resolve() for plan, base in base_of.items() if base is not None and base.parent == plan.parent}
     tasks = [(plan, seed) for plan in sorted({*chosen, *pairs}) for seed in range(1, seeds + 1)]

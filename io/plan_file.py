@@ -51,13 +51,13 @@ def read_plan(path: Path) -> Plan:
     return plan
 
 
-def base_plan_path(path: Path) -> Path | None:
-    """Return the path of the plan that a plan extends, or None if it stands by itself.
+def plan_files(path: Path) -> list[Path]:
+    """Return the files of a plan: its own, the one that it extends, and so on.
 
     Raises:
-        InputError: when the plan cannot be read, or `extends` is not a path.
+        InputError: when one of them cannot be read, or they extend each other in a circle.
     """
-    return _base_path(path, read_toml(path))
+    return [layer.path for layer in _layers(path)]
 
 
 def _base_path(path: Path, table: Mapping[str, Any]) -> Path | None:
@@ -75,11 +75,7 @@ def _place(path: Path, key: str) -> str:
 
 
 def _layers(path: Path) -> list[_Layer]:
-    """Return the files of a plan: its own, the one that it extends, and so on.
-
-    Raises:
-        InputError: when one of them cannot be read, or they extend each other in a circle.
-    """
+    """Return what each of `plan_files` says."""
     layers: list[_Layer] = []
     seen: set[Path] = set()
     following: Path | None = path

@@ -179,7 +179,7 @@ class Trial:
 
     def recorded_truth(self) -> StampedPositions | MarkerTracks | None:
         """Return the true positions, or the motion capture that tells them, if the trial has it. Evaluation only."""
-        if self.table.truth is None:
+        if self.table.truth is None or self.table.truth.file is None:
             return None
         return read_truth(self.path / self.table.truth.file, self.description.structure.node_count)
 

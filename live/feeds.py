@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from ..io.boards.process import SerialLink
 from ..io.boards.recorder import Recorder, RecorderThread, as_recorded
-from ..io.plan_file import read_plan
+from ..io.plan_file import plan_files, read_plan
 from ..io.provenance import sha256_of, simulation_provenance
 from ..io.replay import Replay
 from ..io.trial_directory import open_trial
@@ -201,7 +201,7 @@ def twin_feed(
         name=plan.stem,
         origin=f"the twin of {plan}",
         state=LinkState,
-        inputs={plan.name: sha256_of(plan)},
+        inputs={file.name: sha256_of(file) for file in plan_files(plan)},
         trial=record,
     )
     with _recorded(feed, trial.metadata, record) as recorded:

@@ -191,7 +191,8 @@ class MarkerTable:
 class TruthTable:
     """`[truth]`: the files of true positions and loads, for evaluation only, never an input to an estimator."""
 
-    file: FileName
+    file: FileName | None = None
+    """None where `evaluate --truth` names it."""
     loads: FileName | None = None
     contacts: FileName | None = None
     markers: dict[str, MarkerTable] = field(default_factory=dict)

@@ -63,6 +63,22 @@ def test_what_trial_toml_tells_is_used(done, tmp_path, true_positions) -> None:
     assert "truth is motion capture: `tensegraph evaluate` lays it" in " ".join(said.stdout.split())
 
 
+def test_markers_are_told_of_a_capture_that_the_command_line_names(done, tmp_path, true_positions) -> None:
+    take = take_of(*true_positions, NODES)
+    (tmp_path / "take.csv").write_text(motive_text(take), newline="")
+    shutil.copytree(done[0] / "press", tmp_path / "press")
+    text = (tmp_path / "press/trial.toml").read_text()
+    rows = [f'"{name}" = {{ node = {node} }}' for name, node in zip(take.names[:5], NODES, strict=False)]
+    told = text.replace('file = "truth.csv"', "").replace('loads = "loads.csv"', "")
+    (tmp_path / "press/trial.toml").write_text("\n".join([told, "[truth.markers]", *rows, ""]))
+    arguments = ("--trial", tmp_path / "press", "--offset", OFFSET_S)
+    capture = evaluated(done[0], "results/press", *arguments, "--truth", tmp_path / "take.csv")["capture"]
+    assert [mark["node"] for mark in capture["markers"]] == NODES[:5]
+    without = run("evaluate", "results/press", *arguments, cwd=done[0])
+    assert without.returncode == 2
+    assert "has no truth: expected [truth] in trial.toml, or --truth FILE" in without.stderr
+
+
 def test_an_offset_of_stamped_positions(done, tmp_path) -> None:
     """Truth that is two seconds early has the errors of truth on the host's clock once that is told."""
     path = done[0] / "press/truth.csv"

@@ -7,7 +7,7 @@ import pytest
 
 from plan_edits import CAUSES, DRIFT, PLANS, replaced
 from tensegraph import InputError
-from tensegraph.io.plan_file import base_plan_path, read_plan
+from tensegraph.io.plan_file import plan_files, read_plan
 
 
 @pytest.mark.parametrize("name", sorted(PLANS))
@@ -208,8 +208,7 @@ def test_the_causes_are_plans_that_add_to_the_healthy_one() -> None:
     for name, path in CAUSES.items():
         plan = read_plan(path)
         assert plan.name == name
-        base = base_plan_path(path)
-        assert base is not None
+        _, base, *_ = plan_files(path)
         assert base.stem == ("press" if name == "healthy" else "healthy")
     assert replace(read_plan(CAUSES["healthy"]), name="press") == read_plan(PLANS["press"])
 

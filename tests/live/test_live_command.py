@@ -162,6 +162,7 @@ def test_a_twin_rolls_with_its_inertial_sensors(tmp_path, typed, monkeypatch) ->
     assert [imu["samples"] for imu in live["imus"]] == [179, 179]
     assert [imu["silent_frames"] for imu in live["imus"]] == [0, 0]
     assert live["skipped_frames"] == 0
+    assert live["inputs"].keys() == {"roll.toml", "press.toml"}
     rates = [r.rate_rad_per_s for r in open_trial(tmp_path / "twin").readings() if isinstance(r, ImuReading)]
     assert len(rates) == 358
     assert np.linalg.norm(rates, axis=1).max() > 0.5
