@@ -21,6 +21,17 @@ def scaled(table: str, key: str, factor: float) -> Callable[[str], str]:
     return edit
 
 
+def with_stamps(stamp: Callable[[float], float]) -> Callable[[str], str]:
+    """Edit the stamps of a CSV file."""
+
+    def edit(text: str) -> str:
+        header, *rows = text.splitlines()
+        cells = [row.split(",", 1) for row in rows]
+        return "\n".join([header, *(f"{stamp(float(t))},{rest}" for t, rest in cells)]) + "\n"
+
+    return edit
+
+
 @pytest.mark.parametrize(
     ("table", "key", "factor", "place"),
     [
@@ -60,12 +71,7 @@ def test_truth_in_millimetres_is_not_used_and_said(trial_copy: Callable[..., Pat
 
 
 def test_truth_of_another_time_is_told(trial_copy: Callable[..., Path]) -> None:
-    def later(text: str) -> str:
-        header, *rows = text.splitlines()
-        cells = [row.split(",", 1) for row in rows]
-        return "\n".join([header, *(f"{float(t) + 1e4},{rest}" for t, rest in cells)]) + "\n"
-
-    trial = trial_copy(rows=60, truth=later)
+    trial = trial_copy(rows=60, truth=with_stamps(lambda t_s: t_s + 1e4))
     ended = run("reconstruct", trial, "--live", "--figures", "none", cwd=trial.parent)
     assert "covers no frame" in " ".join(ended.stdout.split())
     assert "nan mm" not in ended.stdout
@@ -103,11 +109,6 @@ def test_a_node_of_the_rest_shape_far_away_is_refused(y_m: float, trial_copy: Ca
 
 
 def test_truth_in_milliseconds_is_refused(trial_copy: Callable[..., Path]) -> None:
-    def in_milliseconds(text: str) -> str:
-        header, *rows = text.splitlines()
-        cells = [row.split(",", 1) for row in rows]
-        return "\n".join([header, *(f"{1e3 * float(t)},{rest}" for t, rest in cells)]) + "\n"
-
-    trial = trial_copy(rows=60, truth=in_milliseconds)
+    trial = trial_copy(rows=60, truth=with_stamps(lambda t_s: 1e3 * t_s))
     ended = run("reconstruct", trial, "--live", "--figures", "none", cwd=trial.parent)
     assert "expected frames at most 1 s apart, got 20 s" in " ".join(ended.stdout.split())
