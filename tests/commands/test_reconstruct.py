@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from command_line import run
-from tensegraph.commands.reconstruct import flagged_sensors, load_rows, pauses, rest_balance, slip_line
+from tensegraph.io.reports.run_lines import flagged_sensors, load_rows, pauses, rest_balance, slip_line
 from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.values.readings import Flag
 from tensegraph.models.values.slip import Slip

@@ -1,0 +1,119 @@
+"""What the table of a run says of its rest, loads, slips, pauses and sensors, in one line each."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...models.structure.floor import EstimatedNormal
+from ...models.structure.reconstruction import Reconstruction
+from ...models.structure.rest_shape import RestShape, WrongPart
+from ...models.trial_description import TrialDescription
+from ...models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag
+from ...models.values.slip import Slip
+
+MOST_PAUSES = 10
+"""Largest number of pauses that are listed."""
+LONG_S = 1.0
+"""Total time under load above which a node is named in the summary."""
+
+
+def pauses(t_s: NDArray[np.float64]) -> list[str]:
+    """Return from when to when nothing was read, of (frames,) times; of many pauses, how many and how long."""
+    before = np.flatnonzero(np.diff(t_s) > LONG_S)
+    if len(before) <= MOST_PAUSES:
+        return [f"from {t_s[k]:.2f} to {t_s[k + 1]:.2f} s" for k in before]
+    median_s = float(np.median(np.diff(t_s)[before]))
+    return [f"{len(before)} times, for {median_s:.3g} s in the median: are stamps in seconds?"]
+
+
+def position_counts(contradicted: Sequence[Sequence[int]]) -> dict[str, int]:
+    """Return the number of positions of each node that were left out, see `Shape.contradicted_positions`."""
+    nodes = Counter(node for frame in contradicted for node in frame)
+    return {f"position of node {node}: contradicted": nodes[node] for node in sorted(nodes)}
+
+
+def wrong_geometry(wrong: WrongPart) -> str:
+    """Return what the evidence at rest says of the geometry that was told, and what to do."""
+    told = {
+        "rods": "the rods have other lengths than trial.toml tells; those estimated are used",
+        "anchors": "the anchors are elsewhere than trial.toml tells; those estimated are used",
+        "natural lengths": "they are others than trial.toml tells; those estimated are used",
+        "rest shape": "the measured rest shape does not balance: was it measured in this state?; sigmas are widened",
+        "axes": "the rest shape seems to be measured in other axes than the anchors: measure both in the same",
+        "hubs": "tendons seem to end beside the ends of the rods (tell structure.hub_radius_m), or [mechanics] or the "
+        "rest shape are wrong, a mirrored one, too; sigmas are widened",
+        "mirror": "nothing tells the structure from its mirror image: tell structure.node_position_m, about as at rest",
+        "floor": "the lowest nodes at rest are off the floor: are height_m, normal and the rest shape right?",
+    }
+    return told[wrong]
+
+
+def rest_source(rest: RestShape, trial: TrialDescription) -> str:
+    """Return what tells the rest shape, and on which side of the anchors it was searched for."""
+    if rest.source == "measured" or trial.near_position_m is not None or not trial.structure.is_held:
+        return rest.source
+    return f"{rest.source}, above the anchors; if it is below, tell structure.node_position_m"
+
+
+def rest_balance(rest: RestShape) -> list[tuple[str, str]]:
+    """Return the imbalance of forces at rest, if the stiffness is known."""
+    if rest.mechanics is None:
+        return []
+    nominal_n, tared_n = rest.unbalanced_n
+    return [("forces at rest", f"{nominal_n:.3f} N rms unbalanced as given, {tared_n:.3f} N after taring")]
+
+
+def load_rows(r: Reconstruction, threshold_n: float) -> list[tuple[str, str]]:
+    """Return the largest load, and the nodes that were loaded longer than `LONG_S`."""
+    if r.loads is None:
+        return []
+    load_n = np.nan_to_num(np.linalg.norm(r.loads.force_n, axis=-1))
+    k, node = np.unravel_index(load_n.argmax(), load_n.shape)
+    step_s = float(np.median(np.diff(r.t_s))) if len(r) > 1 else 0.0
+    loaded_s = step_s * (load_n > threshold_n).sum(axis=0)
+    long = [f"{node} ({loaded_s[node]:.1f} s)" for node in np.flatnonzero(loaded_s > LONG_S)]
+    return [
+        ("largest load", f"{load_n[k, node]:.2f} N at node {node}, t = {r.t_s[k]:.2f} s"),
+        (f"nodes above {threshold_n:g} N for {LONG_S:g} s", ", ".join(long) or "none"),
+    ]
+
+
+def normal_line(normal: EstimatedNormal) -> str:
+    """Return the estimated normal, how far it is from the vertical, and its standard deviation."""
+    x, y, z = normal.direction
+    tilt, sigma = np.rad2deg([np.arccos(min(z, 1.0)), normal.sigma_rad])
+    return f"[{x:.4f}, {y:.4f}, {z:.4f}], {tilt:.2f} ± {sigma:.2f} degrees from the vertical"
+
+
+def slip_line(slides: Sequence[Slip]) -> str:
+    """Return how often nodes slipped on the floor, which, and how far at most."""
+    if not slides:
+        return "none"
+    furthest = max(slides, key=lambda slip: slip.distance_m)
+    nodes = ", ".join(str(node) for node in sorted({slip.node for slip in slides}))
+    distance = f"{1e3 * furthest.distance_m:.0f} ± {1e3 * furthest.sigma_m:.0f} mm"
+    return f"{len(slides)}, of node {nodes}; at most {distance}, node {furthest.node} at t = {furthest.t_s:.2f} s"
+
+
+def flagged_sensors(r: Reconstruction) -> list[str]:
+    """Return one line for each group of sensors with the same flags: tendons, flags, first times, frames left out."""
+    tendons: dict[str, list[str]] = {}
+    for e in np.flatnonzero((r.flags & SENSOR_FLAGS).any(axis=0) & r.structure.is_sensed):
+        seen = {flag: np.flatnonzero(r.flags[:, e] & flag) for flag in SENSOR_FLAGS}
+        parts = [
+            f"{flag.names()} from {r.t_s[frames[0]]:.2f} s"
+            for flag, frames in seen.items()
+            if len(frames) and flag != Flag.MISSING
+        ]
+        left_out = np.flatnonzero(r.flags[:, e] & LEFT_OUT)
+        if len(left_out):
+            parts.append(f"left out of {frames_text(len(left_out))} from {r.t_s[left_out[0]]:.2f} s")
+        tendons.setdefault(", ".join(parts), []).append(str(e))
+    return [f"tendon {', '.join(names)}: {text}" for text, names in tendons.items()]
+
+
+def frames_text(number: int) -> str:
+    """Return a number of frames in words."""
+    return "1 frame" if number == 1 else f"{number} frames"
