@@ -293,13 +293,16 @@ class _RestProblem:
         return own_rows([TautCables.of(self.structure, self.nominal, by_forces=False)], 0.0, position_m)
 
     def with_wrong_length(self, z: NDArray[np.float64]) -> "_RestProblem | None":
-        """Return the problem in which the length that fits worst at z is wrong; None where enough are already."""
+        """Return the problem in which the length that fits worst at z is wrong; None where enough are, or all are."""
         lengths = self.lengths
         if lengths is None or np.count_nonzero(lengths.sigma_m == WRONG_LENGTH_M) >= WRONG_LENGTHS:
             return None
+        is_trusted = lengths.is_read & (lengths.sigma_m < WRONG_LENGTH_M)
+        if not is_trusted.any():
+            return None
         apart_m = member_length_m(self.position_m(z), self.structure.tendons) - lengths.length_m
-        apart = np.where(lengths.sigma_m < WRONG_LENGTH_M, np.abs(apart_m) / lengths.sigma_m, -np.inf)
-        worst = np.arange(len(apart)) == np.argmax(np.where(lengths.is_read, apart, -np.inf))
+        apart = np.where(is_trusted, np.abs(apart_m) / lengths.sigma_m, -np.inf)
+        worst = np.arange(len(apart)) == np.argmax(apart)
         return replace(self, lengths=replace(lengths, sigma_m=np.where(worst, WRONG_LENGTH_M, lengths.sigma_m)))
 
     def _lengths(self, position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

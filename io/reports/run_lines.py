@@ -16,7 +16,7 @@ from ...models.values.slip import Slip
 MOST_PAUSES = 10
 """Largest number of pauses that are listed."""
 LONG_S = 1.0
-"""Total time under load above which a node is named in the summary."""
+"""Total time under load above which a node is named, and time without readings above which that is told."""
 
 
 def pauses(t_s: NDArray[np.float64]) -> list[str]:

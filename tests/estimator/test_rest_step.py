@@ -125,6 +125,16 @@ class TestLengthsAtRest:
         assert found.wrong is None
         assert np.linalg.norm(found.node_position_m - at_rest_m, axis=1).max() < 0.001
 
+    @pytest.mark.parametrize("read", [[], [9], list(range(24))])
+    def test_lengths_that_may_all_be_as_wrong_are_no_endless_search(self, structure, true, read) -> None:
+        """None or one was read, or all are known to 50 mm, as of a structure that moved by that in its rest."""
+        mechanics, at_rest_m = true
+        sigma_m = np.full(24, 0.05 if len(read) > 1 else 0.0003)
+        length_m = np.where(np.isin(np.arange(24), read), structure.tendon_length_m(at_rest_m), np.nan)
+        lengths = RestLengths(2.0, length_m, np.where(np.isnan(length_m), np.nan, sigma_m))
+        found = rest_step(structure, mechanics, None, GeometrySigma(), RestSettings(), lengths=lengths)
+        assert np.linalg.norm(found.node_position_m - at_rest_m, axis=1).max() < 0.01
+
     def test_its_covariance_is_honest(self, structure) -> None:
         """All drawn as assumed: the squared error over its covariance is one per coordinate."""
         rng, nees = np.random.default_rng(5), []
