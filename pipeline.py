@@ -199,14 +199,14 @@ class Pipeline:
         wound = [tendon for motors in trial.motors for tendon in motors.tendons]
         references = np.setdiff1d(np.flatnonzero(trial.structure.joins_anchors & trial.structure.is_sensed), wound)
         longest_s = model.ranges.step_s[1] if isinstance(model, SensorModel) else np.inf
-        if trial.imus and not held:
-            longest_s = 0.0  # a robot that rolls turns too far from one row of slow boards to the next
+        rolls = bool(trial.imus) and not held  # so that it turns too far from one slow row to the next
+        longest_s = 0.0 if rolls else longest_s
         sources = max(len(trial.tendons_of_board), 1)
         self._frames = FrameAssembler(natural_ohm, sources, settings.frames, settings.gate, longest_s)
         natural_m = trial.structure.natural_length_m  # of a cable that a motor winds, it may be very short
         full_m = np.maximum(natural_m, trial.structure.tendon_length_m(self.rest.node_position_m))
         self._told = ToldLengths(settings.gate, full_m, trial.rest_seconds, settings.noise.unstated_m)
-        self._pauses = LengthPauses(tendons, settings.frames)
+        self._pauses = LengthPauses(tendons, settings.frames, bridges=rolls)
         drift = ReferenceTendons(np.concatenate([references, strips]), settings.drift, trial.board_of_tendon)
         self.front_end = self._front_end(model, drift)
 
@@ -398,15 +398,12 @@ class Pipeline:
                         insort(aids, aid, key=lambda aid: aid.t_s)  # boards are not synchronous
                 elif isinstance(reading, NaturalLengthReading):
                     self.winding.add(reading)
+                elif isinstance(reading, TendonLengths):
+                    yield from self._in_pause(reading.t_s, aids)
+                    for lengths in self._pauses.up_to(self._told.checked(reading)):
+                        yield self._of_whole_tendons(lengths, aids)
                 else:
-                    if isinstance(reading, TendonLengths):
-                        yield from self._in_pause(reading.t_s, aids)
-                        self._pauses.add(reading)
-                        lengths = self._told.checked(reading)
-                    else:
-                        lengths = next(computed)  # strain and length, eqs. (2)-(4)
-                    # of whole tendons: those of the strips, and of the strings that motors wind
-                    yield self._with_aids(self.winding.applied(lengths), aids)
+                    yield self._of_whole_tendons(next(computed), aids)  # strain and length, eqs. (2)-(4)
 
     def _blocks(
         self, readings: Iterable[Reading], ahead: int
@@ -439,7 +436,7 @@ class Pipeline:
         """Yield frames without lengths, where rows of lengths pause, and other sensors follow how a robot moves."""
         if not self.rest.structure.is_held and self.trial.has_aids:
             for lengths in self._pauses.until(t_s):
-                yield self._with_aids(self.winding.applied(lengths), aids)
+                yield self._of_whole_tendons(lengths, aids)
 
     def _admitted(self, reading: AidReading) -> AidReading | None:
         """Return a reading of another sensor as the estimators use it; None where it is left out."""
@@ -454,6 +451,10 @@ class Pipeline:
             return reading
         assert self.boards is not None, "rows of counts need a trial with boards"
         return self.boards.reading(reading)
+
+    def _of_whole_tendons(self, lengths: TendonLengths, aids: list[AidReading]) -> TendonLengths:
+        """Return the lengths of strips with the strings that motors wind, and with what other sensors have read."""
+        return self._with_aids(self.winding.applied(lengths), aids)
 
     def _with_aids(self, lengths: TendonLengths, aids: list[AidReading]) -> TendonLengths:
         """Return the lengths with the readings of other sensors up to their time, taken from the list, and factors.

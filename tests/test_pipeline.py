@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tomlkit
 
 from tensegraph import Flag, InputError, Reconstruction, Settings, Status, open_trial
 from tensegraph.io.model_file import read_sensor_model
@@ -82,6 +83,27 @@ def test_a_robot_that_rolls_keeps_its_frames_at_slow_boards(tmp_path) -> None:
     assert np.median(np.diff(shapes.t_s)) == pytest.approx(0.02)
     assert not pipeline.aid_warnings()
     assert node_rmse_m(shapes, trial.truth().t_s, trial.truth().node_position_m) < 0.02
+
+
+def test_a_robot_that_rolls_has_frames_between_slow_rows_of_lengths(tmp_path) -> None:
+    """Ten rows of lengths a second, with 0.5 mm of noise: one tip was 2.9 m off on another trial, without such frames."""
+    path = tmp_path / "roll"
+    shutil.copytree(EXAMPLES / "roll_02", path)
+    trial = open_trial(path)
+    truth, structure = trial.truth(), trial.description.structure
+    every = slice(0, np.searchsorted(truth.t_s, 8.0), round(0.1 / np.diff(truth.t_s).mean()))
+    t_s, x = truth.t_s[every], truth.node_position_m[every]
+    length_m = structure.tendon_length_m(x) + np.random.default_rng(3).normal(0, 5e-4, (len(x), len(structure.tendons)))
+    columns = ",".join(["t_s", *(f"l{tendon}_m" for tendon in range(length_m.shape[1]))])
+    np.savetxt(path / "lengths.csv", np.column_stack([t_s, length_m]), "%.6f", ",", header=columns, comments="")
+    toml = tomlkit.parse((path / "trial.toml").read_text())
+    for table in ("board", "adc", "sensors"):
+        del toml[table]
+    toml["lengths"] = {"file": "lengths.csv", "strips": False}
+    (path / "trial.toml").write_text(tomlkit.dumps(toml))
+    shapes = reconstruct(path, "live")
+    assert np.diff(shapes.t_s).max() < 0.03
+    assert node_rmse_m(shapes, truth.t_s, truth.node_position_m) < 0.02
 
 
 def test_a_board_that_counts_past_its_end_goes_on(trial_copy, plain) -> None:

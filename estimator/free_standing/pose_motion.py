@@ -8,7 +8,7 @@ as its covariance, for a rate of standard deviation sigma that lasts for tau. Ea
 direction d_i, tells phi across its rod to within the rate of deformation and along it to within that of the
 rod's spin, which counts only where all sensors are on parallel rods:
 
-    phi = C (C_0^-1 phi_0 + sum_i M_i Q_i (w_i - b_i) dt),   C = (C_0^-1 + sum_i M_i)^-1
+    phi = C (C_0^-1 phi_0 + sum_i M_i Q_i diag(1 + k_i) (w_i - b_i) dt),   C = (C_0^-1 + sum_i M_i)^-1
     M_i = (1 - d d^T) / (s_deformation dt)^2 + d d^T / (s_spin dt)^2
 
 The mean point of the sensors, at the arm a from the centroid, is accelerated by their mean specific force and gravity,
@@ -104,7 +104,8 @@ class PoseMotion:
         settings, at = self._settings, before.layout
         lasted_s = np.where(np.isnan(samples.lasted_s), step_s, samples.lasted_s)
         turning_s = float(lasted_s.max())
-        w = (samples.rate_rad_per_s - before.rate_bias_rad_per_s) * lasted_s[:, None]
+        told = (samples.rate_rad_per_s - before.rate_bias_rad_per_s) * lasted_s[:, None]
+        w = (1 + before.rate_scale) * told
         imu_turn = before.imu_turn @ rotation(w)
         middle = 0.5 * (before.imu_turn + imu_turn)
         d = self._imus.direction(replace(before, imu_turn=middle))
@@ -124,8 +125,12 @@ class PoseMotion:
         turn = rotation(phi)
         F[at.turn, at.turn] = turn
         F[at.turn, at.rate] = by_rate
-        put_blocks(F, at.of_imus(at.imu_turn), at.of_imus(at.rate_bias), -lasted_s[:, None, None] * middle)
-        F[at.turn, at.rate_bias] = _side_by_side(-lasted_s[:, None, None] * by_imu @ middle)
+        by_bias = -middle * (lasted_s[:, None] * (1 + before.rate_scale))[:, None]
+        by_scale = middle * told[:, None]
+        put_blocks(F, at.of_imus(at.imu_turn), at.of_imus(at.rate_bias), by_bias)
+        put_blocks(F, at.of_imus(at.imu_turn), at.of_imus(at.rate_scale), by_scale)
+        F[at.turn, at.rate_bias] = _side_by_side(by_imu @ by_bias)
+        F[at.turn, at.rate_scale] = _side_by_side(by_imu @ by_scale)
         F[at.turn, at.imu_turn] = _side_by_side(-by_imu @ cross_matrix(turned))
         F[at.rate] = F[at.turn] / turning_s
         F[at.rate, at.turn] = 0.0
@@ -134,8 +139,7 @@ class PoseMotion:
         noise[at.rate, at.rate] = C / turning_s**2 + density * step_s / 3 * EYE
         unseen = np.where(samples.count > 0, 0.0, density * step_s**3)
         white = settings.rate_rad_per_s**2 * lasted_s**2 / np.maximum(samples.count, 1)
-        scale = (settings.rate_scale * np.linalg.norm(w, axis=1)) ** 2
-        _add_diagonal(noise, at.imu_turn, np.repeat(white + scale + unseen, 3))
+        _add_diagonal(noise, at.imu_turn, np.repeat(white + unseen, 3))
         _add_diagonal(noise, at.rate_bias, settings.rate_bias_rad_per_s15**2 * turning_s)
         _add_diagonal(noise, at.force_bias, settings.force_bias_m_per_s25**2 * turning_s)
         return replace(before, turn=turn @ before.turn, rate_rad_per_s=phi / turning_s, imu_turn=imu_turn)

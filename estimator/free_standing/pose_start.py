@@ -33,6 +33,7 @@ def state_at_rest(node_position_m: NDArray[np.float64], robot: FreeStandingRobot
         misalignment=np.zeros((imus, 2)),
         range_offset_m=np.zeros(len(robot.range_pairs)),
         floor_tilt=np.zeros(robot.floor.tilt_count),
+        rate_scale=np.zeros((imus, 3)),
         own_frame_error=np.zeros((robot.own_frames, 6)),
     )
 
@@ -53,6 +54,7 @@ def covariance_at_rest(state: PoseState, floor: Floor, settings: PoseSettings) -
     sigma[at.misalignment] = settings.misalignment_rad
     sigma[at.range_offset] = settings.range_offset_m
     sigma[at.floor_tilt] = floor.normal_sigma_rad
+    sigma[at.rate_scale] = settings.rate_scale
     sigma[at.own_frame] = 1.0
     return np.diag(sigma**2)
 

@@ -79,10 +79,9 @@ class Prediction:
 
         S = H P H^T + V,   K = P H^T S^-1,   d = K e,   P <- P - K S K^T
 
-        Errors of own frames of positions are considered and stay as they are: their rows of K are zero, and their block
-        of P stays (Schmidt).
+        Errors that are considered stay as they are: their rows of K are zero, and their block of P stays (Schmidt).
         """
-        considered = self.placed.state.layout.own_frame
+        considered = self.placed.state.layout.considered
         by_rows = self.covariance @ rows.jacobian.T
         S = rows.jacobian @ by_rows
         S[np.diag_indices(len(S))] += rows.variance

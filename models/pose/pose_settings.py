@@ -35,7 +35,7 @@ class PoseSettings:
     rate_rad_per_s: Positive = 0.001
     """White noise of an inertial sensor's rate, per sample."""
     rate_scale: NotNegative = 0.01
-    """Error of the rate in proportion to it."""
+    """Error of the rate in proportion to it, about each axis of a sensor, which lasts."""
     rate_bias_rad_per_s: Positive = 0.01
     """Bias of the rate at the start."""
     rate_bias_rad_per_s15: Positive = 1e-4

@@ -26,11 +26,13 @@ class ErrorLayout:
         self.rate = slice(6, 9)
         self.velocity = slice(9, 12)
         self.foothold = slice(12, 12 + 2 * nodes)
-        counts = [0, 3 * imus, 3 * imus, 3 * imus, 2 * imus, ranges, tilts, 6 * own_frames]
+        counts = [0, 3 * imus, 3 * imus, 3 * imus, 2 * imus, ranges, tilts, 3 * imus, 6 * own_frames]
         ends = self.foothold.stop + np.cumsum(counts)
         parts = [slice(int(start), int(stop)) for start, stop in pairwise(ends)]
         self.imu_turn, self.rate_bias, self.force_bias, self.misalignment = parts[:4]
-        self.range_offset, self.floor_tilt, self.own_frame = parts[4:]
+        self.range_offset, self.floor_tilt, self.rate_scale, self.own_frame = parts[4:]
+        self.considered = slice(self.rate_scale.start, self.own_frame.stop)
+        """Errors that the filter considers, and leaves at zero."""
         self.size = int(ends[-1])
         self._imus = imus
         self.pose = slice(0, 6)
@@ -82,8 +84,10 @@ class PoseState:
     """(pairs,) of each pair of beacon and node."""
     floor_tilt: NDArray[np.float64]
     """(2,) of the floor against its normal as told, see `models.structure.floor`; (0,) where that is exact."""
+    rate_scale: NDArray[np.float64]
+    """(imus, 3) k, the error of the rate in proportion to it, about each of the sensor's axes; considered."""
     own_frame_error: NDArray[np.float64]
-    """(own frames, 6) z, in standard deviations, see `OwnFrame`; the filter considers them, and leaves them at zero."""
+    """(own frames, 6) z, in standard deviations, see `OwnFrame`; considered."""
 
     @cached_property
     def layout(self) -> ErrorLayout:
@@ -113,6 +117,7 @@ class PoseState:
             misalignment=self.misalignment + error[at.misalignment].reshape(-1, 2),
             range_offset_m=self.range_offset_m + error[at.range_offset],
             floor_tilt=self.floor_tilt + error[at.floor_tilt],
+            rate_scale=self.rate_scale + error[at.rate_scale].reshape(-1, 3),
             own_frame_error=self.own_frame_error + error[at.own_frame].reshape(-1, 6),
         )
 
@@ -133,6 +138,7 @@ class PoseState:
                 (other.misalignment - self.misalignment).ravel(),
                 other.range_offset_m - self.range_offset_m,
                 other.floor_tilt - self.floor_tilt,
+                (other.rate_scale - self.rate_scale).ravel(),
                 (other.own_frame_error - self.own_frame_error).ravel(),
             ]
         )

@@ -12,7 +12,7 @@ than twice as many of them as rows of the slowest board.
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated
 
@@ -290,28 +290,33 @@ class FrameAssembler:
 
 
 class LengthPauses:
-    """Makes frames without lengths where rows of lengths pause and other sensors go on, as a silent board's are.
+    """Makes frames between rows of lengths that are far apart, while other sensors go on.
 
-    What other sensors read in a pause is used at its time. All at once, after a pause in which a robot tipped, they
-    would be linearised at a shape that is turned by radians.
+    What other sensors read in between is used at its time. All at once, after a pause in which a robot tipped, it would
+    be linearised at a shape that is turned by radians. The frames of a pause have no lengths, as those of a board that
+    is silent. In no more than `LATE_ROWS` times the gap that is bridged, lengths change in proportion to the time: rows
+    0.2 s apart, bridged, were wrong by more than the frames without them.
     """
 
-    def __init__(self, tendons: int, frames: FrameSettings) -> None:
+    def __init__(self, tendons: int, frames: FrameSettings, bridges: bool) -> None:
+        """Begin before the first row.
+
+        Args:
+            tendons: their number.
+            frames: rate, and what is bridged.
+            bridges: whether there are frames between rows that are no pause, too.
+        """
         self._tendons = tendons
         self._settings = frames
+        self._bridges = bridges
+        self._longest_s = frames.max_gap_s * (LATE_ROWS if bridges else 1.0) + ROUNDING_S
         self._step_s = 1 / frames.rate_hz
-        self._row_s = np.nan
+        self._row: TendonLengths | None = None
         self._frame_s = np.nan
-        self._of_strips = True
-
-    def add(self, row: TendonLengths) -> None:
-        """Take note of a row of lengths."""
-        self._row_s = self._frame_s = row.t_s
-        self._of_strips = row.of_strips
 
     def until(self, t_s: float) -> Iterator[TendonLengths]:
         """Yield the frames of a pause before a time at which something is read; none in one that is bridged."""
-        if not self._settings.max_gap_s + ROUNDING_S < t_s - self._row_s <= self._settings.longest_silence_s:
+        if self._row is None or not self._longest_s < t_s - self._row.t_s <= self._settings.longest_silence_s:
             return
         while self._frame_s + 1.5 * self._step_s <= t_s:
             self._frame_s += self._step_s
@@ -321,5 +326,29 @@ class LengthPauses:
                 sigma_m=np.full(self._tendons, np.inf),
                 mode=np.full(self._tendons, STRETCHING),
                 flags=np.full(self._tendons, int(Flag.MISSING)),
-                of_strips=self._of_strips,
+                of_strips=self._row.of_strips,
             )
+
+    def up_to(self, row: TendonLengths) -> Iterator[TendonLengths]:
+        """Yield the frames since the row before, if they are bridged, and a row of lengths itself."""
+        before, self._row = self._row, row
+        if self._bridges and before is not None and row.t_s - before.t_s <= self._longest_s:
+            yield from _between(before, row, int((row.t_s - before.t_s) / self._step_s + ROUNDED_ROWS))
+        self._frame_s = row.t_s
+        yield row
+
+
+def _between(before: TendonLengths, after: TendonLengths, parts: int) -> Iterator[TendonLengths]:
+    """Yield the lengths at the times that part the time between two rows, on the line through both."""
+    for k in range(1, parts):
+        share = k / parts
+        nearer = before if share < 0.5 else after
+        length_m = (1 - share) * before.length_m + share * after.length_m
+        is_read = np.isfinite(length_m)
+        yield replace(
+            nearer,
+            t_s=(1 - share) * before.t_s + share * after.t_s,
+            length_m=length_m,
+            sigma_m=np.where(is_read, np.maximum(before.sigma_m, after.sigma_m), np.inf),
+            flags=np.where(is_read, nearer.flags, nearer.flags | int(Flag.MISSING)),
+        )

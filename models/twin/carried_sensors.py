@@ -29,11 +29,13 @@ class ImuPlan:
     """Standard deviation of the angle between the rod and its axis as told, about either axis across it."""
     range_m_per_s2: Positive
     """Largest specific force that it measures, per axis."""
+    rate_scale: NotNegative = 0.0
+    """Standard deviation of the error of the rate in proportion to it, per axis."""
 
     def readings(
         self, number: int, motion: TwinMotion, structure: Structure, gravity_m_per_s2: float, rng: np.random.Generator
     ) -> list[AidReading]:
-        """Return the samples: means over the time between two of them, with bias and noise, cut at the range."""
+        """Return the samples: means over the time between two of them, with their errors, cut at the range."""
         assert motion.rod_turn is not None, "inertial sensors need the turn of the rods"
         step_s = float(motion.t_s[1] - motion.t_s[0])
         in_rod = rotation(np.array([0, 0, rng.uniform(-np.pi, np.pi)])) @ rotation(
@@ -51,6 +53,8 @@ class ImuPlan:
         count = len(rate) // every
         rate = rate[: count * every].reshape(count, every, 3).mean(axis=1)
         force = force[: count * every].reshape(count, every, 3).mean(axis=1)
+        if self.rate_scale:
+            rate = rate * (1 + self.rate_scale * rng.normal(size=3))
         rate = (
             rate
             + self.rate_bias_rad_per_s * rng.normal(size=3)

@@ -22,7 +22,8 @@ STEP_S = 0.02
 
 def samples_of(state, rate_rad_per_s: np.ndarray) -> ImuSamples:
     """Return the samples of sensors that turn at a rate, given in the world, and are accelerated a little."""
-    in_sensor = np.einsum("iba,b->ia", state.imu_turn, rate_rad_per_s) + state.rate_bias_rad_per_s
+    in_sensor = np.einsum("iba,b->ia", state.imu_turn, rate_rad_per_s) / (1 + state.rate_scale)
+    in_sensor = in_sensor + state.rate_bias_rad_per_s
     force = np.einsum("iba,b->ia", state.imu_turn, 9.81 * UP + np.array([0.3, -0.2, 0.1]))
     return ImuSamples(in_sensor, force + state.force_bias_m_per_s2, np.array([2, 2]), np.full(2, STEP_S))
 

@@ -36,7 +36,7 @@ def test_the_covariance_of_heights_is_that_of_all_coordinates_along_the_normal()
 
 def test_places_of_all_inertial_sensors_are_those_of_each() -> None:
     at = STATE.layout
-    for part in (at.imu_turn, at.rate_bias, at.force_bias):
+    for part in (at.imu_turn, at.rate_bias, at.rate_scale, at.force_bias):
         assert at.of_imus(part)[1].tolist() == list(range(part.stop))[at.of_imu(part, 1)]
     assert at.of_imus(at.misalignment).shape == (2, 2)
     assert any_state(imus=0, pairs=0).layout.of_imus(slice(12, 12)).shape == (0, 0)

@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tensegraph import Flag, ResistanceReading
-from tensegraph.models.sensor.frames import FrameAssembler, FrameSettings
+from tensegraph.models.sensor.frames import FrameAssembler, FrameSettings, LengthPauses
 from tensegraph.models.sensor.gate import GateSettings
+from tensegraph.models.values.readings import Mode, TendonLengths
 
 
 def reading(
@@ -154,3 +155,57 @@ def test_a_long_silence_has_no_frames(jump_s: float, after: int) -> None:
     assert len(made) < 110
     np.testing.assert_allclose(np.diff(t_s).max(), jump_s, atol=0.5)
     assert all(np.isfinite(frame.resistance_ohm).all() for frame in made[60:-1])
+
+
+def row(t_s: float, *length_m: float) -> TendonLengths:
+    length = np.array(length_m)
+    flags = np.where(np.isnan(length), int(Flag.MISSING), 0)
+    return TendonLengths(
+        t_s=t_s,
+        length_m=length,
+        sigma_m=np.where(np.isnan(length), np.inf, 0.001 + 0.01 * t_s),
+        mode=np.full(len(length), Mode.STRETCHING),
+        flags=flags,
+    )
+
+
+def test_between_rows_of_lengths_a_robot_that_rolls_has_frames_on_the_line() -> None:
+    """By hand: of rows 0.1 s apart there are four at 20, 40, 60 and 80 ms; a tendon that one row misses is missing."""
+    pauses = LengthPauses(3, FrameSettings(), bridges=True)
+    before, after = row(0.0, 0.1, 0.2, np.nan), row(0.1, 0.2, 0.1, 0.3)
+    assert list(pauses.up_to(before)) == [before]
+    assert not list(pauses.until(0.1))
+    *between, last = pauses.up_to(after)
+    assert last is after
+    assert [frame.t_s for frame in between] == pytest.approx([0.02, 0.04, 0.06, 0.08])
+    for frame in between:
+        assert frame.length_m == pytest.approx([0.1 + frame.t_s, 0.2 - frame.t_s, np.nan], nan_ok=True)
+        assert frame.sigma_m == pytest.approx([0.002, 0.002, np.inf])
+        assert frame.usable.tolist() == [True, True, False]
+        assert frame.flags[2] == Flag.MISSING
+
+
+@pytest.mark.parametrize(("step_s", "bridges", "frames"), [(0.1, False, 0), (0.033, True, 0), (0.041, True, 1)])
+def test_rows_of_lengths_at_the_rate_of_the_frames_are_the_frames(step_s, bridges, frames) -> None:
+    pauses = LengthPauses(1, FrameSettings(), bridges=bridges)
+    made = [frame for k in range(11) for frame in pauses.up_to(row(step_s * k, 0.1))]
+    assert len(made) == 11 + 10 * frames
+
+
+@pytest.mark.parametrize(("bridges", "pause_s"), [(False, 0.15), (True, 0.25)])
+def test_a_pause_of_lengths_has_frames_without_them(bridges, pause_s) -> None:
+    """None is made when the pause ends, too."""
+    pauses = LengthPauses(1, FrameSettings(), bridges=bridges)
+    assert len(list(pauses.up_to(row(1.0, 0.1)))) == 1
+    made = list(pauses.until(1 + pause_s))
+    assert [frame.t_s for frame in made] == pytest.approx(1 + 0.02 * np.arange(1, len(made) + 1))
+    assert made[-1].t_s == pytest.approx(1 + pause_s, abs=0.03)
+    assert not any(frame.usable.any() for frame in made)
+    assert len(list(pauses.up_to(row(1 + pause_s, 0.1)))) == 1
+
+
+def test_a_long_silence_of_lengths_has_no_frames() -> None:
+    pauses = LengthPauses(1, FrameSettings(), bridges=True)
+    assert len(list(pauses.up_to(row(1.0, 0.1)))) == 1
+    assert not list(pauses.until(1e9))
+    assert len(list(pauses.up_to(row(1e9, 0.1)))) == 1

@@ -1,5 +1,7 @@
 """What a virtual robot carries: a plan of a robot that is tipped, and what its sensors say against the truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -105,6 +107,21 @@ def test_an_exact_sensor_measures_rate_and_centripetal_force(structure, gravity)
         assert np.linalg.norm(reading.specific_force_m_per_s2) == pytest.approx(expected, rel=1e-3)
         along = motion.rod_turn[0, 2, :, 2] @ [0, 0, 1]
         assert reading.rate_rad_per_s[2] == pytest.approx(2.0 * along, abs=1e-3)
+
+
+def test_the_error_in_proportion_to_the_rate_lasts(structure) -> None:
+    """By hand: of each axis it is one number for all samples, whose standard deviation over many sensors is as told."""
+    motion = turning(structure, np.array([0.0, 0.0, 2.0]))
+    exact = ImuPlan(rod=2, fraction=0.5, rate_hz=100.0, range_m_per_s2=100.0, **EXACT)
+    scaled = replace(exact, rate_scale=0.02)
+    found = []
+    for seed in range(40):
+        of = [plan.readings(0, motion, structure, 9.81, np.random.default_rng(seed)) for plan in (exact, scaled)]
+        rate, told = ([reading.rate_rad_per_s for reading in readings] for readings in of)
+        scale = np.array(told[5:90:20]) / np.array(rate[5:90:20])
+        assert np.ptp(scale, axis=0) == pytest.approx(np.zeros(3), abs=1e-9)
+        found.append(scale[0] - 1)
+    assert np.std(found) == pytest.approx(0.02, rel=0.25)
 
 
 def test_ranges_have_offsets_and_positions_gaps(structure) -> None:
