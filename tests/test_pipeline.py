@@ -86,7 +86,7 @@ def test_a_robot_that_rolls_keeps_its_frames_at_slow_boards(tmp_path) -> None:
 
 
 def test_a_robot_that_rolls_has_frames_between_slow_rows_of_lengths(tmp_path) -> None:
-    """Ten rows of lengths a second, with 0.5 mm of noise: one tip was 2.9 m off on another trial, without such frames."""
+    """Ten rows a second with 0.5 mm of noise: without such frames, another trial was 2.9 m off after a tip."""
     path = tmp_path / "roll"
     shutil.copytree(EXAMPLES / "roll_02", path)
     trial = open_trial(path)
