@@ -302,6 +302,7 @@ class Pipeline:
             if not clock.is_at_rest(lengths.t_s):
                 break
         resting = [lengths for lengths in taken if clock.is_at_rest(lengths.t_s)]
+        self.rest, self._lengths_misfit, self._lengths_moved = self._described_rest, False, False
         if not any(lengths.usable.any() for lengths in resting):
             return chain(taken, later)
         at_rest, moved = lengths_at_rest(resting, self.trial.rest_seconds)
@@ -336,8 +337,8 @@ class Pipeline:
             return map(MovingBase(self.rest, self.trial.imus, self.trial.rest_seconds).observe, shapes)
         return shapes
 
-    def aid_warnings(self) -> dict[str, str]:
-        """Return what looks wrong of boards, and of other sensors than tendons, by the board or sensor."""
+    def warnings(self) -> dict[str, str]:
+        """Return what looks wrong of boards, of lengths that are told, and of other sensors, by the board or sensor."""
         return self._slow_sources() | self._told.warnings() | self.imu_gate.warnings() | self.aid_use.lines()
 
     def _slow_sources(self) -> dict[str, str]:
@@ -354,8 +355,7 @@ class Pipeline:
     @property
     def misfits_at_rest(self) -> bool:
         """Whether at least half of the sensors, or the lengths that are told, do not fit the rest shape."""
-        by_sensors = getattr(self.front_end, "misfits_at_rest", False)  # one of one's own may have `lengths` alone
-        return by_sensors or self.watch.misfits_at_rest or self._lengths_misfit
+        return self.front_end.misfits_at_rest or self.watch.misfits_at_rest or self._lengths_misfit
 
     @property
     def moved_at_rest(self) -> bool:

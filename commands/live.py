@@ -195,7 +195,7 @@ def show_live(
                 terminal.line(f"{sink.address}: {sink.left_out} shapes could not be sent")
     for fit in session.pipeline.own_frames.fits:
         terminal.line(f"frame of position {fit.recording}: {fit.text()}")
-    for name, text in session.pipeline.aid_warnings().items():
+    for name, text in session.pipeline.warnings().items():
         terminal.line(f"{name}: {text}")
     terminal.written(f"written to {path}")
     if source.record is not None:
@@ -219,7 +219,7 @@ def run_session(
         lambda: clocks,
         feed.state,
         lambda: pipeline.front_end.exchanged,
-        pipeline.aid_warnings,
+        pipeline.warnings,
         pipeline.aid_counts,
         pipeline.trial.structure.unsensed.tolist(),
     )

@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import chain, takewhile
 from pathlib import Path
@@ -14,6 +14,7 @@ from rich.table import Table
 from ..io.provenance import FINGERPRINT, fingerprint, is_up_to_date, relative_path, versions
 from ..io.reports.progress import StageBar
 from ..io.reports.run_lines import (
+    exchanged,
     flagged_sensors,
     frames_text,
     load_rows,
@@ -70,10 +71,11 @@ class Span:
         if first is None:
             return []
         kept = list(takewhile(lambda frame: frame.t_s <= to_s, chain([first], frames)))
-        if not any(self.holds(frame.t_s) for frame in kept):
+        if not any(self.begins_by(frame.t_s) for frame in kept):
             last_s = kept[-1].t_s if kept else first.t_s
+            from_s = first.t_s if self.from_s is None else self.from_s
             whole = f"a span within {first.t_s:.2f} to {last_s:.2f} s"
-            raise InputError(f"--from and --to: expected {whole}, got {self.from_s or 0:g} to {to_s:g}")
+            raise InputError(f"--from and --to: expected {whole}, got {from_s:g} to {to_s:g}")
         return kept
 
     def as_table(self) -> dict[str, float]:
@@ -81,7 +83,7 @@ class Span:
         ends = {"from_s": self.from_s, "to_s": self.to_s}
         return {name: t_s for name, t_s in ends.items() if t_s is not None}
 
-    def holds(self, t_s: float) -> bool:
+    def begins_by(self, t_s: float) -> bool:
         """Return whether a time is not before the start of the span."""
         return self.from_s is None or t_s >= self.from_s
 
@@ -200,7 +202,7 @@ def reconstruct_trial(job: TrialJob, terminal: Terminal) -> Table | None:
                 run.reconstruction,
                 job.out,
                 table,
-                run.settings,
+                run.pipeline.settings,
                 title,
                 options.figures,
                 lambda part: bar.reached(part, 1),
@@ -221,15 +223,16 @@ def run_trial(trial: Trial, options: RunOptions, terminal: Terminal, bar: StageB
         # The estimator gets an iterator, which lets go of the list at its end: covariances need that memory.
         count, lengths = len(frames), iter(frames)
         del frames
-        shapes = pipeline.shapes(lengths, options.method, lambda iteration, _: bar.iterated("optimisation", iteration))
-        shapes = bar.track("ellipsoids" if options.method == "batch" else "shapes", shapes, count)
-        wanted = (shape for shape in shapes if options.span.holds(shape.t_s))
+        batch = options.method == "batch"
+        progress = (lambda iteration, _: bar.iterated("optimisation", iteration)) if batch else None
+        shapes = pipeline.shapes(lengths, options.method, progress)
+        shapes = bar.track("ellipsoids" if batch else "shapes", shapes, count)
+        wanted = (shape for shape in shapes if options.span.begins_by(shape.t_s))
         reconstruction = Reconstruction.of(trial.description.structure, wanted)
         seconds = time.perf_counter() - start_s
     return Run(
         trial=trial,
         method=options.method,
-        settings=pipeline.settings,
         pipeline=pipeline,
         reconstruction=reconstruction,
         seconds=seconds,
@@ -242,7 +245,6 @@ class Run:
 
     trial: Trial
     method: str
-    settings: Settings
     pipeline: Pipeline
     reconstruction: Reconstruction
     seconds: float
@@ -250,55 +252,47 @@ class Run:
 
     def summary(self) -> Table:
         """Return the summary that is printed at the end of a run."""
-        r = self.reconstruction
-        free = r.structure.free_nodes
         table = Table(title=f"{self.trial.name} ({self.method})", show_header=False, title_justify="left")
-        table.add_row("frames", f"{len(r)}")
-        table.add_row("duration", f"{r.t_s[-1] - r.t_s[0]:.2f} s")
-        table.add_row("time", f"{1e3 * self.seconds / len(r):.2f} ms per frame")
-        table.add_row("rest shape", rest_source(self.pipeline.rest, self.trial.description))
-        table.add_row("mean sigma of a node", f"{1e3 * r.node_sigma_m[:, free].mean():.2f} mm")
-        for name, text in [*rest_balance(self.pipeline.rest), *load_rows(r, self.settings.load_threshold_n)]:
+        for name, text in self._facts():
             table.add_row(name, text)
+        return table
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        """Yield the names and the texts of the summary's rows."""
+        r, pipeline = self.reconstruction, self.pipeline
+        free = r.structure.free_nodes
+        yield "frames", f"{len(r)}"
+        yield "duration", f"{r.t_s[-1] - r.t_s[0]:.2f} s"
+        yield "time", f"{1e3 * self.seconds / len(r):.2f} ms per frame"
+        yield "rest shape", rest_source(pipeline.rest, self.trial.description)
+        yield "mean sigma of a node", f"{1e3 * r.node_sigma_m[:, free].mean():.2f} mm"
+        yield from rest_balance(pipeline.rest)
+        yield from load_rows(r, pipeline.settings.load_threshold_n)
         if r.contacts is not None:
-            table.add_row("slips", slip_line(r.slides))
+            yield "slips", slip_line(r.slides)
         if r.floor_normal is not None:
-            table.add_row("normal of the floor", normal_line(r.floor_normal))
-        for fit in self.pipeline.own_frames.fits:
-            table.add_row(f"frame of position {fit.recording}", fit.text())
-        for name, rows in self._irregular_rows().items():
-            table.add_row(name, str(rows))
-        for name, warning in self.pipeline.aid_warnings().items():
-            table.add_row(name, warning)
-        for key in self.trial.description.ignored_keys:
-            table.add_row("ignored in trial.toml", key)
-        for text in pauses(r.t_s):
-            table.add_row("no readings", text)
+            yield "normal of the floor", normal_line(r.floor_normal)
+        yield from ((f"frame of position {fit.recording}", fit.text()) for fit in pipeline.own_frames.fits)
+        yield from ((name, str(rows)) for name, rows in self._irregular_rows().items())
+        yield from pipeline.warnings().items()
+        yield from (("ignored in trial.toml", key) for key in self.trial.description.ignored_keys)
+        yield from (("no readings", text) for text in pauses(r.t_s))
         for status, frames in Counter(r.status).items():
-            table.add_row(f"status {status}", f"{frames_text(frames)}: {status.advice}")
+            yield f"status {status}", f"{frames_text(frames)}: {status.advice}"
         two = Status.TWO_SHAPES
         if hidden := sum(other is not None for other in r.others) - r.status.count(two):
-            table.add_row(f"worse, and {two}", f"{frames_text(hidden)}: {two.advice}")
+            yield f"worse, and {two}", f"{frames_text(hidden)}: {two.advice}"
         for reason, frames in Counter(filter(None, r.doubts)).items():
-            table.add_row(f"doubt {reason}", f"{frames_text(frames)}: {reason.advice}")
-        if self.pipeline.rest.wrong:
-            table.add_row("geometry", wrong_geometry(self.pipeline.rest.wrong))
-        for line in flagged_sensors(r):
-            table.add_row("flagged", line)
-        if self.pipeline.misfits_at_rest:
-            table.add_row(
-                "rest in doubt",
-                "sensors do not fit the rest shape: was it still, are anchors and columns right?",
-            )
-        if self.pipeline.moved_at_rest:
-            table.add_row(
-                "moved at rest", "the structure moved while it was to stand still, sigmas are widened: rest it again"
-            )
-        for a, b in self.pipeline.front_end.exchanged:
-            table.add_row("wiring", f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel")
-        for name, error in self._against_truth().items():
-            table.add_row(name, error)
-        return table
+            yield f"doubt {reason}", f"{frames_text(frames)}: {reason.advice}"
+        if pipeline.rest.wrong:
+            yield "geometry", wrong_geometry(pipeline.rest.wrong)
+        yield from (("flagged", line) for line in flagged_sensors(r))
+        if pipeline.misfits_at_rest:
+            yield "rest in doubt", "sensors do not fit the rest shape: was it still, are anchors and columns right?"
+        if pipeline.moved_at_rest:
+            yield "moved at rest", "the structure moved while it was to stand still, sigmas are widened: rest it again"
+        yield from (("wiring", line) for line in exchanged(pipeline.front_end.exchanged))
+        yield from self._against_truth().items()
 
     def as_table(self, path: Path, inputs: Mapping[str, str]) -> dict[str, Any]:
         """Return run.toml: every setting, versions, input hashes, irregular rows, timing.
@@ -318,7 +312,7 @@ class Run:
             "inputs": inputs,
             "rows": self._irregular_rows(),
             **self.pipeline.own_frames.as_table(),
-            "settings": asdict(self.settings),
+            "settings": asdict(self.pipeline.settings),
             "timing": {"seconds": round(self.seconds, 3)},
         }
 

@@ -129,7 +129,7 @@ class BatchOptimizer:
         live: LiveSmoother,
         shapes: list[Shape],
         supports: Sequence[Support] | None,
-        progress: Callable[[int, float], None] = lambda iteration, error: None,
+        progress: Callable[[int, float], None],
     ) -> Iterator[Shape]:
         """Yield a shape for each frame, from a live estimate.
 

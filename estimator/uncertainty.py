@@ -40,6 +40,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, logit
 
 from ..models.balance.observable_loads import external_loads
 from ..models.balance.statics import Statics
@@ -73,8 +74,6 @@ ENOUGH = 20.0
 class Mixture:
     """How far the model is doubted; leading axes are frames."""
 
-    share_of_lengths: NDArray[np.float64]
-    """(...,) share of the lengths' information that counts in the covariance."""
     many_loads: NDArray[np.float64]
     """(...,) probability that many nodes are loaded at once."""
     many_loads_n: NDArray[np.float64]
@@ -87,19 +86,21 @@ class Mixture:
         """Return the doubt about each of several frames."""
         in_motion = np.array([doubt.reason is Reason.MOTION for doubt in doubts], dtype=np.bool_)
         return cls(
-            share_of_lengths=np.where(in_motion, 1 / SHAKEN_SCALE**2, 1.0),
             many_loads=np.array([doubt.many_loads for doubt in doubts]),
             many_loads_n=np.array([doubt.many_loads_n for doubt in doubts]),
             in_motion=in_motion,
         )
 
-    def __getitem__(self, frames: int | slice) -> "Mixture":
-        return Mixture(
-            np.asarray(self.share_of_lengths[frames]),
-            np.asarray(self.many_loads[frames]),
-            np.asarray(self.many_loads_n[frames]),
-            np.asarray(self.in_motion[frames]),
-        )
+    @classmethod
+    def of_one(cls, doubt: Doubt) -> "Mixture":
+        """Return the doubt about one frame, without a leading axis."""
+        in_motion = np.asarray(doubt.reason is Reason.MOTION)
+        return cls(np.asarray(doubt.many_loads), np.asarray(doubt.many_loads_n), in_motion)
+
+    @property
+    def share_of_lengths(self) -> NDArray[np.float64]:
+        """(...,) share of the lengths' information that counts in the covariance."""
+        return np.where(self.in_motion, 1 / SHAKEN_SCALE**2, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +116,7 @@ class Assessment:
     apart_m: NDArray[np.float64]
     """(..., free) step to the shape with the loads that may be hidden; its square is not in `covariance_m2`, from which
     the modes of tendons are learned."""
-    factor_innovation: NDArray[np.float64] | None = None
+    factor_innovation: NDArray[np.float64] | None
     """(..., rows) see `Shape`; None without factors of one's own."""
 
     @classmethod
@@ -177,7 +178,7 @@ class FrameEvidence:
         Raises:
             IndeterminateError: see `assess_frames`.
         """
-        return self.assess_frames(frame, node_position_m, self._builder.statics, Mixture.of([doubt])[0])
+        return self.assess_frames(frame, node_position_m, self._builder.statics, Mixture.of_one(doubt))
 
     def assess_frames(
         self, frame: LinearFrame, node_position_m: NDArray[np.float64], statics: Statics | None, mixture: Mixture
@@ -199,22 +200,18 @@ class FrameEvidence:
         try:
             held, gradient = frame.without_forces(mixture.share_of_lengths)
             if statics is None:
+                few, apart_m = None, np.zeros_like(gradient)
                 linear_m2 = np.asarray(np.linalg.inv(held), dtype=np.float64)
                 step_m, free_covariance = self._second_order(frame, node_position_m, linear_m2, mixture)
-                covariance[..., free[:, None], free] += free_covariance
-                mean_m = self._moved(node_position_m, step_m)
-                innovation = self._innovation(frame, held, gradient, None)
-                return Assessment(mean_m, covariance, None, np.zeros_like(gradient), innovation)
-            few = self._force_variance(frame, statics, held)
-            step_m, apart_m, free_covariance = self._mixed(frame, few, held, gradient, mixture)
+            else:
+                few = self._force_variance(frame, statics, held)
+                step_m, apart_m, free_covariance = self._mixed(frame, few, held, gradient, mixture)
             innovation = self._innovation(frame, held, gradient, few)
         except np.linalg.LinAlgError as error:
             raise IndeterminateError(UNDETERMINED) from error
         covariance[..., free[:, None], free] += free_covariance
         mean_m = self._moved(node_position_m, step_m)
-        force_n = frame.force_n + (frame.force_jacobian @ step_m[..., None])[..., 0]
-        variance = propagated_variance(frame.force_jacobian, free_covariance)
-        loads = external_loads(statics, mean_m, force_n, variance)
+        loads = None if statics is None else _loads(frame, statics, mean_m, step_m, free_covariance)
         return Assessment(mean_m, covariance, loads, apart_m, innovation)
 
     def _moved(self, node_position_m: NDArray[np.float64], step_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -273,7 +270,8 @@ class FrameEvidence:
         """Return (..., rows) how far factors of one's own are from what all else says, see `Shape.factor_innovation`.
 
         With z and A their residuals and derivatives, H and g the information and the gradient of all other factors of
-        the frame, and R the covariance of the rest shape, it is (z - A H^-1 g) / sqrt(diag(1 + A (H^-1 + R) A^T)).
+        the frame, and R the covariance of the rest shape, it is (z - A C g) / sqrt(diag(1 + A (C + R) A^T)), where
+        C = (H + 1 / WIDEST_M^2)^-1.
         """
         if not frame.own_error.shape[-1]:
             return None
@@ -316,16 +314,16 @@ class FrameEvidence:
         by_force = np.swapaxes(forces, -1, -2)
         gradient = gradient_of_held + (by_force @ (frame.force_n / many)[..., None])[..., 0]
         many_loads = mixture.many_loads[..., None, None]
-        apart_m = -(covariance_many @ gradient[..., None])[..., 0]
-        apart_few_m = -(covariance_few @ by_force @ (frame.force_n / few - frame.force_pull)[..., None])[..., 0]
+        to_many_m = -(covariance_many @ gradient[..., None])[..., 0]
+        to_few_m = -(covariance_few @ by_force @ (frame.force_n / few - frame.force_pull)[..., None])[..., 0]
         covariance = (1 - many_loads) * covariance_few + many_loads * covariance_many
-        between = apart_m[..., :, None] * apart_m[..., None, :]
+        between = to_many_m[..., :, None] * to_many_m[..., None, :]
         # of a shaken robot the mean is so far away that the factors are not linear
         in_motion = mixture.in_motion[..., None]
-        step_m = np.where(in_motion, 0.0, many_loads[..., 0] * apart_m)
+        step_m = np.where(in_motion, 0.0, many_loads[..., 0] * to_many_m)
         factor = np.where(in_motion[..., None], many_loads, many_loads * (1 - many_loads))
-        apart_few_m = np.where(in_motion, 0.0, (1 - many_loads[..., 0]) * apart_few_m)
-        return step_m, apart_few_m, covariance + factor * between
+        to_few_m = np.where(in_motion, 0.0, (1 - many_loads[..., 0]) * to_few_m)
+        return step_m, to_few_m, covariance + factor * between
 
     def _force_variance(self, frame: LinearFrame, statics: Statics, held: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows) the variance of the balance of forces, with loads that may be hidden."""
@@ -362,8 +360,20 @@ class FrameEvidence:
         without = cavity_n2 + sigma_n**2
         with_load = cavity_n2 + self._settings.load_n**2
         log_ratio = 0.5 * independent * np.log(without / with_load) + 0.5 * squared_n2 * (1 / without - 1 / with_load)
-        prior = self._settings.loaded_share
-        return np.asarray(1 / (1 + (1 - prior) / prior * np.exp(-np.clip(log_ratio, -50, 50))))
+        return np.asarray(expit(logit(self._settings.loaded_share) + log_ratio))
+
+
+def _loads(
+    frame: LinearFrame,
+    statics: Statics,
+    mean_m: NDArray[np.float64],
+    step_m: NDArray[np.float64],
+    covariance_m2: NDArray[np.float64],
+) -> ExternalLoads:
+    """Return the loads on (..., nodes, 3) shapes, (..., free) steps away from where the factors are linearised."""
+    force_n = frame.force_n + (frame.force_jacobian @ step_m[..., None])[..., 0]
+    variance = propagated_variance(frame.force_jacobian, covariance_m2)
+    return external_loads(statics, mean_m, force_n, variance)
 
 
 def moments_of(

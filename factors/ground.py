@@ -48,6 +48,22 @@ def clearance_jacobian(placed: PlacedShape, floor: Floor) -> NDArray[np.float64]
     return jacobian
 
 
+def clearance_covariance_m2(placed: PlacedShape, covariance: NDArray[np.float64], floor: Floor) -> NDArray[np.float64]:
+    """Return (nodes, nodes) the covariance of the nodes' heights by attitude, tilt of the floor, and shape.
+
+    The height of the centroid, which is the same for all nodes, is not in it.
+
+    Args:
+        placed: the shape in the world.
+        covariance: (size, size) of the errors of its state.
+        floor: the floor as told.
+    """
+    at, tilted = placed.state.layout, floor.tilted(placed.state.floor_tilt)
+    attitude = np.r_[at.turn, at.floor_tilt]
+    H = clearance_jacobian(placed, floor)[:, attitude]
+    return np.asarray(H @ covariance[np.ix_(attitude, attitude)] @ H.T + placed.height_covariance_m2(tilted.normal))
+
+
 def foothold_rows(
     placed: PlacedShape,
     floor: Floor,

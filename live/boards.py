@@ -61,6 +61,7 @@ class Boards:
         self._say = say
         self._open = ExitStack()
         self._feed: Feed | None = None
+        self._shapes: Iterator[Shape] | None = None
 
     def __enter__(self) -> Self:
         from .feeds import boards_feed  # pyserial, which nothing else of the public names needs
@@ -76,15 +77,17 @@ class Boards:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        feed, self._feed = self._feed, None
+        feed, self._feed, self._shapes = self._feed, None, None
         self._open.close()
         if error is None and feed is not None and feed.state().recording_error:
             raise RecordingError(feed.state().recording_error)
 
     def __iter__(self) -> Iterator[Shape]:
         """Yield the shape of every frame as soon as the frame is complete, until `stop`."""
-        pipeline = Pipeline(self.description, self._settings, sensor_model_of(self._model))
-        return pipeline.estimate(self.readings(), "live")
+        if self._shapes is None:
+            pipeline = Pipeline(self.description, self._settings, sensor_model_of(self._model))
+            self._shapes = pipeline.estimate(self.readings(), "live")
+        return self._shapes
 
     def readings(self) -> Iterator[Reading]:
         """Yield the rows of the boards and the samples of their inertial sensors instead, for `tensegraph.stream`."""

@@ -12,6 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from ..io.reports.run_lines import exchanged
 from ..io.reports.terminal import Terminal
 from ..models.sensor.clock import ClockCounts
 from ..models.values.link import LinkState
@@ -29,7 +30,7 @@ class Panel:
         clocks: Callable[[], Sequence[ClockCounts]],
         state: Callable[[], LinkState],
         exchanged: Callable[[], Sequence[tuple[int, int]]] = tuple,
-        aid_warnings: Callable[[], Mapping[str, str]] = dict,
+        warnings: Callable[[], Mapping[str, str]] = dict,
         aid_counts: Callable[[], Mapping[str, int]] = dict,
         unsensed: Sequence[int] = (),
     ) -> None:
@@ -38,7 +39,7 @@ class Panel:
         self._clocks = clocks
         self._state = state
         self._exchanged = exchanged
-        self._aid_warnings = aid_warnings
+        self._warnings = warnings
         self._aid_counts = aid_counts
         self._unsensed = unsensed
 
@@ -51,11 +52,8 @@ class Panel:
         if activity.imus:
             parts.append(_imus(activity, state))
         parts.append(_summary(activity, state, self._aid_counts(), self._unsensed))
-        complaints = _complaints(activity, state)
-        complaints += [
-            f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel" for a, b in self._exchanged()
-        ]
-        complaints += [f"{aid}: {warning}" for aid, warning in self._aid_warnings().items()]
+        complaints = [*_complaints(activity, state), *exchanged(self._exchanged())]
+        complaints += [f"{aid}: {warning}" for aid, warning in self._warnings().items()]
         return Group(*parts, *(Text(complaint, style="red") for complaint in complaints))
 
 

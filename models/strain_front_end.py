@@ -74,6 +74,8 @@ class StrainFrontEnd:
         self._squares = np.zeros(count)
         self.exchanged: list[tuple[int, int]] = []
         """No pairs: what a reading at rest would have to be is the model's knowledge."""
+        self.misfits_at_rest = False
+        """Unknown, for the same reason."""
 
     def lengths(self, frames: Sequence[ResistanceFrame]) -> list[TendonLengths]:
         """Return the lengths in more frames.

@@ -67,7 +67,7 @@ def test_a_slow_board_is_named(trial_copy, every, text) -> None:
     missing = np.mean([np.isnan(frame.length_m[:12]).all() for frame in frames])
     assert (missing > 0.3) == (every == 16)
     assert missing < 0.05 or every == 16
-    assert pipeline.aid_warnings() == ({"board 0": text} if text else {})
+    assert pipeline.warnings() == ({"board 0": text} if text else {})
 
 
 def test_a_robot_that_rolls_keeps_its_frames_at_slow_boards(tmp_path) -> None:
@@ -81,7 +81,7 @@ def test_a_robot_that_rolls_keeps_its_frames_at_slow_boards(tmp_path) -> None:
     pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
     shapes = Reconstruction.of(trial.description.structure, pipeline.estimate(trial.readings(), "live"))
     assert np.median(np.diff(shapes.t_s)) == pytest.approx(0.02)
-    assert not pipeline.aid_warnings()
+    assert not pipeline.warnings()
     assert node_rmse_m(shapes, trial.truth().t_s, trial.truth().node_position_m) < 0.02
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from ...factors.ground import clearance_jacobian
+from ...factors.ground import clearance_covariance_m2, clearance_jacobian
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_settings import PoseSettings
 from ...models.structure.floor import Floor
@@ -166,14 +166,8 @@ class ContactsByHeight:
         floor = self._floor.tilted(placed.state.floor_tilt)
         clearance_m = floor.clearance_m(placed.node_position_m)
         lowest = int(np.argmin(clearance_m))
-        at = placed.state.layout
-        by_state = clearance_jacobian(placed, self._floor)
-        attitude = np.r_[at.turn, at.floor_tilt]
-        by_attitude = (by_state - by_state[lowest])[:, attitude]
-        heights = placed.height_covariance_m2(floor.normal)
-        of_shape = np.diag(heights) + heights[lowest, lowest] - 2 * heights[lowest]
-        of_attitude = covariance[np.ix_(attitude, attitude)]
-        variance = np.sum(by_attitude @ of_attitude * by_attitude, axis=1) + of_shape
+        C = clearance_covariance_m2(placed, covariance, self._floor)
+        variance = np.diag(C) + C[lowest, lowest] - 2 * C[lowest]
         sigma_m = np.sqrt(variance + self._settings.floor_m**2)
         in_the_air = flies or (is_located and is_in_the_air(placed, covariance, self._floor))
         in_the_air |= is_lifted and not may_have_landed(placed, covariance, self._floor)

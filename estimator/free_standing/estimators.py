@@ -335,7 +335,7 @@ class FreeStandingOptimizer:
         contacts = self._contacts(live, frames, shapes)
         poses = self._poses(frames, shapes, contacts, self._filtered(frames, shapes, contacts))
         assert live.kept is not None, "the live pass keeps what it learns"
-        doubts_ranges = bool(poses) and poses[-1][2].doubts_ranges  # those of before may be wrong, too
+        doubts_ranges = poses[-1][2].doubts_ranges  # those of before may be wrong, too
         for shape, (state, covariance, step), kept in zip(shapes, poses, live.kept, strict=True):
             if kept.standing.contradicted:
                 standing = replace(step.standing, others=kept.standing.others, contradicted=True)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ...factors.ground import foothold_rows
 from ...models.balance.sliding import least_friction_slides_m
 from ...models.balance.support import legs_n
-from ...models.pose.placed import PlacedShape, Rows
+from ...models.pose.placed import Rows
 from ...models.pose.pose_settings import PoseSettings
 from ...models.structure.floor import UP, Floor
 from ...models.values.slip import Slip
@@ -37,7 +37,7 @@ def let_slide(
     predicted: Prediction,
     body_before_m: NDArray[np.float64],
     stands: NDArray[np.bool_],
-    kept: NDArray[np.bool_],
+    stayed: NDArray[np.bool_],
     floor: Floor,
     settings: PoseSettings,
 ) -> Prediction:
@@ -49,18 +49,18 @@ def let_slide(
         predicted: before.
         body_before_m: (nodes, 3) the shape in the frame before, relative to c.
         stands: (nodes,) which nodes stand.
-        kept: (nodes,) which of them have stood since the frame before.
+        stayed: (nodes,) which of them have stood since the frame before.
         floor: the floor.
         settings: walk of a foothold with the way that its node slides.
     """
     placed = predicted.placed
     nodes = len(stands)
     carried, _ = legs_n(np.full(nodes, 1 / nodes), placed.node_position_m, UP, stands.astype(np.float64))
-    share = np.maximum(carried[kept], LEAST_SHARE)
+    share = np.maximum(carried[stayed], LEAST_SHARE)
     along = placed.state.turn.T @ floor.axes.T  # the axes of the floor, in the body
-    slide_m = least_friction_slides_m(body_before_m[kept] @ along, placed.body_m[kept] @ along, share)
+    slide_m = least_friction_slides_m(body_before_m[stayed] @ along, placed.body_m[stayed] @ along, share)
     walk = np.zeros(nodes)
-    walk[kept] = settings.slide_m_per_m05**2 * slide_m / (len(share) * share)
+    walk[stayed] = settings.slide_m_per_m05**2 * slide_m / (len(share) * share)
     at = placed.state.layout
     variance = np.zeros(at.size)
     variance[at.foothold] = np.repeat(walk, 2)
@@ -167,4 +167,4 @@ def put_down(predicted: Prediction, nodes: NDArray[np.bool_], floor: Floor, floo
         variance[place] = of_shape + floor_m**2
     foothold_m = np.where(nodes[:, None], placed.node_position_m @ axes.T, placed.state.foothold_m)
     state = replace(placed.state, foothold_m=foothold_m)
-    return predicted.then(PlacedShape(state, placed.body_m, placed.body_covariance_m2), F, variance)
+    return predicted.then(placed.at(state), F, variance)

@@ -1,7 +1,7 @@
 """The pose of a free-standing structure: an error-state Kalman filter.
 
 The shape is estimated in body coordinates, where lengths and forces need no base. The filter places it in the world:
-between frames the body moves at constant rate and velocity, or as inertial sensors say; in each frame the rows of all
+between frames the body moves on, ever more slowly, or as inertial sensors say; in each frame the rows of all
 aids (floor, footholds, rods with sensors, gravity, ranges, positions) correct the state, see `Prediction.corrected`.
 
 Errors of the own frames of positions, and those of rates in proportion to them, are considered and not estimated, after
@@ -27,7 +27,7 @@ from ...models.pose.robot import FreeStandingRobot
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
-from ...models.values.aids import AidReading, ImuReading, PositionReading
+from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from ...models.values.rotations import rotation, rotation_vector
 from ...models.values.slip import Slip
 from .contacts import ContactsByHeight, Standing
@@ -39,6 +39,7 @@ from .pose_start import covariance_at_rest, state_at_rest
 from .prediction import Frame, Prediction
 from .tipping import MISSED_RAD, has_landed, heading_missed, misplaced, tipped, tipping
 from .watches.jump_watch import JumpWatch
+from .watches.place_watch import LOCATED_S, PlaceWatch
 from .watches.range_trust import RangeTrust
 from .watches.rise_watch import RiseWatch, risen
 from .watches.slide_watch import SlideWatch
@@ -46,8 +47,6 @@ from .watches.stand_watch import StandWatch
 
 FIRST_STEP_S = 0.02
 """Time before the first frame for which its readings count."""
-LOCATED_S = 0.2
-"""Time for which a position or a range tells where the robot is."""
 LEAST_CARRIED = 0.25
 """Share of the weight below which the floor is taken to carry nothing: friction and height hold no node then."""
 
@@ -76,7 +75,6 @@ class PoseFilter:
         self._turn_before = self.state.turn
         self._body_before_m = rest.node_position_m - self.centre_m
         self._last_s = np.nan
-        self._located_s = -np.inf
         self._read_s = np.full(len(rest.node_position_m), -np.inf)
         self._trust = ImuTrust(self._imus.count, robot.rest_until_s, settings)
         self._position_trust = PositionTrust(rest, robot.rest_until_s, settings.position_m)
@@ -91,8 +89,8 @@ class PoseFilter:
         self._stand_watch = StandWatch()
         self._doubted_turn: NDArray[np.float64] | None = None
         self._misled_rad = 0.0
-        self._held_m = self.state.position_m
-        self._size_m = 2 * float(np.linalg.norm(rest.node_position_m - self.centre_m, axis=1).max())
+        size_m = 2 * float(np.linalg.norm(rest.node_position_m - self.centre_m, axis=1).max())
+        self._place_watch = PlaceWatch(self.state.position_m, size_m, robot.rest_until_s)
 
     def step(
         self,
@@ -115,28 +113,31 @@ class PoseFilter:
         """
         frame, predicted = self._expected(t_s, body_m, body_covariance_m2, aids)
         left_out = self._range_trust.left_out(frame, predicted)
-        frame = replace(frame, aids=[aid for aid in frame.aids if aid not in left_out]) if left_out else frame
+        frame = replace(frame, ranges=[reading for reading in frame.ranges if reading not in left_out])
         self._jump_watch.observe(predicted, frame)
         by_heights = standing is None
         standing = self._contacts_of(predicted, frame, standing)
         stood, self._standing = self._standing, standing.nodes
-        kept, landed = standing.nodes & stood, standing.nodes & ~stood
+        stayed, landed = standing.nodes & stood, standing.nodes & ~stood
         if stood.any() or not frame.is_felt:  # in the air the robot turns as the sensors say
             before = predicted.placed.state.turn
-            predicted, kept, landed = self._landed(predicted, standing, kept, landed)
+            predicted, stayed, landed = self._landed(predicted, standing, stayed, landed)
             if frame.is_felt and not by_heights:  # the sensors have told another face
                 self._misled_rad = max(self._misled_rad, _angle(predicted.placed.state.turn, before))
         if self._misled_rad and standing.nodes.any():
             predicted = misplaced(predicted, self._misled_rad, self.floor)
             self._slide_watch.restart()
-            kept, landed, self._misled_rad = np.zeros_like(kept), standing.nodes, 0.0
+            stayed, landed, self._misled_rad = np.zeros_like(stayed), standing.nodes, 0.0
         if frame.samples is not None:
             self._trust.observe(self._imus, predicted.placed, frame.samples, frame.t_s, frame.step_s)
-        predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, kept)
+        predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, stayed)
         if by_heights:
             self._watched_rise(frame)
             standing = self._watched_stand(frame, standing)
-        strays = self._strays(t_s, found)
+        else:
+            self._rise_watch.forget()
+        is_held = bool((self._standing & ~self._slide_watch.slides).any())
+        strays = self._place_watch.strays(t_s, self.state.position_m, found, is_held=is_held)
         if strays and self._standing.any():  # friction stops a slide: the sensors that tell it are wrong
             self._trust.give_up()
         return PoseStep(
@@ -167,7 +168,10 @@ class PoseFilter:
         samples, taken_on = self._imu_samples(t_s, aids)
         step_s = self._step_s(t_s)
         body_m = body_m - self.centre_m
-        frame = Frame(t_s, self._last_s, step_s, self._body_before_m, body_m, body_covariance_m2, aids, samples)
+        positions = [reading for reading in aids if isinstance(reading, PositionReading)]
+        ranges = [reading for reading in aids if isinstance(reading, RangeReading)]
+        before_s, before_m = self._last_s, self._body_before_m
+        frame = Frame(t_s, before_s, step_s, before_m, body_m, body_covariance_m2, positions, ranges, samples)
         predicted = self._model.predicted(frame, self._pose, self._standing)
         while frame.samples is not None and self._trust.outvotes(self._imus, predicted):
             frame = replace(frame, samples=self._trust.used(frame.samples))
@@ -186,7 +190,7 @@ class PoseFilter:
         frame: Frame,
         sliding: NDArray[np.bool_] | None,
         landed: NDArray[np.bool_],
-        kept: NDArray[np.bool_],
+        stayed: NDArray[np.bool_],
     ) -> tuple[Prediction, list[Slip]]:
         """Correct the state, held by the footholds of nodes that neither slide nor slip.
 
@@ -195,7 +199,7 @@ class PoseFilter:
             frame: the frame.
             sliding: (nodes,) which nodes slide; None to tell it from inertial sensors.
             landed: (nodes,) which nodes have begun to stand.
-            kept: (nodes,) which nodes have stood since the frame before.
+            stayed: (nodes,) which nodes have stood since the frame before.
 
         Returns:
             The prediction with new footholds, and the slips.
@@ -203,23 +207,23 @@ class PoseFilter:
         watch, before = self._slide_watch, self.state
         if sliding is None:
             pose, used = self._pose, self._trust.is_used
-            predicted, before = watch.observe(predicted, frame, pose, kept, landed, used)
+            predicted, before = watch.observe(predicted, frame, pose, stayed, landed, used)
         else:
             predicted = watch.told(predicted, frame, self._pose, sliding)
-        feet = self._model.feet(predicted, kept)
+        feet = self._model.feet(predicted, stayed)
         stop = watch.stop_rows(predicted.placed.state)
         if stop:  # how far it slid is told by where it has stopped
             stopped = predicted.given(stacked(stop))
-            found = watch.slips(stopped, self._model.feet(stopped, kept), frame.t_s)
+            found = watch.slips(stopped, self._model.feet(stopped, stayed), frame.t_s)
         else:
             found = watch.slips(predicted, feet, frame.t_s)
-        slipped = np.isin(np.arange(len(kept)), [slip.node for slip in found])
+        slipped = np.isin(np.arange(len(stayed)), [slip.node for slip in found])
         predicted = put_down(predicted, landed | slipped, self._floor, self._settings.floor_m)
         self._correct(predicted, before, frame, feet.among(~slipped & ~watch.slides), stop)
         return predicted, found
 
     def _landed(
-        self, predicted: Prediction, standing: Standing, kept: NDArray[np.bool_], landed: NDArray[np.bool_]
+        self, predicted: Prediction, standing: Standing, stayed: NDArray[np.bool_], landed: NDArray[np.bool_]
     ) -> tuple[Prediction, NDArray[np.bool_], NDArray[np.bool_]]:
         """Return the prediction tipped onto nodes that have landed, or with feet that slide by least friction.
 
@@ -228,17 +232,17 @@ class PoseFilter:
         Args:
             predicted: what is expected of the frame.
             standing: which nodes stand.
-            kept: (nodes,) which of them have stood since the frame before.
+            stayed: (nodes,) which of them have stood since the frame before.
             landed: (nodes,) which of them have not.
         """
         if has_landed(predicted.placed, self.floor, landed):
-            predicted = self._tipped(predicted, standing.nodes, kept)
+            predicted = self._tipped(predicted, standing.nodes, stayed)
             self._slide_watch.restart()
-            kept, landed = np.zeros_like(kept), standing.nodes
+            stayed, landed = np.zeros_like(stayed), standing.nodes
             self.state = replace(self.state, turn=predicted.placed.state.turn)  # new footholds do not roll by the tip
-        if standing.assumed and kept.any():
-            predicted = let_slide(predicted, self._body_before_m, standing.nodes, kept, self._floor, self._settings)
-        return predicted, kept, landed
+        if standing.assumed and stayed.any():
+            predicted = let_slide(predicted, self._body_before_m, standing.nodes, stayed, self._floor, self._settings)
+        return predicted, stayed, landed
 
     def _correct(
         self, predicted: Prediction, before: PoseState, frame: Frame, held: Feet, stop: Sequence[Rows]
@@ -255,39 +259,34 @@ class PoseFilter:
         rows = self._model.rows(predicted, frame, self._standing, self._trust.is_used, held)
         rows += [*stop, *self._held_rows(predicted.placed, predicted.covariance, frame.step_s)]
         self.state, self.covariance = self._model.corrected(predicted, frame, rows)
-        self._jump_watch.keep(PlacedShape(self.state, frame.body_m, frame.body_covariance_m2), frame)
+        self._jump_watch.keep(frame.placed(self.state), frame)
         self._turn_before = before.turn
         self._body_before_m = frame.body_m
         self._samples = frame.samples
         self._last_s = frame.t_s
 
-    def _strays(self, t_s: float, found: Sequence[Slip]) -> bool:
-        """Return whether the robot is further from where a foot or a reading held it last than it is long."""
-        is_located = t_s - self._located_s < LOCATED_S or t_s < self._rest_until_s
-        if is_located or (self._standing & ~self._slide_watch.slides).any():
-            self._held_m = self.state.position_m
-        way_m = [float(np.linalg.norm(self.state.position_m - self._held_m)), *(slip.distance_m for slip in found)]
-        return max(way_m) > self._size_m and not is_located
-
     def _contacts_of(self, predicted: Prediction, frame: Frame, standing: Standing | None) -> Standing:
         """Return which nodes stand, as told or by heights."""
-        if standing is not None:
+        self._place_watch.observe(frame)
+        if standing is None:
+            standing = self._contacts_by_heights(predicted, frame)
+        else:
             self._contacts.stand_on(standing.nodes)
-            return standing
-        self._located_s = frame.t_s if frame.positions or frame.ranges else self._located_s
-        is_located, is_lifted = frame.t_s - self._located_s < LOCATED_S, bool(np.isfinite(self._lifted_since_s))
-        seen, self._flies = self._model.seen(predicted, frame), self._is_weightless(predicted, frame)
-        standing = self._contacts.observe(
-            seen.placed,
-            seen.covariance,
-            frame.step_s,
-            is_located=is_located,
-            is_lifted=is_lifted,
-            flies=self._flies,
-        )
         if standing.nodes.any():
             self._lifted_since_s = np.inf
         return standing
+
+    def _contacts_by_heights(self, predicted: Prediction, frame: Frame) -> Standing:
+        """Return which nodes stand by their heights."""
+        seen, self._flies = self._model.seen(predicted, frame), self._is_weightless(predicted, frame)
+        return self._contacts.observe(
+            seen.placed,
+            seen.covariance,
+            frame.step_s,
+            is_located=self._place_watch.is_located(frame.t_s),
+            is_lifted=bool(np.isfinite(self._lifted_since_s)),
+            flies=self._flies,
+        )
 
     def _is_weightless(self, predicted: Prediction, frame: Frame) -> bool:
         """Return whether inertial sensors feel that nothing carries the robot: it bounces, or falls."""
@@ -308,8 +307,7 @@ class PoseFilter:
         is_seen = np.sum(frame.t_s - self._read_s < LOCATED_S) > 1
         if frame.samples is None or is_seen or frame.t_s < self._rest_until_s:
             return standing
-        placed = PlacedShape(self.state, frame.body_m, frame.body_covariance_m2)
-        of_state = self.covariance
+        placed, of_state = frame.placed(self.state), self.covariance
         standing = self._stand_watch.observe(
             frame.t_s, frame.step_s, placed, of_state, self._floor, frame.samples, standing, flies=self._flies
         )
@@ -326,10 +324,10 @@ class PoseFilter:
 
     def _watched_rise(self, frame: Frame) -> None:
         """Take the robot off the floor where inertial sensors say that it has risen from it."""
-        placed = PlacedShape(self.state, frame.body_m, frame.body_covariance_m2)
         if frame.samples is None or frame.t_s < self._rest_until_s or not self._standing.any():
             self._rise_watch.forget()
             return
+        placed = frame.placed(self.state)
         rise = self._rise_watch.observe(frame.t_s, frame.step_s, placed, self.covariance, frame.samples)
         if rise is None:
             return
@@ -348,14 +346,14 @@ class PoseFilter:
         placed = PlacedShape(self.state, shape.node_position_m - self.centre_m, shape.covariance_m2)
         step_s = self._step_s(shape.t_s)
         trusted = self._position_trust.trusted(shape.t_s, positions, placed, self.covariance, step_s)
-        used = set(map(id, trusted))
+        used = set(trusted)  # readings are equal only to themselves
         if self.doubts_positions:
             shape = shape.in_doubt(Reason.POSITIONS)
         if len(used) == len(positions):
             return shape
-        kept = tuple(each for each in aids if not isinstance(each, PositionReading) or id(each) in used)
-        left_out = tuple(each.node for each in positions if id(each) not in used)
-        return replace(shape, lengths=replace(shape.lengths, aids=kept), contradicted_positions=left_out)
+        others = tuple(each for each in aids if not isinstance(each, PositionReading) or each in used)
+        left_out = tuple(each.node for each in positions if each not in used)
+        return replace(shape, lengths=replace(shape.lengths, aids=others), contradicted_positions=left_out)
 
     @property
     def doubts_positions(self) -> bool:
@@ -401,12 +399,11 @@ class PoseFilter:
             The means of the samples that are used, None as long as there has been no sample at all, and (size, size)
             the transition of the errors by which sensors are taken on again; None if none is.
         """
-        F = None
         samples = self._preintegration.mean(t_s, [reading for reading in aids if isinstance(reading, ImuReading)])
         if self._samples is None:
             heard = samples.count > 0
             if not heard.any():
-                return None, F
+                return None, None
             turn = np.where(heard[:, None, None], self._imu_turns(samples), self.state.imu_turn)
             self.state = replace(self.state, imu_turn=turn)
             self._trust.start(self._imus, self._body_before_m @ self.state.turn.T)
@@ -414,10 +411,11 @@ class PoseFilter:
         back = np.zeros(0, dtype=np.int64)
         if self.knows_attitude:
             back = self._trust.back(self._imus, self._body_before_m @ self.state.turn.T, samples)
-        if len(back):
-            turn = self._imu_turns(samples)
-            self.state, self.covariance, F = taken_on_again(self.state, self.covariance, back, turn, self._settings)
-            self._slide_watch.restart()
+        if not len(back):
+            return self._trust.used(samples), None
+        turn = self._imu_turns(samples)
+        self.state, self.covariance, F = taken_on_again(self.state, self.covariance, back, turn, self._settings)
+        self._slide_watch.restart()
         return self._trust.used(samples), F
 
     def _imu_turns(self, samples: ImuSamples) -> NDArray[np.float64]:

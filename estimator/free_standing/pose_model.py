@@ -80,7 +80,7 @@ class PoseModel:
         turning = float(np.linalg.norm(turned))
         here = np.arange(at.foothold.start, at.foothold.stop)
         covariance[here, here] += walk_variance_m2(stands, turning, frame.step_s, settings)
-        return Prediction(PlacedShape(moved, frame.body_m, frame.body_covariance_m2), F, covariance, turned)
+        return Prediction(frame.placed(moved), F, covariance, turned)
 
     def seen(self, predicted: Prediction, frame: Frame) -> Prediction:
         """Return the prediction corrected by positions alone, by which contacts are told before the floor holds it."""

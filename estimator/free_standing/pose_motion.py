@@ -1,6 +1,7 @@
 """How the state of a pose changes over a frame: its transition F, and the noise that is added.
 
-The body turns by phi and its rate decays; without inertial sensors phi is the present rate times the step, with
+The body turns by phi and its rate decays, to e^(-dt / tau) of it over a step dt. Without inertial sensors phi is phi_0,
+the present rate times the step, with
 
     C = 2 sigma^2 / tau dt^3 / 3
 

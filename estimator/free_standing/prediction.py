@@ -11,7 +11,7 @@ from ...models.pose.imu_samples import ImuSamples
 from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
-from ...models.values.aids import AidReading, PositionReading, RangeReading
+from ...models.values.aids import PositionReading, RangeReading
 from ...models.values.rotations import cross, cross_matrix
 
 
@@ -30,7 +30,10 @@ class Frame:
     """(nodes, 3) the shape, relative to c."""
     body_covariance_m2: NDArray[np.float64]
     """(3 nodes, 3 nodes)"""
-    aids: Sequence[AidReading]
+    positions: Sequence[PositionReading]
+    """Of nodes."""
+    ranges: Sequence[RangeReading]
+    """To nodes."""
     samples: ImuSamples | None
     """Of the inertial sensors; None without such sensors."""
 
@@ -39,15 +42,9 @@ class Frame:
         """Whether an inertial sensor tells how the robot moves."""
         return self.samples is not None and bool(self.samples.count.any())
 
-    @property
-    def positions(self) -> list[PositionReading]:
-        """Those of the aids that are positions of nodes."""
-        return [reading for reading in self.aids if isinstance(reading, PositionReading)]
-
-    @property
-    def ranges(self) -> list[RangeReading]:
-        """Those of the aids that are ranges to nodes."""
-        return [reading for reading in self.aids if isinstance(reading, RangeReading)]
+    def placed(self, state: PoseState) -> PlacedShape:
+        """Return the shape as a state places it."""
+        return PlacedShape(state, self.body_m, self.body_covariance_m2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,8 +91,7 @@ class Prediction:
     def given(self, rows: Rows) -> "Prediction":
         """Return what is expected where some of the rows of the frame are known."""
         state, covariance = self.corrected(rows)
-        placed = PlacedShape(state, self.placed.body_m, self.placed.body_covariance_m2)
-        return Prediction(placed, self.transition, covariance, self.turned)
+        return Prediction(self.placed.at(state), self.transition, covariance, self.turned)
 
     def corrected_blindly(self, rows: Rows, floor: Floor) -> tuple[PoseState, NDArray[np.float64]]:
         """Return the same for rows that say nothing of the heading, see `without_heading`.

@@ -10,8 +10,6 @@ Where the structure deforms so far that m is negative, it tips over the edge, on
 node comes down to the floor, a face of the new hull takes over.
 """
 
-from itertools import combinations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
@@ -47,12 +45,12 @@ class StableFace:
         hull = ConvexHull(x, qhull_options="QJ")  # joggled: every face is a triangle, of a flat structure too
         up = -hull.equations[:, :3]
         here = int(np.argmax(up @ self._up))  # the face before, or that of a node which has come down
-        margin_m, beyond = _edges(x, hull.simplices, here, up[here])
+        margin_m, beyond = _edges(x, hull, here, up[here])
         for _ in range(len(up)):
             if margin_m.min() >= 0:
                 break
             here = int(beyond[np.argmin(margin_m)])
-            margin_m, beyond = _edges(x, hull.simplices, here, up[here])
+            margin_m, beyond = _edges(x, hull, here, up[here])
         self._up = up[here]
         sigma_m = float(np.sqrt(CENTRE_M**2 + np.trace(shape.covariance_m2) / x.size))
         over = ndtr(-margin_m / sigma_m)
@@ -63,17 +61,12 @@ class StableFace:
 
 
 def _edges(
-    x: NDArray[np.float64], faces: NDArray[np.int32], here: int, up: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    x: NDArray[np.float64], hull: ConvexHull, here: int, up: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Return (3,) the margin of the centroid inside each edge of a face, and (3,) the face beyond each edge."""
-    centroid_m = x.mean(axis=0)
-    margin_m, beyond = [], []
-    for edge in combinations(range(3), 2):
-        p, q = faces[here, list(edge)]
-        r = faces[here, 3 - sum(edge)]
-        inward = np.cross(up, x[q] - x[p])
-        inward = inward * np.sign(inward @ (x[r] - x[p])) / np.linalg.norm(inward)
-        margin_m.append(inward @ (centroid_m - x[p]))
-        beside = np.flatnonzero(np.isin(faces, [p, q]).sum(axis=1) == 2)
-        beyond.append(beside[beside != here][0])
-    return np.array(margin_m), np.array(beyond)
+    corner_m = x[hull.simplices[here]]
+    p, q = corner_m[[1, 2, 0]], corner_m[[2, 0, 1]]  # the edge across from each corner
+    inward = np.cross(up, q - p)
+    inward *= np.sign(np.sum(inward * (corner_m - p), axis=1, keepdims=True))
+    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    return np.sum(inward * (x.mean(axis=0) - p), axis=1), hull.neighbors[here]

@@ -64,7 +64,7 @@ def tipped(
     turned_rad, moved_m = LANDING_RAD_PER_RAD05 * np.sqrt(angle), LANDING_M_PER_RAD05 * np.sqrt(angle)
     if not stayed.any():
         rolled_m = np.zeros(3)
-        turned_rad, moved_m = ANY_HEADING_RAD, angle * float(floor.clearance_m(pivot_m) + floor.cap_radius_m)
+        turned_rad, moved_m = ANY_HEADING_RAD, angle * _rolls_m(placed, floor)
     state = replace(
         placed.state,
         turn=turn @ placed.state.turn,
@@ -81,8 +81,7 @@ def tipped(
     G = np.eye(at.size, 12)
     G[at.position, at.turn] = about_pivot
     G *= np.repeat([turned_rad, moved_m, settings.turn_rad_per_s, settings.motion_m_per_s], 3)
-    after = PlacedShape(state, placed.body_m, placed.body_covariance_m2)
-    return Prediction(after, F @ predicted.transition, F @ predicted.covariance @ F.T + G @ G.T, np.zeros(3))
+    return Prediction(placed.at(state), F @ predicted.transition, F @ predicted.covariance @ F.T + G @ G.T, np.zeros(3))
 
 
 def misplaced(predicted: Prediction, misled_rad: float, floor: Floor) -> Prediction:
@@ -98,11 +97,15 @@ def misplaced(predicted: Prediction, misled_rad: float, floor: Floor) -> Predict
     """
     placed = predicted.placed
     at = placed.state.layout
-    height_m = float(floor.clearance_m(placed.state.position_m[None])[0]) + floor.cap_radius_m
     variance = np.zeros(at.size)
     variance[at.turn] = (misled_rad * floor.normal) ** 2
-    variance[at.position] = (misled_rad * height_m) ** 2
+    variance[at.position] = (misled_rad * _rolls_m(placed, floor)) ** 2
     return predicted.then(placed, np.eye(at.size), variance)
+
+
+def _rolls_m(placed: PlacedShape, floor: Floor) -> float:
+    """Return the way of the centroid per angle: its height above the floor, and the radius of a cap."""
+    return float(floor.clearance_m(placed.state.position_m)) + floor.cap_radius_m
 
 
 def heading_jacobian(turn: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -34,6 +34,11 @@ def position_counts(contradicted: Sequence[Sequence[int]]) -> dict[str, int]:
     return {f"position of node {node}: contradicted": nodes[node] for node in sorted(nodes)}
 
 
+def exchanged(pairs: Sequence[tuple[int, int]]) -> list[str]:
+    """Return which tendons' sensors seem to be exchanged, of pairs of tendons."""
+    return [f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel" for a, b in pairs]
+
+
 def wrong_geometry(wrong: WrongPart) -> str:
     """Return what the evidence at rest says of the geometry that was told, and what to do."""
     told = {

@@ -22,6 +22,10 @@ class PlacedShape:
     body_covariance_m2: NDArray[np.float64]
     """(3 nodes, 3 nodes) covariance of the shape in body axes."""
 
+    def at(self, state: PoseState) -> "PlacedShape":
+        """Return the same shape as another state places it."""
+        return PlacedShape(state, self.body_m, self.body_covariance_m2)
+
     @cached_property
     def arm_m(self) -> NDArray[np.float64]:
         """(nodes, 3) from p to each node, in world axes."""

@@ -142,7 +142,3 @@ class PoseState:
                 (other.own_frame_error - self.own_frame_error).ravel(),
             ]
         )
-
-    def world_m(self, arm_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (..., 3) positions in the world, from (..., 3) body coordinates relative to c."""
-        return np.asarray(self.position_m + arm_m @ self.turn.T)

@@ -13,7 +13,7 @@ from tensegraph.models.values.readings import Flag
 
 def test_recordings_of_which_nothing_is_used_are_named() -> None:
     unused = {"range 0": "no reading used: distances are 1000 times those expected: are all units m?"}
-    panel = Panel("live", Activity.of(0, 0), list, LinkState, aid_warnings=lambda: unused)
+    panel = Panel("live", Activity.of(0, 0), list, LinkState, warnings=lambda: unused)
     console = Console(width=200, record=True, file=StringIO())
     console.print(panel)
     assert "range 0: no reading used: distances are 1000 times" in console.export_text()

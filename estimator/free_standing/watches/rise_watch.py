@@ -4,7 +4,7 @@ A robot that is lifted rises. The mean point of the sensors has the height h, as
 force f in the axes of the world. From a moment in which it is still, without the floor, it has the velocity v and the
 height z along the normal n,
 
-    v <- v + (n . f - g n_z) dt,     z <- z + v dt
+    a = n . f - g n_z,     z <- z + v dt + a dt^2 / 2,     v <- v + a dt
 
 The robot is lifted if z - h is above `LIFTED_M` and above `LIFTED_SIGMA` standard deviations of it, by the noise of the
 force, its bias, and the velocity at the start. After a shock, which may be beyond the range of the sensors, nothing is

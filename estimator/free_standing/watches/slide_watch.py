@@ -106,7 +106,7 @@ class SlideWatch:
         predicted: Prediction,
         frame: Frame,
         before: Pose,
-        kept: NDArray[np.bool_],
+        stayed: NDArray[np.bool_],
         landed: NDArray[np.bool_],
         used_imus: NDArray[np.bool_],
     ) -> tuple[Prediction, PoseState]:
@@ -116,17 +116,17 @@ class SlideWatch:
             predicted: what is expected of the frame, by the filter.
             frame: the frame.
             before: the pose of the filter in the frame before.
-            kept: (nodes,) which nodes have stood since the frame before.
+            stayed: (nodes,) which nodes have stood since the frame before.
             landed: (nodes,) which nodes have begun to stand.
             used_imus: (imus,) which inertial sensors are used.
         """
         self._slid = self.slides
         self._feel(predicted, frame, before)
-        self._see(frame, kept)
+        self._see(frame, stayed)
         model, floor = self._model, self._model.floor
         if self._slid.any():
-            rests = at_rest(predicted.placed, predicted.covariance, floor) | self._has_stopped
-            self.since_s = np.where(kept & ~rests, self.since_s, np.inf)
+            slow = have_slowed(predicted.placed, predicted.covariance, floor) | self._has_stopped
+            self.since_s = np.where(stayed & ~slow, self.since_s, np.inf)
         if (self._slid & ~self.slides).any():  # their new footholds are those of the next watch
             self._unheld = None
             return predicted, before.state
@@ -134,9 +134,9 @@ class SlideWatch:
             return predicted, before.state
         if self._unheld is None or frame.t_s - self._unheld.since_s > WATCH_S:
             self._unheld = self._begun(before, frame)
-        unheld, stands = self._unheld, kept | landed
+        unheld, stands = self._unheld, stayed | landed
         free = put_down(_beside(predicted, before, unheld), landed, floor, model.settings.floor_m)
-        feet = model.feet(free, kept & ~self.slides)
+        feet = model.feet(free, stayed & ~self.slides)
         rate_rad_per_s = float(np.linalg.norm(predicted.placed.state.rate_rad_per_s))
         from_rest = unheld.from_rest and rate_rad_per_s < TIPS_RAD_PER_S
         slip_sigma = SLIDES_SIGMA if from_rest else model.settings.slip_sigma
@@ -176,9 +176,9 @@ class SlideWatch:
         turns = float(np.linalg.norm(state.rate_rad_per_s)) > STILL_RAD_PER_S
         self._unbraked_s = self._unbraked_s + frame.step_s if frame.is_felt and not (is_braked or turns) else 0.0
 
-    def _see(self, frame: Frame, kept: NDArray[np.bool_]) -> None:
+    def _see(self, frame: Frame, stayed: NDArray[np.bool_]) -> None:
         """Learn how fast the feet move in the body, because the structure deforms."""
-        moved_m = (frame.body_m - frame.body_before_m)[kept].mean(axis=0) if kept.any() else np.zeros(3)
+        moved_m = (frame.body_m - frame.body_before_m)[stayed].mean(axis=0) if stayed.any() else np.zeros(3)
         weight = low_pass_weight(frame.step_s, STOPPED_S)
         self._deforms_m_per_s = self._deforms_m_per_s + weight * (moved_m / frame.step_s - self._deforms_m_per_s)
 
@@ -194,18 +194,18 @@ class SlideWatch:
         given = Prediction(placed, np.eye(at.size), pose.covariance, np.zeros(3)).given(rows)
         return UnheldPose(frame.before_s, given.placed.state, given.covariance, from_rest=True)
 
-    def slips(self, predicted: Prediction, kept_feet: Feet, t_s: float) -> list[Slip]:
+    def slips(self, predicted: Prediction, standing_feet: Feet, t_s: float) -> list[Slip]:
         """Return the slips of nodes that stand: those found at once, and the slides that have ended.
 
         Args:
             predicted: what is expected of the frame.
-            kept_feet: the nodes that have stood since the frame before.
+            standing_feet: the nodes that have stood since the frame before.
             t_s: time of the frame.
         """
         floor, stand = self._model.floor, ~self.slides
         slip_sigma = self._model.settings.slip_sigma
-        at_once = slips(kept_feet.among(stand & ~self._slid), predicted, t_s, floor, slip_sigma)
-        return at_once + slips(kept_feet.among(stand & self._slid), predicted, t_s, floor, 0.0)
+        at_once = slips(standing_feet.among(stand & ~self._slid), predicted, t_s, floor, slip_sigma)
+        return at_once + slips(standing_feet.among(stand & self._slid), predicted, t_s, floor, 0.0)
 
 
 def _beside(predicted: Prediction, before: Pose, unheld: UnheldPose) -> Prediction:
@@ -223,7 +223,7 @@ def _beside(predicted: Prediction, before: Pose, unheld: UnheldPose) -> Predicti
     F, placed = predicted.transition, predicted.placed
     state = placed.state.moved(F @ before.state.errors_to(unheld.state))
     covariance = predicted.covariance + F @ (unheld.covariance - before.covariance) @ F.T
-    return Prediction(PlacedShape(state, placed.body_m, placed.body_covariance_m2), F, covariance, predicted.turned)
+    return Prediction(placed.at(state), F, covariance, predicted.turned)
 
 
 def _lost(predicted: Prediction) -> Prediction:
@@ -234,7 +234,7 @@ def _lost(predicted: Prediction) -> Prediction:
     return predicted.then(predicted.placed, np.eye(at.size), variance)
 
 
-def at_rest(placed: PlacedShape, covariance: NDArray[np.float64], floor: Floor) -> NDArray[np.bool_]:
+def have_slowed(placed: PlacedShape, covariance: NDArray[np.float64], floor: Floor) -> NDArray[np.bool_]:
     """Return (nodes,) which nodes may be at rest along the floor, by the velocity of the body.
 
     Args:

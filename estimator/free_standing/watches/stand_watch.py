@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from ....factors.ground import clearance_jacobian
+from ....factors.ground import clearance_covariance_m2
 from ....models.pose.imu_agreement import CONTRADICTS_SIGMA
 from ....models.pose.imu_samples import ImuSamples
 from ....models.pose.placed import PlacedShape
@@ -91,14 +91,11 @@ def nearest_face(placed: PlacedShape, covariance: NDArray[np.float64], floor: Fl
         covariance: (size, size) of the errors of its state.
         floor: the floor as told.
     """
-    x, at = placed.node_position_m, placed.state.layout
+    x = placed.node_position_m
     tilted = floor.tilted(placed.state.floor_tilt)
     hull = ConvexHull(x, qhull_options="QJ")
     up = -hull.equations[:, :3]
-    attitude = np.r_[at.turn, at.floor_tilt]
-    of_state = clearance_jacobian(placed, floor)[:, attitude]
-    heights = placed.height_covariance_m2(tilted.normal)
-    total = of_state @ covariance[np.ix_(attitude, attitude)] @ of_state.T + heights
+    total = clearance_covariance_m2(placed, covariance, floor)
     clearance_m = tilted.clearance_m(x)
     best, least = np.zeros(len(x), dtype=np.bool_), np.inf
     for face in np.argsort(-up @ tilted.normal)[:NEAREST].tolist():

@@ -9,6 +9,7 @@ from tensegraph.estimator.free_standing.pose_filter import PoseFilter
 from tensegraph.estimator.free_standing.pose_smoother import smoothed
 from tensegraph.estimator.free_standing.prediction import heading_direction
 from tensegraph.estimator.free_standing.tipping import ANY_HEADING_RAD, tipping
+from tensegraph.models.pose.placed import PlacedShape
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.pose.robot import FreeStandingRobot
 from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
@@ -45,7 +46,8 @@ def test_positions_of_three_nodes_move_it(balanced, robot) -> None:
         )
         aids = [PositionReading(0.02 * k, node, true_m[node]) for node in (3, 5, 8, 11)]
         step = poses.step(0.02 * k, x, EXACT_M2, aids)
-    assert step.state.world_m(x - poses.centre_m) == pytest.approx(true_m, abs=1e-3)
+    node_m = PlacedShape(step.state, x - poses.centre_m, np.zeros((36, 36))).node_position_m
+    assert node_m == pytest.approx(true_m, abs=1e-3)
     assert step.state.turn == pytest.approx(turn, abs=0.006)
 
 
@@ -90,7 +92,8 @@ def test_a_node_that_positions_lift_is_not_held_by_the_floor(balanced, robot) ->
         now = [reading for reading in aids if 0.02 * (k - 1) < reading.t_s <= 0.02 * k]
         step = poses.step(0.02 * k, x, EXACT_M2, now)
     assert not step.standing.nodes[1]
-    assert step.state.world_m(x - poses.centre_m) == pytest.approx(at(0.56), abs=0.004)
+    node_m = PlacedShape(step.state, x - poses.centre_m, np.zeros((36, 36))).node_position_m
+    assert node_m == pytest.approx(at(0.56), abs=0.004)
 
 
 def test_the_smoother_is_no_less_certain_than_the_filter(balanced, robot) -> None:

@@ -190,7 +190,7 @@ def test_ranges_of_which_none_is_used_are_named(method, unit, warnings, hinge, t
     trial = open_trial(path)
     pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
     shapes = list(pipeline.estimate(trial.readings(), method))
-    assert pipeline.aid_warnings().keys() == warnings
+    assert pipeline.warnings().keys() == warnings
     assert sum(len(shape.outlying_ranges) for shape in shapes) == (len(rows) if warnings else 0)
 
 

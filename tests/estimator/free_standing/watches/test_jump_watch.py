@@ -26,7 +26,7 @@ def jumps(errors_m: list[dict[int, float]]) -> bool:
             PositionReading(t_s, node, PLACED.node_position_m[node] + np.array([off_m, 0.0, 0.0]))
             for node, off_m in error_m.items()
         ]
-        frame = Frame(t_s, t_s - 0.02, 0.02, BODY_M, BODY_M, SHAPE_M2, aids, None)
+        frame = Frame(t_s, t_s - 0.02, 0.02, BODY_M, BODY_M, SHAPE_M2, aids, [], None)
         watch.observe(Prediction(PLACED, np.eye(SIZE), 1e-8 * np.eye(SIZE), np.zeros(3)), frame)
         watch.keep(PLACED, frame)
     return watch.has_jumped

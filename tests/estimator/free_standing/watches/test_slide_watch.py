@@ -9,7 +9,7 @@ from poses import any_state, robot_with_two_sensors, samples_of_two
 from tensegraph.estimator.free_standing.footholds import Feet, turned_sigma
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
 from tensegraph.estimator.free_standing.prediction import Prediction
-from tensegraph.estimator.free_standing.watches.slide_watch import at_rest, slid_before
+from tensegraph.estimator.free_standing.watches.slide_watch import have_slowed, slid_before
 from tensegraph.models.pose.placed import PlacedShape, Rows
 from tensegraph.models.structure.floor import UP, Floor
 
@@ -32,9 +32,9 @@ def test_a_foot_is_at_rest_by_its_own_speed() -> None:
     )
     arm_m = np.zeros((12, 3))
     arm_m[1:, 0] = 0.1
-    rests = at_rest(PlacedShape(state, arm_m, SHAPE_M2), 1e-8 * np.eye(state.layout.size), Floor(0.0, UP))
-    assert rests[0]
-    assert not rests[1:].any()
+    slow = have_slowed(PlacedShape(state, arm_m, SHAPE_M2), 1e-8 * np.eye(state.layout.size), Floor(0.0, UP))
+    assert slow[0]
+    assert not slow[1:].any()
 
 
 def pushed(balanced, push_m_per_s2: float) -> tuple[PoseFilter, list, float]:
