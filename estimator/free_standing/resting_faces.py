@@ -31,6 +31,8 @@ from scipy.special import logsumexp
 from ...models.balance.statics import Statics
 from ...models.balance.support import standing
 from ...models.estimation import DoubtSettings
+from ...models.pose.robot import FreeStandingRobot
+from ...models.structure.rest_shape import RestShape
 from ..graph import GraphBuilder
 from ..linear_frame import LinearFrame
 from .contacts import Standing
@@ -374,3 +376,11 @@ def _gain(G: NDArray[np.float64], g: NDArray[np.float64]) -> NDArray[np.float64]
     z1 = g[..., 1] - l10 * z0
     z2 = g[..., 2] - l20 * z0 - l21 * z1
     return np.asarray(0.5 * (z0**2 / d0 + z1**2 / d1 + z2**2 / d2 - np.log(d0 * d1 * d2)))
+
+
+def resting_faces(rest: RestShape, robot: FreeStandingRobot, settings: DoubtSettings) -> RestingFaces | None:
+    """Return the filter of faces of a robot that begins at rest; None where forces are unknown."""
+    if rest.mechanics is None or not (mass_kg := rest.mechanics.node_mass_kg(rest.structure)).any():
+        return None
+    stands = robot.floor.carries_at_rest(rest.node_position_m)
+    return RestingFaces(mass_kg, rest.node_position_m, stands, settings)

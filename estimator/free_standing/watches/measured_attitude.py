@@ -1,9 +1,12 @@
 """Whether other sensors than those of tendons measure how a robot is turned."""
 
+from enum import Enum, auto
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ....models.pose.imu_gate import ATTITUDE_HOLDS_S
+from ....models.pose.robot import FreeStandingRobot
 from ....models.structure.rest_shape import RestShape
 from ....models.values.aids import ImuReading, PositionReading
 from ....models.values.readings import TendonLengths
@@ -12,17 +15,28 @@ PARALLEL = 0.95
 """Cosine of the angle below which rods have different directions."""
 
 
-class MeasuredAttitude:
-    """Tells whether an inertial sensor, or the positions of two nodes or more, were read in the last moments."""
+class Attitude(Enum):
+    """What other sensors than those of tendons tell of how a robot is turned."""
 
-    def __init__(self) -> None:
+    UNKNOWN = auto()
+    KNOWN_BUT_ONE_TURN = auto()
+    """They do not tell the turn about one direction: that of parallel rods with sensors, or of a line of positions."""
+    KNOWN = auto()
+
+
+class MeasuredAttitude:
+    """Tells it by which inertial sensors, and the positions of which nodes, were read in the last moments."""
+
+    def __init__(self, rest: RestShape, robot: FreeStandingRobot) -> None:
+        self._rest = rest
+        self._rods = rest.structure.rods[[imu.rod for imu in robot.imus]].reshape(-1, 2)
         self._imu_s = -np.inf
         self._node_s: dict[int, float] = {}
         self.located_pairs = np.zeros((0, 2), dtype=np.int64)
         """(pairs, 2) the nodes whose positions were read, each with the first of them."""
 
-    def observe(self, lengths: TendonLengths, used_imus: NDArray[np.bool_]) -> bool:
-        """Return whether they were, in one more frame.
+    def observe(self, lengths: TendonLengths, used_imus: NDArray[np.bool_]) -> Attitude:
+        """Return what they tell in one more frame.
 
         Args:
             lengths: with the readings of other sensors.
@@ -35,10 +49,13 @@ class MeasuredAttitude:
                 self._imu_s = reading.t_s
         located = [node for node, latest_s in self._node_s.items() if lengths.t_s - latest_s < ATTITUDE_HOLDS_S]
         self.located_pairs = np.array([(located[0], node) for node in located[1:]], dtype=np.int64).reshape(-1, 2)
-        return lengths.t_s - self._imu_s < ATTITUDE_HOLDS_S or len(located) > 1
+        if lengths.t_s - self._imu_s >= ATTITUDE_HOLDS_S and len(located) < 2:
+            return Attitude.UNKNOWN
+        pairs = np.concatenate([self._rods[used_imus], self.located_pairs])
+        return Attitude.KNOWN_BUT_ONE_TURN if _are_parallel(pairs, self._rest) else Attitude.KNOWN
 
 
-def are_parallel(pairs: NDArray[np.int64], rest: RestShape) -> bool:
+def _are_parallel(pairs: NDArray[np.int64], rest: RestShape) -> bool:
     """Return whether the lines between (pairs, 2) nodes, at least one, all have one direction in the rest shape."""
     a, b = pairs.T
     along = rest.node_position_m[b] - rest.node_position_m[a]

@@ -1,13 +1,16 @@
 """Which sensors tell how a robot is turned."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from tensegraph.estimator.free_standing.estimators import clearances
-from tensegraph.estimator.free_standing.watches.measured_attitude import MeasuredAttitude, are_parallel
+from tensegraph.estimator.free_standing.watches.face_watch import clearances
+from tensegraph.estimator.free_standing.watches.measured_attitude import Attitude, MeasuredAttitude
+from tensegraph.models.pose.robot import FreeStandingRobot
 from tensegraph.models.structure.floor import UP, Floor
 from tensegraph.models.structure.rest_shape import RestShape
-from tensegraph.models.values.aids import PositionReading
+from tensegraph.models.values.aids import Imu, ImuReading, PositionReading
 from tensegraph.models.values.readings import TendonLengths
 
 
@@ -18,12 +21,23 @@ def seen(nodes: list[int]) -> TendonLengths:
     return TendonLengths(t_s=0.0, length_m=none, sigma_m=none, mode=none, flags=none, aids=readings)
 
 
-@pytest.mark.parametrize(("nodes", "on_one_line"), [([3], False), ([3, 8], True), ([3, 8, 10], False)])
-def test_positions_of_two_nodes_do_not_tell_the_turn_about_their_line(rest: RestShape, nodes, on_one_line) -> None:
+@pytest.mark.parametrize(
+    ("nodes", "known"),
+    [([3], Attitude.UNKNOWN), ([3, 8], Attitude.KNOWN_BUT_ONE_TURN), ([3, 8, 10], Attitude.KNOWN)],
+)
+def test_positions_of_two_nodes_do_not_tell_the_turn_about_their_line(rest: RestShape, nodes, known) -> None:
     """The balance of forces is asked besides, as it is with inertial sensors on parallel rods."""
-    attitude = MeasuredAttitude()
-    assert attitude.observe(seen(nodes), np.zeros(0, dtype=np.bool_)) == (len(nodes) > 1)
-    assert are_parallel(attitude.located_pairs, rest) == on_one_line
+    robot = FreeStandingRobot(Floor(0.01, UP), (), (), 0.0)
+    assert MeasuredAttitude(rest, robot).observe(seen(nodes), np.zeros(0, dtype=np.bool_)) is known
+
+
+@pytest.mark.parametrize(("rods", "known"), [((0,), Attitude.KNOWN_BUT_ONE_TURN), ((0, 2), Attitude.KNOWN)])
+def test_sensors_on_rods_of_one_direction_do_not_tell_the_turn_about_them(rest: RestShape, rods, known) -> None:
+    robot = FreeStandingRobot(Floor(0.01, UP), tuple(Imu(rod, 0.5, UP) for rod in rods), (), 0.0)
+    felt = tuple(ImuReading(number, 0.0, np.zeros(3), 9.81 * UP) for number in range(len(rods)))
+    lengths = replace(seen([]), aids=felt)
+    assert MeasuredAttitude(rest, robot).observe(lengths, np.ones(len(rods), dtype=np.bool_)) is known
+    assert MeasuredAttitude(rest, robot).observe(lengths, np.zeros(len(rods), dtype=np.bool_)) is Attitude.UNKNOWN
 
 
 @pytest.mark.parametrize(("normal_sigma_rad", "nodes"), [(0.0, [3, 8]), (0.1, [])])
