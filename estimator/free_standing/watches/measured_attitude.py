@@ -52,10 +52,10 @@ class MeasuredAttitude:
         if lengths.t_s - self._imu_s >= ATTITUDE_HOLDS_S and len(located) < 2:
             return Attitude.UNKNOWN
         pairs = np.concatenate([self._rods[used_imus], self.located_pairs])
-        return Attitude.KNOWN_BUT_ONE_TURN if _are_parallel(pairs, self._rest) else Attitude.KNOWN
+        return Attitude.KNOWN_BUT_ONE_TURN if are_parallel(pairs, self._rest) else Attitude.KNOWN
 
 
-def _are_parallel(pairs: NDArray[np.int64], rest: RestShape) -> bool:
+def are_parallel(pairs: NDArray[np.int64], rest: RestShape) -> bool:
     """Return whether the lines between (pairs, 2) nodes, at least one, all have one direction in the rest shape."""
     a, b = pairs.T
     along = rest.node_position_m[b] - rest.node_position_m[a]
