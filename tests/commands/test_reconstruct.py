@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from command_line import run
+from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.io.reports.run_lines import flagged_sensors, load_rows, pauses, rest_balance, slip_line
 from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.values.readings import Flag
 from tensegraph.models.values.slip import Slip
+from tensegraph.pipeline import ESTIMATORS
 
 
 def test_it_ends_well_with_a_table(done) -> None:
@@ -216,6 +218,14 @@ def test_a_span_is_a_part_of_the_whole(trial_copy) -> None:
     two = run("reconstruct", path, "--live", "--method", "ukf", cwd=path.parent)
     assert (two.returncode, two.stderr.count("\n")) == (2, 1)
     assert "--live: is the same as --method live: expected one method, got --method ukf, too" in two.stderr
+
+
+def test_an_estimator_that_tells_its_progress_has_no_stage_of_its_own(trial_copy, monkeypatch) -> None:
+    """One of a user's own that inherits from ours."""
+    monkeypatch.setitem(ESTIMATORS, "own", BatchOptimizer)
+    path = trial_copy(rows=60)
+    done = run("reconstruct", path, "--method", "own", "--figures", "none", cwd=path.parent)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_a_tendon_without_a_sensor_is_not_flagged(loaded) -> None:

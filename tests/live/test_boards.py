@@ -22,6 +22,17 @@ def test_shapes_come_from_boards_on_ptys_and_are_recorded(tmp_path, rig, pty_boa
     assert tg.open_trial(tmp_path / "recorded").row_count() >= 2 * len(shapes)
 
 
+def test_a_loop_that_was_left_goes_on(rig, pty_boards) -> None:
+    """The sensors are not tared anew: the second loop has the frames after those of the first."""
+    rig.write_text(rig.read_text().replace("seconds = 2.0", "seconds = 0.0"))
+    ports = [str(pty_boards(name, k).port) for k, name in enumerate(("zero", "one"))]
+    with tg.Boards(rig, ports=ports, say=lambda said: None) as boards:
+        first = list(islice(boards, 10))
+        second = list(islice(boards, 10))
+        boards.stop()
+    assert second[0].t_s == pytest.approx(first[-1].t_s + 0.02)
+
+
 def test_a_recording_that_cannot_be_or_ends_early_is_told(tmp_path, rig, pty_boards) -> None:
     """Where a trial stands before anything is done; where the files vanish at the end, with the shapes so far."""
     rig.write_text(rig.read_text().replace("seconds = 2.0", "seconds = 0.0"))

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tensegraph.estimator.free_standing.contacts import nothing_stands
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
 from tensegraph.estimator.free_standing.pose_smoother import smoothed
 from tensegraph.estimator.free_standing.prediction import heading_direction
@@ -49,6 +50,19 @@ def test_positions_of_three_nodes_move_it(balanced, robot) -> None:
     node_m = PlacedShape(step.state, x - poses.centre_m, np.zeros((36, 36))).node_position_m
     assert node_m == pytest.approx(true_m, abs=1e-3)
     assert step.state.turn == pytest.approx(turn, abs=0.006)
+
+
+@pytest.mark.parametrize("is_told", [False, True])
+def test_a_robot_that_positions_follow_through_the_air_does_not_stray(balanced, robot, is_told: bool) -> None:
+    """By heights as it is live, or told to be in the air, as it is in batch; carried by 1 m, four times its length."""
+    poses, x = PoseFilter(balanced, robot, PoseSettings()), balanced.node_position_m
+    steps = []
+    for k in range(150):
+        t_s, true_m = 0.02 * k, x + min(max((k - 20) / 100, 0.0), 1.0) * np.array([1.0, 0.0, 0.2])
+        aids = [PositionReading(t_s, node, true_m[node]) for node in (3, 5, 8, 11)]
+        steps.append(poses.step(t_s, x, EXACT_M2, aids, nothing_stands(12) if is_told and k >= 25 else None))
+    assert not any(step.strays for step in steps)
+    assert steps[-1].state.position_m == pytest.approx(poses.centre_m + np.array([1.0, 0.0, 0.2]), abs=1e-3)
 
 
 def test_a_frame_that_is_wrong_is_in_the_ellipsoids(balanced, robot) -> None:

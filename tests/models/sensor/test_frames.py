@@ -157,6 +157,16 @@ def test_a_long_silence_has_no_frames(jump_s: float, after: int) -> None:
     assert all(np.isfinite(frame.resistance_ohm).all() for frame in made[60:-1])
 
 
+def test_slow_rows_after_a_long_silence_are_as_slow_as_before() -> None:
+    """The silence is none of the times between rows."""
+    frames = assembler()
+    times = [*np.arange(0, 20, 1.5), *np.arange(100, 120, 1.5)]
+    made = [frame for t_s in times for frame in frames.add(reading(t_s, 1.0))]
+    assert frames.rate_hz == pytest.approx(50 / 75)
+    assert frames.slow_sources() == {0: "a row each 1.5 s: frames between them have no reading"}
+    assert sum(frame.t_s > 90 for frame in made) >= 12
+
+
 def row(t_s: float, *length_m: float) -> TendonLengths:
     length = np.array(length_m)
     flags = np.where(np.isnan(length), int(Flag.MISSING), 0)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from poses import robot_with_two_sensors, samples_of_two
+from tensegraph.estimator.free_standing.contacts import Standing
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
 from tensegraph.models.structure.floor import UP
 
@@ -39,6 +40,15 @@ def test_a_robot_that_is_put_down_stands_again_and_is_doubted_for_a_while(balanc
     assert poses.covariance[3, 3] > 0.005**2, "where it was put down is not known well"
     assert not steps[-1].standing.contradicted
     assert next(step for step in steps if step.standing.contradicted).standing.nodes.sum() == 0
+
+
+def test_a_robot_that_is_told_to_stand_is_lifted_no_more(balanced) -> None:
+    """Its sensors are silent meanwhile; the faces tell that it stands."""
+    poses, steps = lifted(balanced, 0.8, 2.0)
+    assert np.isfinite(steps[-1].lifted_since_s)
+    stands = np.isin(np.arange(12), [0, 1, 2])
+    step = poses.step(2.02, balanced.node_position_m, SHAPE_M2, (), Standing(stands, stands.astype(np.float64)))
+    assert np.isinf(step.lifted_since_s)
 
 
 def test_a_robot_that_trembles_on_the_floor_is_not_lifted(balanced) -> None:
