@@ -1,6 +1,5 @@
 """The pipeline from counts to resistance, strain, length and shape; here io and the estimators meet."""
 
-from bisect import bisect_right, insort
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from inspect import signature
@@ -23,10 +22,7 @@ from .factors.tendon import TautCables
 from .io.model_file import read_sensor_model
 from .io.trial_directory import Trial, open_trial
 from .models.plug_ins import PlugIn, plug_ins
-from .models.pose.aid_use import OLD_S, AidUse
-from .models.pose.filled_positions import FilledPositions
-from .models.pose.imu_gate import ImuGate
-from .models.pose.position_frames import OwnFrames
+from .models.pose.aid_intake import AidIntake
 from .models.pose.robot import FreeStandingRobot, HangingRobot
 from .models.sensor.frames import FrameAssembler, LengthPauses
 from .models.sensor.front_end import FrontEnd
@@ -43,7 +39,7 @@ from .models.structure.shape import Shape
 from .models.structure.structure import Structure
 from .models.told_lengths import ToldLengths, lengths_at_rest
 from .models.trial_description import TrialDescription
-from .models.values.aids import AidReading, ImuReading, PositionReading
+from .models.values.aids import AidReading
 from .models.values.errors import IndeterminateError, InputError
 from .models.values.readings import (
     BoardReading,
@@ -175,18 +171,20 @@ class Pipeline:
         self.rest = self._described_rest
         """The rest shape: that of the description, or of the lengths at rest of the latest run, see `after_rest`."""
         self._lengths_misfit = self._lengths_moved = False
-        rest_clock = RestClock(trial.rest_seconds)
-        self.imu_gate = ImuGate(len(trial.imus), rest_clock)  # which counts the frames for the clock
         self.factors: tuple[NodeFactor, ...] = tuple(factor.factor(trial.structure) for factor in trial.factors)
         if trial.mechanics is not None and len(trial.mechanics.stiff_cables):
             self.factors += (self._taut_cables(trial.mechanics),)
         self.watch = RunWatch(trial, self.rest, settings.gate)
         """Of the latest run."""
-        self._filled_positions = FilledPositions()
-        self.own_frames = OwnFrames(self.rest, trial.own_frames, rest_clock, settings.pose.position_m)
-        held = self.rest.structure.is_held
-        ranges, positions = len(trial.beacon_position_m), trial.world_positions
-        self.aid_use = AidUse(self.rest.node_position_m, ranges, positions, is_held=held)
+        self.aids = AidIntake(
+            self.rest,
+            trial.rest_seconds,
+            settings.pose.position_m,
+            imus=len(trial.imus),
+            ranges=len(trial.beacon_position_m),
+            positions=trial.world_positions,
+            own_frames=trial.own_frames,
+        )
         self.boards = trial.boards(settings.clock) if trial.source == "counts" else None
         tendons = len(trial.structure.tendons)
         strips = np.arange(tendons, tendons + trial.reference_strips)
@@ -199,8 +197,9 @@ class Pipeline:
         wound = [tendon for motors in trial.motors for tendon in motors.tendons]
         references = np.setdiff1d(np.flatnonzero(trial.structure.joins_anchors & trial.structure.is_sensed), wound)
         longest_s = model.ranges.step_s[1] if isinstance(model, SensorModel) else np.inf
-        rolls = bool(trial.imus) and not held  # so that it turns too far from one slow row to the next
-        longest_s = 0.0 if rolls else longest_s
+        rolls = bool(trial.imus) and not self.rest.structure.is_held
+        if rolls:  # it turns too far from one slow row to the next
+            longest_s = 0.0
         sources = max(len(trial.tendons_of_board), 1)
         self._frames = FrameAssembler(natural_ohm, sources, settings.frames, settings.gate, longest_s)
         natural_m = trial.structure.natural_length_m  # of a cable that a motor winds, it may be very short
@@ -324,7 +323,7 @@ class Pipeline:
     ) -> Iterator[Shape]:
         self.watch = watch = RunWatch(self.trial, self.rest, self.settings.gate)
         shapes = map(watch.observe, self._shapes(map(watch.take, frames), method, factory, progress))
-        shapes = map(self.aid_use.observe, shapes)
+        shapes = map(self.aids.use.observe, shapes)
         return map(PossibleShapes(self.rest).check, shapes)
 
     def _shapes(
@@ -339,7 +338,7 @@ class Pipeline:
 
     def warnings(self) -> dict[str, str]:
         """Return what looks wrong of boards, of lengths that are told, and of other sensors, by the board or sensor."""
-        return self._slow_sources() | self._told.warnings() | self.imu_gate.warnings() | self.aid_use.lines()
+        return self._slow_sources() | self._told.warnings() | self.aids.warnings()
 
     def _slow_sources(self) -> dict[str, str]:
         """Return of each board, or of a file of resistances, that is slower than the frames what that means."""
@@ -348,9 +347,7 @@ class Pipeline:
 
     def aid_counts(self) -> dict[str, int]:
         """Return how many readings of other sensors were left out, and how many frames had none; none that is zero."""
-        counts = self.imu_gate.counts() | self.winding.counts() | self.own_frames.counts()
-        counts |= self._filled_positions.counts()
-        return {name: n for name, n in counts.items() if n}
+        return {name: n for name, n in (self.aids.counts() | self.winding.counts()).items() if n}
 
     @property
     def misfits_at_rest(self) -> bool:
@@ -386,24 +383,19 @@ class Pipeline:
                 frame's are wanted as soon as it is complete; offline, the front end takes 0.4 of the time for many
                 frames at once, and the lengths are the same.
         """
-        aids: list[AidReading] = []
         for block in self._blocks(readings, ahead):
             computed = iter(self.front_end.lengths([each for each in block if isinstance(each, ResistanceFrame)]))
             for reading in block:
                 if isinstance(reading, AidReading):
-                    self.aid_use.read(reading)
-                    aid = self._admitted(reading)
-                    if aid is not None:
-                        yield from self._in_pause(aid.t_s, aids)
-                        insort(aids, aid, key=lambda aid: aid.t_s)  # boards are not synchronous
+                    if self.aids.take(reading):
+                        yield from self._in_pause(reading.t_s)
                 elif isinstance(reading, NaturalLengthReading):
                     self.winding.add(reading)
                 elif isinstance(reading, TendonLengths):
-                    yield from self._in_pause(reading.t_s, aids)
-                    for lengths in self._pauses.up_to(self._told.checked(reading)):
-                        yield self._of_whole_tendons(lengths, aids)
+                    yield from self._in_pause(reading.t_s)
+                    yield from map(self._completed, self._pauses.up_to(self._told.checked(reading)))
                 else:
-                    yield self._of_whole_tendons(next(computed), aids)  # strain and length, eqs. (2)-(4)
+                    yield self._completed(next(computed))  # strain and length, eqs. (2)-(4)
 
     def _blocks(
         self, readings: Iterable[Reading], ahead: int
@@ -432,19 +424,10 @@ class Pipeline:
                 yield reading
         yield from self._frames.finish()
 
-    def _in_pause(self, t_s: float, aids: list[AidReading]) -> Iterator[TendonLengths]:
+    def _in_pause(self, t_s: float) -> Iterator[TendonLengths]:
         """Yield frames without lengths, where rows of lengths pause, and other sensors follow how a robot moves."""
         if not self.rest.structure.is_held and self.trial.has_aids:
-            for lengths in self._pauses.until(t_s):
-                yield self._of_whole_tendons(lengths, aids)
-
-    def _admitted(self, reading: AidReading) -> AidReading | None:
-        """Return a reading of another sensor as the estimators use it; None where it is left out."""
-        if isinstance(reading, PositionReading):
-            return self.own_frames.placed(reading) if self._filled_positions.passes(reading) else None
-        if isinstance(reading, ImuReading) and not self.imu_gate.passes(reading):
-            return None
-        return reading
+            yield from map(self._completed, self._pauses.until(t_s))
 
     def _resistance(self, reading: BoardReading | ResistanceReading) -> ResistanceReading | None:
         if isinstance(reading, ResistanceReading):
@@ -452,23 +435,10 @@ class Pipeline:
         assert self.boards is not None, "rows of counts need a trial with boards"
         return self.boards.reading(reading)
 
-    def _of_whole_tendons(self, lengths: TendonLengths, aids: list[AidReading]) -> TendonLengths:
-        """Return the lengths of strips with the strings that motors wind, and with what other sensors have read."""
-        return self._with_aids(self.winding.applied(lengths), aids)
-
-    def _with_aids(self, lengths: TendonLengths, aids: list[AidReading]) -> TendonLengths:
-        """Return the lengths with the readings of other sensors up to their time, taken from the list, and factors.
-
-        Readings older than `OLD_S` are left out, as those of a clock that is another one.
-        """
-        self.imu_gate.count_frame(lengths.t_s)
-        if self.factors:
-            lengths = replace(lengths, factors=self.factors)
-        if not aids:
-            return lengths
-        until = bisect_right(aids, lengths.t_s, key=lambda reading: reading.t_s)
-        taken, aids[:] = tuple(aid for aid in aids[:until] if lengths.t_s - aid.t_s < OLD_S), aids[until:]
-        return replace(lengths, aids=taken)
+    def _completed(self, lengths: TendonLengths) -> TendonLengths:
+        """Return lengths of strips as a frame: with the strings that motors wind, what else was read, and factors."""
+        lengths = self.aids.given_to(self.winding.applied(lengths))
+        return replace(lengths, factors=self.factors) if self.factors else lengths
 
 
 def reconstruct(

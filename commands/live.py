@@ -193,7 +193,7 @@ def show_live(
         for sink in sinks:
             if isinstance(sink, UdpPublisher) and sink.left_out:
                 terminal.line(f"{sink.address}: {sink.left_out} shapes could not be sent")
-    for fit in session.pipeline.own_frames.fits:
+    for fit in session.pipeline.aids.own_frames.fits:
         terminal.line(f"frame of position {fit.recording}: {fit.text()}")
     for name, text in session.pipeline.warnings().items():
         terminal.line(f"{name}: {text}")

@@ -272,7 +272,7 @@ class Run:
             yield "slips", slip_line(r.slides)
         if r.floor_normal is not None:
             yield "normal of the floor", normal_line(r.floor_normal)
-        yield from ((f"frame of position {fit.recording}", fit.text()) for fit in pipeline.own_frames.fits)
+        yield from ((f"frame of position {fit.recording}", fit.text()) for fit in pipeline.aids.own_frames.fits)
         yield from ((name, str(rows)) for name, rows in self._irregular_rows().items())
         yield from pipeline.warnings().items()
         yield from (("ignored in trial.toml", key) for key in self.trial.description.ignored_keys)
@@ -311,7 +311,7 @@ class Run:
             "versions": versions(),
             "inputs": inputs,
             "rows": self._irregular_rows(),
-            **self.pipeline.own_frames.as_table(),
+            **self.pipeline.aids.own_frames.as_table(),
             "settings": asdict(self.pipeline.settings),
             "timing": {"seconds": round(self.seconds, 3)},
         }

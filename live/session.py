@@ -202,7 +202,7 @@ class Session:
             "ports": {port.port: asdict(port.counts) for port in state.ports},
             "taring": self._feed.taring,
             "latency": {"median_ms": round(median_ms, 3), "p99_ms": round(p99_ms, 3)} if p.latency_s else {},
-            **self.pipeline.own_frames.as_table(),
+            **self.pipeline.aids.own_frames.as_table(),
             "rows": {name: n for name, n in rows.items() if n},
             "settings": asdict(self.pipeline.settings),
         }
@@ -210,7 +210,7 @@ class Session:
     def _imus(self, state: LinkState) -> list[dict[str, int]]:
         """Return the counts of each inertial sensor; those of the link where a board reads it."""
         of_link = [asdict(counts) for counts in state.imus]
-        gate = self.pipeline.imu_gate
+        gate = self.pipeline.aids.imu_gate
         return [
             (of_link[imu] if of_link else {})
             | {

@@ -56,6 +56,6 @@ def test_a_clock_that_starts_later_gives_the_same_shapes(method, tmp_path) -> No
     assert found.t_s == pytest.approx(expected.t_s + 100.0)
     assert found.node_position_m == pytest.approx(expected.node_position_m, abs=1e-6)
     assert found.node_sigma_m == pytest.approx(expected.node_sigma_m, abs=1e-6)
-    (fit,) = pipeline.own_frames.fits
+    (fit,) = pipeline.aids.own_frames.fits
     assert fit.nodes == SEEN
     assert fit.frame is not None

@@ -1,0 +1,86 @@
+"""The readings of other sensors than those of tendons, on their way to the frames in which they are used."""
+
+from bisect import bisect_right, insort
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ..structure.rest_shape import RestShape
+from ..values.aids import AidReading, ImuReading, PositionReading
+from ..values.readings import TendonLengths
+from ..values.stamps import RestClock
+from .aid_use import OLD_S, AidUse
+from .filled_positions import FilledPositions
+from .imu_gate import ImuGate
+from .position_frames import OwnFrames
+
+
+class AidIntake:
+    """Takes the readings of other sensors as they arrive, and gives those that are used to the frames."""
+
+    def __init__(
+        self,
+        rest: RestShape,
+        rest_seconds: float,
+        position_m: float,
+        *,
+        imus: int,
+        ranges: int,
+        positions: Sequence[int],
+        own_frames: Sequence[int],
+    ) -> None:
+        """Begin before the first reading.
+
+        Args:
+            rest: the rest shape.
+            rest_seconds: how long the structure rests from the first frame on.
+            position_m: standard deviation of a position, per axis.
+            imus: number of inertial sensors.
+            ranges: number of recordings of ranges.
+            positions: the numbers of the recordings of positions in the world.
+            own_frames: those of positions in frames of their own.
+        """
+        rest_clock = RestClock(rest_seconds)
+        self.imu_gate = ImuGate(imus, rest_clock)  # which counts the frames for the clock
+        self.own_frames = OwnFrames(rest, own_frames, rest_clock, position_m)
+        self.use = AidUse(rest.node_position_m, ranges, positions, is_held=rest.structure.is_held)
+        """What is used of each recording."""
+        self._filled_positions = FilledPositions()
+        self._waiting: list[AidReading] = []
+
+    def take(self, reading: AidReading) -> bool:
+        """Take a reading that has arrived; return whether it waits for its frame, and is not left out."""
+        self.use.read(reading)
+        admitted = self._admitted(reading)
+        if admitted is None:
+            return False
+        insort(self._waiting, admitted, key=lambda aid: aid.t_s)  # boards are not synchronous
+        return True
+
+    def given_to(self, lengths: TendonLengths) -> TendonLengths:
+        """Return a frame with the readings up to its time, which wait no more.
+
+        Those older than `OLD_S` are left out, as those of a clock that is another one.
+        """
+        self.imu_gate.count_frame(lengths.t_s)
+        if not self._waiting:
+            return lengths
+        until = bisect_right(self._waiting, lengths.t_s, key=lambda aid: aid.t_s)
+        taken = tuple(aid for aid in self._waiting[:until] if lengths.t_s - aid.t_s < OLD_S)
+        del self._waiting[:until]
+        return replace(lengths, aids=taken)
+
+    def warnings(self) -> dict[str, str]:
+        """Return what looks wrong of sensors and recordings, by their names."""
+        return self.imu_gate.warnings() | self.use.lines()
+
+    def counts(self) -> dict[str, int]:
+        """Return how many readings were left out, by what they are of and why."""
+        return self.imu_gate.counts() | self.own_frames.counts() | self._filled_positions.counts()
+
+    def _admitted(self, reading: AidReading) -> AidReading | None:
+        """Return a reading as the estimators use it; None where it is left out."""
+        if isinstance(reading, PositionReading):
+            return self.own_frames.placed(reading) if self._filled_positions.passes(reading) else None
+        if isinstance(reading, ImuReading) and not self.imu_gate.passes(reading):
+            return None
+        return reading
