@@ -110,9 +110,13 @@ class ModelDoubt:
         self.kept: list[tuple[float, NDArray[np.float64], NDArray[np.float64]]] | None = None
         """Time and probabilities after each update, for a smoother that puts a list here; live, memory is bounded."""
 
-    def about(self, lengths: TendonLengths) -> Doubt:
-        """Return the doubt about a frame, as known at present."""
+    def see(self, lengths: TendonLengths) -> None:
+        """Take note of whether the robot is shaken in one more frame."""
         self._shaken = self._is_shaken(lengths, self._shaken)
+
+    @property
+    def present(self) -> Doubt:
+        """The doubt about the newest frame."""
         return self._doubt(self._shaken, self._loads.probability, self._scale.probability)
 
     def observe(self, t_s: float, frame: LinearFrame, used_scale: float) -> None:

@@ -107,7 +107,8 @@ class LiveSmoother:
             raise IndeterminateError(f"t = {lengths.t_s:.3f} s: {UNDETERMINED}") from error
 
     def _first_shape(self, lengths: TendonLengths) -> Shape:
-        before = self.doubt.about(lengths)
+        self.doubt.see(lengths)
+        before = self.doubt.present
         scale = before.length_scale
         steady = self.drift.admit(
             self.modes.choose(lengths), before.inexact > CONTRADICTED and before.reason is not Reason.MOTION
@@ -121,7 +122,7 @@ class LiveSmoother:
         frame = linearised(self.builder, position, admitted)
         self.linear = frame
         self.doubt.observe(lengths.t_s, frame, scale)
-        doubt = self.doubt.about(lengths)
+        doubt = self.doubt.present
         assessment = self._evidence.assess(frame, position, doubt)
         self._forget()
         self._frame += 1

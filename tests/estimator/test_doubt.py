@@ -146,7 +146,8 @@ def test_shaking_is_seen_in_both_directions_of_time(structure, balanced, lengths
     for frame in frames:
         linear = linearised(builder, balanced.node_position_m, weigh(frame, builder.noise))
         doubt.observe(frame.t_s, linear, 1.0)
-        live.append(doubt.about(frame).reason is Reason.MOTION)
+        doubt.see(frame)
+        live.append(doubt.present.reason is Reason.MOTION)
     both = [found.reason is Reason.MOTION for found in doubt.smoothed(frames)]
     assert [frames[k].t_s for k in np.flatnonzero(live)][:: len(frames)] == pytest.approx([1.0])
     assert frames[np.flatnonzero(both)[0]].t_s == pytest.approx(0.2)
@@ -161,7 +162,7 @@ def test_lengths_that_tell_nothing_of_loads_are_no_evidence_for_many(structure, 
     linear = linearised(builder, balanced.node_position_m, weigh(lengths, builder.noise))
     for t in np.arange(0, 60, 0.1):
         doubt.observe(t, linear, 1.0)
-    assert doubt.about(lengths).many_loads == pytest.approx(Settings().doubt.many_share, rel=0.05)
+    assert doubt.present.many_loads == pytest.approx(Settings().doubt.many_share, rel=0.05)
 
 
 def test_no_lengths_are_no_evidence(structure, balanced, lengths_of) -> None:
@@ -172,7 +173,7 @@ def test_no_lengths_are_no_evidence(structure, balanced, lengths_of) -> None:
     for t in np.arange(0, 60, 0.1):
         frame = replace(missing, t_s=t)
         doubt.observe(t, linearised(builder, balanced.node_position_m, weigh(frame, builder.noise)), 1.0)
-    found = doubt.about(missing)
+    found = doubt.present
     assert found.many_loads == pytest.approx(Settings().doubt.many_share)
     assert SCALES[0] < found.length_scale < SCALES[1]
 
