@@ -9,6 +9,13 @@ most positions at rest contradict is not where it is told to be, and a recording
 another frame, unit or order of axes. Neither is used afterwards. A node that is told to be in two places at one instant
 is taken to be in neither.
 
+The mean of many positions at rest is more exact than one of them. With the means e_a of y - x at the n nodes of a
+recording and their mean e, its frame, or the robot, is elsewhere than told, and the pose is doubted, where
+
+    e^T S^-1 e > SHIFTED_SIGMA^2,     S = sum C_ab / n^2 + sigma^2 1
+
+because what a capture errs alike at all nodes is no larger than sigma.
+
 Later the pose may be wrong, and the distances tell (`position_gate`). The scale s of an instant minimises
 
     sum (|y_a - y_b| - s |x_a - x_b|)^2
@@ -17,8 +24,8 @@ over the pairs of nodes that agree, and a recording whose scale has a mean that 
 """
 
 from collections import defaultdict, deque
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import groupby
 
 import numpy as np
@@ -32,6 +39,8 @@ from .position_gate import believed, believed_at_rest
 
 LEAST_AT_REST = 5
 """Number of positions of a node at rest from which they tell that it is not where it is told to be."""
+SHIFTED_SIGMA = 4.0
+"""Mean difference of the positions at rest from the rest shape, in standard deviations, from which they are doubted."""
 MOST_STRETCHED = 0.03
 """Difference of a recording's scale from 1 above which it is wrong: rods keep their lengths."""
 SCALE_MEMORY_S = 1.0
@@ -46,11 +55,14 @@ class _AtRest:
 
     read: int = 0
     agreeing: int = 0
+    sum_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    """(3,) of the differences of those that agree from the rest shape."""
 
-    def observe(self, *, agrees: bool) -> None:
-        """Count one more position."""
+    def observe(self, apart_m: NDArray[np.float64], *, agrees: bool) -> None:
+        """Count one more position, (3,) apart from the rest shape."""
         self.read += 1
         self.agreeing += agrees
+        self.sum_m += apart_m * agrees
 
     @property
     def is_misplaced(self) -> bool:
@@ -106,11 +118,13 @@ class PositionTrust:
         self._at_rest: dict[int, dict[int, _AtRest]] = defaultdict(lambda: defaultdict(_AtRest))
         self._recordings: dict[int, _Capture] = {}
         self._recent: deque[tuple[float, bool]] = deque()
+        self._is_shifted = False
 
     @property
     def is_doubted(self) -> bool:
-        """Whether half of the positions of the last second, or more, were left out."""
-        return bool(self._recent) and 2 * sum(not used for _, used in self._recent) >= len(self._recent)
+        """Whether half of the positions of the last second, or more, were left out, or all were shifted at rest."""
+        left_out = sum(not used for _, used in self._recent)
+        return self._is_shifted or (bool(self._recent) and 2 * left_out >= len(self._recent))
 
     def trusted(
         self,
@@ -152,7 +166,9 @@ class PositionTrust:
         if t_s < self._rest_until_s and readings[0].frame is None:
             used = believed_at_rest(readings, self._rest.node_position_m, self._rest.covariance_m2, self._sigma_m)
             for reading, is_used in zip(readings, used, strict=True):
-                self._at_rest[number][reading.node].observe(agrees=is_used)
+                apart_m = reading.position_m - self._rest.node_position_m[reading.node]
+                self._at_rest[number][reading.node].observe(apart_m, agrees=is_used)
+            self._is_shifted = any(self._is_shifted_at_rest(seen) for seen in self._at_rest.values())
             return used
         told = [reading for reading in readings if not self._is_misplaced(reading)]
         if not told:
@@ -171,6 +187,17 @@ class PositionTrust:
             recording.observe(t_s, used_now, x)
         nodes = {reading.node for reading in used_now} if abs(recording.scale - 1) < MOST_STRETCHED else set()
         return [reading.node in nodes for reading in readings]
+
+    def _is_shifted_at_rest(self, at_rest: Mapping[int, _AtRest]) -> bool:
+        """Return whether the positions of a recording at rest, by node, are shifted alike."""
+        seen = {node: one for node, one in at_rest.items() if one.agreeing >= LEAST_AT_REST}
+        if not seen:
+            return False
+        e = np.mean([one.sum_m / one.agreeing for one in seen.values()], axis=0)
+        rows = 3 * np.array(list(seen))[:, None] + np.arange(3)
+        blocks_m2 = self._rest.covariance_m2[rows[:, None, :, None], rows[None, :, None, :]]
+        S = blocks_m2.mean(axis=(0, 1)) + self._sigma_m**2 * np.eye(3)
+        return bool(e @ np.linalg.solve(S, e) > SHIFTED_SIGMA**2)
 
     def _is_misplaced(self, reading: PositionReading) -> bool:
         """Return whether positions at rest told that this node, or most of its recording, is not where it is told."""

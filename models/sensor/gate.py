@@ -11,6 +11,10 @@ from ..values.tables import AtLeastOne, Positive, Probability
 SHORTEST_JUMP_S = 0.01
 """Shortest time in which a tendon is taken to move: noise alone changes readings at 1000 Hz by more than
 `GateSettings.max_rate_per_s` allows in one step."""
+GOES_ON = 1.5
+"""Growth of the rate of a value that is not unusual while it moves."""
+MOVES_S = 0.3
+"""Time constant for which it moves: a swing rests twice in each period."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +24,8 @@ class GateSettings:
     max_rate_per_s: Positive = 4.0
     """Rate of dR/R, and of the strain of lengths, above which a reading is an outlier. In the calibration recordings,
     random motion included, less than one reading in 1000 exceeds it."""
+    usual_rate_per_s: Positive = 1.0
+    """The same, above which a reading is an outlier if the next one is nearer to the reading before it: a spike."""
     accept_after: AtLeastOne = 3
     """Number of successive outliers at about the same value after which the value is accepted."""
     stuck_s: Positive = 1.0
@@ -30,12 +36,17 @@ class GateSettings:
 
 
 class JumpGate:
-    """Tells values that have jumped from the last one; a value that is read again and again is none."""
+    """Tells values that have jumped from the last one; a value that is read again and again is none.
+
+    A smaller jump waits for the next value, which tells whether it is a spike or motion. Once a value moves faster than
+    usual, it may go on so.
+    """
 
     def __init__(self, settings: GateSettings, sensors: int) -> None:
         self._settings = settings
         self._accepted = np.full(sensors, np.nan)
         self._accepted_s = np.full(sensors, np.nan)
+        self._rate_per_s = np.zeros(sensors)
         self._rejected = np.full(sensors, np.nan)
         self._rejections = np.zeros(sensors, dtype=np.int64)
 
@@ -49,22 +60,31 @@ class JumpGate:
         """
         finite = np.isfinite(value)
         since_s = np.maximum(t_s - self._accepted_s, SHORTEST_JUMP_S)
-        largest_change = self._settings.max_rate_per_s * since_s + 8 * sigma
-        jumped: NDArray[np.bool_] = finite & (np.abs(value - self._accepted) > largest_change)
+        change, noise = np.abs(value - self._accepted), 8 * sigma
+        largest_change = self._settings.max_rate_per_s * since_s + noise
+        usual_rate_per_s = np.maximum(self._settings.usual_rate_per_s, GOES_ON * self._rate_per_s)
+        jumped: NDArray[np.bool_] = finite & (change > np.minimum(usual_rate_per_s * since_s + noise, largest_change))
         if not jumped.any():
             self._rejections[finite] = 0
             self._accept(t_s, value, finite)
             return jumped
+        moves_on = (self._rejections > 0) & (np.abs(value - self._rejected) < change)
         repeated = jumped & (np.abs(value - self._rejected) <= largest_change)
         self._rejections = np.where(
             repeated, self._rejections + 1, np.where(jumped, 1, np.where(finite, 0, self._rejections))
         )
         self._rejected = np.where(jumped, value, self._rejected)
-        outlier: NDArray[np.bool_] = jumped & (self._rejections < self._settings.accept_after)
+        accepted = np.where(change > largest_change, self._rejections >= self._settings.accept_after, moves_on)
+        outlier: NDArray[np.bool_] = jumped & ~accepted
         self._accept(t_s, value, finite & ~outlier)
         return outlier
 
     def _accept(self, t_s: float, value: NDArray[np.float64], accepted: NDArray[np.bool_]) -> None:
+        since_s = t_s - self._accepted_s
+        rate_per_s = np.abs(value - self._accepted) / np.maximum(since_s, SHORTEST_JUMP_S)
+        rate_per_s = np.fmin(rate_per_s, self._settings.max_rate_per_s)
+        lasting_per_s = self._rate_per_s * np.exp(-np.maximum(since_s, 0.0) / MOVES_S)
+        self._rate_per_s = np.where(accepted, np.fmax(np.fmax(rate_per_s, lasting_per_s), 0.0), self._rate_per_s)
         self._accepted = np.where(accepted, value, self._accepted)
         self._accepted_s = np.where(accepted, t_s, self._accepted_s)
 

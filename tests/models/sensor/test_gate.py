@@ -32,6 +32,23 @@ class TestGate:
             _, flags = gate.check(0.001 * k, value, np.zeros(1), np.zeros(1, dtype=np.int64))
             assert bool(flags[0] & Flag.OUTLIER) == (k == 500)
 
+    def test_a_small_spike_is_away_and_back(self) -> None:
+        """By hand: 0.07 in 20 ms is 3.5/s, which motion may reach, but not and be back; a step is believed one later."""
+        rng = np.random.default_rng(0)
+        for change, blank in ((0.07 * (np.arange(100) == 50), [50]), (0.07 * (np.arange(100) >= 50), [50])):
+            believed, flags = self.run(0.1 + change + 0.001 * rng.standard_normal(100))
+            assert np.flatnonzero(np.isnan(believed)).tolist() == blank
+            assert flags[50] == Flag.OUTLIER
+
+    def test_motion_that_begins_at_once_loses_one_reading(self) -> None:
+        """At 2.5/s from one reading to the next, up and down; a swing of 6 Hz that comes up to 2.5/s loses none."""
+        ramp = np.clip(0.05 * (np.arange(100) - 50), 0, 0.5) - np.clip(0.05 * (np.arange(100) - 70), 0, 0.5)
+        believed, _ = self.run(0.1 + ramp)
+        assert np.flatnonzero(np.isnan(believed)).tolist() == [51, 71]
+        t_s = 0.02 * np.arange(300)
+        swing = 0.066 * np.clip(t_s - 1, 0, 1) * np.sin(2 * np.pi * 6 * t_s)
+        assert np.isfinite(self.run(0.1 + swing)[0]).all()
+
     def test_a_step_that_stays_is_believed_at_the_third_reading(self) -> None:
         values = np.where(np.arange(100) < 50, 0.1, 0.9) + 0.001 * np.random.default_rng(0).standard_normal(100)
         believed, _ = self.run(values)
