@@ -1,9 +1,9 @@
 """Ranges: the distance between a beacon and a node, with an offset o that each pair keeps.
 
-    y = |x - b| + o + noise
+    y = |x - b| + o + e + noise
 
-With u = (x - b) / |x - b|, its variance is that of the noise and u^T P u, with the covariance P of the node in the
-shape.
+and an error e that all ranges of a beacon have as long as somebody stands before it, which is considered. With u = (x -
+b) / |x - b|, its variance is that of the noise and u^T P u, with the covariance P of the node in the shape.
 
 A range that a wall has reflected is too long. Its weight is that of Huber's kernel, and beyond `OUTLIER` it has none.
 """
@@ -24,7 +24,9 @@ NEAREST_M = 1e-6
 """Distance below which a beacon is at its node, and the range tells nothing of a direction."""
 
 
-def range_error(placed: PlacedShape, reading: RangeReading, pair: int) -> tuple[float, NDArray[np.float64], float]:
+def range_error(
+    placed: PlacedShape, reading: RangeReading, numbers: tuple[int, int]
+) -> tuple[float, NDArray[np.float64], float]:
     """Return the range minus that predicted, with the latter's derivative and variance.
 
     The derivative is (size,), by the errors of the state; the variance is that of the shape.
@@ -33,15 +35,16 @@ def range_error(placed: PlacedShape, reading: RangeReading, pair: int) -> tuple[
     distance = float(np.linalg.norm(difference))
     u = difference / max(distance, NEAREST_M)
     jacobian = u @ placed.jacobian[reading.node]
-    jacobian[placed.state.layout.range_offset.start + pair] = 1.0
-    error_m = reading.range_m - distance - float(placed.state.range_offset_m[pair])
+    state, (pair, beacon) = placed.state, numbers
+    jacobian[state.layout.range_offset.start + pair] = jacobian[state.layout.beacon_error.start + beacon] = 1.0
+    error_m = reading.range_m - distance - float(state.range_offset_m[pair] + state.beacon_error_m[beacon])
     return error_m, jacobian, float(u @ placed.node_covariance_m2[reading.node] @ u)
 
 
 def range_rows(
     placed: PlacedShape,
     readings: Sequence[RangeReading],
-    number_of_pair: Mapping[tuple[int, int, int], int],
+    numbers_of_pair: Mapping[tuple[int, int, int], tuple[int, int]],
     covariance: NDArray[np.float64],
     sigma_m: float,
 ) -> Rows:
@@ -50,14 +53,14 @@ def range_rows(
     Args:
         placed: the shape in the world.
         readings: the ranges of one frame.
-        number_of_pair: the place of each pair among the offsets of the state.
+        numbers_of_pair: the numbers of each pair, and of its beacon, in the state.
         covariance: (size, size) of the errors of the state.
         sigma_m: standard deviation of a range.
     """
     size = placed.state.layout.size
     rows = []
     for reading in readings:
-        error, jacobian, of_shape = range_error(placed, reading, number_of_pair[reading.pair])
+        error, jacobian, of_shape = range_error(placed, reading, numbers_of_pair[reading.pair])
         variance = sigma_m**2 + of_shape
         studentised = _studentised(error, jacobian, covariance, variance)
         if studentised < OUTLIER:
@@ -72,14 +75,14 @@ def range_rows(
 def outlying(
     placed: PlacedShape,
     readings: Sequence[RangeReading],
-    number_of_pair: Mapping[tuple[int, int, int], int],
+    numbers_of_pair: Mapping[tuple[int, int, int], tuple[int, int]],
     covariance: NDArray[np.float64],
     sigma_m: float,
 ) -> list[RangeReading]:
     """Return the ranges that are outliers, of which there is no row; arguments as those of `range_rows`."""
     found = []
     for reading in readings:
-        error, jacobian, of_shape = range_error(placed, reading, number_of_pair[reading.pair])
+        error, jacobian, of_shape = range_error(placed, reading, numbers_of_pair[reading.pair])
         if _studentised(error, jacobian, covariance, sigma_m**2 + of_shape) >= OUTLIER:
             found.append(reading)
     return found

@@ -4,10 +4,10 @@ The shape is estimated in body coordinates, where lengths and forces need no bas
 between frames the body moves on, ever more slowly, or as inertial sensors say; in each frame the rows of all
 aids (floor, footholds, rods with sensors, gravity, ranges, positions) correct the state, see `Prediction.corrected`.
 
-Errors of the own frames of positions, and those of rates in proportion to them, are considered and not estimated, after
-Schmidt: their rows of K are zero, and their block of P stays. Readings of a robot that rests have the same errors again
-and again, by which the filter would take a frame for exact. A shape that lags while the robot tips looks like rates of
-another scale: estimated, one of 0 came out as -0.017 after one tip, and the robot lay tilted by 3 degrees.
+Errors of the own frames of positions, of beacons, and of rates in proportion to them are considered and not estimated,
+after Schmidt: their rows of K are zero, and their block of P stays. Readings of a robot that rests have the same errors
+again and again, by which the filter would take a frame for exact. A shape that lags while the robot tips looks like
+rates of another scale: estimated, one of 0 came out as -0.017 after one tip, and the robot lay tilted by 3 degrees.
 
 Batch runs the same filter, and then `pose_smoother` over its steps.
 """
@@ -78,7 +78,7 @@ class PoseFilter:
         self._read_s = np.full(len(rest.node_position_m), -np.inf)
         self._trust = ImuTrust(self._imus.count, robot.rest_until_s, settings)
         self._position_trust = PositionTrust(rest, robot.rest_until_s, settings.position_m)
-        self._range_trust = RangeTrust(self._model.number_of_pair, robot.rest_until_s, settings)
+        self._range_trust = RangeTrust(self._model.numbers_of_pair, robot.rest_until_s, settings)
         self._jump_watch = JumpWatch(settings)
         self.knows_attitude = True
         """Whether the robot is turned as told, so that inertial sensors which are heard again may be turned with it."""

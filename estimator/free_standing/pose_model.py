@@ -56,8 +56,10 @@ class PoseModel:
         self.centre_m: NDArray[np.float64] = rest.node_position_m.mean(axis=0)
         """(3,) c, the origin of body coordinates."""
         self._motion = PoseMotion(self.imus, motion or settings)
-        self.number_of_pair = {pair: number for number, pair in enumerate(robot.range_pairs)}
-        """The place of each pair of beacon and node among the offsets of the state."""
+        self.numbers_of_pair = {
+            pair: (number, robot.beacons.index(pair[:2])) for number, pair in enumerate(robot.range_pairs)
+        }
+        """The number of each pair of beacon and node in the state, and that of its beacon."""
 
     def predicted(self, frame: Frame, before: Pose, stands: NDArray[np.bool_]) -> Prediction:
         """Return what is expected of a frame.
@@ -120,7 +122,7 @@ class PoseModel:
         if frame.positions:
             rows.append(self._position_rows(placed, frame))
         if frame.ranges:
-            rows.append(range_rows(placed, frame.ranges, self.number_of_pair, predicted.covariance, settings.range_m))
+            rows.append(range_rows(placed, frame.ranges, self.numbers_of_pair, predicted.covariance, settings.range_m))
         if frame.t_s < self.rest_until_s:
             rows.append(rest_rows(placed.state, self.centre_m))
         return rows
@@ -139,7 +141,7 @@ class PoseModel:
 
     def outlying_ranges(self, predicted: Prediction, frame: Frame) -> tuple[int, ...]:
         """Return the recordings of the ranges of which `rows` has none, because they are outliers."""
-        pairs, sigma_m = self.number_of_pair, self.settings.range_m
+        pairs, sigma_m = self.numbers_of_pair, self.settings.range_m
         left_out = outlying(predicted.placed, frame.ranges, pairs, predicted.covariance, sigma_m)
         return tuple(reading.pair[0] for reading in left_out)
 

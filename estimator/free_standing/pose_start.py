@@ -34,6 +34,7 @@ def state_at_rest(node_position_m: NDArray[np.float64], robot: FreeStandingRobot
         range_offset_m=np.zeros(len(robot.range_pairs)),
         floor_tilt=np.zeros(robot.floor.tilt_count),
         rate_scale=np.zeros((imus, 3)),
+        beacon_error_m=np.zeros(len(robot.beacons)),
         own_frame_error=np.zeros((robot.own_frames, 6)),
     )
 
@@ -55,6 +56,7 @@ def covariance_at_rest(state: PoseState, floor: Floor, settings: PoseSettings) -
     sigma[at.range_offset] = settings.range_offset_m
     sigma[at.floor_tilt] = floor.normal_sigma_rad
     sigma[at.rate_scale] = settings.rate_scale
+    sigma[at.beacon_error] = settings.beacon_error_m
     sigma[at.own_frame] = 1.0
     return np.diag(sigma**2)
 

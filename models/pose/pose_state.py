@@ -20,17 +20,17 @@ from ..values.rotations import rotation, rotation_vector
 class ErrorLayout:
     """The place of each part of the state in its vector of errors."""
 
-    def __init__(self, nodes: int, imus: int, ranges: int, tilts: int, own_frames: int) -> None:
+    def __init__(self, nodes: int, imus: int, ranges: int, tilts: int, beacons: int, own_frames: int) -> None:
         self.turn = slice(0, 3)
         self.position = slice(3, 6)
         self.rate = slice(6, 9)
         self.velocity = slice(9, 12)
         self.foothold = slice(12, 12 + 2 * nodes)
-        counts = [0, 3 * imus, 3 * imus, 3 * imus, 2 * imus, ranges, tilts, 3 * imus, 6 * own_frames]
+        counts = [0, 3 * imus, 3 * imus, 3 * imus, 2 * imus, ranges, tilts, 3 * imus, beacons, 6 * own_frames]
         ends = self.foothold.stop + np.cumsum(counts)
         parts = [slice(int(start), int(stop)) for start, stop in pairwise(ends)]
         self.imu_turn, self.rate_bias, self.force_bias, self.misalignment = parts[:4]
-        self.range_offset, self.floor_tilt, self.rate_scale, self.own_frame = parts[4:]
+        self.range_offset, self.floor_tilt, self.rate_scale, self.beacon_error, self.own_frame = parts[4:]
         self.considered = slice(self.rate_scale.start, self.own_frame.stop)
         """Errors that the filter considers, and leaves at zero."""
         self.size = int(ends[-1])
@@ -86,6 +86,8 @@ class PoseState:
     """(2,) of the floor against its normal as told, see `models.structure.floor`; (0,) where that is exact."""
     rate_scale: NDArray[np.float64]
     """(imus, 3) k, the error of the rate in proportion to it, about each of the sensor's axes; considered."""
+    beacon_error_m: NDArray[np.float64]
+    """(beacons,) by how much all ranges of a beacon are too long; considered."""
     own_frame_error: NDArray[np.float64]
     """(own frames, 6) z, in standard deviations, see `OwnFrame`; considered."""
 
@@ -97,6 +99,7 @@ class PoseState:
             imus=len(self.imu_turn),
             ranges=len(self.range_offset_m),
             tilts=len(self.floor_tilt),
+            beacons=len(self.beacon_error_m),
             own_frames=len(self.own_frame_error),
         )
 
@@ -118,6 +121,7 @@ class PoseState:
             range_offset_m=self.range_offset_m + error[at.range_offset],
             floor_tilt=self.floor_tilt + error[at.floor_tilt],
             rate_scale=self.rate_scale + error[at.rate_scale].reshape(-1, 3),
+            beacon_error_m=self.beacon_error_m + error[at.beacon_error],
             own_frame_error=self.own_frame_error + error[at.own_frame].reshape(-1, 6),
         )
 
@@ -139,6 +143,7 @@ class PoseState:
                 other.range_offset_m - self.range_offset_m,
                 other.floor_tilt - self.floor_tilt,
                 (other.rate_scale - self.rate_scale).ravel(),
+                other.beacon_error_m - self.beacon_error_m,
                 (other.own_frame_error - self.own_frame_error).ravel(),
             ]
         )

@@ -23,6 +23,11 @@ class FreeStandingRobot:
     """t_s of the first frame, which is known when it arrives, see `begun`."""
 
     @property
+    def beacons(self) -> tuple[tuple[int, int], ...]:
+        """The recording and the number of each beacon."""
+        return tuple(dict.fromkeys((recording, beacon) for recording, beacon, _ in self.range_pairs))
+
+    @property
     def rest_until_s(self) -> float:
         """Time until which it stands at its rest shape, on the clock of the frames."""
         return rest_until_s(self.first_frame_s, self.rest_seconds)

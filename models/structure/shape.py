@@ -95,7 +95,7 @@ REASON_ADVICE = {
     Reason.IMU: "an inertial sensor contradicts gravity, its rod, itself or another: check axis, units, signs",
     Reason.HANGING: "it is turned otherwise than weight and hands can hold it: fix sensors on rods of other directions",
     Reason.CONTACTS: "what stands by heights cannot carry it: is it held, lifted, on a step? Are sensors on two rods?",
-    Reason.POSITIONS: "half of the positions contradict the robot, or all are shifted: are frame, unit, axes, nodes right?",
+    Reason.POSITIONS: "many positions contradict the robot, or all are shifted: are frame, unit, axes, nodes right?",
     Reason.RANGES: "ranges of several beacons contradict the robot: are these where told, with nothing in between?",
     Reason.FACTOR: "a factor of your own, or a stiff cable, contradicts lengths and forces: is what it says right?",
     Reason.ATTITUDE: "nothing measures how the robot is turned, a push would be missed: add an [[imu]], or [mechanics]",

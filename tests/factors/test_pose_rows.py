@@ -79,7 +79,7 @@ ROWS: dict[str, Callable[..., Rows]] = {
     "range": lambda state: range_rows(
         placed(state),
         [RangeReading(0.0, np.array([2.0, 1, 1]), (0, 0, 4), 2.4)],
-        {(0, 0, 4): 1},
+        {(0, 0, 4): (1, 0)},
         np.eye(SIZE),
         0.05,
     ),
@@ -148,14 +148,14 @@ def test_a_range_is_as_uncertain_as_its_node_in_the_shape() -> None:
     shape = placed()
     beacon_m = shape.node_position_m[4] + np.array([0.0, 3.0, 0.0])
     reading = RangeReading(0.0, beacon_m, (0, 0, 4), 3.0)
-    rows = range_rows(shape, [reading], {(0, 0, 4): 1}, 1e-4 * np.eye(SIZE), 0.05)
+    rows = range_rows(shape, [reading], {(0, 0, 4): (1, 0)}, 1e-4 * np.eye(SIZE), 0.05)
     assert shape.node_covariance_m2[4, 1, 1] > 0
     assert rows.variance == pytest.approx(0.05**2 + shape.node_covariance_m2[4, 1, 1])
 
 
 def test_a_range_that_a_wall_reflects_is_left_out() -> None:
     reading = RangeReading(0.0, np.array([2.0, 1, 1]), (0, 0, 4), 9.0)
-    rows = range_rows(placed(), [reading], {(0, 0, 4): 1}, 1e-4 * np.eye(SIZE), 0.05)
+    rows = range_rows(placed(), [reading], {(0, 0, 4): (1, 0)}, 1e-4 * np.eye(SIZE), 0.05)
     assert len(rows.error) == 0
 
 

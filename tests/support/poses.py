@@ -28,6 +28,7 @@ def any_state(imus: int, pairs: int, seed: int = 4, tilts: int = 0, own_frames: 
         range_offset_m=0.05 * rng.standard_normal(pairs),
         floor_tilt=0.1 * rng.standard_normal(tilts),
         rate_scale=0.01 * rng.standard_normal((imus, 3)),
+        beacon_error_m=0.02 * rng.standard_normal(min(pairs, 1)),
         own_frame_error=rng.standard_normal((own_frames, 6)),
     )
 

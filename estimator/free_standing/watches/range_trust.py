@@ -88,10 +88,13 @@ class RangeTrust:
     """Follows which ranges to trust, frame by frame."""
 
     def __init__(
-        self, number_of_pair: Mapping[tuple[int, int, int], int], rest_until_s: float, settings: PoseSettings
+        self,
+        numbers_of_pair: Mapping[tuple[int, int, int], tuple[int, int]],
+        rest_until_s: float,
+        settings: PoseSettings,
     ) -> None:
         """Prepare for some pairs of beacon and node, and their places among the offsets of the state."""
-        self._number_of_pair = number_of_pair
+        self._numbers_of_pair = numbers_of_pair
         self._rest_until_s = rest_until_s
         self._settings = settings
         self._at_rest: dict[tuple[int, int, int], _PairAtRest] = defaultdict(_PairAtRest)
@@ -136,12 +139,12 @@ class RangeTrust:
 
     def _observe(self, reading: RangeReading, predicted: Prediction, *, rests: bool) -> None:
         """Take on one more range, while the robot rests or later."""
-        number = self._number_of_pair[reading.pair]
-        error_m, jacobian, of_shape = range_error(predicted.placed, reading, number)
+        numbers = self._numbers_of_pair[reading.pair]
+        error_m, jacobian, of_shape = range_error(predicted.placed, reading, numbers)
         if not np.isfinite(error_m):
             return
         if rests:
-            self._at_rest[reading.pair].observe(error_m + float(predicted.placed.state.range_offset_m[number]))
+            self._at_rest[reading.pair].observe(error_m + float(predicted.placed.state.range_offset_m[numbers[0]]))
         variance_m2 = float(jacobian @ predicted.covariance @ jacobian) + of_shape
         self._recent[reading.pair[:2]].observe(reading.t_s, error_m, variance_m2, self._settings.range_m)
 
