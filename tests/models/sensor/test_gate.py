@@ -33,7 +33,7 @@ class TestGate:
             assert bool(flags[0] & Flag.OUTLIER) == (k == 500)
 
     def test_a_small_spike_is_away_and_back(self) -> None:
-        """By hand: 0.07 in 20 ms is 3.5/s, as of fast motion, but that is not back at once; a step is believed later."""
+        """By hand: 0.07 in 20 ms is 3.5/s, as of fast motion, but that is not back at once; a step is believed."""
         rng = np.random.default_rng(0)
         for change, blank in ((0.07 * (np.arange(100) == 50), [50]), (0.07 * (np.arange(100) >= 50), [50])):
             believed, flags = self.run(0.1 + change + 0.001 * rng.standard_normal(100))
