@@ -23,7 +23,8 @@ A turn that is wrong lasts for more than a frame, so that what chi^2 exceeds its
 of `DISPUTE_MEMORY_S`, and in proportion to the time since the frame before, 1 for `WHOLE_STEP_S`. The sensor is
 outvoted whose sum is larger than that of all others by `OUTVOTED_SIGMA`^2. Of two that disagree none may be: where the
 largest sum is beyond this limit and no sensor is outvoted, all beyond it are in dispute, and doubted from then on,
-because what the wrong one told stays in place and heading.
+because what the wrong one told stays in place and heading. So is a sensor whose rates were cut off at the end of its
+range: how far it has turned is unknown.
 """
 
 from collections.abc import Sequence
@@ -75,6 +76,7 @@ class ImuTrust:
         """(imus,) sensors that were silent or outvoted, and are not taken on again yet."""
         self._is_outvoted = np.zeros(imus, dtype=np.bool_)
         self._is_in_dispute = np.zeros(imus, dtype=np.bool_)
+        self._was_cut_off = np.zeros(imus, dtype=np.bool_)
         self._disagreed = np.zeros(imus)
         self._last_s = np.nan
         self._share = 1.0
@@ -93,8 +95,9 @@ class ImuTrust:
 
     @property
     def contradicted(self) -> NDArray[np.bool_]:
-        """(imus,) sensors that contradict their rods, gravity, themselves or the other sensors."""
-        return ~(self.is_trusted & self._agreement.has_size) | self._is_outvoted | self._is_in_dispute
+        """(imus,) sensors that contradict rods, gravity, themselves or the others, or whose rates were cut off."""
+        disagree = self._is_outvoted | self._is_in_dispute
+        return ~(self.is_trusted & self._agreement.has_size) | disagree | self._was_cut_off
 
     def start(self, imus: ImuArray, arm_m: NDArray[np.float64]) -> None:
         """Lose the sensors whose turn about their rods gravity does not tell, with (nodes, 3) nodes in world axes."""
@@ -121,6 +124,7 @@ class ImuTrust:
         self._agreement.observe(t_s, samples.rate_rad_per_s, samples.specific_force_m_per_s2, is_heard)
         self.is_trusted = self.is_trusted & self._agreement.moves_as_told
         self.is_lost = self.is_lost | is_silent | ~self._agreement.has_size
+        self._was_cut_off = self._was_cut_off | samples.is_cut_off
 
     def outvotes(self, imus: ImuArray, predicted: Prediction) -> bool:
         """Return whether a sensor is outvoted, which is lost then; what is expected of the frame needs it no longer.

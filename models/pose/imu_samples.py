@@ -9,6 +9,8 @@ integral up to t', as it was then:
 So the means of all frames sum up to the integral, however many samples fall into a frame. The mean of the samples of
 each frame does not: where two of them fall into most frames, but one or three into some, a robot that lands hard was
 turned wrongly by degrees.
+
+A rate that is larger than a sensor's range is cut off: the largest value is read again and again.
 """
 
 from collections.abc import Sequence
@@ -20,6 +22,11 @@ from numpy.typing import NDArray
 from ..structure.floor import GRAVITY_M_PER_S2
 from ..values.aids import ImuReading
 from .imu_gate import ATTITUDE_HOLDS_S
+
+CUT_OFF_SAMPLES = 3
+"""Number of samples in succession with the largest rate so far from which it is the end of the sensor's range."""
+LEAST_CUT_OFF_RAD_PER_S = 1.0
+"""Least end of a range; slower rates may repeat themselves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +42,8 @@ class ImuSamples:
     lasted_s: NDArray[np.float64]
     """(imus,) the time of which they are the means: all since the frame before, however long. It is nan in the first
     frame and of a sensor that was silent in this time."""
+    is_cut_off: NDArray[np.bool_]
+    """(imus,) whether the rate was larger than the sensor's range."""
 
     @property
     def excess_m_per_s2(self) -> NDArray[np.float64]:
@@ -50,6 +59,8 @@ class ImuPreintegration:
         self._newest_s = np.full(imus, np.nan)
         self._newest = np.zeros((imus, 2, 3))
         self._was_read = np.zeros(imus, dtype=np.bool_)
+        self._largest_rad_per_s = np.full(imus, LEAST_CUT_OFF_RAD_PER_S)
+        self._at_largest = np.zeros(imus, dtype=np.int64)
 
     def mean(self, t_s: float, readings: Sequence[ImuReading]) -> ImuSamples:
         """Return the means over one more frame; those of its own samples alone where a sensor was silent before.
@@ -59,7 +70,7 @@ class ImuPreintegration:
             readings: since the frame before, in order of time.
         """
         count = np.zeros(len(self._newest), dtype=np.int64)
-        goes_on = np.ones(len(count), dtype=np.bool_)
+        goes_on, is_cut_off = np.ones(len(count), dtype=np.bool_), np.zeros(len(count), dtype=np.bool_)
         total = np.zeros_like(self._newest)
         integral = -(self._frame_s - self._newest_s)[:, None, None] * self._newest
         for reading in readings:
@@ -71,6 +82,7 @@ class ImuPreintegration:
             total[imu] += x
             count[imu] += 1
             self._newest_s[imu], self._newest[imu] = reading.t_s, x
+            is_cut_off[imu] |= self._is_cut_off(imu, float(np.abs(reading.rate_rad_per_s).max()))
         integral += (t_s - self._newest_s)[:, None, None] * self._newest
         own = total / np.maximum(count, 1)[:, None, None]
         goes_on &= np.isfinite(integral).all(axis=(1, 2))
@@ -82,4 +94,13 @@ class ImuPreintegration:
         is_whole = is_read & goes_on & (t_s - self._newest_s < ATTITUDE_HOLDS_S)
         lasted_s = np.where(is_whole, t_s - self._frame_s, np.nan)
         self._frame_s, self._was_read = t_s, is_read
-        return ImuSamples(rate, np.where(is_read[:, None], force, np.nan), count, lasted_s)
+        return ImuSamples(rate, np.where(is_read[:, None], force, np.nan), count, lasted_s, is_cut_off)
+
+    def _is_cut_off(self, imu: int, rad_per_s: float) -> bool:
+        """Return whether the largest rate about an axis, in one more sample, is the end of a sensor's range."""
+        if rad_per_s < self._largest_rad_per_s[imu]:
+            self._at_largest[imu] = 0
+        else:
+            self._at_largest[imu] = 1 + self._at_largest[imu] * (rad_per_s == self._largest_rad_per_s[imu])
+            self._largest_rad_per_s[imu] = rad_per_s
+        return bool(self._at_largest[imu] >= CUT_OFF_SAMPLES)

@@ -92,7 +92,7 @@ REASON_ADVICE = {
     Reason.BOARD: "the sensors of one board are off alike: check its supply, reference and plug, and tare again",
     Reason.REST: "sensors do not fit the rest shape: was it still, are structure, anchors, boards and columns right?",
     Reason.BASE: "the rods turn otherwise than the anchors allow: fix the base, or describe it as free-standing",
-    Reason.IMU: "an inertial sensor contradicts gravity, its rod, itself or another: check axis, units, signs",
+    Reason.IMU: "an inertial sensor contradicts gravity, rod, itself, another, or is cut off: check axis, units, range",
     Reason.HANGING: "it is turned otherwise than weight and hands can hold it: fix sensors on rods of other directions",
     Reason.CONTACTS: "what stands by heights cannot carry it: is it held, lifted, on a step? Are sensors on two rods?",
     Reason.POSITIONS: "many positions contradict the robot, or all are shifted: are frame, unit, axes, nodes right?",

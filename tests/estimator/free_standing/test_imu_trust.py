@@ -11,6 +11,7 @@ from tensegraph.estimator.free_standing.pose_filter import PoseFilter
 from tensegraph.estimator.free_standing.pose_start import state_at_rest
 from tensegraph.estimator.free_standing.prediction import Prediction
 from tensegraph.factors.imu import ImuArray
+from tensegraph.models.pose.imu_samples import ImuSamples
 from tensegraph.models.pose.placed import PlacedShape
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.pose.robot import FreeStandingRobot, Imu
@@ -64,6 +65,16 @@ def test_three_sensors_outvote_one_where_nothing_else_tells_how_the_body_has_tur
 
 def test_of_two_sensors_that_disagree_none_is_outvoted_and_both_are_doubted(balanced) -> None:
     assert disagreeing(balanced, [0, 2], 3.0, 0.8) == ([], [0, 1])
+
+
+def test_a_sensor_whose_rates_were_cut_off_is_doubted_from_then_on() -> None:
+    trust = ImuTrust(2, 0.0, PoseSettings())
+    still, up = np.zeros((2, 3)), np.tile(9.81 * UP, (2, 1))
+    for k, cut_off in enumerate([False, True, False]):
+        samples = ImuSamples(still, up, np.ones(2, dtype=np.int64), np.full(2, 0.02), np.array([cut_off, False]))
+        trust.hear(0.02 * k, samples)
+        assert trust.contradicted.tolist() == [k > 0, False]
+    assert trust.is_used.all()
 
 
 def test_two_sensors_that_disagree_a_little_are_not_doubted(balanced) -> None:

@@ -25,7 +25,9 @@ def samples_of(state, rate_rad_per_s: np.ndarray) -> ImuSamples:
     in_sensor = np.einsum("iba,b->ia", state.imu_turn, rate_rad_per_s) / (1 + state.rate_scale)
     in_sensor = in_sensor + state.rate_bias_rad_per_s
     force = np.einsum("iba,b->ia", state.imu_turn, 9.81 * UP + np.array([0.3, -0.2, 0.1]))
-    return ImuSamples(in_sensor, force + state.force_bias_m_per_s2, np.array([2, 2]), np.full(2, STEP_S))
+    return ImuSamples(
+        in_sensor, force + state.force_bias_m_per_s2, np.array([2, 2]), np.full(2, STEP_S), np.zeros(2, dtype=np.bool_)
+    )
 
 
 @pytest.mark.parametrize("with_imus", [False, True])
@@ -80,7 +82,9 @@ def test_the_noise_is_a_covariance(misalignment_rad) -> None:
     """However far absurd readings have turned the sensors on their rods, and where little else is known of a turn."""
     state = replace(any_state(imus=1, pairs=0), misalignment=np.full((1, 2), misalignment_rad))
     one = ImuArray([Imu(0, 0.5, np.array([0.0, 0, 1]))], RODS)
-    samples = ImuSamples(np.array([[-6.0, 0, 0]]), np.array([[0, 0, 9.81]]), np.array([2]), np.full(1, STEP_S))
+    samples = ImuSamples(
+        np.array([[-6.0, 0, 0]]), np.array([[0, 0, 9.81]]), np.array([2]), np.full(1, STEP_S), np.array([False])
+    )
     motion = PoseMotion(one, PoseSettings(turn_rad_per_s=5.0, spin_rad_per_s=7.0))
     noise = motion.after(state, STEP_S, samples, (BODY_M, BODY_M)).noise
     assert noise == pytest.approx(noise.T)

@@ -55,6 +55,22 @@ def test_the_means_of_all_frames_sum_up_to_the_integral(samples: list[tuple[floa
     assert turned == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("rates", "is_cut_off"),
+    [
+        ([0.1, 3.0, 4.36, 4.36, 4.36, 2.0], True),
+        ([0.1, -3.0, -4.36, -4.36, -4.36, -2.0], True),
+        ([0.1, 3.0, 4.36, 4.35, 4.36, 4.36], False),  # twice in succession may be chance
+        ([0.2, 0.2, 0.2, 0.2, 0.2, 0.2], False),  # slow
+        ([5.0, 4.0, 4.0, 4.0, 4.0, 3.0], False),  # not the largest
+    ],
+)
+def test_the_largest_rate_again_and_again_is_the_end_of_the_range(rates: list[float], is_cut_off: bool) -> None:
+    means = ImuPreintegration(1)
+    found = [means.mean(0.01 * k, [reading(0.01 * k, rate)]).is_cut_off[0] for k, rate in enumerate(rates)]
+    assert any(found) == is_cut_off
+
+
 def test_a_silent_sensor_keeps_its_rate_and_has_no_force() -> None:
     """What it would have felt meanwhile is made up for in the turn, not in the motion."""
     means = ImuPreintegration(2)
