@@ -310,7 +310,8 @@ class Pipeline:
             misfit = rest.misfits(at_rest)
         except IndeterminateError:  # no shape with such lengths is in balance
             misfit = True
-        self.rest = self._described_rest if misfit else rest
+        if not misfit:
+            self.rest = rest
         self._lengths_misfit, self._lengths_moved = misfit, moved
         return (replace(lengths, rest_in_doubt=moved or misfit) for lengths in chain(taken, later))
 

@@ -2,8 +2,8 @@
 
     y = |x - b| + o + e + noise
 
-and an error e that all ranges of a beacon have as long as somebody stands before it, which is considered. With u = (x -
-b) / |x - b|, its variance is that of the noise and u^T P u, with the covariance P of the node in the shape.
+and an error e that all ranges of a beacon have as long as somebody stands before it, which is considered. The variance
+of a range is that of the noise and u^T P u, with u = (x - b) / |x - b| and the covariance P of the node in the shape.
 
 A range that a wall has reflected is too long. Its weight is that of Huber's kernel, and beyond `OUTLIER` it has none.
 """
