@@ -32,7 +32,7 @@ from ...models.values.rotations import rotation, rotation_vector
 from ...models.values.slip import Slip
 from .contacts import ContactsByHeight, Standing
 from .footholds import Feet, let_slide, put_down
-from .imu_trust import ImuTrust, taken_on_again
+from .imu_trust import ImuTrust, is_still, taken_on_again
 from .pose_model import Pose, PoseModel
 from .pose_smoother import PoseStep
 from .pose_start import covariance_at_rest, state_at_rest
@@ -83,6 +83,7 @@ class PoseFilter:
         self.knows_attitude = True
         """Whether the robot is turned as told, so that inertial sensors which are heard again may be turned with it."""
         self._flies = False
+        self._moved = False
         self._lifted_since_s = np.inf
         self._slide_watch = SlideWatch(self._model, len(self._standing))
         self._rise_watch = RiseWatch(self._imus, robot.floor, settings)
@@ -278,7 +279,7 @@ class PoseFilter:
 
     def _contacts_by_heights(self, predicted: Prediction, frame: Frame) -> Standing:
         """Return which nodes stand by their heights."""
-        seen, self._flies = self._model.seen(predicted, frame), self._is_weightless(predicted, frame)
+        seen, self._flies = self._model.seen(predicted, frame), self._may_fly(predicted, frame)
         return self._contacts.observe(
             seen.placed,
             seen.covariance,
@@ -288,10 +289,16 @@ class PoseFilter:
             flies=self._flies,
         )
 
-    def _is_weightless(self, predicted: Prediction, frame: Frame) -> bool:
-        """Return whether inertial sensors feel that nothing carries the robot: it bounces, or falls."""
-        if not frame.is_felt or frame.t_s < self._rest_until_s:
+    def _may_fly(self, predicted: Prediction, frame: Frame) -> bool:
+        """Return whether the robot bounces, or falls: inertial sensors feel that nothing carries it.
+
+        Where it moved, and then their samples are missing, nothing tells whether it still stands.
+        """
+        if frame.samples is None or frame.t_s < self._rest_until_s:
             return False
+        if not frame.is_felt:
+            return self._moved and bool((frame.samples.are_missing & self._trust.is_used).any())
+        self._moved = not is_still(frame.samples)
         gained = predicted.placed.state.velocity_m_per_s - self.state.velocity_m_per_s
         force_m_per_s2 = gained / frame.step_s + GRAVITY_M_PER_S2 * UP
         return float(force_m_per_s2 @ self.floor.normal) < LEAST_CARRIED * GRAVITY_M_PER_S2

@@ -12,6 +12,10 @@ rod's spin, which counts only where all sensors are on parallel rods:
     phi = C (C_0^-1 phi_0 + sum_i M_i Q_i diag(1 + k_i) (w_i - b_i) dt),   C = (C_0^-1 + sum_i M_i)^-1
     M_i = (1 - d d^T) / (s_deformation dt)^2 + d d^T / (s_spin dt)^2
 
+A sensor whose samples are missing turns with the body, by T, and against it as its rod deforms and spins:
+
+    d_i' = d' + T (d_i - d) + noise
+
 The mean point of the sensors, at the arm a from the centroid, is accelerated by their mean specific force and gravity,
 and the centroid's velocity is v = u - w x a, with the velocity u of this point.
 """
@@ -25,7 +29,7 @@ from ...factors.imu import ImuArray
 from ...models.pose.imu_samples import ImuSamples
 from ...models.pose.placed import put_blocks
 from ...models.pose.pose_settings import PoseSettings
-from ...models.pose.pose_state import PoseState
+from ...models.pose.pose_state import ErrorLayout, PoseState
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP
 from ...models.values.rotations import cross_matrix, rotation
 
@@ -143,7 +147,29 @@ class PoseMotion:
         _add_diagonal(noise, at.imu_turn, np.repeat(white + unseen, 3))
         _add_diagonal(noise, at.rate_bias, settings.rate_bias_rad_per_s15**2 * turning_s)
         _add_diagonal(noise, at.force_bias, settings.force_bias_m_per_s25**2 * turning_s)
+        for imu in map(int, np.flatnonzero(samples.are_missing)):
+            imu_turn[imu] = turn @ before.imu_turn[imu]
+            self._carry_along(at, at.of_imu(at.imu_turn, imu), turn, step_s, F, noise)
         return replace(before, turn=turn @ before.turn, rate_rad_per_s=phi / turning_s, imu_turn=imu_turn)
+
+    def _carry_along(
+        self,
+        at: ErrorLayout,
+        sensor: slice,
+        turn: NDArray[np.float64],
+        step_s: float,
+        F: NDArray[np.float64],
+        noise: NDArray[np.float64],
+    ) -> None:
+        """Turn the errors of a sensor, at their place, with those of the body, see above."""
+        F[sensor] = F[at.turn]
+        F[sensor, at.turn] -= turn
+        F[sensor, sensor] += turn
+        noise[sensor] = noise[at.turn]
+        noise[:, sensor] = noise[:, at.turn]
+        noise[sensor, sensor] = noise[at.turn, at.turn]
+        against = self._settings.deformation_rad_per_s**2 + self._settings.spin_rad_per_s**2
+        _add_diagonal(noise, sensor, against * step_s**2)
 
     def _moved(self, state: PoseState, step_s: float, F: NDArray[np.float64], noise: NDArray[np.float64]) -> PoseState:
         """Return the state with the centroid moved at its present velocity, which decays."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.imu import ImuArray
-from ...models.pose.imu_gate import ATTITUDE_HOLDS_S
+from ...models.pose.imu_cadence import ATTITUDE_HOLDS_S
 from ...models.pose.imu_samples import ImuPreintegration, ImuSamples
 from ...models.structure.floor import UP
 from ...models.structure.rest_shape import RestShape

@@ -14,7 +14,7 @@ from ..structure.floor import GRAVITY_M_PER_S2
 from ..values.aids import ImuReading
 from ..values.stamps import RestClock
 from .imu_agreement import has_size_of_gravity
-from .imu_cadence import ImuCadence
+from .imu_cadence import ATTITUDE_HOLDS_S, ImuCadence
 
 MOST_RATE_RAD_PER_S = 70.0
 """Rate beyond the range of every small sensor: 4000 degrees per second."""
@@ -40,8 +40,6 @@ STUCK_AXIS_SAMPLES = 20
 STUCK_PROBABILITY = 1e-6
 """Probability of so many equal values in succession, below which it is. A value is repeated as often as the axis has
 repeated itself before, or one of the others, which have the same noise and resolution."""
-ATTITUDE_HOLDS_S = 0.2
-"""Time after its last reading from which a sensor is silent: what it said no longer tells how the robot is turned."""
 
 
 class ImuGate:
@@ -51,7 +49,7 @@ class ImuGate:
         """Begin; `rest_clock` is told the frames that are counted here."""
         self._rest_clock = rest_clock
         self._samples = np.zeros(imus, dtype=np.int64)
-        self._cadence = ImuCadence(imus, ATTITUDE_HOLDS_S)
+        self._cadence = ImuCadence(imus)
         self._rested = np.zeros(imus, dtype=np.int64)
         self._force_at_rest = np.zeros((imus, 3))
         self._last: list[list[float]] = [[]] * imus

@@ -10,6 +10,10 @@ So the means of all frames sum up to the integral, however many samples fall int
 each frame does not: where two of them fall into most frames, but one or three into some, a robot that lands hard was
 turned wrongly by degrees.
 
+Samples are missing in a frame that has none, and in which one should have come. How the sensor has turned is not known
+then: x_n is of before the impact that has shaken a wire loose. The sums begin anew with the next sample. Where it was
+taken to last since x_n, a robot that had landed was tipped by 15 degrees after 0.1 s.
+
 A rate that is larger than a sensor's range is cut off: the largest value is read again and again.
 """
 
@@ -21,7 +25,7 @@ from numpy.typing import NDArray
 
 from ..structure.floor import GRAVITY_M_PER_S2
 from ..values.aids import ImuReading
-from .imu_gate import ATTITUDE_HOLDS_S
+from .imu_cadence import ATTITUDE_HOLDS_S, ImuCadence
 
 CUT_OFF_SAMPLES = 3
 """Number of samples in succession with the largest rate so far from which it is the end of the sensor's range."""
@@ -39,6 +43,8 @@ class ImuSamples:
     """(imus, 3)"""
     count: NDArray[np.int64]
     """(imus,) number of samples; where it is 0, the rate is that of the newest sample, and the force is nan."""
+    are_missing: NDArray[np.bool_]
+    """(imus,) whether it is 0 of a sensor which measures more often than that."""
     lasted_s: NDArray[np.float64]
     """(imus,) the time of which they are the means: all since the frame before, however long. It is nan in the first
     frame and of a sensor that was silent in this time."""
@@ -58,6 +64,8 @@ class ImuPreintegration:
         self._frame_s = np.nan
         self._newest_s = np.full(imus, np.nan)
         self._newest = np.zeros((imus, 2, 3))
+        self._cadence = ImuCadence(imus)
+        self._were_missing = np.zeros(imus, dtype=np.bool_)
         self._was_read = np.zeros(imus, dtype=np.bool_)
         self._largest_rad_per_s = np.full(imus, LEAST_CUT_OFF_RAD_PER_S)
         self._at_largest = np.zeros(imus, dtype=np.int64)
@@ -70,7 +78,7 @@ class ImuPreintegration:
             readings: since the frame before, in order of time.
         """
         count = np.zeros(len(self._newest), dtype=np.int64)
-        goes_on, is_cut_off = np.ones(len(count), dtype=np.bool_), np.zeros(len(count), dtype=np.bool_)
+        goes_on, is_cut_off = ~self._were_missing, np.zeros(len(count), dtype=np.bool_)
         total = np.zeros_like(self._newest)
         integral = -(self._frame_s - self._newest_s)[:, None, None] * self._newest
         for reading in readings:
@@ -81,9 +89,11 @@ class ImuPreintegration:
             integral[imu] += step_s * x
             total[imu] += x
             count[imu] += 1
+            self._cadence.observe(imu, reading.t_s)
             self._newest_s[imu], self._newest[imu] = reading.t_s, x
             is_cut_off[imu] |= self._is_cut_off(imu, float(np.abs(reading.rate_rad_per_s).max()))
-        integral += (t_s - self._newest_s)[:, None, None] * self._newest
+        since_s = t_s - self._newest_s
+        integral += since_s[:, None, None] * self._newest
         own = total / np.maximum(count, 1)[:, None, None]
         goes_on &= np.isfinite(integral).all(axis=(1, 2))
         mean = np.where(goes_on[:, None, None], integral / (t_s - self._frame_s), own)
@@ -91,10 +101,18 @@ class ImuPreintegration:
         # a robot is moved without the force of a silent sensor, which is then not made up for
         force = np.where((is_read & self._was_read)[:, None], mean[:, 1], own[:, 1])
         rate = np.where(is_read[:, None], mean[:, 0], self._newest[:, 0])
-        is_whole = is_read & goes_on & (t_s - self._newest_s < ATTITUDE_HOLDS_S)
+        is_whole = is_read & goes_on & (since_s < ATTITUDE_HOLDS_S)
         lasted_s = np.where(is_whole, t_s - self._frame_s, np.nan)
-        self._frame_s, self._was_read = t_s, is_read
-        return ImuSamples(rate, np.where(is_read[:, None], force, np.nan), count, lasted_s, is_cut_off)
+        late = np.array([self._cadence.misses(imu, each_s) for imu, each_s in enumerate(since_s)], dtype=np.bool_)
+        self._frame_s, self._was_read, self._were_missing = t_s, is_read, ~is_read & late
+        return ImuSamples(
+            rate_rad_per_s=rate,
+            specific_force_m_per_s2=np.where(is_read[:, None], force, np.nan),
+            count=count,
+            are_missing=self._were_missing,
+            lasted_s=lasted_s,
+            is_cut_off=is_cut_off,
+        )
 
     def _is_cut_off(self, imu: int, rad_per_s: float) -> bool:
         """Return whether the largest rate about an axis, in one more sample, is the end of a sensor's range."""

@@ -5,7 +5,7 @@ from enum import Enum, auto
 import numpy as np
 from numpy.typing import NDArray
 
-from ....models.pose.imu_gate import ATTITUDE_HOLDS_S
+from ....models.pose.imu_cadence import ATTITUDE_HOLDS_S
 from ....models.pose.robot import FreeStandingRobot
 from ....models.structure.rest_shape import RestShape
 from ....models.values.aids import ImuReading, PositionReading

@@ -71,7 +71,8 @@ def test_a_sensor_whose_rates_were_cut_off_is_doubted_from_then_on() -> None:
     trust = ImuTrust(2, 0.0, PoseSettings())
     still, up = np.zeros((2, 3)), np.tile(9.81 * UP, (2, 1))
     for k, cut_off in enumerate([False, True, False]):
-        samples = ImuSamples(still, up, np.ones(2, dtype=np.int64), np.full(2, 0.02), np.array([cut_off, False]))
+        none, is_cut_off = np.zeros(2, dtype=np.bool_), np.array([cut_off, False])
+        samples = ImuSamples(still, up, np.ones(2, dtype=np.int64), none, np.full(2, 0.02), is_cut_off)
         trust.hear(0.02 * k, samples)
         assert trust.contradicted.tolist() == [k > 0, False]
     assert trust.is_used.all()

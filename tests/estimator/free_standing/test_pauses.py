@@ -1,4 +1,4 @@
-"""Rows of lengths that pause while other sensors of a robot on a floor go on."""
+"""Rows of lengths that pause while other sensors of a robot on a floor go on, and samples that are missing."""
 
 import shutil
 import tomllib
@@ -56,3 +56,18 @@ def test_frames_go_on_at_their_rate_with_what_is_read(paused) -> None:
 def test_a_tip_in_a_pause_is_followed(paused, method) -> None:
     truth = paused.truth()
     assert 1e3 * node_rmse_m(reconstruct(paused, method), truth.t_s, truth.node_position_m) < 15
+
+
+def test_samples_that_are_missing_for_a_tenth_of_a_second_in_an_impact_cost_little(tmp_path) -> None:
+    """At 3.99 s the robot falls onto its next face. It was 170 mm off from then on, and the sensor was given up."""
+    folder = tmp_path / "trial"
+    shutil.copytree(ROLL, folder)
+    cut(folder, until_s=END_S)
+    header, *rows = (folder / "imu0.csv").read_text().splitlines(keepends=True)
+    read = [row for row in rows if not 3.99 <= float(row.split(",")[0]) < 4.09]
+    assert len(rows) - len(read) == 10
+    (folder / "imu0.csv").write_text(header + "".join(read))
+    trial = open_trial(folder)
+    truth, result = trial.truth(), reconstruct(trial, "live")
+    assert 1e3 * node_rmse_m(result, truth.t_s, truth.node_position_m) < 15
+    assert not any(result.doubts)

@@ -25,16 +25,26 @@ def samples_of(state, rate_rad_per_s: np.ndarray) -> ImuSamples:
     in_sensor = np.einsum("iba,b->ia", state.imu_turn, rate_rad_per_s) / (1 + state.rate_scale)
     in_sensor = in_sensor + state.rate_bias_rad_per_s
     force = np.einsum("iba,b->ia", state.imu_turn, 9.81 * UP + np.array([0.3, -0.2, 0.1]))
+    none = np.zeros(2, dtype=np.bool_)
     return ImuSamples(
-        in_sensor, force + state.force_bias_m_per_s2, np.array([2, 2]), np.full(2, STEP_S), np.zeros(2, dtype=np.bool_)
+        in_sensor, force + state.force_bias_m_per_s2, np.array([2, 2]), none, np.full(2, STEP_S), is_cut_off=none
     )
 
 
-@pytest.mark.parametrize("with_imus", [False, True])
-def test_the_transition_is_the_derivative_of_the_motion(with_imus, check_jacobian) -> None:
-    """To first order in the time step: the rows leave out that the weights of the sensors turn with their rods."""
+def with_missing(samples: ImuSamples, *missing: int) -> ImuSamples:
+    """Return samples without those of some sensors."""
+    are_missing = np.isin(np.arange(2), missing)
+    return replace(samples, count=np.where(are_missing, 0, samples.count), are_missing=are_missing)
+
+
+@pytest.mark.parametrize("missing", [None, (), (1,), (0, 1)])
+def test_the_transition_is_the_derivative_of_the_motion(missing, check_jacobian) -> None:
+    """To first order in the time step: the rows leave out that the weights of the sensors turn with their rods.
+
+    Without sensors, and with two, of which some have no samples.
+    """
     state = any_state(imus=2, pairs=1)
-    samples = samples_of(state, state.rate_rad_per_s) if with_imus else None
+    samples = None if missing is None else with_missing(samples_of(state, state.rate_rad_per_s), *missing)
     motion = PoseMotion(IMUS, PoseSettings())
     after = motion.after(state, STEP_S, samples, (BODY_M, BODY_M))
 
@@ -77,13 +87,30 @@ def test_sensors_that_were_read_through_a_gap_turn_the_body_for_all_of_it() -> N
     assert after.rate_rad_per_s == pytest.approx(rate, abs=0.01)
 
 
+def test_a_sensor_whose_samples_are_missing_turns_with_the_body() -> None:
+    """Its rate, of the sample before, says that it turns at 4 rad/s more than the body, which the other one tells.
+
+    Against the body it has turned by 0.1 rad/s as the rod deforms and 0.3 as it spins, for 20 ms.
+    """
+    state = any_state(imus=2, pairs=0)
+    samples = with_missing(samples_of(state, np.array([0.8, -1.2, 1.4])), 1)
+    samples.rate_rad_per_s[1] += 4.0
+    motion = PoseMotion(IMUS, PoseSettings()).after(state, STEP_S, samples, (BODY_M, BODY_M))
+    turned = motion.state.turn @ state.turn.T
+    assert motion.state.imu_turn[1] == pytest.approx(turned @ state.imu_turn[1])
+    at, G = state.layout, np.zeros((3, state.layout.size))
+    G[:, at.of_imu(at.imu_turn, 1)], G[:, at.turn] = np.eye(3), -np.eye(3)
+    assert G @ motion.noise @ G.T == pytest.approx((0.1**2 + 0.3**2) * STEP_S**2 * np.eye(3))
+
+
 @pytest.mark.parametrize("misalignment_rad", [0.0, 0.02, 0.1, 0.2, 0.3, 3.0])
 def test_the_noise_is_a_covariance(misalignment_rad) -> None:
     """However far absurd readings have turned the sensors on their rods, and where little else is known of a turn."""
     state = replace(any_state(imus=1, pairs=0), misalignment=np.full((1, 2), misalignment_rad))
     one = ImuArray([Imu(0, 0.5, np.array([0.0, 0, 1]))], RODS)
+    none = np.array([False])
     samples = ImuSamples(
-        np.array([[-6.0, 0, 0]]), np.array([[0, 0, 9.81]]), np.array([2]), np.full(1, STEP_S), np.array([False])
+        np.array([[-6.0, 0, 0]]), np.array([[0, 0, 9.81]]), np.array([2]), none, np.full(1, STEP_S), is_cut_off=none
     )
     motion = PoseMotion(one, PoseSettings(turn_rad_per_s=5.0, spin_rad_per_s=7.0))
     noise = motion.after(state, STEP_S, samples, (BODY_M, BODY_M)).noise

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tensegraph.models.pose.imu_gate import ATTITUDE_HOLDS_S
-from tensegraph.models.pose.imu_samples import ImuPreintegration
+from tensegraph.models.pose.imu_cadence import ATTITUDE_HOLDS_S
+from tensegraph.models.pose.imu_samples import ImuPreintegration, ImuSamples
 from tensegraph.models.values.aids import ImuReading
 
 STEP_S = 0.02
@@ -82,6 +82,32 @@ def test_a_silent_sensor_keeps_its_rate_and_has_no_force() -> None:
     again = means.mean(0.06, [reading(0.06, 4), reading(0.06, 2, imu=1)])
     assert again.rate_rad_per_s[0, 2] == pytest.approx((0.04 * 4 - 0.02 * 2) / STEP_S)
     assert again.specific_force_m_per_s2[0, 2] == pytest.approx(40)
+
+
+def means_of(stamps_s: list[float], rates: list[float], frames: int) -> list[ImuSamples]:
+    """Return the means of one sensor over frames of 20 ms."""
+    means, told = ImuPreintegration(1), [reading(*one) for one in zip(stamps_s, rates, strict=True)]
+    ends_s = STEP_S * np.arange(1, frames + 1) + 1e-6
+    return [means.mean(t_s, [one for one in told if t_s - STEP_S < one.t_s <= t_s]) for t_s in ends_s]
+
+
+def test_samples_that_are_missing_are_not_made_up_for() -> None:
+    """100 samples a second of 3 rad/s; none from 1.6 s until the robot has landed and lies still, 0.1 s later.
+
+    Before, the first of 0 rad/s was taken to last for all of the gap, in which 3 rad/s had been held: -15 rad/s.
+    """
+    stamps = [0.01 * k for k in range(1, 190) if not 160 < k < 171]
+    found = means_of(stamps, [3.0 if t_s <= 1.6 else 0.0 for t_s in stamps], frames=90)
+    missing = [bool(each.are_missing[0]) for each in found]
+    assert [k for k, is_missing in enumerate(missing) if is_missing] == [80, 81, 82, 83, 84]
+    assert found[85].rate_rad_per_s[0, 2] == 0.0
+
+
+@pytest.mark.parametrize("stamps_s", [[0.03 * k for k in range(1, 300)], [0.06 * (k // 6) for k in range(6, 900)]])
+def test_nothing_is_missing_of_a_sensor_that_is_slower_than_frames_or_sends_packets(stamps_s) -> None:
+    found = means_of(stamps_s, [1.0] * len(stamps_s), frames=400)
+    assert any(each.count[0] == 0 for each in found)
+    assert not any(each.are_missing[0] for each in found)
 
 
 def test_after_a_long_silence_only_the_own_samples_count() -> None:
