@@ -137,12 +137,6 @@ def estimator_of(method: str) -> EstimatorFactory:
     return factory
 
 
-def in_one_thread(shapes: Iterable[Shape]) -> Iterator[Shape]:
-    """Yield shapes, which are estimated in one thread, see `one_thread`."""
-    with one_thread():
-        yield from shapes
-
-
 def _estimated(estimator: Any, frames: Iterable[TendonLengths], progress: Progress | None) -> Iterator[Shape]:
     """Return an estimator's shapes; its progress, if it optimises over all frames and so has any."""
     tells = progress is not None and "progress" in signature(estimator.estimate).parameters
@@ -275,9 +269,11 @@ class Pipeline:
             raise InputError(
                 f"method '{method}': expected one of {', '.join(WITH_FACTORS)}, which use the trial's [[factor]]"
             )
-        if self._lengths_tell_rest:
-            return in_one_thread(self._watched_after_rest(frames, method, factory, progress))
-        return in_one_thread(self._watched(frames, method, factory, progress))
+        structure = self.rest.structure
+        if not structure.is_held and method not in FREE_STANDING:
+            fewer = "without anchors" if structure.is_free_standing else "with one or two anchors"
+            raise InputError(f"method '{method}': expected one of {', '.join(FREE_STANDING)} for a structure {fewer}")
+        return self._watched(frames, method, factory, progress)
 
     @property
     def _lengths_tell_rest(self) -> bool:
@@ -315,17 +311,16 @@ class Pipeline:
         self._lengths_misfit, self._lengths_moved = misfit, moved
         return (replace(lengths, rest_in_doubt=moved or misfit) for lengths in chain(taken, later))
 
-    def _watched_after_rest(self, frames: Iterable[TendonLengths], *how: Any) -> Iterator[Shape]:
-        """Yield shapes as `_watched` does; the frames of the rest are read before the first one."""
-        yield from self._watched(self.after_rest(frames), *how)
-
     def _watched(
         self, frames: Iterable[TendonLengths], method: str, factory: EstimatorFactory, progress: Progress | None
     ) -> Iterator[Shape]:
-        self.watch = watch = RunWatch(self.trial, self.rest, self.settings.gate)
-        shapes = map(watch.observe, self._shapes(map(watch.take, frames), method, factory, progress))
-        shapes = map(self.aids.use.observe, shapes)
-        return map(PossibleShapes(self.rest).check, shapes)
+        """Yield shapes, which are estimated in one thread, see `one_thread`, and what looks wrong of each."""
+        with one_thread():
+            frames = self.after_rest(frames)
+            self.watch = watch = RunWatch(self.trial, self.rest, self.settings.gate)
+            shapes = map(watch.observe, self._shapes(map(watch.take, frames), method, factory, progress))
+            shapes = map(self.aids.use.observe, shapes)
+            yield from map(PossibleShapes(self.rest).check, shapes)
 
     def _shapes(
         self, frames: Iterable[TendonLengths], method: str, factory: EstimatorFactory, progress: Progress | None
@@ -366,9 +361,6 @@ class Pipeline:
         Its argument is t_s of the first frame, from which the rest counts.
         """
         structure, rest, settings, robot = self.rest.structure, self.rest, self.settings, self.trial.robot
-        if method not in FREE_STANDING:
-            fewer = "without anchors" if structure.is_free_standing else "with one or two anchors"
-            raise InputError(f"method '{method}': expected one of {', '.join(FREE_STANDING)} for a structure {fewer}")
         if isinstance(robot, HangingRobot):
             return lambda first_s: HANGING[method](structure, rest, robot.begun(first_s), settings)
         if robot is None:

@@ -44,7 +44,7 @@ def static_lengths_m(trial: Trial, model: SensorModel) -> np.ndarray:
     lengths = []
     for frame in [*made, *frames.finish()]:
         change = taring.common_change(frame.t_s, frame.resistance_ohm / description.natural_resistance_ohm - 1)
-        bent = change < -bending.ambiguous_change
+        bent = change < -bending.polynomial.y_fold  # beyond it no bent tendon reads, and the mode is certain
         strain = np.where(bent, bending.strain(change, 0.01)[0], model.gauge.stretched_strain(change))
         lengths.append((1 + strain) * structure.natural_length_m)
     return np.array(lengths)

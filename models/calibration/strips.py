@@ -23,16 +23,12 @@ class StripRun:
     """(samples,)"""
     strain: NDArray[np.float64]
     """(samples,) strain as measured by the rig."""
-    change: NDArray[np.float64]
-    """(samples,) dR/R as measured."""
     rate_per_s: NDArray[np.float64]
     """(samples,) rate of the measured strain."""
     estimate: NDArray[np.float64]
     """(samples,) estimated strain."""
     sigma: NDArray[np.float64]
     """(samples,) standard deviation of the estimate, including that due to taring."""
-    tare_sigma: NDArray[np.float64]
-    """(samples,) standard deviation due to taring alone."""
     unscaled_sigma: NDArray[np.float64]
     """(samples,) sigma of the network before it is scaled."""
     spread: NDArray[np.float64]
@@ -84,11 +80,9 @@ def run_strips(
             speed_per_s=r.speed_per_s,
             t_s=r.t_s[counted],
             strain=r.strain[counted],
-            change=r.change[counted],
             rate_per_s=np.gradient(r.strain, r.t_s)[counted],
             estimate=strain[counted],
             sigma=np.hypot(estimate.sigma[:samples, k], tare_sigma)[counted],
-            tare_sigma=tare_sigma[counted],
             unscaled_sigma=estimate.unscaled_sigma[:samples, k][counted],
             spread=estimate.spread[:samples, k][counted],
             beyond=estimate.beyond[:samples, k][counted],

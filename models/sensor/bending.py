@@ -36,7 +36,7 @@ SMOOTHING_S = 0.06
 class FoldedPolynomial:
     """A polynomial with f(0) = 0 that rises on [x_min, x_c] and falls between x_c and 0.
 
-    x_c <= 0 is its last maximum below 0, or 0 when there is none. x_min is the minimum before x_c, if there is one.
+    x_c <= 0 is its last maximum below 0, or 0 when there is none. x_min is the minimum before x_c, or else -1.
 
     The inverse is computed as x(s) with s = sqrt(y_c - y), which is smooth at the fold, where x(y) has infinite slope.
 
@@ -44,12 +44,12 @@ class FoldedPolynomial:
         InputError: for a polynomial that does not rise there, or not from `LEAST_BENT` on.
     """
 
-    def __init__(self, coefficients: ArrayLike = COEFFICIENTS, x_min: float = -1.0) -> None:
+    def __init__(self, coefficients: ArrayLike = COEFFICIENTS) -> None:
         self._f = np.poly1d(np.append(np.asarray(coefficients, dtype=np.float64)[:-1], 0.0))
-        critical = [float(x.real) for x in self._f.deriv().roots if abs(x.imag) < 1e-9 and x_min < x.real < 0]
+        critical = [float(x.real) for x in self._f.deriv().roots if abs(x.imag) < 1e-9 and -1 < x.real < 0]
         maxima = [x for x in critical if self._f.deriv(2)(x) < 0]
         self.x_fold = max(maxima, default=0.0)
-        self.x_min = max((x for x in critical if x < self.x_fold), default=x_min)
+        self.x_min = max((x for x in critical if x < self.x_fold), default=-1.0)
         self.y_fold = float(self._f(self.x_fold))
         self.y_min = float(self._f(self.x_min))
         self._slope = self._f.deriv()
@@ -88,11 +88,6 @@ class BendingCurve:
     def __init__(self, abscissa: Literal["strain", "resistance"] = "strain", coefficients: ArrayLike = COEFFICIENTS):
         self.polynomial = FoldedPolynomial(coefficients)
         self.abscissa = abscissa
-
-    @property
-    def ambiguous_change(self) -> float:
-        """The height of the fold, the largest dR/R of a bent tendon: between 0 and this the mode is ambiguous."""
-        return self.polynomial.y_fold if self.abscissa == "strain" else 0.0
 
     def change(self, strain: ArrayLike) -> NDArray[np.float64]:
         """Return dR/R at a strain in [-1, 0]."""

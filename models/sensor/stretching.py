@@ -106,8 +106,8 @@ class StretchingSensors:
         strain = on_curve + STRAIN_SCALE * output[..., 0]
         return StretchedStrain(strain, STRAIN_SCALE * np.exp(0.5 * log_variance), curve_sigma)
 
-    def settle(self, change: NDArray[np.float64], chosen: NDArray[np.bool_], step_s: float) -> NDArray[np.float64]:
-        """Put sensors into the state that they have after a long rest at their dR/R; return their strain in this state.
+    def settle(self, change: NDArray[np.float64], chosen: NDArray[np.bool_], step_s: float) -> None:
+        """Put sensors into the state that they have after a long rest at their dR/R.
 
         Args:
             change: (sensors,) dR/R.
@@ -119,9 +119,8 @@ class StretchingSensors:
         means = np.repeat(change[:, None], len(self._memory_s), axis=1)
         x = features(change, np.zeros(len(change)), step_s, means, self._scaling)
         steps = np.broadcast_to(x, (round(SETTLING_S / step_s), *x.shape))
-        output, state = self._lstm.run(steps, self._lstm.initial_state(len(change)))
+        _, state = self._lstm.run(steps, self._lstm.initial_state(len(change)))
         self._means[chosen], self._state.h[chosen], self._state.c[chosen] = means, state.h, state.c
-        return self._curve.estimate(change, means[:, : self._curve_memories])[0] + STRAIN_SCALE * output[-1, :, 0]
 
 
 class StrainSpread:

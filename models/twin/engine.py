@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..structure.lengths import member_length_m
-from ..structure.rigidity import find_rest_shape
 from ..values.errors import InputError, TensegraphError
 from .loads import Loads
 from .mjcf import Body, mjcf
@@ -45,21 +44,20 @@ class Twin:
     Args:
         body: what it is made of.
         step_s: of the integration.
-        node_position_m: (nodes, 3) from which it starts, at rest; the shape of least tendon energy if None.
+        node_position_m: (nodes, 3) from which it starts, at rest.
 
     Raises:
         TensegraphError: when MuJoCo is not installed, or takes no such structure.
     """
 
-    def __init__(self, body: Body, step_s: float, node_position_m: NDArray[np.float64] | None = None) -> None:
+    def __init__(self, body: Body, step_s: float, node_position_m: NDArray[np.float64]) -> None:
         try:
             import mujoco  # half a second
         except ImportError as error:
             raise TensegraphError("the twin needs MuJoCo: pip install 'tensegraph[twin]'") from error
-        start_m = find_rest_shape(body.structure) if node_position_m is None else node_position_m
         self._engine: Any = mujoco
         try:
-            self._model = mujoco.MjModel.from_xml_string(mjcf(body, start_m, step_s))
+            self._model = mujoco.MjModel.from_xml_string(mjcf(body, node_position_m, step_s))
         except ValueError as error:  # a mass or a radius so small that an inertia is none
             raise InputError(f"MuJoCo refuses the structure: {' '.join(str(error).split())}") from error
         self._data = mujoco.MjData(self._model)
