@@ -212,16 +212,12 @@ def run_session(
 ) -> None:
     """Run a session to its end, on the screen, into a result directory and to all sinks; `parts` go into run.toml."""
     pipeline = session.pipeline
-    clocks = pipeline.boards.counts if pipeline.boards else []
     panel = Panel(
         f"live, from {feed.origin}; Ctrl-C ends it",
         session.activity,
-        lambda: clocks,
         feed.state,
-        lambda: pipeline.front_end.exchanged,
-        pipeline.warnings,
-        pipeline.aid_counts,
-        pipeline.trial.structure.unsensed.tolist(),
+        pipeline.boards.counts if pipeline.boards else [],
+        pipeline,
     )
     live_result = LiveResult(path, pipeline.trial.structure, pipeline.settings, terminal.error)
     with stopped_by_signals(feed.source), live_result as result:

@@ -52,7 +52,7 @@ def record_boards(
     operator = OperatorAtTerminal(terminal)
     sensor_model = chosen_model(model)
     with boards_feed(setup, ports, out, settings, sensor_model, operator, seconds, only_records=True) as feed:
-        panel = Panel(f"recording {out}, Ctrl-C ends it", activity, lambda: boards.counts, feed.state)
+        panel = Panel(f"recording {out}, Ctrl-C ends it", activity, feed.state, boards.counts)
         with stopped_by_signals(feed.source), shown(panel, terminal.news):
             for row in feed.rows:
                 activity.count(row, feed.source.late_s())

@@ -17,43 +17,43 @@ from ..io.reports.terminal import Terminal
 from ..models.sensor.clock import ClockCounts
 from ..models.values.link import LinkState
 from ..models.values.readings import SENSOR_FLAGS, Flag
+from ..pipeline import Pipeline
 from .activity import Activity, Arrivals
 
 
 class Panel:
-    """The state of a session, evaluated whenever rich draws the panel."""
+    """The state of a session, evaluated whenever rich draws the panel; a recording has no pipeline."""
 
     def __init__(
         self,
         title: str,
         activity: Activity,
-        clocks: Callable[[], Sequence[ClockCounts]],
         state: Callable[[], LinkState],
-        exchanged: Callable[[], Sequence[tuple[int, int]]] = tuple,
-        warnings: Callable[[], Mapping[str, str]] = dict,
-        aid_counts: Callable[[], Mapping[str, int]] = dict,
-        unsensed: Sequence[int] = (),
+        clocks: Sequence[ClockCounts],
+        pipeline: Pipeline | None = None,
     ) -> None:
         self._title = title
         self._activity = activity
-        self._clocks = clocks
         self._state = state
-        self._exchanged = exchanged
-        self._warnings = warnings
-        self._aid_counts = aid_counts
-        self._unsensed = unsensed
+        self._clocks = clocks
+        self._pipeline = pipeline
 
     def __rich__(self) -> RenderableType:
         activity = self._activity
         state = self._state()
         parts: list[RenderableType] = [self._title]
         if activity.boards:
-            parts.append(_boards(activity, self._clocks(), state))
+            parts.append(_boards(activity, self._clocks, state))
         if activity.imus:
             parts.append(_imus(activity, state))
-        parts.append(_summary(activity, state, self._aid_counts(), self._unsensed))
-        complaints = [*_complaints(activity, state), *exchanged(self._exchanged())]
-        complaints += [f"{aid}: {warning}" for aid, warning in self._warnings().items()]
+        complaints, pipeline = [*_complaints(activity, state)], self._pipeline
+        if pipeline is None:
+            parts.append(_summary(activity, state, {}, ()))
+        else:
+            unsensed = pipeline.trial.structure.unsensed.tolist()
+            parts.append(_summary(activity, state, pipeline.aid_counts(), unsensed))
+            complaints += exchanged(pipeline.front_end.exchanged)
+            complaints += [f"{aid}: {warning}" for aid, warning in pipeline.warnings().items()]
         return Group(*parts, *(Text(complaint, style="red") for complaint in complaints))
 
 

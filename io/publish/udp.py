@@ -5,7 +5,6 @@ import json
 import math
 import socket
 from collections.abc import Iterable
-from types import TracebackType
 from typing import Any, Self
 from urllib.parse import urlsplit
 
@@ -50,9 +49,7 @@ class UdpPublisher:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self._socket.close()
 
     def add(self, shape: Shape) -> None:

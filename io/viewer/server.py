@@ -15,7 +15,6 @@ import tempfile
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Self
 
 from ...models.values.errors import TensegraphError
@@ -67,9 +66,7 @@ class ViewerServer:
             raise TensegraphError(f"the viewer Rerun does not start: {error}")
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self._end()
 
     def wait(self) -> None:

@@ -6,7 +6,6 @@ import queue
 import signal
 from collections.abc import Callable, Iterator
 from multiprocessing.queues import Queue
-from types import TracebackType
 from typing import Any, Self
 
 from ...models.structure.shape import Shape
@@ -35,9 +34,7 @@ class ShapeProcess:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self._queue.cancel_join_thread()  # what nobody fetches any more must not hold up the end
         self._process.terminate()
         self._process.join()
