@@ -60,7 +60,8 @@ def load(path: str | Path) -> Reconstruction:
     t_s = positions.t_s
     if np.isnan(positions.node_position_m).any():
         raise InputError(f"{path / SHAPE_FILE}: expected the positions of all {structure.node_count} nodes")
-    words = {"length_m": number, "sigma_m": number, "innovation_sigma_m": number, "mode": _mode, "flags": Flag.of_names}
+    words = dict.fromkeys(("length_m", "sigma_m", "innovation_sigma_m"), _not_negative)
+    words |= {"mode": _mode, "flags": Flag.of_names}
     tendons = np.arange(len(structure.tendons))
     lengths = _read_blocks(path / "lengths.csv", "tendon", tendons, t_s, list(words), words)
     length_m, sigma_m, innovation_sigma_m, mode, flags = np.moveaxis(lengths, -1, 0)
@@ -138,7 +139,7 @@ class _FramesTable:
         self._directory = directory
         self._t_s = t_s
         path = directory / "status.csv"
-        words = {"status": _status, "doubt": _doubt, "mechanism_sigma_m": number, "other_log_ratio": number}
+        words = {"status": _status, "doubt": _doubt, "mechanism_sigma_m": _not_negative, "other_log_ratio": number}
         rows = np.array(list(CsvFile(path, ["t_s", *words], words=words))).reshape(-1, 1 + len(words))
         if not np.array_equal(rows[:, 0], t_s):
             raise InputError(f"{path}: expected one row for each row of shape.csv")
@@ -217,7 +218,9 @@ def _drift(
     known = np.isin(t_s, drift_s)
     drift = np.full((2, len(t_s), tendons), np.nan)
     drift[:, known] = np.moveaxis(
-        _read_blocks(path, "tendon", np.arange(tendons), t_s[known], ("drift", "sigma")), 2, 0
+        _read_blocks(path, "tendon", np.arange(tendons), t_s[known], ("drift", "sigma"), {"sigma": _not_negative}),
+        2,
+        0,
     )
     return drift[0], drift[1]
 
@@ -261,7 +264,7 @@ def _contacts(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> NDA
 def _loads(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> ExternalLoads | None:
     if not path.is_file():
         return None
-    words = dict.fromkeys(("fx_n", "fy_n", "fz_n"), _force) | {"sigma_n": number}
+    words = dict.fromkeys(("fx_n", "fy_n", "fz_n"), _force) | {"sigma_n": _not_negative}
     rows = _read_blocks(path, "node", structure.free_nodes, t_s, list(words), words)
     force_n = np.full((len(t_s), structure.node_count, 3), np.nan)
     sigma_n = np.full(force_n.shape[:2], np.inf)
@@ -302,6 +305,13 @@ def number(cell: str) -> float:
         return float(cell)
     except ValueError as error:
         raise ValueError("expected a number, nan or inf") from error
+
+
+def _not_negative(cell: str) -> float:
+    value = number(cell)
+    if value < 0:
+        raise ValueError("expected a number that is not negative, nan or inf")
+    return value
 
 
 def _force(cell: str) -> float:

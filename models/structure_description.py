@@ -30,6 +30,8 @@ MOST_OFF = 0.5
 """Share of its length by which a rod may differ from it in the shape where the search for the rest shape starts."""
 MOST_OFF_MEASURED = 0.1
 """The same in the measured rest shape."""
+AT_ONE_PLACE_M = 1e-6
+"""Length of a tendon below which it has no direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,6 +287,10 @@ def _check_shape(name: str, position_m: NDArray[np.float64], structure: Structur
             f"{name}: expected {structure.node_count} finite rows of x, y, z, got shape {position_m.shape}"
         )
     structure.check_unit(name, position_m)
+    tendon_m = member_length_m(position_m, structure.tendons)
+    for tendon in np.flatnonzero(tendon_m < AT_ONE_PLACE_M)[:1]:
+        a, b = structure.tendons[tendon]
+        raise InputError(f"{name}: nodes {a} and {b}, which tendon {tendon} joins, are at one place")
     rod_m = member_length_m(position_m, structure.rods)
     for rod in np.flatnonzero(np.abs(rod_m - structure.rod_length_m) > most_off * structure.rod_length_m)[:1]:
         told_m = structure.rod_length_m[rod]

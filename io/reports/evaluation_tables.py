@@ -169,6 +169,7 @@ def _consistency_facts(c: Consistency) -> list[tuple[str, str]]:
     rows = []
     if np.isfinite(c.median_sigma_m):
         inside = int(((c.nees >= c.nees_band[:, 0]) & (c.nees <= c.nees_band[:, 1])).sum())
+        scored = int((~np.isnan(c.nees)).sum())
         rows += [
             (
                 "within ellipsoids of 50, 68, 95 %",
@@ -177,7 +178,7 @@ def _consistency_facts(c: Consistency) -> list[tuple[str, str]]:
             ),
             (
                 "NEES of a node (3 is right)",
-                f"{np.nanmin(c.nees):.2f} to {np.nanmax(c.nees):.2f}; {inside} of {len(c.nees)} in their 95 % band",
+                f"{np.nanmin(c.nees):.2f} to {np.nanmax(c.nees):.2f}; {inside} of {scored} in their 95 % band",
             ),
         ]
     if np.isfinite(c.nis):

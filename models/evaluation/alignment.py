@@ -6,6 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from ..values.rotations import best_rotation
 
+ON_A_LINE = 1e-3
+"""Ratio of two widths of a set of points, below which they lie on one line."""
 MAX_HOLE = 3.0
 """Longest time step of the truth, in units of its median time step, within which it is interpolated."""
 
@@ -51,13 +53,16 @@ def laid_on_each_frame(points_m: NDArray[np.float64], onto_m: NDArray[np.float64
     """Return (frames, points, 3) points, those of each frame by the rigid motion that brings them nearest to others.
 
     Args:
-        points_m: (frames, points, 3) the points; a frame with a nan is nan then.
+        points_m: (frames, points, 3) the points; those that are nan stay so, and so do all of a frame in which less
+            than three are known, or only points on one line.
         onto_m: (frames, points, 3) the others.
     """
-    laid_m = np.full_like(points_m, np.nan)
-    known = np.isfinite(points_m).all(axis=(1, 2))
-    x, y = points_m[known], onto_m[known]
-    x_middle, y_middle = x.mean(axis=1, keepdims=True), y.mean(axis=1, keepdims=True)
-    turn = best_rotation(x - x_middle, y - y_middle)
-    laid_m[known] = (x - x_middle) @ np.swapaxes(turn, 1, 2) + y_middle
-    return laid_m
+    known = np.isfinite(points_m).all(axis=2)[:, :, None]
+    count = np.maximum(known.sum(axis=1, keepdims=True), 1)
+    x, y = np.where(known, points_m, 0.0), np.where(known, onto_m, 0.0)
+    x_middle, y_middle = x.sum(axis=1, keepdims=True) / count, y.sum(axis=1, keepdims=True) / count
+    x, y = np.where(known, x - x_middle, 0.0), np.where(known, y - y_middle, 0.0)
+    laid_m = x @ np.swapaxes(best_rotation(x, y), 1, 2) + y_middle
+    spread = np.linalg.svd(x, compute_uv=False)
+    on_a_line = spread[:, 1] <= ON_A_LINE * spread[:, 0]
+    return np.where(known & ~on_a_line[:, None, None], laid_m, np.nan)

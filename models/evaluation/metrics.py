@@ -57,7 +57,7 @@ def evaluate(
     true_m = _true_positions(structure, estimate.t_s, truth.t_s, truth.node_position_m)
     in_body = estimate.coordinate_frame == "body"
     if in_body:  # in which nobody knows the directions of true loads
-        true_m, truth = laid_on_each_frame(true_m, estimate.node_position_m), replace(truth, loads=None)
+        true_m, truth = _laid_on_shapes(true_m, estimate), replace(truth, loads=None)
     free = structure.free_nodes
     known = np.asarray(np.isfinite(true_m[:, free]).all(axis=-1).any(axis=-1))
     rotation_deg = None
@@ -224,7 +224,7 @@ def node_rmse_m(
     """
     true_m = _true_positions(reconstruction.structure, reconstruction.t_s, truth_s, truth_position_m)
     if reconstruction.coordinate_frame == "body":
-        true_m = laid_on_each_frame(true_m, reconstruction.node_position_m)
+        true_m = _laid_on_shapes(true_m, reconstruction)
     error_m = (reconstruction.node_position_m - true_m)[:, reconstruction.structure.free_nodes]
     return errors_of(error_m.reshape(-1, 3)).rmse_m
 
@@ -243,6 +243,14 @@ def _true_positions(
         )
     check_rods(structure, "truth", true_m)
     return true_m
+
+
+def _laid_on_shapes(true_m: NDArray[np.float64], estimate: Reconstruction) -> NDArray[np.float64]:
+    """Return (frames, nodes, 3) true positions, those of each frame laid onto its shape in body coordinates."""
+    laid_m = laid_on_each_frame(true_m, estimate.node_position_m)
+    if not np.isfinite(laid_m).any():
+        raise InputError("truth: expected three nodes not on one line in some frame, to be laid onto its shape")
+    return laid_m
 
 
 def _check_apart(structure: Structure, truth_s: NDArray[np.float64], truth_m: NDArray[np.float64]) -> None:

@@ -5,6 +5,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ..values.errors import InputError
 from ..values.units import OTHER_UNIT
@@ -254,6 +256,23 @@ def _check_topology(rods: NDArray[np.int64], tendons: NDArray[np.int64], anchors
         raise InputError(f"node {node}: no tendon holds it")
     for node in np.flatnonzero((rods_at == 0) & (tendons_at < 2) & ~anchored):
         raise InputError(f"node {node}: is on no rod, and one tendon alone holds it: expected two or more")
+    _check_parts(np.concatenate([rods, tendons]), anchored)
+
+
+def _check_parts(members: NDArray[np.int64], anchored: NDArray[np.bool_]) -> None:
+    """Raise InputError for parts that no member joins, unless anchors hold each that has other nodes, too."""
+    count = len(anchored)
+    joined = coo_array((np.ones(len(members)), (members[:, 0], members[:, 1])), shape=(count, count))
+    parts, part_of_node = connected_components(joined, directed=False)
+    anchors = np.bincount(part_of_node, weights=anchored)
+    loose = (anchors < 3) & (np.bincount(part_of_node) > anchors)
+    if parts > 1 and loose.any():
+        first = part_of_node[np.argmax(loose[part_of_node])]
+        nodes = ", ".join(map(str, np.flatnonzero(part_of_node == first)))
+        raise InputError(
+            f"nodes {nodes}: no rod and no tendon joins them to the others: expected three anchors among them, or "
+            "one structure in each trial"
+        )
 
 
 def _check_numbers(name: str, kind: str, numbers: NDArray[np.int64], count: int) -> None:

@@ -98,6 +98,17 @@ def test_evaluate_with_truth_from_elsewhere(done, tmp_path) -> None:
     assert aligned["rotation_deg"] == pytest.approx(120, abs=1e-3)
 
 
+def test_truth_of_two_nodes_is_scored_on_two(done, tmp_path) -> None:
+    header, *rows = (done[0] / "press/truth.csv").read_text().splitlines()
+    seen = [name == "t_s" or name.split("_")[0] in ("n5", "n8") for name in header.split(",")]
+    told = [
+        ",".join(cell if is_seen else "" for cell, is_seen in zip(row.split(","), seen, strict=True)) for row in rows
+    ]
+    (tmp_path / "two.csv").write_text("\n".join([header, *told, ""]))
+    table = run("evaluate", "live", "--truth", tmp_path / "two.csv", "--out", tmp_path / "scored", cwd=done[0]).stdout
+    assert "of 2 in their 95 % band" in " ".join(table.replace("│", " ").split())
+
+
 def test_a_result_finds_its_trial_when_both_are_moved(done, tmp_path) -> None:
     for name in ("press", "live"):
         shutil.copytree(done[0] / name, tmp_path / name)

@@ -108,6 +108,21 @@ def test_a_node_of_the_rest_shape_far_away_is_refused(y_m: float, trial_copy: Ca
     assert "rest.node_position_m: expected rod 3 to be 0.3 m long, got " in ended.stderr
 
 
+@pytest.mark.parametrize("command", ["reconstruct", "structure"])
+def test_a_tendon_without_length_in_the_rest_shape_is_refused(command: str, trial_copy: Callable[..., Path]) -> None:
+    """Node 6 where node 4 is: its rod is as long as told to within a tenth."""
+
+    def edit(text: str) -> str:
+        content = tomllib.loads(text)
+        content["rest"]["node_position_m"][6] = content["rest"]["node_position_m"][4]
+        return tomli_w.dumps(content)
+
+    trial = trial_copy(trial=edit)
+    ended = run(command, trial if command == "reconstruct" else trial / "trial.toml", cwd=trial.parent)
+    assert ended.returncode == 2
+    assert "rest.node_position_m: nodes 4 and 6, which tendon 12 joins, are at one place" in ended.stderr
+
+
 def test_truth_in_milliseconds_is_refused(trial_copy: Callable[..., Path]) -> None:
     trial = trial_copy(rows=60, truth=with_stamps(lambda t_s: 1e3 * t_s))
     ended = run("reconstruct", trial, "--live", "--figures", "none", cwd=trial.parent)

@@ -170,6 +170,24 @@ class TestLoad:
         with pytest.raises(tg.InputError, match=r"row 2, column fx_n: expected a finite number or nan, got '-inf'"):
             tg.load(saved)
 
+    @pytest.mark.parametrize(
+        ("file", "column"),
+        [
+            ("lengths.csv", "length_m"),
+            ("lengths.csv", "sigma_m"),
+            ("lengths.csv", "innovation_sigma_m"),
+            ("estimated_loads.csv", "sigma_n"),
+            ("status.csv", "mechanism_sigma_m"),
+        ],
+    )
+    def test_what_cannot_be_negative_is_refused(self, saved, file, column) -> None:
+        header, *rows = (saved / file).read_text().splitlines()
+        cells = rows[1].split(",")
+        cells[header.split(",").index(column)] = "-0.1"
+        (saved / file).write_text("\n".join([header, rows[0], ",".join(cells), *rows[2:], ""]))
+        with pytest.raises(tg.InputError, match=f"row 3, column {column}.*: expected a number that is not negative"):
+            tg.load(saved)
+
     def test_what_is_no_covariance_is_refused(self, saved) -> None:
         rows = (saved / "ellipsoids.csv").read_text().splitlines()
         fields = rows[4].split(",")

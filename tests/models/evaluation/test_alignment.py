@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from four_nodes import estimate_of
-from tensegraph.models.evaluation.alignment import interpolated_within, rigid_alignment
+from tensegraph.models.evaluation.alignment import interpolated_within, laid_on_each_frame, rigid_alignment
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.evaluation.truth import Truth
 
@@ -32,6 +32,25 @@ class TestInterpolated:
     def test_not_next_to_an_unseen_node(self) -> None:
         values = (0.0, np.nan, 8.0, 0.0, 2.0)
         np.testing.assert_array_equal(self.at(0.0, 0.5, 1.5, 2.0, values=values), [0, np.nan, np.nan, 8])
+
+
+class TestLaidOnEachFrame:
+    def test_nodes_that_are_hidden_stay_so_and_the_others_are_laid(self) -> None:
+        """Another node is hidden in each frame, and all in the last one."""
+        rng = np.random.default_rng(7)
+        shape_m = rng.standard_normal((6, 5, 3))
+        turns = Rotation.random(6, rng=rng).as_matrix()
+        seen_m = shape_m @ np.swapaxes(turns, 1, 2) + rng.standard_normal((6, 1, 3))
+        seen_m[np.arange(5), np.arange(5)] = seen_m[5] = np.nan
+        laid_m = laid_on_each_frame(seen_m, shape_m)
+        np.testing.assert_array_equal(np.isnan(laid_m), np.isnan(seen_m))
+        np.testing.assert_allclose(np.where(np.isnan(laid_m), shape_m, laid_m), shape_m, atol=1e-12)
+
+    @pytest.mark.parametrize("seen", [[0, 1], [0, 1, 2]])
+    def test_two_points_and_points_on_one_line_are_not_laid(self, seen) -> None:
+        points_m = np.full((1, 5, 3), np.nan)
+        points_m[0, seen] = np.array(seen)[:, None] * np.array([0.1, 0.2, 0.0])
+        assert np.isnan(laid_on_each_frame(points_m, np.random.default_rng(0).standard_normal((1, 5, 3)))).all()
 
 
 class TestAlignment:

@@ -28,6 +28,10 @@ REFUSED = {
     "node out of range": {"tendons": [*SIX_STRUT_TENDONS, (3, 900)]},
     "node 12: no rod and no tendon ends there": {"tendons": [*SIX_STRUT_TENDONS, (3, 13), (4, 13)]},
     "node 12: is on no rod, and one tendon alone holds it": {"tendons": [*SIX_STRUT_TENDONS, (3, 12)]},
+    "nodes 12, 13, 14: no rod and no tendon joins them to the others: expected three anchors": {
+        "rods": [(0, 3), (4, 5), (1, 6), (7, 8), (2, 9), (10, 11), (12, 13)],
+        "tendons": [*SIX_STRUT_TENDONS, (12, 14), (13, 14)],
+    },
     "tendon 24 out of range": {"unsensed": [24]},
     "tendon 5 is named twice": {"unsensed": [5, 5]},
     "no tendon holds it": {"tendons": [pair for pair in SIX_STRUT_TENDONS if 8 not in pair]},
