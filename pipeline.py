@@ -198,7 +198,7 @@ class Pipeline:
         self._frames = FrameAssembler(natural_ohm, sources, settings.frames, settings.gate, longest_s)
         natural_m = trial.structure.natural_length_m  # of a cable that a motor winds, it may be very short
         full_m = np.maximum(natural_m, trial.structure.tendon_length_m(self.rest.node_position_m))
-        self._told = ToldLengths(settings.gate, full_m, trial.rest_seconds, settings.noise.unstated_m)
+        self._told = ToldLengths(settings.gate, trial.structure, full_m, trial.rest_seconds, settings.noise.unstated_m)
         self._pauses = LengthPauses(tendons, settings.frames, bridges=rolls)
         drift = ReferenceTendons(np.concatenate([references, strips]), settings.drift, trial.board_of_tendon)
         self.front_end = self._front_end(model, drift)

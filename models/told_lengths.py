@@ -1,9 +1,9 @@
 """Lengths that are told, as of sensors of one's own: each is used as far as it agrees with itself.
 
-Left out are lengths that no tendon has, values that jump (`JumpGate`), and those of a sensor that repeats itself for
-longer than chance allows (`StuckGate`) while other lengths change: one that is read in steps repeats itself wherever
-the structure holds still. Rows that repeat the row before are none, as of sensors that are slower than the file, and
-say nothing of one sensor.
+Left out are lengths that no tendon has or that are longer than a way over other members (`WaysAround`), values that
+jump (`JumpGate`), and those of a sensor that repeats itself for longer than chance allows (`StuckGate`) while other
+lengths change: one that is read in steps repeats itself wherever the structure holds still. Rows that repeat the row
+before are none, as of sensors that are slower than the file, and say nothing of one sensor.
 
 At rest a length does not change, or slowly. Its variance is that of successive values m_k that differ, whatever drifts
 slowly (von Neumann):
@@ -15,14 +15,17 @@ If it is larger than chance allows for the sigma that is told, sigma counts s / 
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import shortest_path
 
 from .sensor.gate import GateSettings, JumpGate, StuckGate
 from .sensor.stillness import MOVING_TENDONS
 from .sensor.taring import MOVED_STRAIN
 from .structure.shape import chi_squared_quantile
+from .structure.structure import Structure
 from .values.errors import InputError
 from .values.readings import Flag, RestLengths, TendonLengths, is_impossible_length
 from .values.stamps import SHORTEST_STEP_S, RestClock, is_later
@@ -40,6 +43,8 @@ REST_PARTS = 4
 """Number of parts of the rest whose mean lengths are compared."""
 CHANGED_SIGMA = 3.0
 """Standard deviations by which a length has changed; several have to."""
+LONGER = 1.1
+"""Ratio of a length to the shortest way over other members, above which no structure has it."""
 
 
 def lengths_at_rest(frames: Sequence[TendonLengths], seconds: float) -> tuple[RestLengths, bool]:
@@ -69,12 +74,49 @@ def lengths_at_rest(frames: Sequence[TendonLengths], seconds: float) -> tuple[Re
     ), moved
 
 
+class WaysAround:
+    """Finds tendons that would be longer than a way from one of their ends to the other over other members.
+
+    Of no structure a straight line is longer than any other way: an encoder that reads 0.66 m, the end of its range,
+    for a tendon whose ends a rod of 0.3 m and another tendon join, turned the structure inside out.
+    """
+
+    def __init__(self, structure: Structure, full_m: NDArray[np.float64]) -> None:
+        """Begin; a tendon counts as long as it is read, or (tendons,) full, whatever is longer."""
+        self._structure = structure
+        self._full_m = full_m
+
+    def too_long(self, length_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return (tendons,) whether lengths are too long; nan where none is read, which other ways do not use."""
+        found = np.zeros(len(length_m), dtype=np.bool_)
+        tendon_m = np.maximum(length_m, self._full_m)
+        for tendon in np.flatnonzero(length_m > LONGER * self._shortest_m):
+            found[tendon] = length_m[tendon] > LONGER * self._way_m(tendon, tendon_m)
+        return found
+
+    @cached_property
+    def _shortest_m(self) -> NDArray[np.float64]:
+        """(tendons,) the shortest way around each tendon, if no other is longer than `full_m`."""
+        return np.array([self._way_m(tendon, self._full_m) for tendon in range(len(self._full_m))])
+
+    def _way_m(self, tendon: int, tendon_m: NDArray[np.float64]) -> float:
+        """Return the shortest way around a tendon over rods and (tendons,) other tendons; inf if there is none."""
+        structure = self._structure
+        way_m = np.zeros((structure.node_count, structure.node_count))
+        others = np.flatnonzero(np.isfinite(tendon_m) & (np.arange(len(tendon_m)) != tendon))
+        way_m[tuple(structure.rods.T)] = structure.rod_length_m
+        way_m[tuple(structure.tendons[others].T)] = tendon_m[others]
+        start, end = structure.tendons[tendon]
+        return float(shortest_path(way_m, directed=False, indices=start)[end])
+
+
 class ToldLengths:
     """Checks one row of lengths after the other."""
 
     def __init__(
         self,
         settings: GateSettings,
+        structure: Structure,
         full_m: NDArray[np.float64],
         rest_seconds: float,
         unstated_m: float,
@@ -83,11 +125,13 @@ class ToldLengths:
 
         Args:
             settings: when a value is left out.
+            structure: of which these are the lengths.
             full_m: (tendons,) the length to which strain is relative.
             rest_seconds: how long the structure rests from the first row on.
             unstated_m: standard deviation of a length that is told without one.
         """
         self._full_m = full_m
+        self._ways = WaysAround(structure, full_m)
         self._rest_clock = RestClock(rest_seconds)
         self._unstated_m = unstated_m
         count = len(full_m)
@@ -113,7 +157,7 @@ class ToldLengths:
             raise InputError(f"lengths: expected each row at least {least}, got one at {lengths.t_s:.6f} s")
         self._last_s = lengths.t_s
         self._rest_clock.count_frame(lengths.t_s)
-        impossible = is_impossible_length(lengths.length_m, self._full_m)
+        impossible = is_impossible_length(lengths.length_m, self._full_m) | self._ways.too_long(lengths.length_m)
         length_m = np.where(impossible, np.nan, lengths.length_m)
         sigma_m = np.where(np.isnan(lengths.sigma_m), self._unstated_m, lengths.sigma_m)
         counted_m = self._scale * sigma_m

@@ -2,20 +2,30 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from tensegraph import Flag, InputError
+from tensegraph import Flag, InputError, Structure, six_strut
 from tensegraph.models.sensor.gate import GateSettings
-from tensegraph.models.told_lengths import LASTING_M, ToldLengths, lengths_at_rest
+from tensegraph.models.told_lengths import LASTING_M, ToldLengths, WaysAround, lengths_at_rest
 from tensegraph.models.values.readings import TendonLengths
 
 FULL_M = np.full(4, 0.2)
 REST_S = 2.0
+STRUCTURE = Structure(
+    rods=[(0, 1)],
+    tendons=[(0, 2), (2, 1), (1, 3), (3, 0)],
+    rod_length_m=0.3,
+    natural_length_m=0.2,
+    anchors=[0, 1, 2],
+    anchor_position_m=[(0, 0, 0), (0.3, 0, 0), (0.15, 0.13, 0)],
+)
 
 
 def checked(length_m: np.ndarray, sigma_m: float = np.nan) -> tuple[list[TendonLengths], ToldLengths]:
     """Return (rows, 4) lengths at 50 Hz after the check, and the check."""
     none = np.zeros(4, dtype=np.int64)
-    told = ToldLengths(GateSettings(), FULL_M, REST_S, unstated_m=0.001)
+    told = ToldLengths(GateSettings(), STRUCTURE, FULL_M, REST_S, unstated_m=0.001)
     rows = [TendonLengths(0.02 * k, m, np.full(4, sigma_m), none, none) for k, m in enumerate(length_m)]
     return [told.checked(row) for row in rows], told
 
@@ -36,10 +46,42 @@ def pressed(rows: int, sigma_m: float = 0.001, begin: int = 100) -> np.ndarray:
 
 def test_rows_that_repeat_a_stamp_are_refused() -> None:
     """Readers of files leave them out; of an iterable of rows they are a mistake."""
-    told, none = ToldLengths(GateSettings(), FULL_M, REST_S, unstated_m=0.001), np.zeros(4, dtype=np.int64)
+    told, none = ToldLengths(GateSettings(), STRUCTURE, FULL_M, REST_S, unstated_m=0.001), np.zeros(4, dtype=np.int64)
     told.checked(TendonLengths(0.02, FULL_M, np.full(4, 0.001), none, none))
     with pytest.raises(InputError, match=r"0\.0001 s after the one before, at 0\.020000 s, got one at 0\.020050 s"):
         told.checked(TendonLengths(0.02005, FULL_M, np.full(4, 0.001), none, none))
+
+
+class TestWaysAround:
+    """Of a rod of 0.3 m with a triangle of two tendons of 0.2 m to both sides."""
+
+    @pytest.mark.parametrize(("length_m", "is_too_long"), [(0.2, False), (0.54, False), (0.56, True), (2.0, True)])
+    def test_no_tendon_is_longer_than_a_rod_and_another_tendon(self, length_m, is_too_long) -> None:
+        """0.3 m + 0.2 m, and a tenth."""
+        rows, _ = checked(np.array([[0.2, 0.2, 0.2, length_m]]))
+        assert (np.isnan(rows[0].length_m) == [False, False, False, is_too_long]).all()
+        assert (flagged(rows, Flag.OUT_OF_RANGE)[0] == [False, False, False, is_too_long]).all()
+
+    def test_others_count_as_they_are_read_and_not_where_nothing_is_read(self) -> None:
+        ways = WaysAround(STRUCTURE, FULL_M)
+        assert not ways.too_long(np.array([0.2, 0.2, 0.3, 0.6])).any()
+        assert not ways.too_long(np.array([0.2, 0.2, np.nan, 2.0])).any()
+        assert ways.too_long(np.array([np.nan, 0.2, 0.2, 0.6])).tolist() == [False, False, False, True]
+
+    def test_a_length_that_is_too_short_accuses_no_other(self) -> None:
+        assert not WaysAround(STRUCTURE, FULL_M).too_long(np.array([0.2, 0.2, 0.02, 0.45])).any()
+
+    @given(st.integers(0, 10_000))
+    def test_no_shape_has_such_lengths(self, seed) -> None:
+        """Wherever the nodes are, whose rods have their lengths."""
+        rng = np.random.default_rng(seed)
+        structure = six_strut(0.3)
+        position_m = 0.2 * rng.standard_normal((12, 3))
+        for a, b in structure.rods:
+            way_m = position_m[b] - position_m[a]
+            position_m[b] = position_m[a] + 0.3 * way_m / np.linalg.norm(way_m)
+        ways = WaysAround(structure, structure.natural_length_m)
+        assert not ways.too_long(structure.tendon_length_m(position_m)).any()
 
 
 class TestStuck:
@@ -115,7 +157,7 @@ class TestScatter:
 
     def test_a_value_that_jumps_at_rest_is_left_out_and_does_not_count(self) -> None:
         length_m = noise(150)
-        length_m[60, 1] = 0.9
+        length_m[60, 1] = 0.4
         rows, told = checked(length_m)
         assert np.argwhere(flagged(rows, Flag.OUTLIER)).tolist() == [[60, 1]]
         assert not told.warnings()
