@@ -1,6 +1,5 @@
 """The loop on trials that are not as they should be, and on other sources than boards."""
 
-import shutil
 from dataclasses import replace
 from itertools import islice, takewhile
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 import tomlkit
 
+from roll import roll
 from tensegraph import Flag, InputError, Reconstruction, Settings, Status, open_trial
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.evaluation.metrics import node_rmse_m
@@ -72,8 +72,7 @@ def test_a_slow_board_is_named(trial_copy, every, text) -> None:
 
 def test_a_robot_that_rolls_keeps_its_frames_at_slow_boards(tmp_path) -> None:
     """Boards of 10 rows a second: between two of them it may turn by a radian, which inertial sensors follow."""
-    path = tmp_path / "roll"
-    shutil.copytree(EXAMPLES / "roll_02", path)
+    path = roll(tmp_path / "roll")
     for board in path.glob("board*.csv"):
         header, *rows = board.read_text().splitlines()
         board.write_text("\n".join([header, *rows[:800:5], ""]))
@@ -87,8 +86,7 @@ def test_a_robot_that_rolls_keeps_its_frames_at_slow_boards(tmp_path) -> None:
 
 def test_a_robot_that_rolls_has_frames_between_slow_rows_of_lengths(tmp_path) -> None:
     """Ten rows a second with 0.5 mm of noise: without such frames, another trial was 2.9 m off after a tip."""
-    path = tmp_path / "roll"
-    shutil.copytree(EXAMPLES / "roll_02", path)
+    path = roll(tmp_path / "roll")
     trial = open_trial(path)
     truth, structure = trial.truth(), trial.description.structure
     every = slice(0, np.searchsorted(truth.t_s, 8.0), round(0.1 / np.diff(truth.t_s).mean()))

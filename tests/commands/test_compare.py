@@ -2,7 +2,6 @@
 
 import csv
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +10,12 @@ from scipy.stats import chi2
 
 from command_line import run
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
+from roll import roll
 from tensegraph.io.reports.comparison_tables import as_markdown, write_comparison_csv
 from tensegraph.models.evaluation.comparison import FrameErrors, Measured
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.scoring.method_scores import comparison_rows
-from trial_edits import cut
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 
@@ -104,10 +102,7 @@ def test_a_file_in_a_folder_of_the_trial_that_has_changed_is_compared_anew(trial
 
 
 def test_a_method_that_is_for_no_trial_leaves_a_table_of_the_rest_shape(tmp_path) -> None:
-    trial = tmp_path / "roll"
-    shutil.copytree(EXAMPLES / "roll_02", trial)
-    cut(trial, until_s=1.0)
-    result = run("compare", trial, "--method", "ukf", cwd=tmp_path)
+    result = run("compare", roll(tmp_path / "roll", 1.0), "--method", "ukf", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "roll, UKF: not run: method 'ukf': expected one of batch, live" in result.stdout
 

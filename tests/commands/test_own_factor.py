@@ -1,7 +1,6 @@
 """A factor of another package, `[[factor]]`: the draw-wire sensor of `examples/own_parts` on the example trial."""
 
 import csv
-import shutil
 import tomllib
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 import tensegraph as tg
 from command_line import run
 from installed import install
+from roll import roll
 from tensegraph.io.trial_directory import open_trial
 from tensegraph.models.structure.reconstruction import Reconstruction
 from trial_edits import replaced
@@ -210,11 +210,7 @@ def test_a_factor_that_fails_is_one_line(body, message, site, trial_copy, tmp_pa
 
 def test_a_robot_without_base_takes_what_depends_on_its_shape(own_parts, site, tmp_path) -> None:
     """A tape that is 30 mm wrong is doubted on a robot that stands free; a height is refused."""
-    trial = tmp_path / "roll"
-    shutil.copytree(Path(__file__).parents[2] / "examples" / "roll_02", trial)
-    for file in trial.glob("*.csv"):
-        file.write_text("".join(file.read_text().splitlines(keepends=True)[:41]))
-    with_tape(trial, 0.03)
+    trial = with_tape(roll(tmp_path / "roll", 0.8), 0.03)
     result = tg.reconstruct(trial, "live")
     assert [str(doubt) for doubt in result.doubts].count("factor") > 0.9 * len(result)
     install("mine", "0.1", {"tensegraph.factors": {"mine": "own_mine:Mine"}}, site)

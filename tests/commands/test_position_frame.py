@@ -1,6 +1,5 @@
 """A free-standing robot seen by motion capture in a frame of its own, as a user types it."""
 
-import shutil
 import tomllib
 from pathlib import Path
 
@@ -8,13 +7,13 @@ import numpy as np
 import pytest
 
 from command_line import run
+from roll import roll
 from tensegraph.io.positions import read_positions
 from tensegraph.models.values.rotations import rotation, rotation_vector
+from trial_edits import write_positions
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
-END_S = 2.6
 TURN, ORIGIN_M = rotation(np.array([1.1, -0.7, 1.9])), np.array([1.3, -2.1, 0.8])
 CAPTURES = '\n[[position]]\nfile = "seen.csv"\nframe = "own"\n\n[[position]]\nfile = "hidden.csv"\nframe = "own"\n'
 
@@ -22,23 +21,13 @@ CAPTURES = '\n[[position]]\nfile = "seen.csv"\nframe = "own"\n\n[[position]]\nfi
 @pytest.fixture
 def trial(tmp_path) -> Path:
     """The first seconds of an example, with two captures: of four nodes, and of nodes that are hidden at rest."""
-    path = tmp_path / "roll"
-    shutil.copytree(ROLL, path)
-    truth = read_positions(ROLL / "truth.csv", 12)
-    for name in ("board0.csv", "board1.csv", "imu0.csv", "truth.csv", "contacts.csv"):
-        header, *rows = (path / name).read_text().splitlines()
-        (path / name).write_text("\n".join([header, *(row for row in rows if float(row.split(",")[0]) < END_S)]) + "\n")
+    path = roll(tmp_path / "roll", 2.6, lambda text: text + CAPTURES)
+    truth = read_positions(path / "truth.csv", 12)
     noise_m = 5e-4 * np.random.default_rng(1).standard_normal(truth.node_position_m.shape)
     y = (truth.node_position_m + noise_m - ORIGIN_M) @ TURN
     for name, nodes, from_s in (("seen", (2, 4, 9, 11), 0.0), ("hidden", (0, 1, 3), 2.1)):
-        rows = [
-            f"{t_s:.4f},{node},{','.join(f'{value:.5f}' for value in y[k, node])}"
-            for k, t_s in enumerate(truth.t_s)
-            for node in nodes
-            if from_s <= t_s < END_S
-        ]
-        (path / f"{name}.csv").write_text("\n".join(["t_s,node,x_m,y_m,z_m", *rows]) + "\n")
-    (path / "trial.toml").write_text((path / "trial.toml").read_text() + CAPTURES)
+        told = truth.t_s >= from_s
+        write_positions(path / f"{name}.csv", truth.t_s[told], y[told], nodes)
     return path
 
 

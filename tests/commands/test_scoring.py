@@ -3,7 +3,6 @@
 import json
 import shutil
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,10 +10,9 @@ import tomli_w
 
 import tensegraph as tg
 from command_line import run
+from roll import roll
 from tensegraph.models.calibration.recipe import TrainingSettings
-from trial_edits import cut
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 
@@ -65,13 +63,11 @@ def test_compare_returns_rows(trial_copy) -> None:
 
 def test_a_robot_that_rolls_is_compared_by_what_can_follow_it(tmp_path) -> None:
     """Live and batch as `reconstruct` does it; methods that need anchors are named, and have no numbers."""
-    roll = tmp_path / "roll"
-    shutil.copytree(EXAMPLES / "roll_02", roll)
-    cut(roll, until_s=4.0)
-    rows = {row.method: row for row in tg.compare([roll]) if row.trial == "roll"}
+    trial = roll(tmp_path / "roll", 4.0)
+    rows = {row.method: row for row in tg.compare([trial]) if row.trial == "roll"}
     assert len(rows) == 7
     for label, method in (("graph, live", "live"), ("graph, batch", "batch")):
-        alone = tg.evaluate(tg.reconstruct(roll, method), roll)
+        alone = tg.evaluate(tg.reconstruct(trial, method), trial)
         assert rows[label].errors.nodes.rmse_m == pytest.approx(alone.absolute.nodes.rmse_m, rel=1e-9)
     held_m = rows["rest shape held"].errors.nodes.rmse_m
     assert held_m > 2 * rows["graph, batch"].errors.nodes.rmse_m  # in the world, as theirs: the robot is pushed

@@ -1,21 +1,21 @@
 """Positions and ranges told wrongly as a whole: another frame, scale, clock or unit, as a user types it."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from command_line import run
-from tensegraph import Settings, open_trial
+from roll import roll
+from tensegraph import Settings, load, open_trial
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.positions import read_positions
+from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.pipeline import Pipeline
+from trial_edits import write_positions
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
-END_S = 2.6
 ANOTHER_CLOCK_S = 1e9
 SEEN = (2, 4, 9, 11)
 BEACON_M = np.array([2.1, -2.0, 1.5])
@@ -39,19 +39,13 @@ def write_trial(path: Path, wrong_m: np.ndarray) -> None:
         path: of the trial.
         wrong_m: (3, 4) the map from true positions to those that are told.
     """
-    shutil.copytree(ROLL, path)
-    truth = read_positions(ROLL / "truth.csv", 12)
-    for name in ("board0.csv", "board1.csv", "imu0.csv", "truth.csv", "contacts.csv"):
-        header, *rows = (path / name).read_text().splitlines()
-        (path / name).write_text("\n".join([header, *(row for row in rows if float(row.split(",")[0]) < END_S)]) + "\n")
-    seen = [(t_s, node, truth.node_position_m[k, node]) for k, t_s in enumerate(truth.t_s) for node in SEEN]
+    truth = read_positions(roll(path, 2.6, lambda text: text + TABLES) / "truth.csv", 12)
     for name, late_s in (("wrong", 0), ("late", 3600)):
-        told = [(t_s + late_s, node, *(wrong_m[:, :3] @ x + wrong_m[:, 3])) for t_s, node, x in seen if t_s < END_S]
-        rows = [f"{t_s:.4f},{node},{x:.5f},{y:.5f},{z:.5f}" for t_s, node, x, y, z in told]
-        (path / f"{name}.csv").write_text("\n".join(["t_s,node,x_m,y_m,z_m", *rows]) + "\n")
-    ranges = [f"{t_s:.4f},0,{node},{1e3 * np.linalg.norm(x - BEACON_M):.3f}" for t_s, node, x in seen if t_s < END_S]
+        told_m = truth.node_position_m @ wrong_m[:, :3].T + wrong_m[:, 3]
+        write_positions(path / f"{name}.csv", truth.t_s + late_s, told_m, SEEN)
+    range_mm = 1e3 * np.linalg.norm(truth.node_position_m - BEACON_M, axis=2)
+    ranges = [f"{t_s:.4f},0,{node},{range_mm[k, node]:.3f}" for k, t_s in enumerate(truth.t_s) for node in SEEN]
     (path / "ranges.csv").write_text("\n".join(["t_s,beacon,node,range_m", *ranges]) + "\n")
-    (path / "trial.toml").write_text((path / "trial.toml").read_text() + TABLES)
 
 
 @pytest.mark.parametrize(
@@ -74,9 +68,8 @@ def test_positions_of_another_frame_are_doubted_and_do_no_harm(tmp_path, wrong_m
     assert "range 0 no reading used: distances are 1000 times those expected" in summary
     doubts = [row.split(",")[-1] for row in (tmp_path / "told" / "status.csv").read_text().splitlines()]
     assert set(doubts[1:]) == {"positions"}
-    shape, truth = (read_positions(path, 12) for path in (tmp_path / "told" / "shape.csv", tmp_path / "roll/truth.csv"))
-    true_m = truth.node_position_m[np.searchsorted(truth.t_s, shape.t_s - 0.01)]
-    assert np.sqrt(np.mean(np.sum((shape.node_position_m - true_m) ** 2, axis=2))) < 0.004
+    truth = read_positions(tmp_path / "roll" / "truth.csv", 12)
+    assert node_rmse_m(load(tmp_path / "told"), truth.t_s, truth.node_position_m) < 0.004
 
 
 def test_readings_of_another_clock_than_that_of_the_boards_are_in_none_of_its_frames(tmp_path) -> None:

@@ -1,22 +1,18 @@
 """An inertial sensor that is told wrongly, on the shipped trial of a robot that is tipped: as a user meets it."""
 
 import csv
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from command_line import run
-
-ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
+from roll import roll
 
 
 def told(folder: Path, change, edit=lambda text: text) -> Path:
     """Copy the trial with its inertial sensor's rates and forces changed, and trial.toml edited."""
-    trial = folder / "trial"
-    shutil.copytree(ROLL, trial)
-    (trial / "trial.toml").write_text(edit((trial / "trial.toml").read_text()))
+    trial = roll(folder / "trial", edit=edit)
     header, *rows = (trial / "imu0.csv").read_text().splitlines()
     t_s, *values = np.loadtxt(rows, delimiter=",").T
     changed = np.column_stack([t_s, *change(np.array(values[:3]), np.array(values[3:]))])

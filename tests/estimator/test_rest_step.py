@@ -1,12 +1,12 @@
 """The shape at rest, and what taring finds of stiffness."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from balance import K, nominal
+from roll import ROLL
 from tensegraph import Structure, open_trial
 from tensegraph.estimator.rest_step import rest_step
 from tensegraph.models.balance.statics import Statics
@@ -229,7 +229,7 @@ class TestWrongGeometry:
 )
 def test_a_floor_on_which_the_rest_shape_does_not_stand(floor: Floor, wrong: str | None) -> None:
     """Its height is wrong by 3 mm, or its normal by 1.5 degrees, unless that is estimated."""
-    trial = open_trial(Path(__file__).parents[2] / "examples" / "roll_02").description
+    trial = open_trial(ROLL).description
     found = rest_step(
         trial.structure, trial.mechanics, trial.rest_position_m, trial.geometry, RestSettings(), floor, None
     )
@@ -239,7 +239,7 @@ def test_a_floor_on_which_the_rest_shape_does_not_stand(floor: Floor, wrong: str
 
 def test_a_floor_that_carries_nothing_at_a_node_is_no_obstacle() -> None:
     """Of three nodes, one told 0.16 m too high, the centroid is outside: the third bears no load, and no friction."""
-    trial = open_trial(Path(__file__).parents[2] / "examples" / "roll_02").description
+    trial = open_trial(ROLL).description
     x = trial.rest_position_m.copy()
     x[5, 2] = 0.17
     found = rest_step(trial.structure, trial.mechanics, x, trial.geometry, RestSettings(), trial.floor, None)

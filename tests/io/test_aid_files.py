@@ -1,16 +1,14 @@
 """The files of inertial sensors, ranges and positions, and what is refused in them and in trial.toml."""
 
-import shutil
 import tomllib
 from pathlib import Path
 
 import pytest
 
+from roll import roll
 from tensegraph import InputError, open_trial
 from tensegraph.models.trial_description import describe_trial
 from tensegraph.models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
-
-ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
 
 RANGES = "t_s,beacon,node,range_m\n0.0,0,3,2.5\n0.1,1,4,2.6\n"
 POSITIONS = "t_s,node,x_m,y_m,z_m\n0.0,3,0.1,0.2,0.3\n0.0,4,0.1,0.2,0.3\n"
@@ -22,10 +20,7 @@ def trial(tmp_path):
     """Makes a copy of the trial with text added to trial.toml, and with files."""
 
     def make(toml: str = "", edit=lambda text: text, **files: str) -> Path:
-        path = tmp_path / "trial"
-        shutil.copytree(ROLL, path)
-        text = edit((path / "trial.toml").read_text())
-        (path / "trial.toml").write_text(text + toml)
+        path = roll(tmp_path / "trial", edit=lambda text: edit(text) + toml)
         for name, content in files.items():
             (path / f"{name}.csv").write_text(content)
         return path

@@ -14,7 +14,9 @@ import tensegraph as tg
 from capture_files import motive_text, take_of, trc_text, vicon_text, write_c3d
 from command_line import run
 from plan_edits import PLANS
+from roll import ROLL
 from structures import YAML
+from trial_edits import cut
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SHIPPED_MODEL = EXAMPLES.parent / "models" / "data" / "stretching.safetensors"
@@ -50,14 +52,10 @@ def edited(path: Path, edit: Callable[[Tables], object]) -> None:
     path.write_text(tomli_w.dumps(tables))
 
 
-def cut(source: Path, target: Path, until_s: float) -> None:
-    """Copy a trial without its readings after a time, and with a shorter rest."""
-    for file in source.iterdir():
-        if file.suffix == ".toml":
-            shutil.copy(file, target)
-        if file.suffix == ".csv":
-            header, *rows = file.read_text().splitlines(keepends=True)
-            (target / file.name).write_text(header + "".join(r for r in rows if float(r.split(",")[0]) < until_s))
+def beginning_of(source: Path, target: Path) -> None:
+    """Copy the first readings of a trial, with a shorter rest."""
+    shutil.copytree(source, target, dirs_exist_ok=True)
+    cut(target, 0.4)
     edited(target / "trial.toml", lambda trial: trial["rest"].update(seconds=REST_S))
 
 
@@ -67,13 +65,13 @@ def with_config(trial: Path) -> None:
 
 
 def press(folder: Path) -> None:
-    cut(EXAMPLES / "press_01", folder, 0.4)
+    beginning_of(EXAMPLES / "press_01", folder)
     with_config(folder)
 
 
 def roll(folder: Path) -> None:
     """With ranges to two beacons and positions of two nodes beside the inertial sensor."""
-    cut(EXAMPLES / "roll_02", folder, 0.4)
+    beginning_of(ROLL, folder)
     with_config(folder)
     truth = tg.open_trial(folder).truth()
     assert truth is not None

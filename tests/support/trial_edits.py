@@ -1,6 +1,9 @@
 """Edits of the files of a trial, for `trial_copy`, and of those of any other."""
 
+from collections.abc import Iterable
 from pathlib import Path
+
+from numpy.typing import NDArray
 
 
 def cut(trial: Path, until_s: float) -> None:
@@ -16,6 +19,16 @@ def shifted(trial: Path, by_s: float) -> None:
         header, *rows = file.read_text().splitlines(keepends=True)
         later = (f"{float(t_s) + by_s:.6f},{rest}" for t_s, rest in (row.split(",", 1) for row in rows))
         file.write_text("".join([header, *later]))
+
+
+def write_positions(file: Path, t_s: Iterable[float], node_position_m: NDArray, nodes: Iterable[int]) -> None:
+    """Write a file of `[[position]]`, of some nodes of (frames, nodes, 3) positions."""
+    rows = [
+        f"{t:.4f},{node},{','.join(f'{value:.5f}' for value in x[node])}"
+        for t, x in zip(t_s, node_position_m, strict=True)
+        for node in nodes
+    ]
+    file.write_text("\n".join(["t_s,node,x_m,y_m,z_m", *rows, ""]))
 
 
 def lines(edit):

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from command_line import run
+from plan_edits import replaced
+from roll import roll
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.pose.robot import FreeStandingRobot
@@ -16,7 +18,6 @@ from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from tensegraph.models.values.aids import Imu, ImuReading
 from tensegraph.models.values.rotations import rotation, shortest_rotation
 
-ROLL = Path(__file__).parents[3] / "examples" / "roll_02"
 SLOPE = rotation(np.array([0.08, -0.12, 0.0]))
 SHAPE_M2 = 1e-7 * np.eye(36)
 RODS = (0, 2)
@@ -60,15 +61,8 @@ def test_a_normal_that_is_told_exactly_and_wrong_tilts_the_structure(balanced) -
 
 def cut_trial(folder: Path, ground: str) -> Path:
     """Copy the first 0.8 s of the shipped trial, of which 0.4 s are told as rest, with lines added to `[ground]`."""
-    folder.mkdir()
-    for source in ROLL.iterdir():
-        if source.suffix == ".csv":
-            head, *rows = source.read_text().splitlines(keepends=True)
-            (folder / source.name).write_text(head + "".join(r for r in rows if float(r.split(",")[0]) < 0.8))
-    text = (ROLL / "trial.toml").read_text()
-    text = text.replace("seconds = 2.0", "seconds = 0.4")
-    (folder / "trial.toml").write_text(text.replace("[ground]\n", f"[ground]\n{ground}\n"))
-    return folder
+    edits = ("seconds = 2.0", "seconds = 0.4"), ("[ground]\n", f"[ground]\n{ground}\n")
+    return roll(folder, 0.8, lambda text: replaced(text, *edits))
 
 
 def test_the_command_line_tells_the_normal(tmp_path) -> None:

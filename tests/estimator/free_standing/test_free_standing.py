@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 import tomli_w
 
+from roll import ROLL, roll
 from tensegraph import InputError, open_trial, reconstruct
 from tensegraph import evaluate as tg_evaluate
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.structure.lengths import member_length_m
 from tensegraph.models.structure.shape import Reason, Status
-from trial_edits import cut
-
-ROLL = Path(__file__).parents[3] / "examples" / "roll_02"
+from trial_edits import lines
 
 
 @pytest.fixture(scope="module", params=["live", pytest.param("batch", marks=pytest.mark.long)])
 def rolled(request, tmp_path_factory):
-    """The reconstruction of the shipped trial until both tips are over, and its evaluation."""
-    folder = tmp_path_factory.mktemp("rolled") / "roll_02"
-    copied(folder, 10.0)
-    trial = open_trial(folder)
+    """The reconstruction of the shipped trial until both tips are over, and its evaluation.
+
+    The first tip is from 3.5 to 4 s, the second one from 6.5 to 8 s.
+    """
+    trial = open_trial(roll(tmp_path_factory.mktemp("rolled") / "roll_02", 10.0))
     reconstruction = reconstruct(trial, request.param)
     d = trial.description
     truth = trial.truth_of(trial.truth(), trial.true_loads())
@@ -60,19 +60,13 @@ def test_the_track_starts_sure_and_grows_unsure(rolled) -> None:
     assert np.linalg.eigvalsh(reconstruction.node_covariance_m2).min() > 0
 
 
-def copied(folder: Path, until_s: float) -> None:
-    """Copy the trial without what comes later; the first tip is from 3.5 to 4 s, the second one from 6.5 to 8 s."""
-    shutil.copytree(ROLL, folder)
-    cut(folder, until_s)
-
-
 def without(folder: Path, *tables: str, until_s: float = np.inf) -> Path:
     """Return a copy of the trial, or of its beginning, without some tables of trial.toml."""
-    copied(folder, until_s)
-    parts = (folder / "trial.toml").read_text().split("\n[")
-    kept = [part for part in parts if not part.lstrip("[").startswith(tables)]
-    (folder / "trial.toml").write_text("\n[".join(kept))
-    return folder
+
+    def edit(text: str) -> str:
+        return "\n[".join(part for part in text.split("\n[") if not part.lstrip("[").startswith(tables))
+
+    return roll(folder, until_s, edit)
 
 
 @pytest.mark.parametrize("method", ["live", "batch"])
@@ -140,41 +134,32 @@ def test_methods_for_anchored_structures_are_refused(method) -> None:
         reconstruct(ROLL, method)
 
 
-def edited(folder: Path, until_s: float, edit=lambda text: text, **rows) -> Path:
-    """Return a copy of the trial's beginning with trial.toml edited, and the lines of files."""
-    copied(folder, until_s)
-    (folder / "trial.toml").write_text(edit((folder / "trial.toml").read_text()))
-    for name, change in rows.items():
-        path = folder / f"{name}.csv"
-        path.write_text("".join(change(path.read_text().splitlines(keepends=True))))
-    return folder
-
-
 def test_a_sensor_told_the_wrong_way_round_is_named_and_left_out(tmp_path) -> None:
-    path = edited(tmp_path / "wrong", 5.0, lambda text: text.replace("axis = [0, 0, 1]", "axis = [0, 0, -1]"))
+    path = roll(tmp_path / "wrong", 5.0, lambda text: text.replace("axis = [0, 0, 1]", "axis = [0, 0, -1]"))
     result = reconstruct(path, "live")
     assert np.mean([doubt is Reason.IMU for doubt in result.doubts]) > 0.5
     assert np.isfinite(result.node_position_m).all()
     assert np.abs(result.centroid_m).max() < 1.0
 
 
-def stuck(lines: list[str]) -> list[str]:
+def stuck(rows: list[str]) -> list[str]:
     """Return the lines of a sensor that repeats one sample from the third second on."""
-    values = lines[300].split(",", 1)[1]
-    return lines[:300] + [f"{line.split(',')[0]},{values}" for line in lines[300:]]
+    values = rows[300].split(",", 1)[1]
+    return rows[:300] + [f"{row.split(',')[0]},{values}" for row in rows[300:]]
 
 
 FAULTS = [
     pytest.param(stuck, 5.5, id="stuck"),
     pytest.param(stuck, 9.0, id="stuck, two tips", marks=pytest.mark.long),
-    pytest.param(lambda lines: lines[:300], 6.0, id="ended", marks=pytest.mark.long),
+    pytest.param(lambda rows: rows[:300], 6.0, id="ended", marks=pytest.mark.long),
 ]
 
 
 @pytest.mark.parametrize(("fault", "until_s"), FAULTS)
 def test_without_its_sensor_the_robot_is_followed_by_the_balance_of_forces(fault, until_s, tmp_path) -> None:
     """The sensor fails after three seconds, before the first tip; in the longer trial it misses the second, too."""
-    path = edited(tmp_path / "failed", until_s, imu0=fault)
+    path = roll(tmp_path / "failed", until_s)
+    (path / "imu0.csv").write_text(lines(fault)((path / "imu0.csv").read_text()))
     trial = open_trial(path)
     truth = trial.truth_of(trial.truth())
     result = reconstruct(trial, "live")

@@ -1,20 +1,17 @@
 """Rows of lengths that pause while other sensors of a robot on a floor go on, and samples that are missing."""
 
-import shutil
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
 import tomli_w
 
+from roll import ROLL, roll
 from tensegraph import Settings, Trial, open_trial, reconstruct
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.pipeline import Pipeline
-from trial_edits import cut
 
-ROLL = Path(__file__).parents[3] / "examples" / "roll_02"
 PAUSE_S = (3.5, 5.0)
 END_S = 6.5
 
@@ -22,9 +19,7 @@ END_S = 6.5
 @pytest.fixture(scope="module")
 def paused(tmp_path_factory) -> Trial:
     """The example until after its first tip, with true lengths in place of counts, which pause during the tip."""
-    folder = tmp_path_factory.mktemp("paused") / "trial"
-    shutil.copytree(ROLL, folder)
-    cut(folder, until_s=END_S)
+    folder = roll(tmp_path_factory.mktemp("paused") / "trial", END_S)
     truth = open_trial(ROLL).truth()
     told = tomllib.loads((folder / "trial.toml").read_text())
     for key in ("adc", "sensors", "board"):
@@ -60,9 +55,7 @@ def test_a_tip_in_a_pause_is_followed(paused, method) -> None:
 
 def test_samples_that_are_missing_for_a_tenth_of_a_second_in_an_impact_cost_little(tmp_path) -> None:
     """At 3.99 s the robot falls onto its next face. It was 170 mm off from then on, and the sensor was given up."""
-    folder = tmp_path / "trial"
-    shutil.copytree(ROLL, folder)
-    cut(folder, until_s=END_S)
+    folder = roll(tmp_path / "trial", END_S)
     header, *rows = (folder / "imu0.csv").read_text().splitlines(keepends=True)
     read = [row for row in rows if not 3.99 <= float(row.split(",")[0]) < 4.09]
     assert len(rows) - len(read) == 10

@@ -1,41 +1,26 @@
 """A free-standing robot whose stamps count from anywhere: its rest is that from the first frame on."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from roll import roll
 from tensegraph import Reconstruction, Settings, open_trial
 from tensegraph.io.model_file import read_sensor_model
+from tensegraph.io.positions import read_positions
 from tensegraph.pipeline import Pipeline
-from trial_edits import cut, shifted
+from trial_edits import shifted, write_positions
 
-ROLL = Path(__file__).parents[3] / "examples" / "roll_02"
 SEEN = (2, 4, 9, 11)
 TURNED = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
-def with_motion_capture(folder: Path) -> None:
-    """Add positions of some nodes in a frame of their own, of ten frames a second of the truth."""
-    header, *rows = (folder / "truth.csv").read_text().splitlines()
-    assert header.startswith("t_s,n0_x_m")
-    lines = ["t_s,node,x_m,y_m,z_m"]
-    for row in rows[::5]:
-        t_s, *values = row.split(",")
-        x = np.array(values, dtype=float).reshape(-1, 3) @ TURNED
-        lines += [f"{t_s},{node},{','.join(f'{value:.5f}' for value in x[node])}" for node in SEEN]
-    (folder / "positions.csv").write_text("\n".join([*lines, ""]))
-    trial = folder / "trial.toml"
-    table = '[[position]]\nframe = "own"\nfile = "positions.csv"\n\n[[imu]]'
-    trial.write_text(trial.read_text().replace("[[imu]]", table))
-
-
 def until_after_the_rest(folder: Path) -> Path:
-    """Return a copy of the first three seconds of the shipped trial, with motion capture."""
-    shutil.copytree(ROLL, folder)
-    cut(folder, 3.0)
-    with_motion_capture(folder)
+    """Return a copy of the first three seconds of the shipped trial, with ten frames a second of motion capture."""
+    roll(folder, 3.0, lambda text: text + '\n[[position]]\nframe = "own"\nfile = "positions.csv"\n')
+    truth = read_positions(folder / "truth.csv", 12)
+    write_positions(folder / "positions.csv", truth.t_s[::5], truth.node_position_m[::5] @ TURNED, SEEN)
     return folder
 
 

@@ -15,7 +15,7 @@ from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.structure.shape import Shape, Status
 from tensegraph.pipeline import Pipeline
-from trial_edits import cut
+from trial_edits import cut, write_positions
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -200,14 +200,14 @@ def test_a_position_that_is_wrong_is_left_out(method, hinge, tmp_path) -> None:
     path = told(hinge, tmp_path, lambda text: text + '\n[[position]]\nfile = "positions.csv"\n')
     cut(path, 1.5)
     rest_m = open_trial(hinge / "hinge_01").description.rest_position_m
-    rows = [(t_s, node, *rest_m[node]) for t_s in np.arange(0.05, 1.5, 0.05) for node in (8, 10, 11)]
+    t_s = np.arange(0.05, 1.5, 0.05)
+    x = np.tile(rest_m, (len(t_s), 1, 1))
     shapes = {}
     for name, wrong in (("right", 0), ("wrong", 1)):
-        rows[61] = (*rows[61][:4], rest_m[rows[61][1], 2] - 100.0 * wrong)
-        lines = [f"{t_s:.2f},{node},{x:.5f},{y:.5f},{z:.5f}" for t_s, node, x, y, z in rows]
-        (path / "positions.csv").write_text("\n".join(["t_s,node,x_m,y_m,z_m", *lines, ""]))
+        x[20, 10, 2] -= 100.0 * wrong
+        write_positions(path / "positions.csv", t_s, x, (8, 10, 11))
         shapes[name] = list(stream(open_trial(path).readings(), open_trial(path).description, method))
     assert not any(shape.contradicted_positions for shape in shapes["right"])
-    assert [nodes for shape in shapes["wrong"] for nodes in shape.contradicted_positions] == [rows[61][1]]
+    assert [nodes for shape in shapes["wrong"] for nodes in shape.contradicted_positions] == [10]
     for right, wrong in zip(shapes["right"], shapes["wrong"], strict=True):
         np.testing.assert_allclose(wrong.node_position_m, right.node_position_m, atol=0.003)

@@ -1,35 +1,31 @@
 """An anchored structure whose base moves all the same."""
 
-import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from plan_edits import replaced
+from roll import ROLL, roll
 from tensegraph import Settings, Status, open_trial, reconstruct
 from tensegraph.estimator.rest_step import rest_shape_of
 from tensegraph.estimator.watches.moving_base import MovingBase
 from tensegraph.models.structure.shape import Reason, Shape
 from tensegraph.models.values.aids import ImuReading
-from trial_edits import cut
-
-ROLL = Path(__file__).parents[3] / "examples" / "roll_02"
 
 
 @pytest.fixture(scope="module")
 def told_anchored(tmp_path_factory):
     """The robot until its first tip, described as if the three nodes on which it starts were anchored."""
-    folder = tmp_path_factory.mktemp("anchored") / "trial"
-    shutil.copytree(ROLL, folder)
-    cut(folder, until_s=5.0)
     rest_m = open_trial(ROLL).description.rest_position_m
     base = np.argsort(rest_m[:, 2])[:3]
-    text = (folder / "trial.toml").read_text()
-    text = text.replace("anchors = []", f"anchors = {base.tolist()}")
-    text = text.replace("anchor_position_m = []", f"anchor_position_m = {rest_m[base].tolist()}")
-    (folder / "trial.toml").write_text(text.replace("[ground]", "[was_ground]"))
-    return open_trial(folder), base
+    edits = (
+        ("anchors = []", f"anchors = {base.tolist()}"),
+        ("anchor_position_m = []", f"anchor_position_m = {rest_m[base].tolist()}"),
+        ("[ground]", "[was_ground]"),
+    )
+    folder = tmp_path_factory.mktemp("anchored") / "trial"
+    return open_trial(roll(folder, 5.0, lambda text: replaced(text, *edits))), base
 
 
 def test_a_base_that_rolls_is_doubted_within_a_second(told_anchored) -> None:

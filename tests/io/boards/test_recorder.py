@@ -2,17 +2,15 @@
 
 import tomllib
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from roll import ROLL
 from tensegraph import BoardReading, InputError, open_trial
 from tensegraph.io.boards.recorder import Recorder
 from tensegraph.models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 from tensegraph.models.values.readings import NaturalLengthReading
-
-ROLL = Path(__file__).parents[3] / "examples" / "roll_02"
 
 
 def test_a_recorded_trial_is_the_trial(tmp_path, example) -> None:
