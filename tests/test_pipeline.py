@@ -14,8 +14,9 @@ from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.sensor.frames import FrameSettings
 from tensegraph.models.structure.shape import Reason
-from tensegraph.models.values.readings import TendonLengths
+from tensegraph.models.trial_description import TrialDescription
 from tensegraph.pipeline import Pipeline, reconstruct, stream
+from told_rows import rows_of
 from trial_edits import cell, lines
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -185,6 +186,12 @@ def test_an_open_circuit_and_a_spike_are_named_and_do_not_stop(trial_copy) -> No
     assert result.status[100] == "partial"
 
 
+@pytest.fixture(scope="module")
+def told(example) -> TrialDescription:
+    """The example, described as a trial whose lengths are told."""
+    return replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))
+
+
 def as_resistance(path, trial) -> None:
     """Rewrite a trial of counts as one of resistance."""
     pipeline = pipeline_of(trial)
@@ -245,42 +252,31 @@ def test_lengths_stand_in_for_counts(trial_copy, plain) -> None:
 
 
 @pytest.mark.parametrize("method", ["live", "frame"])
-def test_a_length_that_jumps_is_left_out(plain, example, method) -> None:
+def test_a_length_that_jumps_is_left_out(plain, told, method) -> None:
     """One cell of a file with a digit too many, of a tendon of 0.17 m; the next reading is believed again."""
-    trial = replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))
-    none = np.zeros(24, dtype=np.int64)
-    read = [
-        TendonLengths(t, m, np.full(24, np.nan), none, none) for t, m in zip(plain.t_s, plain.length_m, strict=True)
-    ]
+    read = rows_of(plain.length_m, t_s=plain.t_s)
     wrong_m = np.where(np.arange(24) == 6, 0.8, read[60].length_m)
     with_jump = [*read[:60], replace(read[60], length_m=wrong_m), *read[61:70]]
-    shapes, others = list(stream(with_jump, trial, method)), list(stream(read[:70], trial, method))
+    shapes, others = list(stream(with_jump, told, method)), list(stream(read[:70], told, method))
     assert [k for k, shape in enumerate(shapes) if shape.lengths.flags[6] & Flag.OUTLIER] == [60]
     assert shapes[60].status is Status.PARTIAL
     for shape, other in zip(shapes, others, strict=True):
         np.testing.assert_allclose(shape.node_position_m, other.node_position_m, atol=0.003)
 
 
-def test_a_wound_cable_with_a_short_natural_length_may_move_as_fast_as_others(plain, example) -> None:
+def test_a_wound_cable_with_a_short_natural_length_may_move_as_fast_as_others(plain, told) -> None:
     """A length of 0.17 m that changes by 10 mm in a frame, whose natural length is told as 0.02 m."""
-    trial = replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))
-    wound_m = np.where(np.arange(24) == 6, 0.02, trial.structure.natural_length_m)
-    trial = replace(trial, mechanics=None, structure=replace(trial.structure, natural_length_m=wound_m))
-    none = np.zeros(24, dtype=np.int64)
+    wound_m = np.where(np.arange(24) == 6, 0.02, told.structure.natural_length_m)
+    trial = replace(told, mechanics=None, structure=replace(told.structure, natural_length_m=wound_m))
     shorter_m = plain.length_m[0] - 0.01 * (np.arange(24) == 6)
-    told = [plain.length_m[0], plain.length_m[0], shorter_m, shorter_m]
-    read = [TendonLengths(0.02 * k, m, np.full(24, 0.0003), none, none) for k, m in enumerate(told)]
+    read = rows_of([plain.length_m[0], plain.length_m[0], shorter_m, shorter_m], 0.0003)
     assert not any(shape.lengths.flags.any() for shape in stream(read, trial, "frame"))
 
 
 @pytest.mark.parametrize("method", ["live", "batch"])
-def test_two_columns_of_lengths_that_are_exchanged_are_in_doubt(plain, example, method) -> None:
+def test_two_columns_of_lengths_that_are_exchanged_are_in_doubt(plain, told, method) -> None:
     """Two lengths that differ by millimetres at rest, each told as the other; one alone that is wrong is none."""
-    trial = replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))
-    read = [
-        TendonLengths(t, length, sigma, np.zeros(24, dtype=np.int64), np.zeros(24, dtype=np.int64))
-        for t, length, sigma in zip(plain.t_s[:80], plain.length_m, plain.sigma_m, strict=False)
-    ]
+    read = rows_of(plain.length_m, plain.sigma_m, plain.t_s)[:80]
     columns = np.arange(24)
     columns[[4, 20]] = 20, 4
     apart_m = np.diff(np.mean([one.length_m[[4, 20]] for one in read], axis=0))[0]
@@ -288,27 +284,24 @@ def test_two_columns_of_lengths_that_are_exchanged_are_in_doubt(plain, example, 
     exchanged = [replace(one, length_m=one.length_m[columns]) for one in read]
     alone = [replace(one, length_m=one.length_m + apart_m * (np.arange(24) == 4)) for one in read]
     doubted = [
-        [shape.doubt is Reason.REST for shape in stream(told, trial, method)] for told in (exchanged, alone, read)
+        [shape.doubt is Reason.REST for shape in stream(rows, told, method)] for rows in (exchanged, alone, read)
     ]
     assert all(doubted[0][20:])
     assert not any(doubted[1] + doubted[2])
 
 
 @pytest.mark.parametrize(("moved_m", "expected"), [(0.0, False), (0.012, True)])
-def test_anchors_that_are_not_where_lengths_between_them_say_are_in_doubt(moved_m, expected, plain, example) -> None:
+def test_anchors_that_are_not_where_lengths_between_them_say_are_in_doubt(moved_m, expected, plain, told) -> None:
     """One anchor 12 mm away: two of the three lengths between anchors contradict it; forces are not known.
 
     Where the structure rests at the start, its lengths tell where the anchors are.
     """
-    trial = open_trial(example).description
-    anchors_m = trial.structure.anchor_position_m + moved_m * (np.arange(3)[:, None] == 1) * np.array([1.0, 0, 0])
-    structure = replace(trial.structure, anchor_position_m=anchors_m)
-    trial = replace(trial, source="lengths", natural_resistance_ohm=np.empty(0), structure=structure)
-    trial = replace(trial, mechanics=None, rest_position_m=None)
-    true_m = open_trial(example).description.structure.tendon_length_m(plain.node_position_m[0])
-    none = np.zeros(24, dtype=np.int64)
+    anchors_m = told.structure.anchor_position_m + moved_m * (np.arange(3)[:, None] == 1) * np.array([1.0, 0, 0])
+    structure = replace(told.structure, anchor_position_m=anchors_m)
+    trial = replace(told, structure=structure, mechanics=None, rest_position_m=None)
+    true_m = told.structure.tendon_length_m(plain.node_position_m[0])
     noise_m = 0.001 * np.random.default_rng(1).standard_normal((10, 24))
-    read = [TendonLengths(0.02 * k, true_m + noise_m[k], np.full(24, 0.001), none, none) for k in range(10)]
+    read = rows_of(true_m + noise_m, 0.001)
     resting = Pipeline(trial, Settings(), read_sensor_model())
     assert not any(shape.doubt for shape in resting.shapes(read, "frame"))
     assert (resting.rest.wrong == "anchors") is expected
@@ -316,15 +309,10 @@ def test_anchors_that_are_not_where_lengths_between_them_say_are_in_doubt(moved_
     assert all((shape.doubt is Reason.GEOMETRY) is expected for shape in stream(read, moving, "frame"))
 
 
-def test_what_was_watched_in_one_run_is_nothing_to_the_next(plain, example) -> None:
+def test_what_was_watched_in_one_run_is_nothing_to_the_next(plain, told) -> None:
     """The lengths of a run, whose rest is another shape, and then right ones, by the same pipeline."""
-    trial = replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))
-    pipeline = Pipeline(trial, Settings(), read_sensor_model())
-    none = np.zeros(24, dtype=np.int64)
-    read = [
-        TendonLengths(t_s, length_m, np.full(24, 0.001), none, none)
-        for t_s, length_m in zip(plain.t_s[:20], plain.predicted_m, strict=False)
-    ]
+    pipeline = Pipeline(told, Settings(), read_sensor_model())
+    read = rows_of(plain.predicted_m, 0.001, plain.t_s)[:20]
     others = [replace(one, length_m=one.length_m[::-1]) for one in read]
     in_doubt = [
         all(shape.doubt is Reason.REST for shape in pipeline.shapes(run, "frame")) for run in (others, read, others)
@@ -333,14 +321,11 @@ def test_what_was_watched_in_one_run_is_nothing_to_the_next(plain, example) -> N
 
 
 @pytest.mark.parametrize("method", ["live", "batch", "frame"])
-def test_lengths_at_rest_tell_a_rest_shape_that_nobody_measured(method, plain, example) -> None:
+def test_lengths_at_rest_tell_a_rest_shape_that_nobody_measured(method, told, example) -> None:
     """The true lengths, which nothing loads at rest; found from forces alone, the rest shape shows loads of 1 N."""
-    opened = open_trial(example)
-    trial = replace(opened.description, source="lengths", natural_resistance_ohm=np.empty(0), rest_position_m=None)
-    truth = opened.truth()
-    length_m = trial.structure.tendon_length_m(truth.node_position_m[:130])
-    none = np.zeros(24, dtype=np.int64)
-    read = [TendonLengths(t_s, m, np.full(24, 0.0005), none, none) for t_s, m in zip(truth.t_s, length_m, strict=False)]
+    trial = replace(told, rest_position_m=None)
+    truth = open_trial(example).truth()
+    read = rows_of(trial.structure.tendon_length_m(truth.node_position_m), 0.0005, truth.t_s)[:130]
     pipeline = Pipeline(trial, Settings(), read_sensor_model())
     shapes = Reconstruction.of(trial.structure, pipeline.shapes(read, method))
     assert (pipeline.rest.source, pipeline.rest.wrong) == ("lengths", None)
@@ -353,27 +338,22 @@ def test_lengths_at_rest_tell_a_rest_shape_that_nobody_measured(method, plain, e
     assert pipeline.misfits_at_rest
 
 
-def test_lengths_that_are_told_again_and_again_are_in_doubt(plain, example) -> None:
+def test_lengths_that_are_told_again_and_again_are_in_doubt(plain, told) -> None:
     """A program that goes on to send its last row: every length is as plausible as before."""
-    trial = replace(open_trial(example).description, source="lengths", natural_resistance_ohm=np.empty(0))
-    read = [
-        TendonLengths(t, length, sigma, np.zeros(24, dtype=np.int64), np.zeros(24, dtype=np.int64))
-        for t, length, sigma in zip(plain.t_s, plain.length_m, plain.sigma_m, strict=True)
-    ]
+    read = rows_of(plain.length_m, plain.sigma_m, plain.t_s)
     again = [replace(read[-1], t_s=read[-1].t_s + 0.02 * k) for k in range(1, 61)]
-    shapes = list(stream([*read, *again], trial))
+    shapes = list(stream([*read, *again], told))
     assert not any(shape.doubt for shape in shapes[: len(read) + 48])
     assert all(shape.doubt == Reason.SENSORS for shape in shapes[-9:])
 
 
 @pytest.mark.parametrize("rate_hz", [2.0, 200.0])
-def test_a_rate_of_frames_that_the_sensor_model_was_not_trained_at_is_refused(example, rate_hz: float) -> None:
+def test_a_rate_of_frames_that_the_sensor_model_was_not_trained_at_is_refused(example, told, rate_hz: float) -> None:
     settings = replace(Settings(), frames=FrameSettings(rate_hz=rate_hz))
     trial = open_trial(example).description
     with pytest.raises(InputError, match=rf"frames\.rate_hz: expected 10 to 100, .*, got {rate_hz:g}$"):
         list(stream([], trial, settings=settings))
-    lengths = replace(trial, source="lengths", natural_resistance_ohm=np.empty(0))
-    assert not list(stream([], lengths, settings=settings))
+    assert not list(stream([], told, settings=settings))
 
 
 def test_readings_that_are_not_of_the_rest_shape_are_in_doubt(trial_copy) -> None:
@@ -406,9 +386,7 @@ def test_lengths_in_place_of_readings_of_boards(example) -> None:
     description = open_trial(example).description
     length_m = description.structure.tendon_length_m(description.rest_position_m)
     length_m[12] = np.nan
-    none = np.zeros(24, dtype=np.int64)
-    frames = [TendonLengths(0.02 * k, length_m, np.full(24, np.nan), none, none) for k in range(10)]
-    *_, last = stream(frames, description)
+    *_, last = stream(rows_of([length_m] * 10), description)
     assert last.status is Status.PARTIAL
     sigma_m = np.where(np.arange(24) == 12, np.inf, Settings().noise.unstated_m)
     np.testing.assert_array_equal(last.lengths.sigma_m, sigma_m)

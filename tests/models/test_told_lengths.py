@@ -9,6 +9,7 @@ from tensegraph import Flag, InputError, Structure, six_strut
 from tensegraph.models.sensor.gate import GateSettings
 from tensegraph.models.told_lengths import LASTING_M, ToldLengths, WaysAround, lengths_at_rest
 from tensegraph.models.values.readings import TendonLengths
+from told_rows import rows_of
 
 FULL_M = np.full(4, 0.2)
 REST_S = 2.0
@@ -24,10 +25,8 @@ STRUCTURE = Structure(
 
 def checked(length_m: np.ndarray, sigma_m: float = np.nan) -> tuple[list[TendonLengths], ToldLengths]:
     """Return (rows, 4) lengths at 50 Hz after the check, and the check."""
-    none = np.zeros(4, dtype=np.int64)
     told = ToldLengths(GateSettings(), STRUCTURE, FULL_M, REST_S, unstated_m=0.001)
-    rows = [TendonLengths(0.02 * k, m, np.full(4, sigma_m), none, none) for k, m in enumerate(length_m)]
-    return [told.checked(row) for row in rows], told
+    return [told.checked(row) for row in rows_of(length_m, sigma_m)], told
 
 
 def noise(rows: int, sigma_m: float = 0.001) -> np.ndarray:
@@ -46,10 +45,11 @@ def pressed(rows: int, sigma_m: float = 0.001, begin: int = 100) -> np.ndarray:
 
 def test_rows_that_repeat_a_stamp_are_refused() -> None:
     """Readers of files leave them out; of an iterable of rows they are a mistake."""
-    told, none = ToldLengths(GateSettings(), STRUCTURE, FULL_M, REST_S, unstated_m=0.001), np.zeros(4, dtype=np.int64)
-    told.checked(TendonLengths(0.02, FULL_M, np.full(4, 0.001), none, none))
+    told = ToldLengths(GateSettings(), STRUCTURE, FULL_M, REST_S, unstated_m=0.001)
+    early, late = rows_of([FULL_M, FULL_M], 0.001, [0.02, 0.02005])
+    told.checked(early)
     with pytest.raises(InputError, match=r"0\.0001 s after the one before, at 0\.020000 s, got one at 0\.020050 s"):
-        told.checked(TendonLengths(0.02005, FULL_M, np.full(4, 0.001), none, none))
+        told.checked(late)
 
 
 class TestWaysAround:
@@ -165,11 +165,7 @@ class TestScatter:
 
 class TestLengthsAtRest:
     def rows(self, length_m: np.ndarray) -> list[TendonLengths]:
-        none = np.zeros(4, dtype=np.int64)
-        sigma_m = np.where(np.isnan(length_m), np.inf, 0.001)
-        return [
-            TendonLengths(0.02 * k, m, s, none, none) for k, (m, s) in enumerate(zip(length_m, sigma_m, strict=True))
-        ]
+        return rows_of(length_m, np.where(np.isnan(length_m), np.inf, 0.001))
 
     def test_by_hand(self) -> None:
         """Four readings of 0.200 and 0.202 m: mean 0.201, sigma of 1 mm / 2 and what they share."""

@@ -5,6 +5,7 @@ import pytest
 
 from tensegraph.estimator.free_standing.length_change import TIPPED_M, LengthChange
 from tensegraph.models.values.readings import TendonLengths
+from told_rows import rows_of
 
 REST_S = 2.0
 NOISE_M = 0.0005
@@ -12,9 +13,7 @@ NOISE_M = 0.0005
 
 def frames(length_m: np.ndarray, from_s: float = 0.0) -> list[TendonLengths]:
     """Return frames, nine or ten in 0.2 s, of (frames, tendons) lengths."""
-    zero = np.zeros(length_m.shape[1], np.int64)
-    sigma_m = np.full(length_m.shape[1], 0.0006)
-    return [TendonLengths(from_s + 0.021 * k, row, sigma_m, zero, zero) for k, row in enumerate(length_m)]
+    return rows_of(length_m, 0.0006, from_s + 0.021 * np.arange(len(length_m)))
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from tensegraph.models.settings import Settings
 from tensegraph.models.structure.floor import UP, Floor
 from tensegraph.models.structure.lengths import member_length_m
 from tensegraph.models.values.readings import TendonLengths
+from told_rows import rows_of
 
 
 @pytest.fixture(scope="module")
@@ -208,13 +209,9 @@ def test_the_balance_says_what_forces_act(structure, balanced) -> None:
     from tensegraph.estimator.linear_frame import linearised
     from tensegraph.factors.noise import weigh
     from tensegraph.models.estimation import NoiseSettings
-    from tensegraph.models.values.readings import TendonLengths
 
     x = pressed(structure, balanced, load)
-    count = len(structure.tendons)
-    lengths = TendonLengths(
-        0.0, structure.tendon_length_m(x), np.full(count, 1e-4), np.zeros(count, np.int64), np.zeros(count, np.int64)
-    )
+    (lengths,) = rows_of([structure.tendon_length_m(x)], 1e-4)
     builder = GraphBuilder(structure, balanced, NoiseSettings())
     frame = linearised(builder, x, weigh(lengths, builder.noise))
     statics = builder.statics

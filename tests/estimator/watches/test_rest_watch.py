@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tensegraph.estimator.watches.lengths_watch import RestWatch
-from tensegraph.models.values.readings import RestLengths, TendonLengths
+from tensegraph.models.values.readings import RestLengths
+from told_rows import rows_of
 
 REST_M = np.array([0.2005, 0.2, 0.21, 0.19, 0.22, 0.23])
 SIGMA_M = 0.001
@@ -13,11 +14,10 @@ SIGMA_M = 0.001
 def in_doubt(*frames_m: np.ndarray) -> bool:
     """Return whether a watch is in doubt after some frames at rest and one later."""
     watch = RestWatch(RestLengths(1.0, REST_M, np.full(6, SIGMA_M)))
-    none = np.zeros(6, dtype=np.int64)
-    for k, length_m in enumerate([*frames_m, REST_M]):
-        t_s = 2.0 if k == len(frames_m) else 0.02 * k
-        sigma_m = np.where(np.isfinite(length_m), SIGMA_M, np.inf)
-        watch.observe(TendonLengths(t_s, length_m, sigma_m, none, none))
+    length_m = np.array([*frames_m, REST_M])
+    sigma_m = np.where(np.isfinite(length_m), SIGMA_M, np.inf)
+    for row in rows_of(length_m, sigma_m, [*0.02 * np.arange(len(frames_m)), 2.0]):
+        watch.observe(row)
     return watch.in_doubt
 
 
@@ -62,6 +62,5 @@ def test_exchanged_lengths_are_doubted_by_how_much_more_probable_they_are(apart_
     rest_m = REST_M.copy()
     rest_m[3] = rest_m[2] + apart_m
     watch = RestWatch(RestLengths(1.0, rest_m, np.full(6, SIGMA_M)))
-    none = np.zeros(6, dtype=np.int64)
-    watch.observe(TendonLengths(0.0, rest_m[[0, 1, 3, 2, 4, 5]], np.full(6, SIGMA_M), none, none))
+    watch.observe(*rows_of([rest_m[[0, 1, 3, 2, 4, 5]]], SIGMA_M))
     assert watch.in_doubt is expected
