@@ -8,24 +8,21 @@ import pytest
 import tensegraph as tg
 
 
-def test_shapes_come_from_boards_on_ptys_and_are_recorded(tmp_path, rig, pty_boards) -> None:
-    rig.write_text(rig.read_text().replace("seconds = 2.0", "seconds = 0.0"))  # what these boards send never rests
-    boards_on_ptys = [pty_boards(name, k) for k, name in enumerate(("zero", "one"))]
+def test_shapes_come_from_boards_on_ptys_and_are_recorded(tmp_path, rig, two_boards) -> None:
     said: list[str] = []
-    ports = [str(board.port) for board in boards_on_ptys]
+    ports = [str(board.port) for board in two_boards]
     with tg.Boards(rig, ports=ports, record=tmp_path / "recorded", say=said.append) as boards:
         shapes = list(islice(boards, 20))
         boards.stop()
     assert all(later.t_s > shape.t_s for shape, later in pairwise(shapes))
-    assert shapes[0].node_position_m.shape == (boards_on_ptys[0].channels, 3)
+    assert shapes[0].node_position_m.shape == (two_boards[0].channels, 3)
     assert said[0] == "looking for boards ..."
     assert tg.open_trial(tmp_path / "recorded").row_count() >= 2 * len(shapes)
 
 
-def test_a_loop_that_was_left_goes_on(rig, pty_boards) -> None:
+def test_a_loop_that_was_left_goes_on(rig, two_boards) -> None:
     """The sensors are not tared anew: the second loop has the frames after those of the first."""
-    rig.write_text(rig.read_text().replace("seconds = 2.0", "seconds = 0.0"))
-    ports = [str(pty_boards(name, k).port) for k, name in enumerate(("zero", "one"))]
+    ports = [str(board.port) for board in two_boards]
     with tg.Boards(rig, ports=ports, say=lambda said: None) as boards:
         first = list(islice(boards, 10))
         second = list(islice(boards, 10))

@@ -19,6 +19,7 @@ import pytest
 
 import tensegraph
 import undrawn_command
+from command_line import start
 from plan_edits import PLANS, replaced
 from tensegraph import BoardReading, open_trial
 from tensegraph.cli import main
@@ -48,15 +49,6 @@ def typed(monkeypatch, capfd):
         return (ended.value.code or 0, *capfd.readouterr())
 
     return run
-
-
-def start(*arguments, cwd: Path) -> subprocess.Popen:
-    """Start the command in a directory; one that records draws nothing, and is started without matplotlib."""
-    program = ("-m", "tensegraph") if arguments[0] == "record" else (undrawn_command.__file__,)
-    command = [sys.executable, *program, *map(str, arguments)]
-    environment = os.environ | {"COLUMNS": "120", "TERM": "dumb", "MPLBACKEND": "agg"}
-    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    return subprocess.Popen(command, cwd=cwd, env=environment, text=True, start_new_session=True, **pipes)
 
 
 def test_a_replay_is_the_offline_result_to_the_last_digit(trial_copy, typed, monkeypatch) -> None:
@@ -249,13 +241,13 @@ def test_one_board_and_no_disk_are_enough_to_go_on_with(tmp_path, rig, pty_board
     assert not any(",ok," in line for line in status)
 
 
-def test_record_and_ports(tmp_path, rig, pty_boards, typed) -> None:
-    ports = [str(pty_boards(name, k).port) for k, name in enumerate(("zero", "one"))]
+def test_record_and_ports(tmp_path, rig, two_boards, typed) -> None:
+    ports = [str(board.port) for board in two_boards]
     code, said, error = typed("ports", *ports, tmp_path / "none", cwd=tmp_path)
     assert code == 0, error
     assert re.search(r"│ 0 +│ pty 1 +│ 0 +│ 50 Hz │ 12", said)
     assert "not there" in said
-    rig.write_text(rig.read_text().replace("seconds = 2.0", "seconds = 0.0").replace("ports = []", f"ports = {ports}"))
+    rig.write_text(rig.read_text().replace("ports = []", f"ports = {ports}"))
     code, said, error = typed("record", "--rig", rig, "--out", "trials/first", "--seconds", 1, cwd=tmp_path)
     assert code == 0, error
     rows = int(re.search(r"(\d+) rows recorded in trials/first", said)[1])
@@ -300,21 +292,18 @@ def test_a_sketch_whose_lines_cannot_be_read_is_not_called_silent(tmp_path, rig,
 
 
 @pytest.mark.parametrize("verb", ["record", "live"])
-def test_a_run_ends_in_time_although_the_boards_are_silent(tmp_path, rig, pty_boards, typed, verb) -> None:
+def test_a_run_ends_in_time_although_the_boards_are_silent(tmp_path, rig, two_boards, two_ports, typed, verb) -> None:
     """Both cables are out after some rows, and stay out; the panel says so, and result and recording are whole."""
-    rig.write_text(replaced(rig.read_text(), ("seconds = 2.0", "seconds = 0.0")))
-    boards = [pty_boards("a", 0), pty_boards("b", 1)]
 
     def unplug() -> None:
         while not (tmp_path / "t").exists() or rows_on_disk(tmp_path / "t") < 20:
             time.sleep(0.02)
-        for board in boards:
+        for board in two_boards:
             board.unplug()
 
     threading.Thread(target=unplug, daemon=True).start()
-    ports = [word for board in boards for word in ("--port", board.port)]
     out = ("--record", "t", "--out", "out") if verb == "live" else ("--out", "t")
-    code, said, error = typed(verb, "--rig", rig, *ports, *out, "--seconds", 3, cwd=tmp_path)
+    code, said, error = typed(verb, "--rig", rig, *two_ports, *out, "--seconds", 3, cwd=tmp_path)
     assert code == 0, error
     assert re.search(r"newest reading +│ [12]\d{3} ms ago +│ [12]\d{3} ms ago", said)
     rows = list(open_trial(tmp_path / "t").readings())
@@ -341,14 +330,12 @@ axis = [0, 0, 1]
 
 
 @pytest.fixture
-def with_sensors(rig, pty_boards):
+def with_sensors(rig, two_boards):
     """A rig with an inertial sensor on each board; the second board has one more, which the rig does not name."""
-    boards = [pty_boards(name, k) for k, name in enumerate(("zero", "one"))]
-    boards[0].sensors, boards[1].sensors = (0,), (1, 2)
-    text = rig.read_text().replace("seconds = 2.0", "seconds = 0.0")
-    ports = [str(board.port) for board in boards]
-    rig.write_text(text.replace("ports = []", f"ports = {ports}") + SENSORS)
-    return rig, boards
+    two_boards[0].sensors, two_boards[1].sensors = (0,), (1, 2)
+    ports = [str(board.port) for board in two_boards]
+    rig.write_text(rig.read_text().replace("ports = []", f"ports = {ports}") + SENSORS)
+    return rig, two_boards
 
 
 def test_record_writes_the_samples_of_inertial_sensors(tmp_path, with_sensors, typed) -> None:
@@ -432,12 +419,10 @@ def test_what_can_not_be_is_one_line_and_exit_code_2(trial_copy, rig, typed, arg
 
 
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
-def test_a_closed_terminal_or_a_termination_leaves_a_whole_trial(tmp_path, rig, pty_boards, number) -> None:
+def test_a_closed_terminal_or_a_termination_leaves_a_whole_trial(tmp_path, rig, two_ports, number) -> None:
     """Sent to all of the group, as a terminal that is closed does; settings are read from a file, too."""
-    rig.write_text(replaced(rig.read_text(), ("seconds = 2.0", "seconds = 0.0")))
     (tmp_path / "settings.toml").write_text("[clock]\nwindow_s = 30.0\n")
-    ports = [word for board in (pty_boards("a", 0), pty_boards("b", 1)) for word in ("--port", board.port)]
-    process = start("record", "--rig", rig, *ports, "--out", "t", "--config", "settings.toml", cwd=tmp_path)
+    process = start("record", "--rig", rig, *two_ports, "--out", "t", "--config", "settings.toml", cwd=tmp_path)
     began(process, tmp_path / "t", rows=30)
     (os.killpg if number == signal.SIGHUP else os.kill)(process.pid, number)
     out, error = process.communicate(timeout=30)
@@ -509,24 +494,21 @@ def check_all_rows(trial: Path, boards: list) -> None:
 
 
 @pytest.mark.parametrize("verb", ["record", "live"])
-def test_a_process_that_stood_still_goes_on(tmp_path, rig, pty_boards, verb) -> None:
+def test_a_process_that_stood_still_goes_on(tmp_path, rig, two_boards, two_ports, verb) -> None:
     """SIGSTOP to all of the group for two seconds: what the ports kept meanwhile is read, and shapes are in time."""
-    rig.write_text(replaced(rig.read_text(), ("seconds = 2.0", "seconds = 0.0")))
-    boards = [pty_boards("a", 0), pty_boards("b", 1)]
-    ports = [word for board in boards for word in ("--port", board.port)]
     out = ("--record", "t", "--out", "out") if verb == "live" else ("--out", "t")
-    process = start(verb, "--rig", rig, *ports, *out, cwd=tmp_path)
+    process = start(verb, "--rig", rig, *two_ports, *out, cwd=tmp_path)
     began(process, tmp_path / "t")
     if verb == "live":
         until_it_estimates(process, tmp_path)
-    sent = [len(board.sent) for board in boards]
+    sent = [len(board.sent) for board in two_boards]
     for number, wait_s in ((signal.SIGSTOP, 2.0), (signal.SIGCONT, 2.0), (signal.SIGINT, 0.0)):
         os.killpg(process.pid, number)
         time.sleep(wait_s)
     _, error = process.communicate(timeout=60)
     assert process.returncode == 0, error
-    assert all(len(board.sent) - before > 2.0 / 0.02 for board, before in zip(boards, sent, strict=True))
-    check_all_rows(tmp_path / "t", boards)
+    assert all(len(board.sent) - before > 2.0 / 0.02 for board, before in zip(two_boards, sent, strict=True))
+    check_all_rows(tmp_path / "t", two_boards)
     if verb == "live":
         latency = np.genfromtxt(tmp_path / "out" / "latency.csv", delimiter=",", names=True)
         assert latency["latency_s"][-1] < 1.0
@@ -557,12 +539,9 @@ def ended_on_a_full_disk(words: list[object], folder: Path, most_bytes: int) -> 
     )
 
 
-def test_a_full_disk_ends_a_recording_from_boards(tmp_path, rig, pty_boards) -> None:
+def test_a_full_disk_ends_a_recording_from_boards(tmp_path, rig, two_ports) -> None:
     """No file may grow beyond 9000 bytes: the error is one line, and the rows before it are a trial."""
-    rig.write_text(replaced(rig.read_text(), ("seconds = 2.0", "seconds = 0.0")))
-    boards = [pty_boards("a", 0), pty_boards("b", 1)]
-    ports = [word for board in boards for word in ("--port", board.port)]
-    words = [sys.executable, "-m", "tensegraph", "record", "--rig", rig, *ports, "--out", "t"]
+    words = [sys.executable, "-m", "tensegraph", "record", "--rig", rig, *two_ports, "--out", "t"]
     ended = ended_on_a_full_disk(words, tmp_path, 9000)
     assert ended.returncode == 2
     assert ended.stderr == "tensegraph: t: the recording ended: File too large\n"

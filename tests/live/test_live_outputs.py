@@ -2,29 +2,19 @@
 
 import filecmp
 import json
-import os
 import signal
 import socket
-import subprocess
 import sys
 
 import numpy as np
 import pytest
 
 import tensegraph as tg
-import undrawn_command
-from command_line import run
+from command_line import run, start
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 TABLES = ["shape.csv", "ellipsoids.csv", "lengths.csv", "status.csv"]
-
-
-def start(*arguments, cwd) -> subprocess.Popen:
-    """Start the command in a directory, in a group of its own."""
-    command = [sys.executable, undrawn_command.__file__, *map(str, arguments)]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen(command, cwd=cwd, env=os.environ | {"COLUMNS": "300"}, start_new_session=True, **pipes)
 
 
 def test_every_shape_is_sent_and_the_result_is_the_same(trial_copy, monkeypatch) -> None:
@@ -74,7 +64,7 @@ def watched(trial_copy):
     psutil = pytest.importorskip("psutil")
     pytest.importorskip("rerun_cli")
     path = trial_copy(rows=200)
-    session = start("live", "--replay", path, "--viewer", "--out", "live", cwd=path.parent)
+    session = start("live", "--replay", path, "--viewer", "--out", "live", cwd=path.parent, COLUMNS="300")
     try:
         said = session.stdout.readline()
         assert "http://127.0.0.1:" in said, said

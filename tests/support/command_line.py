@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from unittest import mock
 
+import undrawn_command
 from tensegraph.cli import main
 
 SCREEN = {"COLUMNS": "120", "TERM": "dumb"}
@@ -39,3 +40,15 @@ def run_process(*arguments, cwd: Path, timeout_s: float = 120, **environment) ->
     command = [sys.executable, "-m", "tensegraph", *map(str, arguments)]
     quiet = {"capture_output": True, "text": True, "check": False}
     return subprocess.run(command, cwd=cwd, env=os.environ | SCREEN | environment, timeout=timeout_s, **quiet)
+
+
+def start(*arguments, cwd: Path, **environment) -> subprocess.Popen:
+    """Start the command in a directory, in a group of its own.
+
+    One that records draws nothing, and is started without matplotlib.
+    """
+    program = ("-m", "tensegraph") if arguments[0] == "record" else (undrawn_command.__file__,)
+    command = [sys.executable, *program, *map(str, arguments)]
+    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    environment = os.environ | SCREEN | {"MPLBACKEND": "agg"} | environment
+    return subprocess.Popen(command, cwd=cwd, env=environment, start_new_session=True, **pipes)
