@@ -5,7 +5,7 @@ from drawing import BLACK, BLUE, GREY, ORANGE, TRIAL, save
 from matplotlib.figure import Figure
 
 from tensegraph import Settings, open_trial, reconstruct
-from tensegraph.estimator.rest_step import rest_step
+from tensegraph.estimator.rest_step import rest_shape_of
 from tensegraph.models.balance.observable_loads import observable_part
 from tensegraph.models.balance.statics import Statics
 
@@ -17,9 +17,7 @@ def main() -> None:
     trial = open_trial(TRIAL)
     description = trial.description
     structure = description.structure
-    rest = rest_step(
-        structure, description.mechanics, description.rest_position_m, description.geometry, Settings().rest
-    )
+    rest = rest_shape_of(description, Settings().rest)
     assert description.mechanics is not None
     assert rest.mechanics is not None
     figure = Figure(figsize=(12, 4.2), layout="constrained")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tensegraph import Settings, Structure, open_trial, reconstruct
-from tensegraph.estimator.rest_step import rest_step
+from tensegraph.estimator.rest_step import rest_shape_of
 from tensegraph.models.balance.statics import Statics
 from tensegraph.models.structure.lengths import member_length_m
 from tensegraph.models.structure.rigidity import free_length_jacobian, rigidity
@@ -106,9 +106,7 @@ def main() -> None:
     trial = open_trial(TRIAL)
     description = trial.description
     structure = description.structure
-    rest = rest_step(
-        structure, description.mechanics, description.rest_position_m, description.geometry, Settings().rest
-    )
+    rest = rest_shape_of(description, Settings().rest)
     assert rest.mechanics is not None
     draw_mechanism(structure, rest.node_position_m)
     result = reconstruct(trial, "live")

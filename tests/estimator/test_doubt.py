@@ -7,12 +7,13 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from balance import pressed
+from linear_frames import linear_frame
 from noise_settings import with_noise
 from tensegraph import Flag, Settings
 from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.doubt import SCALES, ModelDoubt, Regimes, evidence_share, log_evidence
 from tensegraph.estimator.graph import GraphBuilder
-from tensegraph.estimator.linear_frame import LinearFrame, linearised
+from tensegraph.estimator.linear_frame import linearised
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.factors.noise import weigh
 from tensegraph.models.structure.shape import Reason, Status
@@ -53,22 +54,16 @@ def test_evidence_is_the_probability_of_the_lengths() -> None:
     """A linear problem of two coordinates: the evidence is the density of the lengths, its prior being that of x."""
     rng = np.random.default_rng(1)
     jacobian, forces = rng.normal(size=(3, 2)), rng.normal(size=(4, 2))
-    frame = LinearFrame(
+    frame = linear_frame(
         length_error_m=np.array([0.3, -0.2, 0.5]),
         length_jacobian=jacobian,
         weight_per_m=np.array([2.0, 1.5, 3.0]),
-        drift_m2=None,
-        shared=None,
         force_n=np.array([0.2, 0.1, -0.4, 0.3]),
         force_jacobian=forces,
         force_weight_per_n=np.ones(4),
         force_sigma_n=np.ones(4),
         from_prior_m=np.array([0.1, -0.3]),
         prior_m=0.8,
-        fixed_motions=np.zeros((0, 1)),
-        own_error=np.zeros(0),
-        own_jacobian=np.zeros((0, 2)),
-        own_weight=np.zeros(0),
     )
     variance = np.array([[1.0, 1.0, 1.0, 1.0], [4.0, 4.0, 0.25, 0.25], [1.0, 1.0, 1.0, 1.0]])
     scale = np.array([1.0, 1.0, 3.0])

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.stats import multivariate_normal
 
+from linear_frames import linear_frame
 from tensegraph.estimator.changes.change_evidence import PossibleChanges, change_evidence
 from tensegraph.estimator.linear_frame import LinearFrame
 
@@ -10,22 +11,17 @@ from tensegraph.estimator.linear_frame import LinearFrame
 def frame_of(seed: int) -> LinearFrame:
     """Three lengths, of which the second and third have correlated errors, and four forces, of two coordinates."""
     rng = np.random.default_rng(seed)
-    return LinearFrame(
+    return linear_frame(
         length_error_m=rng.normal(size=3),
         length_jacobian=rng.normal(size=(3, 2)),
         weight_per_m=np.array([2.0, 1.5, 3.0]),
         drift_m2=np.array([[0.2, 0.1], [0.1, 0.05]]),
-        shared=None,
         force_n=rng.normal(size=4),
         force_jacobian=rng.normal(size=(4, 2)),
         force_weight_per_n=np.full(4, 2.0),
         force_sigma_n=np.full(4, 0.5),
         from_prior_m=rng.normal(size=2),
         prior_m=0.8,
-        fixed_motions=np.zeros((0, 1)),
-        own_error=np.zeros(0),
-        own_jacobian=np.zeros((0, 2)),
-        own_weight=np.zeros(0),
     )
 
 
@@ -46,23 +42,12 @@ CHANGES = PossibleChanges(
 
 def test_by_hand() -> None:
     """One coordinate of which two lengths of sigma 1 say 0 and 2; a change of sigma 1 of the first: I = 1/2, b = -1."""
-    frame = frame_of(0)
-    frame = LinearFrame(
+    frame = linear_frame(
         length_error_m=np.array([1.0, -1.0]),
         length_jacobian=np.ones((2, 1)),
         weight_per_m=np.ones(2),
-        drift_m2=None,
-        shared=None,
-        force_n=np.zeros(0),
-        force_jacobian=np.zeros((0, 1)),
-        force_weight_per_n=np.zeros(0),
-        force_sigma_n=np.zeros(0),
         from_prior_m=np.zeros(1),
         prior_m=np.inf,
-        fixed_motions=np.zeros((0, 1)),
-        own_error=frame.own_error,
-        own_jacobian=np.zeros((0, 1)),
-        own_weight=frame.own_weight,
     )
     found = change_evidence(frame, PossibleChanges(np.array([[-1.0], [0.0]]), np.zeros((0, 1)), np.ones(1)))
     np.testing.assert_allclose(found.log_ratio, [0.5 * np.log(2 / 3) + 1 / 3])
