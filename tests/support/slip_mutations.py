@@ -7,6 +7,7 @@ units slip in several keys at once, two files are mixed, and characters look lik
 import random
 import re
 from collections.abc import Callable
+from functools import wraps
 from math import isfinite
 from pathlib import Path
 
@@ -19,6 +20,7 @@ ODD_NUMBERS = (
     *("", "None", "null", "#N/A", "1 000", "1'000", "−1", "3.0", "65535", "65536", "4294967296", "-32768"),
 )
 Change = Callable[[str, random.Random], str | bytes]
+Cells = list[list[str]]
 
 
 def slip(path: Path, rng: random.Random, other: Path | None = None) -> str:
@@ -146,111 +148,96 @@ def mixed(text: str, other: str, rng: random.Random) -> str:
     return "".join(rng.choice(([*lines, *others], [*others, *lines], [*lines[:half], *others[half:]], in_turn)))
 
 
-def with_rows(text: str, change: Callable[[list[list[str]]], list[list[str]]]) -> str:
-    """Return a table with its rows of cells changed, under the same header."""
-    header, *rows = text.splitlines() or [""]
-    return "\n".join([header, *(",".join(cells) for cells in change([row.split(",") for row in rows])), ""])
+def of_cells(change: Callable[[Cells, random.Random], Cells]) -> Change:
+    """Make of a change of rows of cells one of the text of a table, whose header stays."""
+
+    @wraps(change)
+    def change_of_text(text: str, rng: random.Random) -> str:
+        header, *rows = text.splitlines() or [""]
+        return "\n".join([header, *(",".join(cells) for cells in change([row.split(",") for row in rows], rng)), ""])
+
+    return change_of_text
 
 
-def columns_exchanged(text: str, rng: random.Random) -> str:
+def columns_of(rows: Cells, count: int, rng: random.Random) -> list[int]:
+    """Return different columns that every row has; where there are too few, the first one as often."""
+    width = min(map(len, rows), default=0)
+    return rng.sample(range(width), count) if width >= count else [0] * count
+
+
+@of_cells
+def columns_exchanged(rows: Cells, rng: random.Random) -> Cells:
     """The cells change places, the header stays."""
-
-    def change(rows: list[list[str]]) -> list[list[str]]:
-        width = min(map(len, rows), default=0)
-        if width > 1:
-            a, b = rng.sample(range(width), 2)
-            for row in rows:
-                row[a], row[b] = row[b], row[a]
-        return rows
-
-    return with_rows(text, change)
+    a, b = columns_of(rows, 2, rng)
+    for row in rows:
+        row[a], row[b] = row[b], row[a]
+    return rows
 
 
-def column_copied(text: str, rng: random.Random) -> str:
-    def change(rows: list[list[str]]) -> list[list[str]]:
-        width = min(map(len, rows), default=0)
-        if width > 1:
-            a, b = rng.sample(range(width), 2)
-            for row in rows:
-                row[a] = row[b]
-        return rows
-
-    return with_rows(text, change)
+@of_cells
+def column_copied(rows: Cells, rng: random.Random) -> Cells:
+    a, b = columns_of(rows, 2, rng)
+    for row in rows:
+        row[a] = row[b]
+    return rows
 
 
-def column_late(text: str, rng: random.Random) -> str:
+@of_cells
+def column_late(rows: Cells, rng: random.Random) -> Cells:
     """One column a few rows later than the others."""
-
-    def change(rows: list[list[str]]) -> list[list[str]]:
-        width = min(map(len, rows), default=0)
-        late = rng.choice((1, 5, -3))
-        if width and rows:
-            column = rng.randrange(width)
-            cells = [row[column] for row in rows]
-            for k, row in enumerate(rows):
-                row[column] = cells[(k - late) % len(rows)]
-        return rows
-
-    return with_rows(text, change)
+    late = rng.choice((1, 5, -3))
+    (column,) = columns_of(rows, 1, rng)
+    cells = [row[column] for row in rows]
+    for k, row in enumerate(rows):
+        row[column] = cells[(k - late) % len(rows)]
+    return rows
 
 
-def some_columns_set(text: str, rng: random.Random) -> str:
+@of_cells
+def some_columns_set(rows: Cells, rng: random.Random) -> Cells:
     """Several columns dead, saturated or blank at once, from a row on."""
-
-    def change(rows: list[list[str]]) -> list[list[str]]:
-        width = min(map(len, rows), default=0)
-        value = rng.choice(("0", "1023", "", "nan", "1", "0.0", "-1", "1e6", "1e-6", "512"))
-        columns = [c for c in range(1, width) if rng.random() < rng.choice((0.1, 0.5, 1.0))]
-        for row in rows[rng.randrange(len(rows) + 1) if rng.random() < 0.5 else 0 :]:
-            for column in columns:
-                row[column] = value
-        return rows
-
-    return with_rows(text, change)
+    width = min(map(len, rows), default=0)
+    value = rng.choice(("0", "1023", "", "nan", "1", "0.0", "-1", "1e6", "1e-6", "512"))
+    columns = [c for c in range(1, width) if rng.random() < rng.choice((0.1, 0.5, 1.0))]
+    for row in rows[rng.randrange(len(rows) + 1) if rng.random() < 0.5 else 0 :]:
+        for column in columns:
+            row[column] = value
+    return rows
 
 
-def rows_reordered(text: str, rng: random.Random) -> str:
-    def change(rows: list[list[str]]) -> list[list[str]]:
-        kind = rng.randrange(5)
-        if kind == 0:
-            return rows[::-1]
-        if kind == 1:
-            return rows[:: rng.choice((2, 5, 20))]
-        if kind == 2:
-            return [row for row in rows for _ in range(rng.choice((1, 2)))]
-        if kind == 3:
-            return rows[1::2] + rows[::2]
-        return rows[: rng.choice((0, 1, 2, 3))]
-
-    return with_rows(text, change)
+@of_cells
+def rows_reordered(rows: Cells, rng: random.Random) -> Cells:
+    kind = rng.randrange(5)
+    if kind == 0:
+        return rows[::-1]
+    if kind == 1:
+        return rows[:: rng.choice((2, 5, 20))]
+    if kind == 2:
+        return [row for row in rows for _ in range(rng.choice((1, 2)))]
+    if kind == 3:
+        return rows[1::2] + rows[::2]
+    return rows[: rng.choice((0, 1, 2, 3))]
 
 
-def times_scaled(text: str, rng: random.Random) -> str:
+@of_cells
+def times_scaled(rows: Cells, rng: random.Random) -> Cells:
     factor, shift = rng.choice((1e3, 1e-3, 1e6, 60.0, -1.0, 0.0, 1.0)), rng.choice((0.0, 0.0, 1.7e9, -0.5, 1e7))
-
-    def change(rows: list[list[str]]) -> list[list[str]]:
-        for row in rows:
-            if NUMBER.fullmatch(row[0]):
-                row[0] = repr(float(row[0]) * factor + shift)
-        return rows
-
-    return with_rows(text, change)
+    for row in rows:
+        if NUMBER.fullmatch(row[0]):
+            row[0] = repr(float(row[0]) * factor + shift)
+    return rows
 
 
-def noise_added(text: str, rng: random.Random) -> str:
+@of_cells
+def noise_added(rows: Cells, rng: random.Random) -> Cells:
     """All cells of one column shaken, by a share of themselves."""
     share = rng.choice((0.01, 0.3, 3.0))
-
-    def change(rows: list[list[str]]) -> list[list[str]]:
-        width = min(map(len, rows), default=0)
-        column = rng.randrange(width) if width else 0
-        for row in rows:
-            if width and NUMBER.fullmatch(row[column]):
-                value = float(row[column]) * (1 + share * rng.gauss(0, 1))
-                row[column] = repr(value) if "." in row[column] or not isfinite(value) else repr(round(value))
-        return rows
-
-    return with_rows(text, change)
+    (column,) = columns_of(rows, 1, rng)
+    for row in rows:
+        if NUMBER.fullmatch(row[column]):
+            value = float(row[column]) * (1 + share * rng.gauss(0, 1))
+            row[column] = repr(value) if "." in row[column] or not isfinite(value) else repr(round(value))
+    return rows
 
 
 def header_odd(text: str, rng: random.Random) -> str:
