@@ -249,14 +249,15 @@ def test_lengths_stand_in_for_counts(trial_copy, plain) -> None:
     assert all(doubt is not None for doubt in reconstruct(path, "live").doubts[20:])  # each tendon has its neighbour's
 
 
+@pytest.mark.parametrize(("told_m", "flag"), [(0.8, Flag.OUT_OF_RANGE), (0.3, Flag.OUTLIER)])
 @pytest.mark.parametrize("method", ["live", "frame"])
-def test_a_length_that_jumps_is_left_out(plain, told, method) -> None:
-    """One cell of a file with a digit too many, of a tendon of 0.17 m; the next reading is believed again."""
+def test_a_length_that_jumps_is_left_out(plain, told, method, told_m, flag) -> None:
+    """One wrong cell of a file, of a tendon of 0.17 m; the next reading is believed again."""
     read = rows_of(plain.length_m, t_s=plain.t_s)
-    wrong_m = np.where(np.arange(24) == 6, 0.8, read[60].length_m)
+    wrong_m = np.where(np.arange(24) == 6, told_m, read[60].length_m)
     with_jump = [*read[:60], replace(read[60], length_m=wrong_m), *read[61:70]]
     shapes, others = list(stream(with_jump, told, method)), list(stream(read[:70], told, method))
-    assert [k for k, shape in enumerate(shapes) if shape.lengths.flags[6] & Flag.OUTLIER] == [60]
+    assert [k for k, shape in enumerate(shapes) if shape.lengths.flags[6] & flag] == [60]
     assert shapes[60].status is Status.PARTIAL
     for shape, other in zip(shapes, others, strict=True):
         np.testing.assert_allclose(shape.node_position_m, other.node_position_m, atol=0.003)
