@@ -31,6 +31,8 @@ MAX_FRAME_ITERATIONS = 100
 ERROR_TOLERANCE = 1e-2
 """Absolute tolerance of a frame's error, which is half a sum of squares: a seventh of one sigma of one length."""
 
+NOTHING_TOLD = 0.5
+"""Ratio of its sigma to a length, from which it tells nothing."""
 NEAR_M = 0.001
 """Motion of a node, or winding of a tendon, over which the standard deviation of the balance of forces changes by less
 than a tenth."""
@@ -294,10 +296,13 @@ def _add(graph: gtsam.NonlinearFactorGraph, factors: Sequence[gtsam.NonlinearFac
 
 
 def status_of(lengths: TendonLengths, structure: Structure, doubt: Reason | None = None) -> Status:
-    """Return the status of a frame whose optimisation has converged, by its doubt and its measured tendons."""
-    usable = lengths.usable[structure.free_tendons]
-    if not usable.any():
+    """Return the status of a frame whose optimisation has converged, by its doubt and its measured tendons.
+
+    A length whose sigma is more than half of it was not measured.
+    """
+    is_measured = (lengths.usable & (lengths.sigma_m < NOTHING_TOLD * lengths.length_m))[structure.free_tendons]
+    if not is_measured.any():
         return Status.PRIOR_ONLY
     if doubt is not None:
         return Status.DOUBT
-    return Status.OK if usable.all() else Status.PARTIAL
+    return Status.OK if is_measured.all() else Status.PARTIAL

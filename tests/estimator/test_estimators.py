@@ -11,6 +11,7 @@ from tensegraph.estimator.baselines.least_squares import LeastSquares
 from tensegraph.estimator.baselines.unscented_kalman import UnscentedKalman
 from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.frame import FrameEstimator
+from tensegraph.estimator.graph import status_of
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.structure.rest_shape import RestShape
@@ -21,6 +22,17 @@ ESTIMATORS = [FrameEstimator, LiveSmoother, BatchOptimizer]
 
 
 BASELINES = [LeastSquares, UnscentedKalman]
+
+
+def test_a_length_that_tells_nothing_was_not_measured(structure, rest, lengths_of) -> None:
+    """A strip that reads far beyond its range has a sigma of its own length."""
+    lengths = lengths_of(structure, rest.node_position_m)
+    lengths.sigma_m[12] = 0.4 * lengths.length_m[12]
+    assert status_of(lengths, structure) is Status.OK
+    lengths.sigma_m[12] = 0.6 * lengths.length_m[12]
+    assert status_of(lengths, structure) is Status.PARTIAL
+    lengths.sigma_m[:] = 0.2
+    assert status_of(lengths, structure) is Status.PRIOR_ONLY
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
