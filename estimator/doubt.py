@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from ..models.estimation import DoubtSettings
 from ..models.structure.shape import Reason
 from ..models.values.readings import Flag, TendonLengths
+from ..models.values.time_series import Regimes
 from .graph import GraphBuilder
 from .linear_frame import LinearFrame
 
@@ -64,35 +65,6 @@ class Doubt:
     """Probability that the lengths are less exact than their sigmas say."""
     reason: Reason | None = None
     """The explanation that is more probable than the model; None when there is none."""
-
-
-class Regimes:
-    """The probability of each of several regimes, of which one is left for any, by its prior, after `memory_s`."""
-
-    def __init__(self, prior: NDArray[np.float64], memory_s: float) -> None:
-        self._prior = prior
-        self._memory_s = memory_s
-        self.probability = prior
-
-    def predict(self, step_s: float) -> None:
-        """Carry the probabilities over a time step."""
-        stay = np.exp(-step_s / self._memory_s)
-        self.probability = stay * self.probability + (1 - stay) * self._prior
-
-    def update(self, log_evidence: NDArray[np.float64]) -> None:
-        """Multiply the probabilities by the evidence."""
-        likelihood = np.exp(log_evidence - log_evidence.max())
-        self.probability = self.probability * likelihood / (self.probability @ likelihood)
-
-    def smoothed(self, t_s: NDArray[np.float64], filtered: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (times, regimes) the probabilities given all evidence, from those given the past evidence."""
-        smoothed = filtered.copy()
-        for k in range(len(t_s) - 2, -1, -1):
-            stay = np.exp(-(t_s[k + 1] - t_s[k]) / self._memory_s)
-            predicted = stay * filtered[k] + (1 - stay) * self._prior
-            ratio = smoothed[k + 1] / predicted
-            smoothed[k] = filtered[k] * (stay * ratio + (1 - stay) * (self._prior @ ratio))
-        return smoothed
 
 
 class ModelDoubt:

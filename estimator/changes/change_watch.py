@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from ...models.structure.shape import Reason, Shape
 from ...models.structure.structure import Structure
 from ...models.values.readings import SensorDrift, TendonLengths
-from ..doubt import Regimes, evidence_share
+from ...models.values.time_series import Regimes
+from ..doubt import evidence_share
 from ..graph import GraphBuilder
 from ..linear_frame import LinearFrame
 from .change_evidence import ChangeEvidence, PossibleChanges, change_evidence

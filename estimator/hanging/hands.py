@@ -23,6 +23,7 @@ from scipy.special import logsumexp
 
 from ...models.estimation import DoubtSettings
 from ...models.values.rotations import cross_matrix
+from ...models.values.time_series import Regimes
 from ..free_standing.resting_faces import Balance
 
 LEAST_RESTORING = 0.3
@@ -88,8 +89,9 @@ class Hands:
         others = len(free_nodes) - 1
         share = len(free_nodes) * settings.loaded_share * (1 - settings.loaded_share) ** others
         share /= share + (1 - settings.loaded_share) ** (others + 1)
-        self._prior = np.append(np.full(len(self._nodes), share / len(self._nodes)), 1 - share)
-        self._probability = np.append(np.zeros(len(self._nodes)), 1.0)
+        prior = np.append(np.full(len(self._nodes), share / len(self._nodes)), 1 - share)
+        self._regimes = Regimes(prior, HOLD_S)
+        self._regimes.probability = np.append(np.zeros(len(self._nodes)), 1.0)
 
     def look(self, balances: list[Balance], hanging: Hanging, step_s: float) -> HandTorque:
         """Return the torque of hands in one more frame.
@@ -105,12 +107,10 @@ class Hands:
         found = [_force_of_hand(balance, weight_n, B) for balance in balances]
         log_l = np.array([log_l for log_l, _, _ in found])
         evidence = logsumexp(log_l, axis=0)
-        stay = np.exp(-step_s / HOLD_S)
-        before = stay * self._probability + (1 - stay) * self._prior
         ratio = np.maximum(evidence - evidence.max(), -MOST_LOG_RATIO)
-        likelihood = np.exp(min(step_s / ALIKE_S, 1.0) * ratio)
-        self._probability = before * likelihood / (before @ likelihood)
-        p = (self._probability * np.exp(log_l - evidence))[:, :-1]
+        self._regimes.predict(step_s)
+        self._regimes.update(min(step_s / ALIKE_S, 1.0) * ratio)
+        p = (self._regimes.probability * np.exp(log_l - evidence))[:, :-1]
         arm = cross_matrix(hanging.arm_m[self._nodes]) * (self._load_n / hanging.weight_n.sum())[:, None, None]
         lever = np.einsum("kij,qkj->qki", arm, np.array([z for _, z, _ in found]))
         second = np.einsum("kij,qkjl,kml->qkim", arm, np.array([spread for _, _, spread in found]), arm)

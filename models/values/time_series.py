@@ -1,4 +1,4 @@
-"""Values over time: the first-order low-pass filter m += (y - m) w, interpolation, correlation, and parts.
+"""Values over time: the low-pass filter m += (y - m) w, interpolation, correlation, parts, and hidden regimes.
 
 What follows a signal takes its next samples, one or many, and remembers where it stood: the numbers are the same,
 however many samples it is given at a time.
@@ -86,6 +86,35 @@ class SmoothedRate:
             smooth = smooth + rate[k] * step_s[k]
         self._smooth = smooth
         return rate
+
+
+class Regimes:
+    """The probability of each of several regimes, of which one is left for any, by its prior, after `memory_s`."""
+
+    def __init__(self, prior: NDArray[np.float64], memory_s: float) -> None:
+        self._prior = prior
+        self._memory_s = memory_s
+        self.probability = prior
+
+    def predict(self, step_s: float) -> None:
+        """Carry the probabilities over a time step."""
+        stay = np.exp(-step_s / self._memory_s)
+        self.probability = stay * self.probability + (1 - stay) * self._prior
+
+    def update(self, log_evidence: NDArray[np.float64]) -> None:
+        """Multiply the probabilities by the evidence."""
+        likelihood = np.exp(log_evidence - log_evidence.max())
+        self.probability = self.probability * likelihood / (self.probability @ likelihood)
+
+    def smoothed(self, t_s: NDArray[np.float64], filtered: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (times, regimes) the probabilities given all evidence, from those given the past evidence."""
+        smoothed = filtered.copy()
+        for k in range(len(t_s) - 2, -1, -1):
+            stay = np.exp(-(t_s[k + 1] - t_s[k]) / self._memory_s)
+            predicted = stay * filtered[k] + (1 - stay) * self._prior
+            ratio = smoothed[k + 1] / predicted
+            smoothed[k] = filtered[k] * (stay * ratio + (1 - stay) * (self._prior @ ratio))
+        return smoothed
 
 
 def interpolated(

@@ -1,4 +1,4 @@
-"""The doubt about the model: evidence, regimes, and what a smoother does with them."""
+"""The doubt about the model: evidence, and what a smoother does with them."""
 
 from dataclasses import replace
 
@@ -11,43 +11,12 @@ from linear_frames import linear_frame
 from noise_settings import with_noise
 from tensegraph import Flag, Settings
 from tensegraph.estimator.batch import BatchOptimizer
-from tensegraph.estimator.doubt import SCALES, ModelDoubt, Regimes, evidence_share, log_evidence
+from tensegraph.estimator.doubt import SCALES, ModelDoubt, evidence_share, log_evidence
 from tensegraph.estimator.graph import GraphBuilder
 from tensegraph.estimator.linear_frame import linearised
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.factors.noise import weigh
 from tensegraph.models.structure.shape import Reason, Status
-
-
-class TestRegimes:
-    def test_by_hand(self) -> None:
-        """After ln 2 of the memory half of 1 : 0 is forgotten for 3 : 1; evidence of 3 then gives 21 : 3."""
-        regimes = Regimes(np.array([0.75, 0.25]), 10.0)
-        regimes.probability = np.array([1.0, 0.0])
-        regimes.predict(10 * np.log(2))
-        np.testing.assert_allclose(regimes.probability, [0.875, 0.125])
-        regimes.update(np.log([3.0, 1.0]))
-        np.testing.assert_allclose(regimes.probability, np.array([2.625, 0.125]) / 2.75)
-
-    def test_smoothed_is_the_sum_over_all_paths(self) -> None:
-        prior = np.array([0.8, 0.2])
-        evidence = np.array([[1.0, 2.0], [1.0, 0.5], [1.0, 7.0], [1.0, 9.0]])
-        t_s = np.arange(4.0)
-        regimes = Regimes(prior, 2.0)
-        filtered = []
-        for k in range(4):
-            regimes.predict(1.0 if k else 0.0)
-            regimes.update(np.log(evidence[k]))
-            filtered.append(regimes.probability)
-        stay = np.exp(-0.5)
-        transition = stay * np.eye(2) + (1 - stay) * prior
-        expected = np.zeros((4, 2))
-        for path in np.ndindex(2, 2, 2, 2):
-            weight = prior[path[0]] * np.prod([evidence[k, path[k]] for k in range(4)])
-            weight *= np.prod([transition[path[k], path[k + 1]] for k in range(3)])
-            expected[np.arange(4), path] += weight
-        expected /= expected.sum(axis=1, keepdims=True)
-        np.testing.assert_allclose(regimes.smoothed(t_s, np.array(filtered)), expected)
 
 
 def test_evidence_is_the_probability_of_the_lengths() -> None:

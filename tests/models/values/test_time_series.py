@@ -1,4 +1,4 @@
-"""Filters by hand and in pieces; the time for which errors stay alike, against its definition."""
+"""Filters by hand and in pieces; regimes; the time for which errors stay alike, against its definition."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tensegraph.models.values.time_series import (
+    Regimes,
     SmoothedRate,
     autocorrelation_of,
     correlation_samples,
@@ -59,3 +60,34 @@ def test_autocorrelation_of_errors_of_any_size() -> None:
     np.testing.assert_array_equal(autocorrelation_of(np.zeros(4)), [1, 0, 0, 0])
     for size in (1e-200, 1e200):
         np.testing.assert_allclose(autocorrelation_of(size * np.ones(3)), [1, 2 / 3, 1 / 3])
+
+
+class TestRegimes:
+    def test_by_hand(self) -> None:
+        """After ln 2 of the memory half of 1 : 0 is forgotten for 3 : 1; evidence of 3 then gives 21 : 3."""
+        regimes = Regimes(np.array([0.75, 0.25]), 10.0)
+        regimes.probability = np.array([1.0, 0.0])
+        regimes.predict(10 * np.log(2))
+        np.testing.assert_allclose(regimes.probability, [0.875, 0.125])
+        regimes.update(np.log([3.0, 1.0]))
+        np.testing.assert_allclose(regimes.probability, np.array([2.625, 0.125]) / 2.75)
+
+    def test_smoothed_is_the_sum_over_all_paths(self) -> None:
+        prior = np.array([0.8, 0.2])
+        evidence = np.array([[1.0, 2.0], [1.0, 0.5], [1.0, 7.0], [1.0, 9.0]])
+        t_s = np.arange(4.0)
+        regimes = Regimes(prior, 2.0)
+        filtered = []
+        for k in range(4):
+            regimes.predict(1.0 if k else 0.0)
+            regimes.update(np.log(evidence[k]))
+            filtered.append(regimes.probability)
+        stay = np.exp(-0.5)
+        transition = stay * np.eye(2) + (1 - stay) * prior
+        expected = np.zeros((4, 2))
+        for path in np.ndindex(2, 2, 2, 2):
+            weight = prior[path[0]] * np.prod([evidence[k, path[k]] for k in range(4)])
+            weight *= np.prod([transition[path[k], path[k + 1]] for k in range(3)])
+            expected[np.arange(4), path] += weight
+        expected /= expected.sum(axis=1, keepdims=True)
+        np.testing.assert_allclose(regimes.smoothed(t_s, np.array(filtered)), expected)
