@@ -193,18 +193,21 @@ def _robot(
     table: TrialTable, told: DescribedStructure, imus: tuple[Imu, ...]
 ) -> FreeStandingRobot | HangingRobot | None:
     structure = told.structure
-    pairs = [
+    pairs = tuple(
         (recording, beacon, node)
         for recording, ranges in enumerate(table.range)
         for beacon in range(len(ranges.beacon_position_m))
         for node in range(structure.node_count)
-    ]
+    )
+    rest_seconds, own_frames = table.rest.seconds, len(_own_frames(table))
     if structure.is_held:
         return None
     if not structure.is_free_standing:
         _check_hangs(table, told)
         anchor_m = table.structure.anchor_sigma_m
-        return HangingRobot(imus, tuple(pairs), table.rest.seconds, anchor_m, len(_own_frames(table)))
+        return HangingRobot(
+            imus=imus, range_pairs=pairs, rest_seconds=rest_seconds, own_frames=own_frames, anchor_m=anchor_m
+        )
     if table.ground is None:
         aids = [name for name in ("imu", "range", "position") if getattr(table, name)]
         if aids:
@@ -218,7 +221,9 @@ def _robot(
     if told.rest_position_m is not None:
         _check_has_faces(told.rest_position_m)
     floor = _floor(table, table.ground, told)
-    return FreeStandingRobot(floor, imus, tuple(pairs), table.rest.seconds, len(_own_frames(table)))
+    return FreeStandingRobot(
+        floor=floor, imus=imus, range_pairs=pairs, rest_seconds=rest_seconds, own_frames=own_frames
+    )
 
 
 def _check_has_faces(rest_m: NDArray[np.float64]) -> None:

@@ -23,7 +23,7 @@ from ...models.pose.placed import PlacedShape, Rows, stacked
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.pose.position_trust import PositionTrust
-from ...models.pose.robot import FreeStandingRobot
+from ...models.pose.robot import Robot
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
@@ -58,7 +58,7 @@ class PoseFilter:
     """Time without frames after which the pose is lost; of a longer one, the covariance would not be exact any more."""
 
     def __init__(
-        self, rest: RestShape, robot: FreeStandingRobot, settings: PoseSettings, motion: PoseSettings | None = None
+        self, rest: RestShape, robot: Robot, settings: PoseSettings, motion: PoseSettings | None = None
     ) -> None:
         """Begin at rest; `motion` has other settings of the motion than `settings` where it is given."""
         self._settings = settings

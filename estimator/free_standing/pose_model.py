@@ -17,7 +17,7 @@ from ...factors.range import outlying, range_rows
 from ...models.pose.placed import PlacedShape, Rows, stacked
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
-from ...models.pose.robot import FreeStandingRobot
+from ...models.pose.robot import Robot
 from ...models.structure.rest_shape import RestShape
 from ...models.values.rotations import rotation_vector
 from .footholds import Feet, walk_variance_m2
@@ -44,7 +44,7 @@ class PoseModel:
     """The motion from frame to frame, and the rows of all aids."""
 
     def __init__(
-        self, rest: RestShape, robot: FreeStandingRobot, settings: PoseSettings, motion: PoseSettings | None = None
+        self, rest: RestShape, robot: Robot, settings: PoseSettings, motion: PoseSettings | None = None
     ) -> None:
         """Make the model of a robot; `motion` has other settings of its motion than `settings` where it is given."""
         self.settings = settings

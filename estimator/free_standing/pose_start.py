@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from ...models.pose.placed import Rows
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
-from ...models.pose.robot import FreeStandingRobot
+from ...models.pose.robot import Robot
 from ...models.structure.floor import Floor
 from ...models.values.rotations import rotation_vector
 
@@ -18,7 +18,7 @@ STILL = 1e-3
 """Standard deviation of all motion while the structure stands at rest at the start, in rad and m and per second."""
 
 
-def state_at_rest(node_position_m: NDArray[np.float64], robot: FreeStandingRobot) -> PoseState:
+def state_at_rest(node_position_m: NDArray[np.float64], robot: Robot) -> PoseState:
     """Return the state of a robot that is at rest at (nodes, 3) positions; sensors are turned as the world is."""
     imus = len(robot.imus)
     return PoseState(

@@ -16,23 +16,21 @@ from ...factors.anchor import anchor_rows
 from ...factors.torque import torque_rows
 from ...models.pose.placed import PlacedShape, Rows
 from ...models.pose.pose_state import PoseState
-from ...models.pose.robot import FreeStandingRobot, HangingRobot
+from ...models.pose.robot import HangingRobot
 from ...models.settings import Settings
-from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
+from ...models.structure.floor import GRAVITY_M_PER_S2, UP
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Shape
 from ...models.structure.suspension import Suspension
 from ...models.values.aids import AidReading
 from ...models.values.rotations import cross_matrix
-from ..free_standing.contacts import Standing
+from ..free_standing.contacts import nothing_stands
 from ..free_standing.pose_filter import PoseFilter
 from ..free_standing.pose_smoother import PoseStep
 from ..free_standing.prediction import heading_direction, without_turn
 from ..free_standing.watches.measured_attitude import are_parallel
 from .hands import HandTorque, Hanging, Swing
 
-NO_FLOOR = Floor(-1e3, UP)
-"""A floor that no node can touch."""
 CONTRADICTION = 3.0
 """Studentised torque about the suspension above which the pose is wrong."""
 FAST_RAD = 0.1
@@ -55,9 +53,6 @@ class HangingFilter(PoseFilter):
     """Time in which hands may turn it in any way."""
 
     def __init__(self, rest: RestShape, robot: HangingRobot, settings: Settings) -> None:
-        in_the_air = FreeStandingRobot(
-            NO_FLOOR, robot.imus, robot.range_pairs, robot.rest_seconds, robot.own_frames, robot.first_frame_s
-        )
         unknown = replace(
             settings.pose,
             motion_m_per_s=ANY_MOTION_M_PER_S,
@@ -65,7 +60,7 @@ class HangingFilter(PoseFilter):
             spin_rad_per_s=ANY_SPIN_RAD_PER_S,
             force_m_per_s2=ANY_FORCE_M_PER_S2,
         )
-        super().__init__(rest, in_the_air, settings.pose, unknown)
+        super().__init__(rest, robot, settings.pose, unknown)
         self._anchor_m = robot.anchor_m
         self._structure = rest.structure
         self._rest = rest
@@ -73,8 +68,7 @@ class HangingFilter(PoseFilter):
         count = rest.structure.node_count
         mass_kg = rest.mechanics.node_mass_kg(rest.structure) if rest.mechanics else np.zeros(count)
         self._suspension = Suspension.of(rest.structure, mass_kg)
-        nodes = np.zeros(count)
-        self._nothing_stands = Standing(nodes > 0, nodes)
+        self._nothing_stands = nothing_stands(count)
         self._standing = self._nothing_stands.nodes
         self._weight_n = mass_kg * GRAVITY_M_PER_S2
         lever_m = self._suspension.lever_m(rest.node_position_m)
@@ -122,7 +116,7 @@ class HangingFilter(PoseFilter):
 
     def _without_heading(self, rows: Rows, state: PoseState) -> Rows:
         """Return rows that say nothing of a turn about the vertical through the one anchor, see `without_turn`."""
-        N = heading_direction(state, NO_FLOOR).copy()
+        N = heading_direction(state, self._floor).copy()
         N[state.layout.position] -= np.cross(UP, self._suspension.pivot_m)
         return without_turn(rows, N, state, UP)
 

@@ -1,22 +1,26 @@
 """What a robot that is not held stands on or hangs from, and what it carries beside its tendons."""
 
 from dataclasses import dataclass, replace
+from typing import Self
 
-from ..structure.floor import Floor
+from ..structure.floor import UP, Floor
 from ..values.aids import Imu
 from ..values.stamps import rest_until_s
 
+NO_FLOOR = Floor(-1e3, UP)
+"""A floor that no node can touch."""
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FreeStandingRobot:
-    """What is known of a free-standing robot beside its structure."""
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Robot:
+    """What is known of a robot that is not held, beside its structure."""
 
     floor: Floor
-    imus: tuple[Imu, ...]
-    range_pairs: tuple[tuple[int, int, int], ...]
-    """The pairs of beacon and node between which ranges may be measured, see `RangeReading.pair`."""
     rest_seconds: float
-    """How long it stands at its rest shape, from the first frame on."""
+    """How long it stands or hangs at its rest shape, from the first frame on."""
+    imus: tuple[Imu, ...] = ()
+    range_pairs: tuple[tuple[int, int, int], ...] = ()
+    """The pairs of beacon and node between which ranges may be measured, see `RangeReading.pair`."""
     own_frames: int = 0
     """Number of recordings of positions in frames of their own."""
     first_frame_s: float = 0.0
@@ -29,30 +33,23 @@ class FreeStandingRobot:
 
     @property
     def rest_until_s(self) -> float:
-        """Time until which it stands at its rest shape, on the clock of the frames."""
+        """Time until which it is at its rest shape, on the clock of the frames."""
         return rest_until_s(self.first_frame_s, self.rest_seconds)
 
-    def begun(self, first_frame_s: float) -> "FreeStandingRobot":
+    def begun(self, first_frame_s: float) -> Self:
         """Return the robot with the time of its first frame."""
         return replace(self, first_frame_s=first_frame_s)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class HangingRobot:
-    """What is known of a robot that hangs from one anchor, or swings about two, beside its structure."""
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FreeStandingRobot(Robot):
+    """One that stands on a floor."""
 
-    imus: tuple[Imu, ...]
-    range_pairs: tuple[tuple[int, int, int], ...]
-    """See `FreeStandingRobot`."""
-    rest_seconds: float
-    """How long it hangs at its rest shape, from the first frame on."""
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class HangingRobot(Robot):
+    """One that hangs from one anchor, or swings about two."""
+
+    floor: Floor = NO_FLOOR
     anchor_m: float
     """Standard deviation of an anchor's position, per axis."""
-    own_frames: int = 0
-    """See `FreeStandingRobot`."""
-    first_frame_s: float = 0.0
-    """See `FreeStandingRobot`."""
-
-    def begun(self, first_frame_s: float) -> "HangingRobot":
-        """Return the robot with the time of its first frame."""
-        return replace(self, first_frame_s=first_frame_s)

@@ -39,7 +39,7 @@ def robot_with_two_sensors(balanced: RestShape) -> PoseFilter:
     rods = balanced.structure.rods
     along = [(x[rods[k, 1]] - x[rods[k, 0]]) / np.linalg.norm(x[rods[k, 1]] - x[rods[k, 0]]) for k in (0, 2)]
     imus = (Imu(0, 0.5, along[0]), Imu(2, 0.5, along[1]))
-    robot = FreeStandingRobot(Floor(float(x[0, 2]), UP), imus, (), 0.5)
+    robot = FreeStandingRobot(floor=Floor(float(x[0, 2]), UP), imus=imus, rest_seconds=0.5)
     return PoseFilter(balanced, robot, PoseSettings())
 
 

@@ -29,7 +29,7 @@ def at_rest_on_a_slope(balanced, told: Floor):
     rest = replace(balanced, node_position_m=x)
     floor = told.under(x)
     imus = tuple(Imu(rod, 0.5, UP) for rod in RODS)
-    poses = PoseFilter(rest, FreeStandingRobot(floor, imus, (), 0.2), PoseSettings())
+    poses = PoseFilter(rest, FreeStandingRobot(floor=floor, imus=imus, rest_seconds=0.2), PoseSettings())
     a, b = balanced.structure.rods[list(RODS)].T
     along = (x[b] - x[a]) / np.linalg.norm(x[b] - x[a], axis=1, keepdims=True)
     force = [GRAVITY_M_PER_S2 * UP @ shortest_rotation(UP, direction) for direction in along]

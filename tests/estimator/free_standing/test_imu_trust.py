@@ -34,7 +34,7 @@ def disagreeing(balanced: RestShape, rods: list[int], body_rad: float, off_rad: 
     """Return which sensors are outvoted, and which are doubted, where the first has turned across its rod, alone."""
     directions = rod_directions(balanced, rods)
     imus = tuple(Imu(rod, 0.5, axis) for rod, axis in zip(rods, directions, strict=True))
-    robot = FreeStandingRobot(Floor(0.0, UP), imus, (), 0.2)
+    robot = FreeStandingRobot(floor=Floor(0.0, UP), imus=imus, rest_seconds=0.2)
     state = state_at_rest(balanced.node_position_m, robot)
     turned = state.imu_turn.copy()
     turned[0] = rotation(off_rad * across(directions[0])[0])
@@ -88,7 +88,7 @@ def test_a_sensor_of_which_one_axis_is_stuck_is_left_out(balanced, axis: int, mo
     """Turned in the air by 2.7 rad, of which one axis of the first sensor misses the second half."""
     rods, x = [0, 2, 4], balanced.node_position_m
     imus = tuple(Imu(rod, 0.5, np.array([0.0, 0.0, 1.0])) for rod in rods)
-    robot = FreeStandingRobot(Floor(float(x[0, 2]), UP), imus, (), 0.2)
+    robot = FreeStandingRobot(floor=Floor(float(x[0, 2]), UP), imus=imus, rest_seconds=0.2)
     poses = PoseFilter(balanced, robot, SETTINGS)
     d = rod_directions(balanced, rods)
     mounted = np.stack([*np.moveaxis(across(d), 1, 0), d], axis=2)

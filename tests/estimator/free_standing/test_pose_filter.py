@@ -23,7 +23,7 @@ EXACT_M2 = 1e-10 * np.eye(36)
 
 @pytest.fixture
 def robot(balanced) -> FreeStandingRobot:
-    return FreeStandingRobot(Floor(float(balanced.node_position_m[0, 2]), UP), (), (), 0.2)
+    return FreeStandingRobot(floor=Floor(float(balanced.node_position_m[0, 2]), UP), rest_seconds=0.2)
 
 
 def test_a_structure_that_stands_still_stays(balanced, robot) -> None:
@@ -256,7 +256,7 @@ def test_positions_that_all_jump_in_sight_are_doubted(
 ) -> None:
     """A knocked camera: the frame moves by 50 mm between two frames, and the robot stands."""
     x = balanced.node_position_m
-    poses = PoseFilter(balanced, FreeStandingRobot(Floor(float(x[0, 2]), UP), (), (), 0.5), PoseSettings())
+    poses = PoseFilter(balanced, FreeStandingRobot(floor=Floor(float(x[0, 2]), UP), rest_seconds=0.5), PoseSettings())
     for k in range(60):
         shift_m = np.array([jump_m, 0.0, 0.0]) * (k > 50)
         aids = tuple(PositionReading(0.02 * k, node, x[node] + shift_m) for node in (3, 5, 8, 11))

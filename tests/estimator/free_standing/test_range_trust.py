@@ -31,7 +31,7 @@ def steps(balanced, told: Told = lambda beacon_m: beacon_m, late_m: Callable[[fl
     x = balanced.node_position_m
     pairs = tuple((0, b, n) for b in range(4) for n in NODES)
     offset_m = {pair: 0.05 * rng.standard_normal() for pair in pairs}
-    robot = FreeStandingRobot(Floor(float(x[:, 2].min()), UP), (), pairs, REST_S)
+    robot = FreeStandingRobot(floor=Floor(float(x[:, 2].min()), UP), range_pairs=pairs, rest_seconds=REST_S)
     poses, beacon_m = PoseFilter(balanced, robot, PoseSettings()), told(BEACON_M)
     for k in range(300):
         t_s, aids = 0.02 * k, []

@@ -151,7 +151,7 @@ def test_what_the_floor_tells_says_nothing_of_the_heading() -> None:
 def test_the_heading_walks_with_every_tip_and_stays_as_uncertain_at_rest(balanced) -> None:
     """By hand: four tips to and fro over one edge, each by the angle a, leave 4 * 0.14^2 a of variance; feet creep."""
     floor = Floor(float(balanced.node_position_m[0, 2]), UP)
-    poses = PoseFilter(balanced, FreeStandingRobot(floor, (), (), 0.2), PoseSettings())
+    poses = PoseFilter(balanced, FreeStandingRobot(floor=floor, rest_seconds=0.2), PoseSettings())
     x, base = balanced.node_position_m, np.isin(np.arange(12), [0, 1, 2])
     turn, _ = tipping(x, STANDS, STAYED, UP)
     variances = []

@@ -47,7 +47,7 @@ class Hung:
         self._x = x
         self._read_s = -0.5 * STEP_S
         imus = tuple(Imu(rod, 0.5, ALONG) for rod in rods)
-        self.poses = HangingFilter(hung, HangingRobot(imus, (), REST_S, 0.001), Settings())
+        self.poses = HangingFilter(hung, HangingRobot(imus=imus, rest_seconds=REST_S, anchor_m=0.001), Settings())
 
     def hang(self, t_s: float, imus: tuple[int, ...], hands: HandTorque | None) -> PoseStep:
         """Return one more frame, with two samples in each 20 ms of some sensors."""

@@ -27,13 +27,13 @@ def seen(nodes: list[int]) -> TendonLengths:
 )
 def test_positions_of_two_nodes_do_not_tell_the_turn_about_their_line(rest: RestShape, nodes, known) -> None:
     """The balance of forces is asked besides, as it is with inertial sensors on parallel rods."""
-    robot = FreeStandingRobot(Floor(0.01, UP), (), (), 0.0)
+    robot = FreeStandingRobot(floor=Floor(0.01, UP), rest_seconds=0.0)
     assert MeasuredAttitude(rest, robot).observe(seen(nodes), np.zeros(0, dtype=np.bool_)) is known
 
 
 @pytest.mark.parametrize(("rods", "known"), [((0,), Attitude.KNOWN_BUT_ONE_TURN), ((0, 2), Attitude.KNOWN)])
 def test_sensors_on_rods_of_one_direction_do_not_tell_the_turn_about_them(rest: RestShape, rods, known) -> None:
-    robot = FreeStandingRobot(Floor(0.01, UP), tuple(Imu(rod, 0.5, UP) for rod in rods), (), 0.0)
+    robot = FreeStandingRobot(floor=Floor(0.01, UP), imus=tuple(Imu(rod, 0.5, UP) for rod in rods), rest_seconds=0.0)
     felt = tuple(ImuReading(number, 0.0, np.zeros(3), 9.81 * UP) for number in range(len(rods)))
     lengths = replace(seen([]), aids=felt)
     assert MeasuredAttitude(rest, robot).observe(lengths, np.ones(len(rods), dtype=np.bool_)) is known
