@@ -98,11 +98,6 @@ class FreeStandingSmoother:
             self.kept.append(kept)
         return shape, step
 
-    @property
-    def contradicted_imus(self) -> NDArray[np.bool_]:
-        """(imus,) see `ImuTrust.contradicted`."""
-        return self._poses.contradicted_imus
-
     def _stand_on(self, state: PoseState, covariance: NDArray[np.float64], stands: Standing) -> None:
         if self._rest.mechanics is not None:
             probability = stands.probability
@@ -133,10 +128,9 @@ class FreeStandingOptimizer:
         """
         frames = without_lag(list(frames))
         live, shapes, steps = self._live(frames)
-        contradicted = live.contradicted_imus
+        contradicted = steps[-1].contradicted_imus
         if contradicted.any():  # what they told before they were found out is wrong, too
-            frames = without_sensors(frames, contradicted)
-            live, shapes, steps = self._live(frames)
+            live, shapes, steps = self._live(without_sensors(frames, contradicted))
         frames = [replace(lengths, aids=shape.lengths.aids) for lengths, shape in zip(frames, shapes, strict=True)]
         contacts = self._contacts(live, frames, shapes)
         if any(standing is not None for standing in contacts):

@@ -388,11 +388,6 @@ class PoseFilter:
         return self._floor.tilted(self.state.floor_tilt)
 
     @property
-    def contradicted_imus(self) -> NDArray[np.bool_]:
-        """(imus,) see `ImuTrust.contradicted`."""
-        return self._trust.contradicted
-
-    @property
     def used_imus(self) -> NDArray[np.bool_]:
         """(imus,) which inertial sensors agree with the attitude of their rods and are not silent."""
         return self._trust.is_used

@@ -46,8 +46,8 @@ class HangingSmoother:
         self._looked_s = -np.inf
         self._of_hands = Hands(structure.free_nodes, settings.doubt)
         self._hands: HandTorque | None = None
-        self.kept: list[HandTorque | None] | None = None
-        """The torque of hands in each frame, for a smoother that puts a list here; live, memory is bounded."""
+        self.kept: list[tuple[HandTorque | None, Reason | None]] | None = None
+        """Torque of hands and doubt in each frame, for a smoother that puts a list here; live, memory is bounded."""
         self._hang(rest.node_position_m, self._poses.state, self._poses.covariance)
 
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
@@ -65,14 +65,9 @@ class HangingSmoother:
             self._looked_s = shape.t_s
         step = self._poses.hang(shape, self._hands, shape.lengths.aids)
         if self.kept is not None:
-            self.kept.append(self._hands)
+            self.kept.append((self._hands, self.doubt_of(step)))
         self._hang(shape.node_position_m, step.state, step.covariance)
         return shape, step
-
-    @property
-    def contradicted_imus(self) -> NDArray[np.bool_]:
-        """(imus,) see `ImuTrust.contradicted`."""
-        return self._poses.contradicted_imus
 
     def doubt_of(self, step: PoseStep) -> Reason | None:
         """Return what the newest step of the pose tells against the model."""
@@ -119,13 +114,11 @@ class HangingOptimizer:
             IndeterminateError: when measurements and priors leave some node undetermined.
         """
         frames = without_lag(list(frames))
-        live, shapes, steps, doubts = self._live(frames)
-        contradicted = live.contradicted_imus
+        live, shapes, steps = self._live(frames)
+        contradicted = steps[-1].contradicted_imus
         if contradicted.any():  # what they told before they were found out is wrong, too
-            frames = without_sensors(frames, contradicted)
-            live, shapes, steps, doubts = self._live(frames)
-            doubts = [Reason.IMU] * len(frames)
-        assert live.kept is not None, "the live pass keeps the torques"
+            live, shapes, steps = self._live(without_sensors(frames, contradicted))
+        assert live.kept is not None, "the live pass keeps what it learns"
         frames = [replace(lengths, aids=shape.lengths.aids) for lengths, shape in zip(frames, shapes, strict=True)]
         left_out = [shape.contradicted_positions for shape in shapes]
         supports = [
@@ -139,8 +132,9 @@ class HangingOptimizer:
         filtered = HangingFilter(self._rest, self._robot, self._settings)
         steps = [
             filtered.hang(shape, hands, lengths.aids)
-            for lengths, shape, hands in zip(frames, shapes, live.kept, strict=True)
+            for lengths, shape, (hands, _) in zip(frames, shapes, live.kept, strict=True)
         ]
+        doubts = [Reason.IMU if contradicted.any() else doubt for _, doubt in live.kept]
         if steps[-1].doubts_ranges:  # those of before may be wrong, too
             doubts = [doubt or Reason.RANGES for doubt in doubts]
         poses = smoothed(steps)
@@ -148,20 +142,13 @@ class HangingOptimizer:
             shape = replace(shape, contradicted_positions=nodes)
             yield hung_in_world(shape, self._rest, state, covariance, step, doubt)
 
-    def _live(
-        self, frames: Sequence[TendonLengths]
-    ) -> tuple[HangingSmoother, list[Shape], list[PoseStep], list[Reason | None]]:
-        """Return the live estimator after all frames, with what it has kept, its shapes, their poses and its doubts."""
+    def _live(self, frames: Sequence[TendonLengths]) -> tuple[HangingSmoother, list[Shape], list[PoseStep]]:
+        """Return the live estimator after all frames, with what it has kept of them, its shapes and their poses."""
         live = HangingSmoother(self._structure, self._rest, self._robot, self._settings)
         live.shapes.keep()
         live.kept = []
-        shapes, steps, doubts = [], [], []
-        for lengths in frames:
-            shape, step = live.update(lengths)
-            shapes.append(shape)
-            steps.append(step)
-            doubts.append(live.doubt_of(step))
-        return live, shapes, steps, doubts
+        estimates = [live.update(lengths) for lengths in frames]
+        return live, [shape for shape, _ in estimates], [step for _, step in estimates]
 
 
 def weight_of(
