@@ -56,9 +56,8 @@ class PoseModel:
         self.centre_m: NDArray[np.float64] = rest.node_position_m.mean(axis=0)
         """(3,) c, the origin of body coordinates."""
         self._motion = PoseMotion(self.imus, motion or settings)
-        self.numbers_of_pair = {
-            pair: (number, robot.beacons.index(pair[:2])) for number, pair in enumerate(robot.range_pairs)
-        }
+        beacons = {beacon: number for number, beacon in enumerate(robot.beacons)}
+        self.numbers_of_pair = {pair: (number, beacons[pair[:2]]) for number, pair in enumerate(robot.range_pairs)}
         """The number of each pair of beacon and node in the state, and that of its beacon."""
 
     def predicted(self, frame: Frame, before: Pose, stands: NDArray[np.bool_]) -> Prediction:
