@@ -18,6 +18,7 @@ from .estimator.rest_step import rest_shape_of
 from .estimator.smoother import LiveSmoother
 from .estimator.watches.moving_base import MovingBase
 from .estimator.watches.run_watch import RunWatch
+from .estimator.whole_trial.trial_chain import Progress
 from .factors.tendon import TautCables
 from .io.model_file import read_sensor_model
 from .io.trial_directory import Trial, open_trial
@@ -58,8 +59,6 @@ OFFLINE_FRAMES = 500
 """Number of frames whose lengths are computed at a time where nobody waits for the first."""
 AnySensorModel = SensorModel | StrainModelFactory
 """A sensor model, or what makes the one that another package brings."""
-Progress = Callable[[int, float], None]
-"""Function that is called after each iteration of an optimisation, with its number from 1 and the error."""
 
 
 class Estimator(Protocol):

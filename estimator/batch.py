@@ -4,7 +4,7 @@ The graph is that of `GraphBuilder`, with every frame in it; `estimator/whole_tr
 arrays, because gtsam calls those that are written in Python once for each frame and iteration.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,7 +34,7 @@ from .watches.rebound_watch import ReboundWatch
 from .whole_trial.parts import STACKED, WINDOW
 from .whole_trial.second_shapes import frames_to_search, second_shapes
 from .whole_trial.trial_balance import TrialBalance
-from .whole_trial.trial_chain import TrialChain, minimised
+from .whole_trial.trial_chain import Progress, TrialChain, minimised, no_progress
 from .whole_trial.trial_factors import TrialFactors
 
 LEARN_EVERY_S = 0.2
@@ -109,9 +109,7 @@ class BatchOptimizer:
         self._evidence = FrameEvidence(self._builder, settings.doubt)
         self._settings = settings
 
-    def estimate(
-        self, frames: Iterable[TendonLengths], progress: Callable[[int, float], None] = lambda iteration, error: None
-    ) -> Iterator[Shape]:
+    def estimate(self, frames: Iterable[TendonLengths], progress: Progress = no_progress) -> Iterator[Shape]:
         """Yield a shape for each frame, after all frames have been read.
 
         Args:
@@ -129,7 +127,7 @@ class BatchOptimizer:
         live: LiveSmoother,
         shapes: list[Shape],
         supports: Sequence[Support] | None,
-        progress: Callable[[int, float], None],
+        progress: Progress,
     ) -> Iterator[Shape]:
         """Yield a shape for each frame, from a live estimate.
 
@@ -145,9 +143,7 @@ class BatchOptimizer:
         """
         yield from self._shapes(self._optimum(frames, live, shapes, supports, progress))
 
-    def _after_live_pass(
-        self, frames: Iterable[TendonLengths], progress: Callable[[int, float], None]
-    ) -> _Optimum | None:
+    def _after_live_pass(self, frames: Iterable[TendonLengths], progress: Progress) -> _Optimum | None:
         """Return the optimum from a live pass; None without frames. What only the live pass needs is let go of."""
         live = LiveSmoother(self._builder.structure, self._builder.rest, _learning(self._settings))
         live.keep()
@@ -161,7 +157,7 @@ class BatchOptimizer:
         live: LiveSmoother,
         shapes: list[Shape],
         supports: Sequence[Support] | None,
-        progress: Callable[[int, float], None],
+        progress: Progress,
     ) -> _Optimum | None:
         """Return the optimum from a live estimate, see `refined`; None without frames."""
         if not frames:

@@ -6,7 +6,7 @@ the shape. Live both take turns, each with the other's newest estimate. In batch
 give the support of each frame for the optimisation of all shapes, and these shapes give the poses.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from ...models.structure.structure import Structure
 from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
 from ..smoother import LiveSmoother
+from ..whole_trial.trial_chain import Progress, no_progress
 from .contacts import Standing, nothing_stands
 from .imu_trust import without_sensors
 from .pose_filter import PoseFilter
@@ -114,9 +115,7 @@ class FreeStandingOptimizer:
         self._robot = robot
         self._settings = settings
 
-    def estimate(
-        self, frames: Iterable[TendonLengths], progress: Callable[[int, float], None] = lambda iteration, error: None
-    ) -> Iterator[Shape]:
+    def estimate(self, frames: Iterable[TendonLengths], progress: Progress = no_progress) -> Iterator[Shape]:
         """Yield a shape in the world for each frame, after all frames have been read.
 
         Args:

@@ -63,6 +63,8 @@ class PoseFilter:
         """Begin at rest; `motion` has other settings of the motion than `settings` where it is given."""
         self._settings = settings
         self._model = PoseModel(rest, robot, settings, motion)
+        self.centre_m = self._model.centre_m
+        """(3,) c, the origin of body coordinates."""
         self._imus = self._model.imus
         self._floor = robot.floor
         self._rest_until_s = robot.rest_until_s
@@ -76,7 +78,8 @@ class PoseFilter:
         self._body_before_m = rest.node_position_m - self.centre_m
         self._last_s = np.nan
         self._read_s = np.full(len(rest.node_position_m), -np.inf)
-        self._trust = ImuTrust(self._imus.count, robot.rest_until_s, settings)
+        self.trust = ImuTrust(self._imus.count, robot.rest_until_s, settings)
+        """Which inertial sensors are used."""
         self._position_trust = PositionTrust(rest, robot.rest_until_s, settings.position_m)
         self._range_trust = RangeTrust(self._model.numbers_of_pair, robot.rest_until_s, settings)
         self._jump_watch = JumpWatch(settings)
@@ -130,7 +133,7 @@ class PoseFilter:
             self._slide_watch.restart()
             stayed, landed, self._misled_rad = np.zeros_like(stayed), standing.nodes, 0.0
         if frame.samples is not None:
-            self._trust.observe(self._imus, predicted.placed, frame.samples, frame.t_s, frame.step_s)
+            self.trust.observe(self._imus, predicted.placed, frame.samples, frame.t_s, frame.step_s)
         predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, stayed)
         if by_heights:
             self._watched_rise(frame)
@@ -140,7 +143,7 @@ class PoseFilter:
         is_held = bool((self._standing & ~self._slide_watch.slides).any())
         strays = self._place_watch.strays(t_s, self.state.position_m, found, is_held=is_held)
         if strays and self._standing.any():  # friction stops a slide: the sensors that tell it are wrong
-            self._trust.give_up()
+            self.trust.give_up()
         return PoseStep(
             transition=predicted.transition,
             predicted=predicted.placed.state,
@@ -151,7 +154,7 @@ class PoseFilter:
             slips=tuple(found),
             slides_since_s=self._slide_watch.since_s,
             lifted_since_s=self._lifted_since_s,
-            contradicted_imus=self._trust.contradicted,
+            contradicted_imus=self.trust.contradicted,
             strays=strays,
             outlying_ranges=self._model.outlying_ranges(predicted, frame)
             + tuple(reading.pair[0] for reading in left_out),
@@ -174,8 +177,8 @@ class PoseFilter:
         before_s, before_m = self._last_s, self._body_before_m
         frame = Frame(t_s, before_s, step_s, before_m, body_m, body_covariance_m2, positions, ranges, samples)
         predicted = self._model.predicted(frame, self._pose, self._standing)
-        while frame.samples is not None and self._trust.outvotes(self._imus, predicted):
-            frame = replace(frame, samples=self._trust.used(frame.samples))
+        while frame.samples is not None and self.trust.outvotes(self._imus, predicted):
+            frame = replace(frame, samples=self.trust.used(frame.samples))
             predicted = self._model.predicted(frame, self._pose, self._standing)
         if taken_on is not None:
             predicted = replace(predicted, transition=predicted.transition @ taken_on)
@@ -207,7 +210,7 @@ class PoseFilter:
         """
         watch, before = self._slide_watch, self.state
         if sliding is None:
-            pose, used = self._pose, self._trust.is_used
+            pose, used = self._pose, self.trust.is_used
             predicted, before = watch.observe(predicted, frame, pose, stayed, landed, used)
         else:
             predicted = watch.told(predicted, frame, self._pose, sliding)
@@ -257,7 +260,7 @@ class PoseFilter:
             held: the nodes that footholds hold.
             stop: see `SlideWatch.stop_rows`.
         """
-        rows = self._model.rows(predicted, frame, self._standing, self._trust.is_used, held)
+        rows = self._model.rows(predicted, frame, self._standing, self.trust.is_used, held)
         rows += [*stop, *self._held_rows(predicted.placed, predicted.covariance, frame.step_s)]
         self.state, self.covariance = self._model.corrected(predicted, frame, rows)
         self._jump_watch.keep(frame.placed(self.state), frame)
@@ -297,7 +300,7 @@ class PoseFilter:
         if frame.samples is None or frame.t_s < self._rest_until_s:
             return False
         if not frame.is_felt:
-            return self._moved and bool((frame.samples.are_missing & self._trust.is_used).any())
+            return self._moved and bool((frame.samples.are_missing & self.trust.is_used).any())
         self._moved = not is_still(frame.samples)
         gained = predicted.placed.state.velocity_m_per_s - self.state.velocity_m_per_s
         force_m_per_s2 = gained / frame.step_s + GRAVITY_M_PER_S2 * UP
@@ -368,11 +371,6 @@ class PoseFilter:
         return self._position_trust.is_doubted or self._jump_watch.has_jumped
 
     @property
-    def centre_m(self) -> NDArray[np.float64]:
-        """(3,) c, the origin of body coordinates."""
-        return self._model.centre_m
-
-    @property
     def standing(self) -> Standing:
         """Which nodes stand in the last frame."""
         return Standing(self._standing, self._standing.astype(np.float64))
@@ -386,11 +384,6 @@ class PoseFilter:
     def floor(self) -> Floor:
         """The floor as it is estimated, or told exactly."""
         return self._floor.tilted(self.state.floor_tilt)
-
-    @property
-    def used_imus(self) -> NDArray[np.bool_]:
-        """(imus,) which inertial sensors agree with the attitude of their rods and are not silent."""
-        return self._trust.is_used
 
     def _imu_samples(
         self, t_s: float, aids: Sequence[AidReading]
@@ -408,17 +401,17 @@ class PoseFilter:
                 return None, None
             turn = np.where(heard[:, None, None], self._imu_turns(samples), self.state.imu_turn)
             self.state = replace(self.state, imu_turn=turn)
-            self._trust.start(self._imus, self._body_before_m @ self.state.turn.T)
-        self._trust.hear(t_s, samples)
+            self.trust.start(self._imus, self._body_before_m @ self.state.turn.T)
+        self.trust.hear(t_s, samples)
         back = np.zeros(0, dtype=np.int64)
         if self.knows_attitude:
-            back = self._trust.back(self._imus, self._body_before_m @ self.state.turn.T, samples)
+            back = self.trust.back(self._imus, self._body_before_m @ self.state.turn.T, samples)
         if not len(back):
-            return self._trust.used(samples), None
+            return self.trust.used(samples), None
         turn = self._imu_turns(samples)
         self.state, self.covariance, F = taken_on_again(self.state, self.covariance, back, turn, self._settings)
         self._slide_watch.restart()
-        return self._trust.used(samples), F
+        return self.trust.used(samples), F
 
     def _imu_turns(self, samples: ImuSamples) -> NDArray[np.float64]:
         """Return (imus, 3, 3), the attitudes of sensors in slow motion, by their rods and by gravity."""
@@ -427,7 +420,7 @@ class PoseFilter:
 
     def _tipped(self, predicted: Prediction, stands: NDArray[np.bool_], stayed: NDArray[np.bool_]) -> Prediction:
         """Return the shape tipped onto the nodes that stand, by the shortest turn about those that have stayed."""
-        placed, used, normal = predicted.placed, np.flatnonzero(self._trust.is_used), self.floor.normal
+        placed, used, normal = predicted.placed, np.flatnonzero(self.trust.is_used), self.floor.normal
         turn, pivot_m = tipping(placed.node_position_m, stands, stayed, normal)
         heading = 0.0
         if self._samples is not None and len(used):
@@ -442,7 +435,7 @@ class PoseFilter:
         """Return (known, 2) ends of rods whose sensors are used, and (known,) the second's height above the first."""
         if self._samples is None:
             return np.zeros((0, 2), dtype=np.int64), np.zeros(0)
-        used = np.flatnonzero(self._trust.is_used)
+        used = np.flatnonzero(self.trust.is_used)
         length_m = np.linalg.norm(self._imus.rod_m(self._body_before_m)[used], axis=1)
         return self._imus.ends[used], length_m * (self._imus.direction(self.state)[used] @ self.floor.normal)
 

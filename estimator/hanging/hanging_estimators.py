@@ -5,7 +5,7 @@ weight, as for a structure that stands free (`estimator.free_standing`). What an
 the balance of forces, as in an anchored structure.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +27,7 @@ from ..free_standing.pose_smoother import PoseStep, smoothed
 from ..free_standing.resting_faces import balances_at
 from ..free_standing.world import support_of
 from ..smoother import LiveSmoother
+from ..whole_trial.trial_chain import Progress, no_progress
 from .hands import Hands, HandTorque
 from .hanging_filter import HangingFilter
 
@@ -101,9 +102,7 @@ class HangingOptimizer:
         self._robot = robot
         self._settings = settings
 
-    def estimate(
-        self, frames: Iterable[TendonLengths], progress: Callable[[int, float], None] = lambda iteration, error: None
-    ) -> Iterator[Shape]:
+    def estimate(self, frames: Iterable[TendonLengths], progress: Progress = no_progress) -> Iterator[Shape]:
         """Yield a shape in the world for each frame, after all frames have been read.
 
         Args:

@@ -108,7 +108,7 @@ class HangingFilter(PoseFilter):
         if self._hands is not None:
             torque = self._torque_rows(placed, self._hands, step_s)
             against = contradicted(torque, covariance)
-            in_full = against & (not self._trust.is_used.any())  # what sensors tell, a hand unseen does not change
+            in_full = against & (not self.trust.is_used.any())  # what sensors tell, a hand unseen does not change
             rows.append(limited(torque, covariance, in_full))
             self._has_spun |= self._swing.seen_rad > FAST_RAD and self._spins_unseen()
             self.is_contradicted = self._has_spun or (bool(against.any()) and not self._turn_is_measured())
@@ -122,18 +122,18 @@ class HangingFilter(PoseFilter):
 
     def _spins_unseen(self) -> bool:
         """Return whether the inertial sensors in use, all on parallel rods, do not tell how a body on a ball spins."""
-        return self._suspension.is_ball and are_parallel(self._rods_of_imus[self._trust.is_used], self._rest)
+        return self._suspension.is_ball and are_parallel(self._rods_of_imus[self.trust.is_used], self._rest)
 
     def _turn_is_measured(self) -> bool:
         """Return whether the inertial sensors in use tell all of how the structure is turned but its heading."""
-        return bool(self._trust.is_used.any()) and not self._spins_unseen()
+        return bool(self.trust.is_used.any()) and not self._spins_unseen()
 
     def _measured_rad_per_s(self) -> float:
         """Return the largest rate that trusted inertial sensors have measured in the frame before; 0 without any."""
         if self._samples is None:
             return 0.0
         rate = np.linalg.norm(self._samples.rate_rad_per_s - self.state.rate_bias_rad_per_s, axis=1)
-        return float(np.max(rate, where=self._trust.is_used, initial=0.0))
+        return float(np.max(rate, where=self.trust.is_used, initial=0.0))
 
     def _torque_rows(self, placed: PlacedShape, hands: HandTorque, step_s: float) -> Rows:
         turn, settings = placed.state.turn, self._settings

@@ -21,6 +21,8 @@ from ...models.values.time_series import parts
 from .parts import STACKED, WINDOW
 from .trial_factors import TrialFactors
 
+Progress = Callable[[int, float], None]
+"""Function that is called after each iteration of an optimisation, with its number from 1 and the error."""
 OVERLAP = 250
 """Number of frames that windows overlap on each side. At 50 frames a second a motion that only the shape prior and the
 motion prior know of is forgotten over them to 1e-9; one that lengths see, much sooner."""
@@ -132,10 +134,14 @@ def _windows(count: int) -> Iterator[tuple[slice, slice]]:
         yield kept, slice(max(kept.start - OVERLAP, 0), min(kept.stop + OVERLAP, count))
 
 
+def no_progress(iteration: int, error: float) -> None:
+    """Tell nobody."""
+
+
 def minimised(
     chain: TrialChain,
     node_position_m: NDArray[np.float64],
-    progress: Callable[[int, float], None] = lambda iteration, error: None,
+    progress: Progress = no_progress,
     steps: int = MAX_BATCH_ITERATIONS,
 ) -> tuple[NDArray[np.float64], bool]:
     """Return the (frames, nodes, 3) shapes of least error, and whether the search converged, by Levenberg-Marquardt.

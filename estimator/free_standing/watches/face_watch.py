@@ -113,7 +113,7 @@ class FaceWatch:
         """
         self._before_s, self._t_s = self._t_s, shape.t_s
         self._change.observe(shape.lengths)
-        used = self._poses.used_imus
+        used = self._poses.trust.is_used
         self._attitude = attitude = self._measured.observe(shape.lengths, used)
         self._is_felt = bool(used.any())
         looked = attitude is not Attitude.KNOWN and self._looks(shape, at_once=at_once)

@@ -205,7 +205,7 @@ def carried(balanced, robot, silent) -> tuple[PoseFilter, list, np.ndarray]:
 def test_a_sensor_that_was_silent_is_taken_on_again_where_it_rests(balanced, robot) -> None:
     """Both are silent while it is turned: the attitudes that they had before are worth nothing."""
     poses, steps, true = carried(balanced, robot, lambda k, _: 22 <= k < 78)
-    assert poses.used_imus.all()
+    assert poses.trust.is_used.all()
     assert not steps[-1].contradicted_imus.any()
     errors = rotation_vector(true @ np.swapaxes(steps[-1].state.imu_turn, 1, 2))
     assert np.linalg.norm(errors, axis=1).max() < 0.03
@@ -244,7 +244,7 @@ def test_inertial_sensors_on_a_level_floor_do_not_find_a_heading_that_is_lost(ba
 @pytest.mark.parametrize(("comes_at", "used"), [(100, [True, True]), (1000, [True, False])])
 def test_a_sensor_that_comes_late_or_never_does_not_keep_the_others_waiting(balanced, robot, comes_at, used) -> None:
     poses, steps, true = carried(balanced, robot, lambda k, imu: imu == 1 and k < comes_at)
-    assert poses.used_imus.tolist() == used
+    assert poses.trust.is_used.tolist() == used
     assert not steps[-1].contradicted_imus.any()
     errors = rotation_vector(true @ np.swapaxes(steps[-1].state.imu_turn, 1, 2))
     assert np.linalg.norm(errors[used], axis=1).max() < 0.05
