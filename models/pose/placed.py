@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..structure.shape import node_blocks
+from ..structure.shape import node_blocks, pair_blocks
 from ..values.rotations import cross_matrix
 from .pose_state import PoseState
 
@@ -46,8 +46,7 @@ class PlacedShape:
     @cached_property
     def covariance_m2(self) -> NDArray[np.float64]:
         """(nodes, nodes, 3, 3) covariance of the shape, in world axes, for each pair of nodes."""
-        count = len(self.body_m)
-        return self.shape_covariance_m2.reshape(count, 3, count, 3).swapaxes(1, 2)
+        return pair_blocks(self.shape_covariance_m2)
 
     @cached_property
     def node_covariance_m2(self) -> NDArray[np.float64]:

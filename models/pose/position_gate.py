@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..structure.shape import node_blocks
+from ..structure.shape import node_blocks, pair_blocks
 from ..values.aids import PositionReading
 
 MOST_SIGMA = 6.0
@@ -61,7 +61,7 @@ def believed_at_rest(
     S = node_blocks(rest_covariance_m2)[nodes] + (sigma_m**2 + STANDS_M**2) * np.eye(3)
     near = np.flatnonzero(_squared(read_m - rest_m[nodes], S) < MOST_SIGMA**2)
     if len(near) > 1:
-        blocks_m2 = _blocks(rest_covariance_m2, nodes[near])
+        blocks_m2 = pair_blocks(rest_covariance_m2)[np.ix_(nodes[near], nodes[near])]
         agree = _agree(read_m[near], rest_m[nodes[near]], blocks_m2, sigma_m, lag_m=0.0)
         largest = max((_agreeing(agree, k) for k in range(len(near))), key=len)
         near = near[sorted(largest)] if len(largest) > 1 else near[:0]
@@ -94,7 +94,7 @@ def believed(
     S = node_blocks(covariance_m2)[nodes] + sigma_m**2 * np.eye(3)
     e = read_m - expected_m
     squared = _squared(e, S + (MOVES_M_PER_S * step_s) ** 2 * np.eye(3))
-    agree = _agree(read_m, expected_m, _blocks(shape_covariance_m2, nodes), sigma_m, LAGS_M)
+    agree = _agree(read_m, expected_m, pair_blocks(shape_covariance_m2)[np.ix_(nodes, nodes)], sigma_m, LAGS_M)
     largest = max((_agreeing(agree, k) for k in np.argsort(squared)), key=len)
     if len(largest) == 1:
         return Believed([bool(alone < MOST_SIGMA**2) for alone in squared], 1)
@@ -134,10 +134,3 @@ def _agreeing(agree: NDArray[np.bool_], first: int) -> set[int]:
         if agree[k, list(found)].all():
             found.add(k)
     return found
-
-
-def _blocks(covariance_m2: NDArray[np.float64], nodes: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return (k, k, 3, 3) the covariance of each pair of some nodes."""
-    count = len(covariance_m2) // 3
-    blocks = covariance_m2.reshape(count, 3, count, 3).swapaxes(1, 2)
-    return np.asarray(blocks[np.ix_(nodes, nodes)])

@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..structure.rest_shape import RestShape
+from ..structure.shape import pair_blocks
 from ..values.aids import PositionReading
 from ..values.time_series import low_pass_weight
 from .placed import PlacedShape
@@ -194,8 +195,7 @@ class PositionTrust:
         if not seen:
             return False
         e = np.mean([one.sum_m / one.agreeing for one in seen.values()], axis=0)
-        rows = 3 * np.array(list(seen))[:, None] + np.arange(3)
-        blocks_m2 = self._rest.covariance_m2[rows[:, None, :, None], rows[None, :, None, :]]
+        blocks_m2 = pair_blocks(self._rest.covariance_m2)[np.ix_(list(seen), list(seen))]
         S = blocks_m2.mean(axis=(0, 1)) + self._sigma_m**2 * np.eye(3)
         return bool(e @ np.linalg.solve(S, e) > SHIFTED_SIGMA**2)
 

@@ -277,6 +277,12 @@ def node_blocks(covariance_m2: NDArray[Number]) -> NDArray[Number]:
     return np.asarray(np.einsum("...ninj->...nij", blocks))
 
 
+def pair_blocks(covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (nodes, nodes, 3, 3) the blocks of a (3 nodes, 3 nodes) covariance, of each pair of nodes."""
+    nodes = len(covariance_m2) // 3
+    return covariance_m2.reshape(nodes, 3, nodes, 3).swapaxes(1, 2)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Covariances:
     """The symmetric covariances of all nodes in many frames, of which the upper triangles are held: half the memory."""
