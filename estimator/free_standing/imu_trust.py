@@ -35,13 +35,12 @@ from numpy.typing import NDArray
 
 from ...factors.imu import ImuArray
 from ...models.pose.imu_agreement import CONTRADICTS_SIGMA, LEAST_M_PER_S2, ImuAgreement
-from ...models.pose.imu_cadence import ATTITUDE_HOLDS_S
 from ...models.pose.imu_samples import ImuSamples
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP
-from ...models.values.aids import ImuReading
+from ...models.values.aids import READING_HOLDS_S, ImuReading
 from ...models.values.readings import TendonLengths
 from ...models.values.time_series import low_pass_weight
 from .pose_start import IMU_TURN_RAD
@@ -119,7 +118,7 @@ class ImuTrust:
             self._disagreed *= np.exp(-(t_s - self._last_s) / DISPUTE_MEMORY_S)
             self._share = float(np.clip((t_s - self._last_s) / WHOLE_STEP_S, 0.0, 1.0))
         self._last_s = t_s
-        is_silent = t_s - self._heard_s > ATTITUDE_HOLDS_S
+        is_silent = t_s - self._heard_s > READING_HOLDS_S
         self._agreement.forget(is_silent | samples.are_missing)
         self._agreement.observe(t_s, samples.rate_rad_per_s, samples.specific_force_m_per_s2, is_heard)
         self.is_trusted = self.is_trusted & self._agreement.moves_as_told

@@ -27,7 +27,7 @@ from ...models.pose.robot import Robot
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
-from ...models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
+from ...models.values.aids import READING_HOLDS_S, AidReading, ImuReading, PositionReading, RangeReading
 from ...models.values.rotations import rotation, rotation_vector
 from ...models.values.slip import Slip
 from .contacts import ContactsByHeight, Standing
@@ -39,7 +39,7 @@ from .pose_start import covariance_at_rest, state_at_rest
 from .prediction import Frame, Prediction
 from .tipping import MISSED_RAD, has_landed, heading_missed, misplaced, tipped, tipping
 from .watches.jump_watch import JumpWatch
-from .watches.place_watch import LOCATED_S, PlaceWatch
+from .watches.place_watch import PlaceWatch
 from .watches.range_trust import RangeTrust
 from .watches.rise_watch import RiseWatch, risen
 from .watches.slide_watch import SlideWatch
@@ -314,7 +314,7 @@ class PoseFilter:
         if not self._standing.any():
             standing = self._contacts.lift()
         self._read_s[[reading.node for reading in frame.positions]] = frame.t_s
-        is_seen = np.sum(frame.t_s - self._read_s < LOCATED_S) > 1
+        is_seen = np.sum(frame.t_s - self._read_s < READING_HOLDS_S) > 1
         if frame.samples is None or is_seen or frame.t_s < self._rest_until_s:
             return standing
         placed, of_state = frame.placed(self.state), self.covariance

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.imu import ImuArray
-from ...models.pose.imu_cadence import ATTITUDE_HOLDS_S
 from ...models.pose.imu_samples import ImuPreintegration, ImuSamples
 from ...models.structure.floor import UP
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
-from ...models.values.aids import Imu, ImuReading
+from ...models.values.aids import READING_HOLDS_S, Imu, ImuReading
 from ...models.values.rotations import rotation
 from ...models.values.stamps import RestClock
 
@@ -61,7 +60,7 @@ class MovingBase:
             rate = reading.rate_rad_per_s - self._bias[reading.imu]
             self._turn[reading.imu] = self._turn[reading.imu] @ rotation(rate * step_s)
             self._latest_s[reading.imu] = reading.t_s
-        heard = self._is_told & (shape.t_s - self._latest_s < ATTITUDE_HOLDS_S)
+        heard = self._is_told & (shape.t_s - self._latest_s < READING_HOLDS_S)
         if heard.any():
             sigma = np.hypot(APART_RAD, DRIFT_RAD_PER_S * (shape.t_s - self._start_s))
             self._has_turned = bool(np.median(self._angle(self._turn, shape)[heard]) >= APART_SIGMA * sigma)
@@ -75,7 +74,7 @@ class MovingBase:
         How they turned meanwhile is not known.
         """
         assert self._turn is not None
-        silent = {one.imu for one in readings if not one.t_s - self._latest_s[one.imu] < ATTITUDE_HOLDS_S}
+        silent = {one.imu for one in readings if not one.t_s - self._latest_s[one.imu] < READING_HOLDS_S}
         if silent:
             attitude = self._attitude(ImuPreintegration(self._imus.count).mean(shape.t_s, readings), shape)
             for reading in readings:

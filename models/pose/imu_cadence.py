@@ -6,8 +6,8 @@ that one, read again. Pauses, in which the sensor is silent, do not count.
 
 import numpy as np
 
-ATTITUDE_HOLDS_S = 0.2
-"""Time after its last reading from which a sensor is silent: what it said no longer tells how the robot is turned."""
+from ..values.aids import READING_HOLDS_S
+
 SLOW_S = 0.025
 """Mean time between two samples above which a sensor misses impacts: of two trials with 25 samples a second, 4 and 8 %
 of the nodes were `ok` and outside of their ellipsoids of 99.9 %."""
@@ -33,7 +33,7 @@ class ImuCadence:
         """Take on the stamp of one more sample that is not the one before, read again."""
         step_s = t_s - self._latest_s[imu]
         self._latest_s[imu] = t_s
-        if not 0 <= step_s < ATTITUDE_HOLDS_S:  # nan of the first one
+        if not 0 <= step_s < READING_HOLDS_S:  # nan of the first one
             return
         self._total_s[imu] += step_s
         self._steps[imu] += 1

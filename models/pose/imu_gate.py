@@ -11,10 +11,10 @@ Of a sensor whose samples are mostly absurd, as those in another unit, the other
 import numpy as np
 
 from ..structure.floor import GRAVITY_M_PER_S2
-from ..values.aids import ImuReading
+from ..values.aids import READING_HOLDS_S, ImuReading
 from ..values.stamps import RestClock
 from .imu_agreement import has_size_of_gravity
-from .imu_cadence import ATTITUDE_HOLDS_S, ImuCadence
+from .imu_cadence import ImuCadence
 
 MOST_RATE_RAD_PER_S = 70.0
 """Rate beyond the range of every small sensor: 4000 degrees per second."""
@@ -70,7 +70,7 @@ class ImuGate:
         """Count in one more frame which sensors are silent; from the first one on the rest lasts."""
         self._rest_clock.count_frame(t_s)
         self._newest_s = np.where(np.isnan(self._newest_s), t_s, self._newest_s)
-        self.silent_frames += t_s - self._newest_s > ATTITUDE_HOLDS_S
+        self.silent_frames += t_s - self._newest_s > READING_HOLDS_S
 
     def passes(self, reading: ImuReading) -> bool:
         """Return whether a sample is to be used."""

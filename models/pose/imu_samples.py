@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..structure.floor import GRAVITY_M_PER_S2
-from ..values.aids import ImuReading
-from .imu_cadence import ATTITUDE_HOLDS_S, ImuCadence
+from ..values.aids import READING_HOLDS_S, ImuReading
+from .imu_cadence import ImuCadence
 
 CUT_OFF_SAMPLES = 3
 """Number of samples in succession with the largest rate so far from which it is the end of the sensor's range."""
@@ -85,7 +85,7 @@ class ImuPreintegration:
             imu = reading.imu
             x = np.array([reading.rate_rad_per_s, reading.specific_force_m_per_s2])
             step_s = reading.t_s - self._newest_s[imu]
-            goes_on[imu] &= abs(step_s) < ATTITUDE_HOLDS_S
+            goes_on[imu] &= abs(step_s) < READING_HOLDS_S
             integral[imu] += step_s * x
             total[imu] += x
             count[imu] += 1
@@ -101,7 +101,7 @@ class ImuPreintegration:
         # a robot is moved without the force of a silent sensor, which is then not made up for
         force = np.where((is_read & self._was_read)[:, None], mean[:, 1], own[:, 1])
         rate = np.where(is_read[:, None], mean[:, 0], self._newest[:, 0])
-        is_whole = is_read & goes_on & (since_s < ATTITUDE_HOLDS_S)
+        is_whole = is_read & goes_on & (since_s < READING_HOLDS_S)
         lasted_s = np.where(is_whole, t_s - self._frame_s, np.nan)
         late = np.array([self._cadence.misses(imu, each_s) for imu, each_s in enumerate(since_s)], dtype=np.bool_)
         self._frame_s, self._was_read, self._were_missing = t_s, is_read, ~is_read & late

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from .rotations import cross_matrix
 
+READING_HOLDS_S = 0.2
+"""Time for which a reading tells where the robot is, or how it is turned; without another, a sensor is silent then."""
 DECIMALS = 4
 """Decimals of stamps in s, rates in rad/s and specific forces in m/s^2 in the files of a trial."""
 

@@ -15,11 +15,8 @@ from ....factors.position import position_rows
 from ....models.pose.placed import PlacedShape, Rows
 from ....models.pose.pose_settings import PoseSettings
 from ....models.pose.position_gate import MOST_SIGMA
-from ....models.values.aids import PositionReading
+from ....models.values.aids import READING_HOLDS_S, PositionReading
 from ..prediction import Frame, Prediction
-
-IN_SIGHT_S = 0.2
-"""Time for which a node is in sight after a position of it."""
 
 
 class JumpWatch:
@@ -54,7 +51,7 @@ class JumpWatch:
             self._before[reading.node] = (frame.t_s, of_node)
 
     def _is_in_sight(self, node: int, t_s: float) -> bool:
-        return node in self._before and t_s - self._before[node][0] < IN_SIGHT_S
+        return node in self._before and t_s - self._before[node][0] < READING_HOLDS_S
 
     def _rows(self, placed: PlacedShape, readings: Sequence[PositionReading], t_s: float) -> Rows:
         return position_rows(placed, readings, t_s, self._settings.position_m)

@@ -5,10 +5,9 @@ from enum import Enum, auto
 import numpy as np
 from numpy.typing import NDArray
 
-from ....models.pose.imu_cadence import ATTITUDE_HOLDS_S
 from ....models.pose.robot import FreeStandingRobot
 from ....models.structure.rest_shape import RestShape
-from ....models.values.aids import ImuReading, PositionReading
+from ....models.values.aids import READING_HOLDS_S, ImuReading, PositionReading
 from ....models.values.readings import TendonLengths
 
 PARALLEL = 0.95
@@ -47,9 +46,9 @@ class MeasuredAttitude:
                 self._node_s[reading.node] = reading.t_s
             elif isinstance(reading, ImuReading) and used_imus[reading.imu]:
                 self._imu_s = reading.t_s
-        located = [node for node, latest_s in self._node_s.items() if lengths.t_s - latest_s < ATTITUDE_HOLDS_S]
+        located = [node for node, latest_s in self._node_s.items() if lengths.t_s - latest_s < READING_HOLDS_S]
         self.located_pairs = np.array([(located[0], node) for node in located[1:]], dtype=np.int64).reshape(-1, 2)
-        if lengths.t_s - self._imu_s >= ATTITUDE_HOLDS_S and len(located) < 2:
+        if lengths.t_s - self._imu_s >= READING_HOLDS_S and len(located) < 2:
             return Attitude.UNKNOWN
         pairs = np.concatenate([self._rods[used_imus], self.located_pairs])
         return Attitude.KNOWN_BUT_ONE_TURN if are_parallel(pairs, self._rest) else Attitude.KNOWN

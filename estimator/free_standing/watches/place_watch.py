@@ -8,11 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ....models.values.aids import READING_HOLDS_S
 from ....models.values.slip import Slip
 from ..prediction import Frame
-
-LOCATED_S = 0.2
-"""Time for which a position or a range tells where the robot is."""
 
 
 class PlaceWatch:
@@ -38,7 +36,7 @@ class PlaceWatch:
 
     def is_located(self, t_s: float) -> bool:
         """Return whether a position or a range tells where the robot is."""
-        return t_s - self._located_s < LOCATED_S
+        return t_s - self._located_s < READING_HOLDS_S
 
     def strays(self, t_s: float, position_m: NDArray[np.float64], found: Sequence[Slip], *, is_held: bool) -> bool:
         """Return whether the robot is, or a foot has slipped, further from where it was held than it is long.

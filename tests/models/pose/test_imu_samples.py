@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tensegraph.models.pose.imu_cadence import ATTITUDE_HOLDS_S
 from tensegraph.models.pose.imu_samples import ImuPreintegration, ImuSamples
-from tensegraph.models.values.aids import ImuReading
+from tensegraph.models.values.aids import READING_HOLDS_S, ImuReading
 
 STEP_S = 0.02
 
@@ -113,7 +112,7 @@ def test_nothing_is_missing_of_a_sensor_that_is_slower_than_frames_or_sends_pack
 def test_after_a_long_silence_only_the_own_samples_count() -> None:
     means = ImuPreintegration(1)
     means.mean(0.02, [reading(0.02, 2)])
-    later_s = 0.02 + 1.5 * ATTITUDE_HOLDS_S
+    later_s = 0.02 + 1.5 * READING_HOLDS_S
     means.mean(later_s - STEP_S, [])
     found = means.mean(later_s, [reading(later_s - 0.01, 1), reading(later_s, 3)])
     assert found.rate_rad_per_s[0, 2] == pytest.approx(2)
