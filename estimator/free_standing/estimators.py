@@ -127,9 +127,9 @@ class FreeStandingOptimizer:
         """
         frames = without_lag(list(frames))
         live, shapes, steps = self._live(frames)
-        contradicted = steps[-1].contradicted_imus
-        if contradicted.any():  # what they told before they were found out is wrong, too
-            live, shapes, steps = self._live(without_sensors(frames, contradicted))
+        told_wrongly = steps[-1].imus_told_wrongly
+        if told_wrongly.any():  # what they told before they were found out is wrong, too
+            live, shapes, steps = self._live(without_sensors(frames, told_wrongly))
         frames = [replace(lengths, aids=shape.lengths.aids) for lengths, shape in zip(frames, shapes, strict=True)]
         contacts = self._contacts(live, frames, shapes)
         if any(standing is not None for standing in contacts):
@@ -154,7 +154,7 @@ class FreeStandingOptimizer:
             shape = replace(shape, contradicted_positions=kept.contradicted_positions)
             if kept.doubts_positions:
                 shape = shape.in_doubt(Reason.POSITIONS)
-            contradicted_imus = step.contradicted_imus | contradicted
+            contradicted_imus = step.contradicted_imus | told_wrongly
             step = replace(step, contradicted_imus=contradicted_imus, doubts_ranges=doubts_ranges)
             yield in_world(shape, self._rest, self._robot.floor, state, covariance, step, self._settings.branch)
 

@@ -76,6 +76,7 @@ class ImuTrust:
         self._is_outvoted = np.zeros(imus, dtype=np.bool_)
         self._is_in_dispute = np.zeros(imus, dtype=np.bool_)
         self._was_cut_off = np.zeros(imus, dtype=np.bool_)
+        self._is_given_up = np.zeros(imus, dtype=np.bool_)
         self._disagreed = np.zeros(imus)
         self._last_s = np.nan
         self._share = 1.0
@@ -95,8 +96,17 @@ class ImuTrust:
     @property
     def contradicted(self) -> NDArray[np.bool_]:
         """(imus,) sensors that contradict rods, gravity, themselves or the others, or whose rates were cut off."""
+        return self._contradicted(self.is_trusted)
+
+    @property
+    def told_wrongly(self) -> NDArray[np.bool_]:
+        """(imus,) those that may have been so from the start: not the ones that were given up, and are proven."""
+        is_right = self._is_given_up & self._agreement.is_proven & self._agreement.moves_as_told
+        return self._contradicted(self.is_trusted | is_right)
+
+    def _contradicted(self, is_trusted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         disagree = self._is_outvoted | self._is_in_dispute
-        return ~(self.is_trusted & self._agreement.has_size) | disagree | self._was_cut_off
+        return ~(is_trusted & self._agreement.has_size) | disagree | self._was_cut_off
 
     def start(self, imus: ImuArray, arm_m: NDArray[np.float64]) -> None:
         """Lose the sensors whose turn about their rods gravity does not tell, with (nodes, 3) nodes in world axes."""
@@ -104,6 +114,7 @@ class ImuTrust:
 
     def give_up(self) -> None:
         """Trust no sensor any more that is used now."""
+        self._is_given_up = self._is_given_up | self.is_used
         self.is_trusted = self.is_trusted & ~self.is_used
 
     def used(self, samples: ImuSamples) -> ImuSamples:

@@ -155,6 +155,7 @@ class PoseFilter:
             slides_since_s=self._slide_watch.since_s,
             lifted_since_s=self._lifted_since_s,
             contradicted_imus=self.trust.contradicted,
+            imus_told_wrongly=self.trust.told_wrongly,
             strays=strays,
             outlying_ranges=self._model.outlying_ranges(predicted, frame)
             + tuple(reading.pair[0] for reading in left_out),

@@ -37,6 +37,8 @@ class PoseStep:
     """Since when the robot has been in the air, as inertial sensors feel it; inf where it stands."""
     contradicted_imus: NDArray[np.bool_]
     """(imus,) see `ImuTrust.contradicted`."""
+    imus_told_wrongly: NDArray[np.bool_]
+    """(imus,) see `ImuTrust.told_wrongly`."""
     strays: bool
     """Whether the robot is further from where it was held last than it is long."""
     outlying_ranges: tuple[int, ...]

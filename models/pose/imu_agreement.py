@@ -33,6 +33,8 @@ QUIET_S = 0.5
 """Time of steady force after which a sensor is quiet, and the memory of the mean."""
 LEAST_APART_RAD = 0.25
 """Angle between both directions of gravity that is no contradiction yet: shocks, and rates beyond the range."""
+PROVEN_RAD = 0.5
+"""Turn of gravity from one quiet moment to the next, after which a sensor that agrees is told right: a tip."""
 CONTRADICTS_SIGMA = 4.0
 """Difference in standard deviations beyond which a sensor contradicts itself."""
 
@@ -73,6 +75,11 @@ class _TurnSince:
         """(imus, 3) R^T u, the direction against gravity in the axes of now."""
         return np.asarray(np.einsum("iab,ia->ib", self.turn, self.up))
 
+    @property
+    def gravity_has_turned(self) -> NDArray[np.bool_]:
+        """(imus,) whether the direction against gravity has turned by more than `PROVEN_RAD`."""
+        return np.asarray(np.einsum("ia,ia->i", self.expected_up, self.up) < np.cos(PROVEN_RAD))
+
     def is_apart(
         self, expected_up: NDArray[np.float64], up: NDArray[np.float64], least_rad: float
     ) -> NDArray[np.bool_]:
@@ -96,6 +103,8 @@ class ImuAgreement:
         """(imus,) whether the specific force had the size of gravity when it was quiet last."""
         self.moves_as_told = np.ones(imus, dtype=np.bool_)
         """(imus,) whether gravity has always turned as the rates say, and the velocity been that of a robot."""
+        self.is_proven = np.zeros(imus, dtype=np.bool_)
+        """(imus,) whether it has done so in a tip, from one quiet moment to the next."""
         self._rest_until_s = rest_until_s
         self._settings = settings
         self._last_s = np.nan
@@ -137,6 +146,7 @@ class ImuAgreement:
         is_apart = self._since_quiet.is_apart(self._since_quiet.expected_up, up, LEAST_APART_RAD)
         is_apart |= self._while_quiet.is_apart(self._expected_up, up, 0.0)
         self.moves_as_told = self.moves_as_told & ~self._is_too_fast() & ~(is_quiet & is_apart)
+        self.is_proven = self.is_proven | (is_quiet & self.moves_as_told & self._since_quiet.gravity_has_turned)
         self._since_quiet.start(is_quiet, up)
         self._velocity[is_quiet] = 0.0
         self._shock[is_quiet] = 0.0

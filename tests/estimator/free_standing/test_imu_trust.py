@@ -67,6 +67,20 @@ def test_of_two_sensors_that_disagree_none_is_outvoted_and_both_are_doubted(bala
     assert disagreeing(balanced, [0, 2], 3.0, 0.8) == ([], [0, 1])
 
 
+def test_a_sensor_that_was_right_in_a_tip_before_it_was_given_up_was_not_told_wrongly() -> None:
+    """The first sensor turns by 1.2 rad about a level axis in half a second; the second one lies still."""
+    trust, none = ImuTrust(2, 0.5, PoseSettings()), np.zeros(2, dtype=np.bool_)
+    for k in range(250):
+        rate, up = np.zeros((2, 3)), np.tile(GRAVITY_M_PER_S2 * UP, (2, 1))
+        rate[0, 0] = 2.4 * (50 < k <= 75)
+        up[0] = rotation(np.array([-0.048 * np.clip(k - 50, 0, 25), 0, 0])) @ up[0]
+        trust.hear(0.02 * k, ImuSamples(rate, up, np.full(2, 2), none, np.full(2, 0.02), none))
+    assert not trust.told_wrongly.any()
+    trust.give_up()
+    assert trust.contradicted.tolist() == [True, True]
+    assert trust.told_wrongly.tolist() == [False, True]
+
+
 def test_a_sensor_whose_rates_were_cut_off_is_doubted_from_then_on() -> None:
     trust = ImuTrust(2, 0.0, PoseSettings())
     still, up = np.zeros((2, 3)), np.tile(9.81 * UP, (2, 1))

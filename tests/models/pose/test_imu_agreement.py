@@ -13,18 +13,19 @@ BIAS = np.array([0.3, -0.2, 0.1])
 TIP_RAD = np.array([0.5, 0.9, 0.2])
 
 
-def told(change, tip_rad=TIP_RAD, acceleration=lambda k: np.zeros(3)) -> ImuAgreement:
+def told(change, tip_rad=TIP_RAD, acceleration=lambda k: np.zeros(3), frames=150) -> ImuAgreement:
     """Return the agreement of a sensor that rests for a second, is turned within half a second, and rests again.
 
     Args:
         change: of the true rates and forces, as they are told.
         tip_rad: (3,) the turn, in world axes.
         acceleration: (3,) in the world, in each frame.
+        frames: how many.
     """
     agreement = ImuAgreement(1, 1.0, PoseSettings())
     mounted = rotation(np.array([0.4, -0.3, 1.0]))
     rng = np.random.default_rng(1)
-    for k in range(150):
+    for k in range(frames):
         turn = rotation(np.clip((k - 50) / 25, 0, 1) * tip_rad) @ mounted
         turns = 50 < k <= 75
         rate = BIAS + turn.T @ tip_rad * turns / 0.5 + 1e-3 * rng.standard_normal(3)
@@ -35,9 +36,15 @@ def told(change, tip_rad=TIP_RAD, acceleration=lambda k: np.zeros(3)) -> ImuAgre
 
 
 def test_a_sensor_that_tells_the_truth_agrees() -> None:
-    agreement = told(lambda rate, force: (rate, force))
+    agreement = told(lambda rate, force: (rate, force), frames=250)
     assert agreement.has_size.all()
     assert agreement.moves_as_told.all()
+    assert agreement.is_proven.all()
+
+
+@pytest.mark.parametrize(("sign", "share"), [(1, 0.4), (-1, 1.0)])
+def test_a_small_turn_and_a_wrong_one_prove_nothing(sign, share) -> None:
+    assert not told(lambda rate, force: (sign * rate, force), share * TIP_RAD, frames=250).is_proven.any()
 
 
 WRONG_TURNS = {
