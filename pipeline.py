@@ -385,7 +385,9 @@ class Pipeline:
                     self.winding.add(reading)
                 elif isinstance(reading, TendonLengths):
                     yield from self._in_pause(reading.t_s)
-                    yield from map(self._completed, self._pauses.up_to(self._told.checked(reading)))
+                    checked = self._told.checked(reading)
+                    if checked is not None:
+                        yield from map(self._completed, self._pauses.up_to(checked))
                 else:
                     yield self._completed(next(computed))  # strain and length, eqs. (2)-(4)
 
@@ -412,8 +414,10 @@ class Pipeline:
             if isinstance(reading, BoardReading | ResistanceReading):
                 resistance = self._resistance(reading)  # eq. (1), at its time on the host clock
                 yield from self._frames.add(resistance) if resistance else ()  # all sensors at one instant
-            else:
+            elif isinstance(reading, TendonLengths | OtherReading):
                 yield reading
+            else:
+                raise InputError(f"readings: expected those of `open_trial(path).readings()`, got {reading!r:.60}")
         yield from self._frames.finish()
 
     def _in_pause(self, t_s: float) -> Iterator[TendonLengths]:

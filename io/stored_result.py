@@ -60,6 +60,7 @@ def load(path: str | Path) -> Reconstruction:
     t_s = positions.t_s
     if np.isnan(positions.node_position_m).any():
         raise InputError(f"{path / SHAPE_FILE}: expected the positions of all {structure.node_count} nodes")
+    words: dict[str, Callable[[str], float]]
     words = dict.fromkeys(("length_m", "sigma_m", "innovation_sigma_m"), _not_negative)
     words |= {"mode": _mode, "flags": Flag.of_names}
     tendons = np.arange(len(structure.tendons))

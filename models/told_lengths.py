@@ -90,7 +90,7 @@ class WaysAround:
         """Return (tendons,) whether lengths are too long; nan where none is read, which other ways do not use."""
         found = np.zeros(len(length_m), dtype=np.bool_)
         tendon_m = np.maximum(length_m, self._full_m)
-        for tendon in np.flatnonzero(length_m > LONGER * self._shortest_m):
+        for tendon in map(int, np.flatnonzero(length_m > LONGER * self._shortest_m)):
             found[tendon] = length_m[tendon] > LONGER * self._way_m(tendon, tendon_m)
         return found
 
@@ -138,6 +138,7 @@ class ToldLengths:
         self._jumps = JumpGate(settings, count)
         self._repeats = StuckGate(settings, count)
         self._last_s = -np.inf
+        self._late_rows = 0
         self._last_m = np.full(count, np.nan)
         self._since_m = np.full((count, count), np.nan)
         """(tendons, tendons) the row with which the present value of each tendon began."""
@@ -146,15 +147,18 @@ class ToldLengths:
         self._squares = np.zeros(count)
         self._scale = np.ones(count)
 
-    def checked(self, lengths: TendonLengths) -> TendonLengths:
+    def checked(self, lengths: TendonLengths) -> TendonLengths | None:
         """Return the lengths of one more row, with a sigma each, and without those that are left out.
 
+        A row that is not `SHORTEST_STEP_S` later than the one before is left out, and None is returned.
+
         Raises:
-            InputError: when the row is not `SHORTEST_STEP_S` later than the one before.
+            InputError: for a row without a length and a sigma above 0, or nan, of each tendon.
         """
         if not is_later(lengths.t_s, self._last_s):
-            least = f"{SHORTEST_STEP_S:g} s after the one before, at {self._last_s:.6f} s"
-            raise InputError(f"lengths: expected each row at least {least}, got one at {lengths.t_s:.6f} s")
+            self._late_rows += 1
+            return None
+        self._check_numbers(lengths)
         self._last_s = lengths.t_s
         self._rest_clock.count_frame(lengths.t_s)
         impossible = is_impossible_length(lengths.length_m, self._full_m) | self._ways.too_long(lengths.length_m)
@@ -177,11 +181,20 @@ class ToldLengths:
         )
 
     def warnings(self) -> dict[str, str]:
-        """Return of each tendon whose sigma counts more than it was told why that is so."""
-        return {
+        """Return of each tendon whose sigma counts more than it was told why that is so, and of rows left out."""
+        late = f"{self._late_rows} rows left out, which are not {SHORTEST_STEP_S:g} s later than the one before"
+        return ({"lengths": late} if self._late_rows else {}) | {
             f"tendon {e}": f"at rest it scatters by {self._scale[e]:.1f} times its sigma, which is widened by as much"
             for e in np.flatnonzero(self._scale > 1)
         }
+
+    def _check_numbers(self, lengths: TendonLengths) -> None:
+        tendons = self._full_m.shape
+        if lengths.length_m.shape != tendons or lengths.sigma_m.shape != tendons:
+            got = f"shapes {lengths.length_m.shape} and {lengths.sigma_m.shape}"
+            raise InputError(f"lengths at {lengths.t_s:g} s: expected {tendons[0]} lengths and sigmas, got {got}")
+        if (lengths.sigma_m <= 0).any():
+            raise InputError(f"lengths at {lengths.t_s:g} s: expected sigmas above 0, got {lengths.sigma_m.min():g}")
 
     def _stuck(self, t_s: float, length_m: NDArray[np.float64], sigma_m: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return (tendons,) whose values are equal for longer than chance allows, while others change."""

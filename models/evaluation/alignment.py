@@ -57,12 +57,12 @@ def laid_on_each_frame(points_m: NDArray[np.float64], onto_m: NDArray[np.float64
             than three are known, or only points on one line.
         onto_m: (frames, points, 3) the others.
     """
-    known = np.isfinite(points_m).all(axis=2)[:, :, None]
+    known = np.isfinite(points_m).all(axis=2, keepdims=True)
     count = np.maximum(known.sum(axis=1, keepdims=True), 1)
     x, y = np.where(known, points_m, 0.0), np.where(known, onto_m, 0.0)
     x_middle, y_middle = x.sum(axis=1, keepdims=True) / count, y.sum(axis=1, keepdims=True) / count
     x, y = np.where(known, x - x_middle, 0.0), np.where(known, y - y_middle, 0.0)
     laid_m = x @ np.swapaxes(best_rotation(x, y), 1, 2) + y_middle
     spread = np.linalg.svd(x, compute_uv=False)
-    on_a_line = spread[:, 1] <= ON_A_LINE * spread[:, 0]
-    return np.where(known & ~on_a_line[:, None, None], laid_m, np.nan)
+    on_a_line = spread[:, 1:2, None] <= ON_A_LINE * spread[:, :1, None]
+    return np.where(known & ~on_a_line, laid_m, np.nan)

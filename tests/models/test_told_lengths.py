@@ -24,7 +24,7 @@ STRUCTURE = Structure(
 
 
 def checked(length_m: np.ndarray, sigma_m: float = np.nan) -> tuple[list[TendonLengths], ToldLengths]:
-    """Return (rows, 4) lengths at 50 Hz after the check, and the check."""
+    """Return (rows, 4) lengths at 50 Hz after the check, and the check; no row is late."""
     told = ToldLengths(GateSettings(), STRUCTURE, FULL_M, REST_S, unstated_m=0.001)
     return [told.checked(row) for row in rows_of(length_m, sigma_m)], told
 
@@ -43,13 +43,20 @@ def pressed(rows: int, sigma_m: float = 0.001, begin: int = 100) -> np.ndarray:
     return noise(rows, sigma_m) + 0.02 * np.sin(phase * [1.0, 1.1, 1.2, 1.3])
 
 
-def test_rows_that_repeat_a_stamp_are_refused() -> None:
-    """Readers of files leave them out; of an iterable of rows they are a mistake."""
+def test_rows_that_repeat_a_stamp_are_left_out() -> None:
     told = ToldLengths(GateSettings(), STRUCTURE, FULL_M, REST_S, unstated_m=0.001)
-    early, late = rows_of([FULL_M, FULL_M], 0.001, [0.02, 0.02005])
-    told.checked(early)
-    with pytest.raises(InputError, match=r"0\.0001 s after the one before, at 0\.020000 s, got one at 0\.020050 s"):
-        told.checked(late)
+    first, late, next_one = rows_of([FULL_M] * 3, 0.001, [0.02, 0.02005, 0.04])
+    assert [told.checked(row) is None for row in (first, late, next_one)] == [False, True, False]
+    assert told.warnings() == {"lengths": "1 rows left out, which are not 0.0001 s later than the one before"}
+
+
+@pytest.mark.parametrize(
+    ("length_m", "sigma_m", "message"),
+    [(FULL_M[:3], 0.001, "expected 4 lengths and sigmas"), (FULL_M, 0.0, "expected sigmas above 0, got 0")],
+)
+def test_rows_that_are_none_are_refused(length_m, sigma_m, message) -> None:
+    with pytest.raises(InputError, match=f"lengths at 0 s: {message}"):
+        checked(length_m[None], sigma_m)
 
 
 class TestWaysAround:
