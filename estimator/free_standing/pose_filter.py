@@ -121,17 +121,7 @@ class PoseFilter:
         self._jump_watch.observe(predicted, frame)
         by_heights = standing is None
         standing = self._contacts_of(predicted, frame, standing)
-        stood, self._standing = self._standing, standing.nodes
-        stayed, landed = standing.nodes & stood, standing.nodes & ~stood
-        if stood.any() or not frame.is_felt:  # in the air the robot turns as the sensors say
-            before = predicted.placed.state.turn
-            predicted, stayed, landed = self._landed(predicted, standing, stayed, landed)
-            if frame.is_felt and not by_heights:  # the sensors have told another face
-                self._misled_rad = max(self._misled_rad, _angle(predicted.placed.state.turn, before))
-        if self._misled_rad and standing.nodes.any():
-            predicted = misplaced(predicted, self._misled_rad, self.floor)
-            self._slide_watch.restart()
-            stayed, landed, self._misled_rad = np.zeros_like(stayed), standing.nodes, 0.0
+        predicted, stayed, landed = self._put_on_feet(predicted, frame, standing, by_heights=by_heights)
         if frame.samples is not None:
             self.trust.observe(self._imus, predicted.placed, frame.samples, frame.t_s, frame.step_s)
         predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, stayed)
@@ -188,6 +178,30 @@ class PoseFilter:
     def _step_s(self, t_s: float) -> float:
         """Return the time since the frame before, for which the pose is predicted."""
         return min(t_s - self._last_s, self.forgotten_s) if np.isfinite(self._last_s) else FIRST_STEP_S
+
+    def _put_on_feet(
+        self, predicted: Prediction, frame: Frame, standing: Standing, *, by_heights: bool
+    ) -> tuple[Prediction, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return the prediction with the robot on the nodes that stand, and (nodes,) which have stayed and landed.
+
+        Args:
+            predicted: what is expected of the frame.
+            frame: the frame.
+            standing: which nodes stand.
+            by_heights: whether heights tell it.
+        """
+        stood, self._standing = self._standing, standing.nodes
+        stayed, landed = standing.nodes & stood, standing.nodes & ~stood
+        if stood.any() or not frame.is_felt:  # in the air the robot turns as the sensors say
+            before = predicted.placed.state.turn
+            predicted, stayed, landed = self._landed(predicted, standing, stayed, landed)
+            if frame.is_felt and not by_heights:  # the sensors have told another face
+                self._misled_rad = max(self._misled_rad, _angle(predicted.placed.state.turn, before))
+        if self._misled_rad and standing.nodes.any():
+            predicted = misplaced(predicted, self._misled_rad, self.floor)
+            self._slide_watch.restart()
+            stayed, landed, self._misled_rad = np.zeros_like(stayed), standing.nodes, 0.0
+        return predicted, stayed, landed
 
     def _corrected_on_feet(
         self,

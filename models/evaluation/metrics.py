@@ -60,13 +60,7 @@ def evaluate(
         true_m, truth = _laid_on_shapes(true_m, estimate), replace(truth, loads=None)
     free = structure.free_nodes
     known = np.asarray(np.isfinite(true_m[:, free]).all(axis=-1).any(axis=-1))
-    rotation_deg = None
-    if align:
-        rotation, shift_m = rigid_alignment(
-            true_m[known][:, free].reshape(-1, 3), estimate.node_position_m[known][:, free].reshape(-1, 3)
-        )
-        true_m = true_m @ rotation.as_matrix().T + shift_m
-        rotation_deg = float(np.rad2deg(rotation.magnitude()))
+    true_m, rotation_deg = _aligned(true_m, estimate) if align else (true_m, None)
     start_s = estimate.t_s[0] if truth.start_s is None else truth.start_s
     rest = estimate.t_s < rest_until_s(start_s, truth.rest_seconds)
     rest_error_m = rest_position_m - mean_over_frames(true_m[rest])
@@ -251,6 +245,15 @@ def _laid_on_shapes(true_m: NDArray[np.float64], estimate: Reconstruction) -> ND
     if not np.isfinite(laid_m).any():
         raise InputError("truth: expected three nodes not on one line in some frame, to be laid onto its shape")
     return laid_m
+
+
+def _aligned(true_m: NDArray[np.float64], estimate: Reconstruction) -> tuple[NDArray[np.float64], float]:
+    """Return (frames, nodes, 3) true positions by the rigid motion that fits all free nodes best, and its angle."""
+    free = estimate.structure.free_nodes
+    rotation, shift_m = rigid_alignment(
+        true_m[:, free].reshape(-1, 3), estimate.node_position_m[:, free].reshape(-1, 3)
+    )
+    return true_m @ rotation.as_matrix().T + shift_m, float(np.rad2deg(rotation.magnitude()))
 
 
 def _check_apart(structure: Structure, truth_s: NDArray[np.float64], truth_m: NDArray[np.float64]) -> None:
