@@ -1,9 +1,10 @@
 """Lengths that are told, as of sensors of one's own: each is used as far as it agrees with itself.
 
 Left out are lengths that no tendon has or that are longer than a way over other members (`WaysAround`), values that
-jump (`JumpGate`), and those of a sensor that repeats itself for longer than chance allows (`StuckGate`) while other
-lengths change: one that is read in steps repeats itself wherever the structure holds still. Rows that repeat the row
-before are none, as of sensors that are slower than the file, and say nothing of one sensor.
+jump (`JumpGate`), or stay where they have jumped to alone (`LoneJumps`), and those of a sensor that repeats itself for
+longer than chance allows (`StuckGate`) while other lengths change: one that is read in steps repeats itself wherever
+the structure holds still. Rows that repeat the row before are none, as of sensors that are slower than the file, and
+say nothing of one sensor.
 
 At rest a length does not change, or slowly. Its variance is that of successive values m_k that differ, whatever drifts
 slowly (von Neumann):
@@ -43,6 +44,8 @@ REST_PARTS = 4
 """Number of parts of the rest whose mean lengths are compared."""
 CHANGED_SIGMA = 3.0
 """Standard deviations by which a length has changed; several have to."""
+MOVED_SHARE = 0.25
+"""Share of the way of a length that has jumped, by which another one has to change for a node to have moved so."""
 LONGER = 1.1
 """Ratio of a length to the shortest way over other members, above which no structure has it."""
 
@@ -110,6 +113,48 @@ class WaysAround:
         return float(shortest_path(way_m, directed=False, indices=start)[end])
 
 
+class LoneJumps:
+    """Finds lengths that have jumped, and stay there, while no other has changed: a node takes all its tendons along.
+
+    They are left out until they are nearer to where they were before than to where they were last.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._is_jumping = np.zeros(count, dtype=np.bool_)
+        self._is_lone = np.zeros(count, dtype=np.bool_)
+        self._good_m = np.full(count, np.nan)
+        self._before_m = np.full((count, count), np.nan)
+        """(tendons, tendons) all lengths before each has jumped."""
+        self._jumped_m = np.full(count, np.nan)
+
+    def lone(
+        self, length_m: NDArray[np.float64], jumped: NDArray[np.bool_], sigma_m: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Return (tendons,) which lengths of one more row have jumped alone.
+
+        Args:
+            length_m: (tendons,) the lengths; nan where none is read.
+            jumped: (tendons,) which of them the gate takes for outliers.
+            sigma_m: (tendons,) their standard deviations.
+        """
+        begins = jumped & ~self._is_jumping & ~self._is_lone
+        self._before_m[begins] = self._good_m
+        read, own_m = np.isfinite(length_m), np.diag(self._before_m)
+        way_m = np.abs(length_m - own_m)
+        stays = read & ~(way_m < np.abs(length_m - self._jumped_m))
+        ends = self._is_jumping & read & ~jumped
+        others_m = np.abs(length_m - self._before_m) - CHANGED_SIGMA * sigma_m
+        np.fill_diagonal(others_m, np.nan)
+        alone = np.isfinite(others_m).sum(axis=1) >= MOVING_TENDONS
+        alone &= np.fmax.reduce(others_m, axis=1, initial=0.0) < MOVED_SHARE * way_m
+        self._is_lone = np.where(read, (self._is_lone | (ends & alone)) & stays, self._is_lone)
+        self._is_jumping = np.where(read, jumped, self._is_jumping)
+        away = jumped | self._is_lone
+        self._jumped_m = np.where(read & away, length_m, self._jumped_m)
+        self._good_m = np.where(read & ~away, length_m, self._good_m)
+        return self._is_lone & read
+
+
 class ToldLengths:
     """Checks one row of lengths after the other."""
 
@@ -136,6 +181,7 @@ class ToldLengths:
         self._unstated_m = unstated_m
         count = len(full_m)
         self._jumps = JumpGate(settings, count)
+        self._lone_jumps = LoneJumps(count)
         self._repeats = StuckGate(settings, count)
         self._last_s = -np.inf
         self._late_rows = 0
@@ -166,6 +212,7 @@ class ToldLengths:
         sigma_m = np.where(np.isnan(lengths.sigma_m), self._unstated_m, lengths.sigma_m)
         counted_m = self._scale * sigma_m
         jumped = self._jumps.outliers(lengths.t_s, length_m / self._full_m, counted_m / self._full_m)
+        jumped = jumped | self._lone_jumps.lone(length_m, jumped, counted_m)
         length_m = np.where(jumped, np.nan, length_m)
         stuck = self._stuck(lengths.t_s, length_m, counted_m)
         if self._rest_clock.is_at_rest(lengths.t_s):

@@ -91,6 +91,28 @@ class TestWaysAround:
         assert not ways.too_long(structure.tendon_length_m(position_m)).any()
 
 
+class TestLoneJumps:
+    def outliers(self, others_m: float, known: int = 4) -> np.ndarray:
+        """Return (200, 4) what is left out where a length jumps by 0.1 m from row 100 to 149, and others by less."""
+        length_m = noise(200)
+        length_m[100:150] += np.array([others_m, 0.1, 0.0, 0.0])
+        length_m[:, known:] = np.nan
+        return flagged(checked(length_m)[0], Flag.OUTLIER)
+
+    def test_one_that_no_other_joins_is_left_out_until_it_is_back(self) -> None:
+        left_out = self.outliers(0.0)
+        assert left_out[100:150, 1].all()
+        assert not left_out[:, [0, 2, 3]].any()
+        assert not left_out[:100, 1].any()
+        assert not left_out[153:, 1].any()
+
+    def test_one_that_another_joins_is_motion(self) -> None:
+        assert not self.outliers(0.04)[103:150, 1].any()
+
+    def test_where_one_other_is_read_nobody_can_tell(self) -> None:
+        assert not self.outliers(0.0, known=2)[103:150, 1].any()
+
+
 class TestStuck:
     def test_a_sensor_that_repeats_itself_while_others_change_is_left_out_after_a_second(self) -> None:
         length_m = pressed(300)
