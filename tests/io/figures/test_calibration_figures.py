@@ -16,6 +16,6 @@ def test_errors_that_are_far_from_zero_are_drawn(tmp_path: Path) -> None:
     sigma = np.full(t_s.size, 0.01)
     rate_per_s = 0.05 * np.cos(t_s)
     beyond = np.zeros(t_s.size, bool)
-    run = StripRun("far", 0.05, t_s, strain, strain, rate_per_s, strain + error, sigma, sigma, sigma, sigma, beyond)
+    run = StripRun("far", 0.05, t_s, strain, rate_per_s, strain + error, sigma, sigma, sigma, beyond)
     write_errors_figure({"LSTM": [run]}, tmp_path / "errors.png")
     assert (tmp_path / "errors.png").read_bytes().startswith(b"\x89PNG")

@@ -13,7 +13,7 @@ def run(error: np.ndarray, spread: np.ndarray) -> StripRun:
     """Return a run with these errors, and an unscaled sigma of 0.001."""
     same = np.zeros(SAMPLES)
     sigma = np.full(SAMPLES, 0.001)
-    return StripRun("s0", np.nan, same, same, same, same, error, sigma, same, sigma, spread, same > 0)
+    return StripRun("s0", np.nan, same, same, same, error, sigma, sigma, spread, same > 0)
 
 
 def test_the_scale_follows_the_spread() -> None:

@@ -14,7 +14,7 @@ def a_run(error, sigma=0.01, speed: float = float("nan"), name: str = "a") -> St
     sigmas = np.full(n, sigma)
     flags = np.zeros(n, dtype=bool)
     t_s = 0.1 * np.arange(n)
-    return StripRun(name, speed, t_s, strain, strain, zeros, strain + error, sigmas, zeros, sigmas, zeros, flags)
+    return StripRun(name, speed, t_s, strain, zeros, strain + error, sigmas, sigmas, zeros, flags)
 
 
 class TestScores:
