@@ -44,7 +44,7 @@ class ImuSamples:
     count: NDArray[np.int64]
     """(imus,) number of samples; where it is 0, the rate is that of the newest sample, and the force is nan."""
     are_missing: NDArray[np.bool_]
-    """(imus,) whether it is 0 of a sensor which measures more often than that."""
+    """(imus,) whether none has come in the frame, and one should have."""
     lasted_s: NDArray[np.float64]
     """(imus,) the time of which they are the means: all since the frame before, however long. It is nan in the first
     frame and of a sensor that was silent in this time."""
