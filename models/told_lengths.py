@@ -137,9 +137,13 @@ class LoneJumps:
             jumped: (tendons,) which of them the gate takes for outliers.
             sigma_m: (tendons,) their standard deviations.
         """
+        read = np.isfinite(length_m)
+        if not (jumped | self._is_jumping | self._is_lone).any():
+            self._good_m = np.where(read, length_m, self._good_m)
+            return self._is_lone
         begins = jumped & ~self._is_jumping & ~self._is_lone
         self._before_m[begins] = self._good_m
-        read, own_m = np.isfinite(length_m), np.diag(self._before_m)
+        own_m = np.diag(self._before_m)
         way_m = np.abs(length_m - own_m)
         stays = read & ~(way_m < np.abs(length_m - self._jumped_m))
         ends = self._is_jumping & read & ~jumped
