@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...models.balance.support import Support
 from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import FreeStandingRobot
 from ...models.settings import Settings
@@ -132,19 +133,18 @@ class FreeStandingOptimizer:
             live, shapes, steps = self._live(without_sensors(frames, told_wrongly))
         frames = [replace(lengths, aids=shape.lengths.aids) for lengths, shape in zip(frames, shapes, strict=True)]
         contacts = self._contacts(live, frames, shapes)
-        if any(standing is not None for standing in contacts):
+        if any(
+            told is not None and (told.nodes != step.standing.nodes).any()
+            for told, step in zip(contacts, steps, strict=True)
+        ):
             steps = self._filtered(frames, shapes, contacts)
-        poses = self._poses(frames, shapes, contacts, steps)
-        supports = [
-            support_of(self._structure, self._rest, shape.node_position_m, state, covariance, step.standing.probability)
-            for shape, (state, covariance, step) in zip(shapes, poses, strict=True)
-        ]
+        supports = self._supports(shapes, steps)
         shapes = [shape.without_covariance() for shape in shapes]
-        del poses, steps  # their covariances are large
+        del steps  # their covariances are large
         optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
         contacts = self._contacts(live, frames, shapes)
-        poses = self._poses(frames, shapes, contacts, self._filtered(frames, shapes, contacts))
+        poses = self._poses(frames, shapes, contacts)
         assert live.kept is not None, "the live pass keeps what it learns"
         doubts_ranges = poses[-1][2].doubts_ranges  # those of before may be wrong, too
         for shape, (state, covariance, step), kept in zip(shapes, poses, live.kept, strict=True):
@@ -204,26 +204,38 @@ class FreeStandingOptimizer:
             contacts.append(stands if one.by_faces else None)
         return contacts
 
+    def _supports(self, shapes: Sequence[Shape], steps: Sequence[PoseStep]) -> list[Support]:
+        """Return the force of gravity and floor on each shape, from the filter's steps: slides change little of it."""
+        in_the_air = nothing_stands(self._structure.node_count).probability
+        is_lifted = _is_lifted(steps, np.array([shape.t_s for shape in shapes]))
+        return [
+            support_of(
+                self._structure,
+                self._rest,
+                shape.node_position_m,
+                state,
+                covariance,
+                in_the_air if lifted else step.standing.probability,
+            )
+            for shape, (state, covariance), lifted, step in zip(shapes, smoothed(steps), is_lifted, steps, strict=True)
+        ]
+
     def _poses(
-        self,
-        frames: Sequence[TendonLengths],
-        shapes: Sequence[Shape],
-        contacts: Sequence[Standing | None],
-        steps: Sequence[PoseStep],
+        self, frames: Sequence[TendonLengths], shapes: Sequence[Shape], contacts: Sequence[Standing | None]
     ) -> list[tuple[PoseState, NDArray[np.float64], PoseStep]]:
-        """Return the state of the pose, its covariance and the filter's step in each frame, from the filter's steps.
+        """Return the state of the pose, its covariance and the filter's step in each frame.
 
         Where feet slide, or the robot is lifted, which is found some time after it began, the filter runs again and
         knows it from the start.
         """
+        steps = self._filtered(frames, shapes, contacts)
         t_s = np.array([lengths.t_s for lengths in frames])
-        slides_s = np.array([step.slides_since_s for step in steps])
-        lifted_s = np.array([[step.lifted_since_s] for step in steps])
-        if np.isfinite(slides_s).any() or np.isfinite(lifted_s).any():
-            lifted = slid_before(lifted_s, t_s)[:, 0]
+        slides = slid_before(np.array([step.slides_since_s for step in steps]), t_s)
+        is_lifted = _is_lifted(steps, t_s)
+        if slides.any() or is_lifted.any():
             in_the_air = nothing_stands(self._structure.node_count)
-            contacts = [in_the_air if up else told for up, told in zip(lifted, contacts, strict=True)]
-            steps = self._filtered(frames, shapes, contacts, slid_before(slides_s, t_s))
+            contacts = [in_the_air if lifted else told for lifted, told in zip(is_lifted, contacts, strict=True)]
+            steps = self._filtered(frames, shapes, contacts, slides)
         return [(state, covariance, step) for (state, covariance), step in zip(smoothed(steps), steps, strict=True)]
 
     def _filtered(
@@ -240,6 +252,11 @@ class FreeStandingOptimizer:
             poses.step(lengths.t_s, shape.node_position_m, shape.covariance_m2, lengths.aids, stands, slides)
             for lengths, shape, stands, slides in zip(frames, shapes, contacts, told, strict=True)
         ]
+
+
+def _is_lifted(steps: Sequence[PoseStep], t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return (frames,) whether the robot is in the air, as later steps of the filter may have found."""
+    return slid_before(np.array([[step.lifted_since_s] for step in steps]), t_s)[:, 0]
 
 
 def _stretches(looked: Sequence[int], t_s: Sequence[float]) -> list[list[int]]:
