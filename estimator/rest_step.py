@@ -20,7 +20,8 @@ approximation of the probability of all that is known, decides:
 
 Rods and anchors keep, in all frames, the lengths and positions that they have in the estimated rest shape. Anchors that
 are told too high or too low cannot be told from a rest shape that was measured in tilted axes: where neither is much
-more probable, the axes are doubted.
+more probable, the axes are doubted. Where some error is larger than `LARGEST_SIGMA`, whatever part is taken as wrong,
+more is wrong than one part.
 """
 
 from dataclasses import dataclass, replace
@@ -35,7 +36,7 @@ from ..models.balance.support import Support, in_the_air, standing
 from ..models.structure.floor import UP, Floor
 from ..models.structure.lengths import length_jacobian, member_length_m
 from ..models.structure.mechanics import Mechanics
-from ..models.structure.rest_shape import GeometrySigma, RestSettings, RestShape, RestSource, WrongPart
+from ..models.structure.rest_shape import MENDED, GeometrySigma, RestSettings, RestShape, RestSource, WrongPart
 from ..models.structure.rigidity import find_rest_shape, rigid_motions
 from ..models.structure.structure import Structure
 from ..models.trial_description import TrialDescription
@@ -70,6 +71,9 @@ positions, by which the nodes are as little off."""
 ALIKE_LOG_ODDS = 10.0
 """Log of the odds of wrong anchors to wrong axes, below which one cannot be told from the other: 1 to 4 where a shape
 was measured in axes that are turned by 1 to 4 degrees or shifted by 3 mm, 36 or more where each anchor is 2 mm off."""
+LARGEST_SIGMA = 5.0
+"""Largest error of all that is known, in standard deviations, beyond which more is wrong: of simulated trials it is 2
+to 3.5, where two tendons are exchanged or five lengths are 10 mm too long 6 to 15."""
 OFF_FLOOR_M = 0.002
 """Distance of one of the three lowest nodes of the rest shape from standing on the floor, beyond which height or normal
 of the floor are others than told."""
@@ -109,6 +113,8 @@ def rest_step(
     position_m = problem.position_m(minimum.z)
     coordinates = problem.coordinates
     covariance = np.linalg.inv(minimum.information)[:coordinates, :coordinates]
+    if wrong in MENDED and minimum.largest_error > LARGEST_SIGMA:
+        wrong = "several"
     if wrong is None and floor is not None and floor.normal_sigma_rad == 0 and _is_off(floor, position_m):
         wrong = "floor"
     if wrong is None and measured_position_m is None and near_position_m is None and not structure.is_held:
@@ -189,6 +195,8 @@ class _Minimum:
     """Half the second derivative of the sum at z."""
     log_evidence: float
     """Up to a constant that all problems have in common."""
+    largest_error: float
+    """Of all that is known, in standard deviations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -261,7 +269,12 @@ class _RestProblem:
         if self.lengths:
             log_sigma += np.log(self.lengths.sigma_m[self.lengths.is_read]).sum()
         log_evidence = -solution.cost - 0.5 * np.linalg.slogdet(hessian)[1] - log_sigma
-        return _Minimum(solution.x, hessian, float(log_evidence) if solution.success else -np.inf)
+        return _Minimum(
+            z=solution.x,
+            information=hessian,
+            log_evidence=float(log_evidence) if solution.success else -np.inf,
+            largest_error=float(np.abs(solution.fun).max()),
+        )
 
     def rows(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the residuals over their sigmas, without those of the priors, and their Jacobian by z."""

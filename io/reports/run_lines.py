@@ -50,6 +50,8 @@ def wrong_geometry(wrong: WrongPart) -> str:
         "hubs": "tendons seem to end beside the ends of the rods (tell structure.hub_radius_m), or [mechanics] or the "
         "rest shape are wrong, a mirrored one, too; sigmas are widened",
         "mirror": "nothing tells the structure from its mirror image: tell structure.node_position_m, about as at rest",
+        "several": "rods, anchors, natural lengths and what was measured at rest contradict each other, whichever of "
+        "them is wrong: check each",
         "floor": "the lowest nodes at rest are off the floor: are height_m, normal and the rest shape right?",
     }
     return told[wrong]

@@ -31,10 +31,12 @@ class RestSettings:
     """Standard deviation of the balance of forces at rest: sway, creep and hysteresis of the rubber."""
 
 
-WrongPart = Literal["rods", "anchors", "natural lengths", "rest shape", "axes", "hubs", "floor", "mirror"]
+WrongPart = Literal["rods", "anchors", "natural lengths", "rest shape", "axes", "hubs", "floor", "mirror", "several"]
 """A part of the geometry that may have been told wrongly: `axes` are those in which the rest shape was measured, and
 `hubs` means that tendons end beside the ends of the rods. With `mirror`, nothing was told that tells the shape from its
-mirror image."""
+mirror image; with `several`, no one part explains the rest."""
+MENDED: tuple[WrongPart | None, ...] = (None, "rods", "anchors", "natural lengths")
+"""The parts whose estimates are used in place of what was told; None where nothing is wrong."""
 RestSource = Literal["measured", "lengths", "found"]
 """What tells the rest shape: its measured positions, or the lengths at rest; it is found from natural lengths and
 stiffness alone where neither was measured."""
@@ -80,7 +82,7 @@ class RestShape:
     @property
     def is_doubted(self) -> bool:
         """Whether what is wrong of the geometry was not mended, so that every shape is in doubt."""
-        return self.wrong not in (None, "rods", "anchors", "natural lengths")
+        return self.wrong not in MENDED
 
     @property
     def largest_sigma_m(self) -> float:

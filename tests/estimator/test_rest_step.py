@@ -125,6 +125,16 @@ class TestLengthsAtRest:
         assert found.wrong is None
         assert np.linalg.norm(found.node_position_m - at_rest_m, axis=1).max() < 0.001
 
+    @pytest.mark.parametrize(("wrong", "error_m"), [([9, 13, 17], 0.03), ([4, 9, 13, 17, 20], 0.01)])
+    def test_more_sensors_that_are_wrong_are_doubted(self, structure, true, wrong, error_m) -> None:
+        """Whatever is taken as wrong, rods, anchors or natural lengths, the rest contradicts it."""
+        mechanics, at_rest_m = true
+        errors_m = np.zeros(24)
+        errors_m[wrong] = error_m
+        found = self.found(structure, mechanics, at_rest_m, errors_m)
+        assert np.linalg.norm(found.node_position_m - at_rest_m, axis=1).max() > 0.005
+        assert found.is_doubted
+
     @pytest.mark.parametrize("read", [[], [9], list(range(24))])
     def test_lengths_that_may_all_be_as_wrong_are_no_endless_search(self, structure, true, read) -> None:
         """None or one was read, or all are known to 50 mm, as of a structure that moved by that in its rest."""
