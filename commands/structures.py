@@ -13,7 +13,8 @@ from ..io.reports.terminal import Terminal
 from ..io.structures.new_trial import BuiltIn, write_new_trial
 from ..io.structures.structure_file import read_structure
 from ..io.structures.structure_output import write_structure
-from ..models.structure.rigidity import find_rest_shape, held_jacobian, rigidity
+from ..models.structure.form_finding import find_rest_shape
+from ..models.structure.rigidity import held_jacobian, rigidity
 from ..models.structure_description import DescribedStructure
 from ..models.values.errors import IndeterminateError, InputError
 from ..models.values.tables import SMALLEST

@@ -34,10 +34,11 @@ from ..factors.tendon import TautCables
 from ..models.balance.statics import Statics
 from ..models.balance.support import Support, in_the_air, standing
 from ..models.structure.floor import UP, Floor
+from ..models.structure.form_finding import find_rest_shape
 from ..models.structure.lengths import length_jacobian, member_length_m
 from ..models.structure.mechanics import Mechanics
 from ..models.structure.rest_shape import MENDED, GeometrySigma, RestSettings, RestShape, RestSource, WrongPart
-from ..models.structure.rigidity import find_rest_shape, rigid_motions
+from ..models.structure.rigidity import rigid_motions
 from ..models.structure.structure import Structure
 from ..models.trial_description import TrialDescription
 from ..models.values.errors import IndeterminateError

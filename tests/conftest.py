@@ -25,8 +25,8 @@ from tensegraph.estimator.rest_step import rest_step
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.sensor.sensor_model import SensorModel
 from tensegraph.models.structure.external_loads import ExternalLoads
+from tensegraph.models.structure.form_finding import find_rest_shape
 from tensegraph.models.structure.rest_shape import GeometrySigma, RestSettings, RestShape
-from tensegraph.models.structure.rigidity import find_rest_shape
 from tensegraph.models.structure.shape import Covariances
 from tensegraph.models.values.readings import Mode, TendonLengths
 
@@ -184,7 +184,7 @@ def workers_share_the_cores() -> Iterator[None]:
 @pytest.fixture(scope="session", autouse=True)
 def rest_shapes_are_found_once() -> Iterator[None]:
     """The search from eight starts takes two seconds, and most trials of these tests are of one of three structures."""
-    with mock.patch("tensegraph.models.structure.rigidity.least_squares", remembered(least_squares)):
+    with mock.patch("tensegraph.models.structure.form_finding.least_squares", remembered(least_squares)):
         yield
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.ready_structures import prism_tower, saddle_tower, six_strut
-from ...models.structure.rigidity import find_rest_shape
+from ...models.structure.form_finding import find_rest_shape
 from ...models.structure.structure import Structure
 from ...models.values.errors import InputError
 from ..toml import commented

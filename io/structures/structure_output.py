@@ -10,7 +10,7 @@ import tomlkit
 from numpy.typing import NDArray
 
 from ...models.structure.floor import GRAVITY_M_PER_S2
-from ...models.structure.rigidity import find_rest_shape, with_rods_as_told
+from ...models.structure.form_finding import find_rest_shape, with_rods_as_told
 from ...models.structure_description import DescribedStructure, geometry_keys
 from ...models.twin.mjcf import Body, mjcf
 from ...models.values.errors import InputError

@@ -1,1 +1,1 @@
-"""The structure: its lengths, rigidity and mechanical properties, its rest shape, and estimated shapes with loads."""
+"""The structure: lengths, rigidity, form finding and mechanical properties, its rest shape, and estimated shapes."""

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..structure.form_finding import find_rest_shape
 from ..structure.natural_lengths import strip_length_m
-from ..structure.rigidity import find_rest_shape
 from ..structure.structure import Structure
 from ..values.readings import BoardReading, OtherReading
 from .emulated_boards import Signal, board_rows

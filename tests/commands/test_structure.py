@@ -11,7 +11,7 @@ import tomlkit
 from command_line import run
 from structures import TOWER, TOWER_M
 from tensegraph import Status, open_trial, read_structure, reconstruct, saddle_tower, three_strut
-from tensegraph.models.structure.rigidity import find_rest_shape
+from tensegraph.models.structure.form_finding import find_rest_shape
 from tensegraph.models.twin.engine import Twin
 from tensegraph.models.twin.loads import Loads, Press
 from tensegraph.models.twin.mjcf import Body, mjcf

@@ -14,8 +14,8 @@ from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.graph import status_of
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.models.evaluation.metrics import node_rmse_m
+from tensegraph.models.structure.form_finding import find_rest_shape
 from tensegraph.models.structure.rest_shape import RestShape
-from tensegraph.models.structure.rigidity import find_rest_shape
 from tensegraph.models.values.readings import ModelError
 
 ESTIMATORS = [FrameEstimator, LiveSmoother, BatchOptimizer]

@@ -8,7 +8,7 @@ from balance import nominal, pressed
 from tensegraph.factors.equilibrium import equilibrium_rows
 from tensegraph.factors.keys import factor_on_nodes
 from tensegraph.models.balance.statics import Statics
-from tensegraph.models.structure.rigidity import find_rest_shape
+from tensegraph.models.structure.form_finding import find_rest_shape
 
 
 class TestFactor:

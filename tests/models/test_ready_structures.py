@@ -5,9 +5,10 @@ import pytest
 
 from tensegraph import InputError, Structure, saddle_tower
 from tensegraph.models.balance.statics import Statics
+from tensegraph.models.structure.form_finding import find_rest_shape
 from tensegraph.models.structure.lengths import length_jacobian
 from tensegraph.models.structure.mechanics import Mechanics
-from tensegraph.models.structure.rigidity import find_rest_shape, rigidity
+from tensegraph.models.structure.rigidity import rigidity
 
 K = 400.0
 SIZES = [(0.3, 0.15, 0.25), (0.3, 0.12, 0.15), (1.0, 0.6, 0.3)]

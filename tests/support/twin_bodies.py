@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegraph import Structure, six_strut, three_strut
-from tensegraph.models.structure.rigidity import find_rest_shape
+from tensegraph.models.structure.form_finding import find_rest_shape
 from tensegraph.models.twin.mjcf import Body
 
 

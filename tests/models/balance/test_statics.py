@@ -11,7 +11,7 @@ from balance import K, nominal
 from tensegraph import Structure, six_strut, three_strut
 from tensegraph.models.balance.statics import Statics
 from tensegraph.models.structure.floor import GRAVITY_M_PER_S2
-from tensegraph.models.structure.rigidity import find_rest_shape
+from tensegraph.models.structure.form_finding import find_rest_shape
 
 
 class TestStatics:

@@ -6,7 +6,7 @@ import pytest
 from tensegraph import Structure
 from tensegraph.models.balance.support import hung_up, standing, weightless
 from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
-from tensegraph.models.structure.rigidity import find_rest_shape
+from tensegraph.models.structure.form_finding import find_rest_shape
 
 MASS_KG = 0.03
 MASSES_KG = np.full(12, 0.5 * MASS_KG)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tensegraph import six_strut
 from tensegraph.models.evaluation.evaluation import ComparedFrames
 from tensegraph.models.evaluation.pose_score import _noise_m, _still, score_pose
-from tensegraph.models.structure.rigidity import find_rest_shape
+from tensegraph.models.structure.form_finding import find_rest_shape
 from tensegraph.models.values.rotations import rotation
 
 

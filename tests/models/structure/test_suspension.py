@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tensegraph import Structure, six_strut
-from tensegraph.models.structure.rigidity import find_rest_shape, held_jacobian, motions_left
+from tensegraph.models.structure.form_finding import find_rest_shape
+from tensegraph.models.structure.rigidity import held_jacobian, motions_left
 from tensegraph.models.structure.suspension import Suspension
 
 ANCHORS_M = np.array([[0.0, 0.0, 0.5], [0.18371, 0.0, 0.5]])
