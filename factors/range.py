@@ -47,8 +47,8 @@ def range_rows(
     numbers_of_pair: Mapping[tuple[int, int, int], tuple[int, int]],
     covariance: NDArray[np.float64],
     sigma_m: float,
-) -> Rows:
-    """Return one row for each range that is no outlier.
+) -> tuple[Rows, list[RangeReading]]:
+    """Return one row for each range that is no outlier, and the ranges that are outliers.
 
     Args:
         placed: the shape in the world.
@@ -58,38 +58,18 @@ def range_rows(
         sigma_m: standard deviation of a range.
     """
     size = placed.state.layout.size
-    rows = []
+    rows, outliers = [], []
     for reading in readings:
         error, jacobian, of_shape = range_error(placed, reading, numbers_of_pair[reading.pair])
         variance = sigma_m**2 + of_shape
-        studentised = _studentised(error, jacobian, covariance, variance)
+        studentised = abs(error) / float(np.sqrt(jacobian @ covariance @ jacobian + variance))
         if studentised < OUTLIER:
             rows.append((error, jacobian, variance * max(studentised / HUBER, 1.0)))
-    return Rows(
+        else:
+            outliers.append(reading)
+    kept = Rows(
         np.array([row[0] for row in rows]),
         np.array([row[1] for row in rows]).reshape(-1, size),
         np.array([row[2] for row in rows]),
     )
-
-
-def outlying(
-    placed: PlacedShape,
-    readings: Sequence[RangeReading],
-    numbers_of_pair: Mapping[tuple[int, int, int], tuple[int, int]],
-    covariance: NDArray[np.float64],
-    sigma_m: float,
-) -> list[RangeReading]:
-    """Return the ranges that are outliers, of which there is no row; arguments as those of `range_rows`."""
-    found = []
-    for reading in readings:
-        error, jacobian, of_shape = range_error(placed, reading, numbers_of_pair[reading.pair])
-        if _studentised(error, jacobian, covariance, sigma_m**2 + of_shape) >= OUTLIER:
-            found.append(reading)
-    return found
-
-
-def _studentised(
-    error: float, jacobian: NDArray[np.float64], covariance: NDArray[np.float64], variance: float
-) -> float:
-    """Return the size of an error over its standard deviation, by the state and by the range with the shape."""
-    return abs(error) / float(np.sqrt(jacobian @ covariance @ jacobian + variance))
+    return kept, outliers

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from ...factors.ground import height_rows, rolled_on_floor_m
 from ...factors.imu import ImuArray
 from ...factors.position import position_rows
-from ...factors.range import outlying, range_rows
+from ...factors.range import range_rows
 from ...models.pose.placed import PlacedShape, Rows, stacked
 from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import Robot
 from ...models.structure.rest_shape import RestShape
+from ...models.values.aids import RangeReading
 from ...models.values.rotations import rotation_vector
 from .footholds import Feet, walk_variance_m2
 from .pose_motion import PoseMotion
@@ -121,7 +122,7 @@ class PoseModel:
         if frame.positions:
             rows.append(self._position_rows(placed, frame))
         if frame.ranges:
-            rows.append(range_rows(placed, frame.ranges, self.numbers_of_pair, predicted.covariance, settings.range_m))
+            rows.append(self._range_rows(predicted, frame)[0])
         if frame.t_s < self.rest_until_s:
             rows.append(rest_rows(placed.state, self.centre_m))
         return rows
@@ -140,13 +141,15 @@ class PoseModel:
 
     def outlying_ranges(self, predicted: Prediction, frame: Frame) -> tuple[int, ...]:
         """Return the recordings of the ranges of which `rows` has none, because they are outliers."""
-        pairs, sigma_m = self.numbers_of_pair, self.settings.range_m
-        left_out = outlying(predicted.placed, frame.ranges, pairs, predicted.covariance, sigma_m)
-        return tuple(reading.pair[0] for reading in left_out)
+        return tuple(reading.pair[0] for reading in self._range_rows(predicted, frame)[1])
 
     def _is_blind(self, frame: Frame) -> bool:
         """Return whether nothing in a frame tells where the robot heads, but for gravity on a slope."""
         return not (frame.positions or frame.ranges or frame.t_s < self.rest_until_s)
+
+    def _range_rows(self, predicted: Prediction, frame: Frame) -> tuple[Rows, list[RangeReading]]:
+        sigma_m = self.settings.range_m
+        return range_rows(predicted.placed, frame.ranges, self.numbers_of_pair, predicted.covariance, sigma_m)
 
     def _position_rows(self, placed: PlacedShape, frame: Frame) -> Rows:
         return position_rows(placed, frame.positions, frame.t_s, self.settings.position_m)

@@ -18,6 +18,7 @@ from their lengths (`stiff_cables`).
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,32 @@ SURELY_SLACK = 4.0
 LEAST_RANK = 0.1
 """Least number of independent rows of a node at which cables take all that a load could do."""
 IDENTITY = np.eye(3)
+
+
+class _Tendons(NamedTuple):
+    """How all tendons pull at one shape or many."""
+
+    unit: NDArray[np.float64]
+    """(..., tendons, 3) u"""
+    length_m: NDArray[np.float64]
+    """(..., tendons) l"""
+    stiffness_n_per_m: NDArray[np.float64]
+    """(..., tendons) kappa"""
+    tension_n: NDArray[np.float64]
+    """(..., tendons) T"""
+
+
+class _Rods(NamedTuple):
+    """The directions w of rods, and their lengths ell, at one shape or many."""
+
+    at_node: NDArray[np.float64]
+    """(..., free nodes, 3) w to each free node from the other end of its rod; 0 for a node on no rod."""
+    length_m: NDArray[np.float64]
+    """(..., free nodes, 1) ell of these rods; 1 for a node on no rod."""
+    floating: NDArray[np.float64]
+    """(..., floating rods, 3) w of each rod without an anchor, from its first end to its second."""
+    floating_length_m: NDArray[np.float64]
+    """(..., floating rods, 1)"""
 
 
 class Statics:
@@ -111,8 +138,8 @@ class Statics:
 
     def node_force_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., nodes, 3), the force f of tendons and gravity at each node."""
-        unit, _, _, tension = self._tensions(node_position_m)
-        return np.asarray(self._outer_n - self._incidence @ (tension[..., None] * unit))
+        tendons = self._tendons(node_position_m)
+        return np.asarray(self._outer_n - self._incidence @ (tendons.tension_n[..., None] * tendons.unit))
 
     def residual_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows), the residuals r and s: the part of the forces that rods and anchors cannot balance."""
@@ -124,10 +151,10 @@ class Statics:
     def _rows_n(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows) the residuals without the tensions of stiff cables."""
         force = self.node_force_n(node_position_m)
-        along, _, along_floating, _ = self._rods(node_position_m)
+        rods = self._rods(node_position_m)
         across = force[..., self.nodes, :]
-        across = across - along * np.sum(along * across, axis=-1, keepdims=True)
-        axial = np.sum(along_floating * force[..., self.floating_rods, :].sum(axis=-2), axis=-1)
+        across = across - rods.at_node * np.sum(rods.at_node * across, axis=-1, keepdims=True)
+        axial = np.sum(rods.floating * force[..., self.floating_rods, :].sum(axis=-2), axis=-1)
         return self._allowed(
             np.concatenate([across.reshape(*across.shape[:-2], -1), axial], axis=-1)[..., None], node_position_m
         )[..., 0]
@@ -197,7 +224,7 @@ class Statics:
         residual = self.residual_n(node_position_m)
         force = np.zeros((self.structure.node_count, 3))
         force[self.nodes] = residual[: 3 * len(self.nodes)].reshape(-1, 3)
-        _, _, along, _ = self._rods(node_position_m)
+        along = self._rods(node_position_m).floating
         force[self.floating_rods] += 0.5 * (residual[3 * len(self.nodes) :, None] * along)[:, None]
         return force
 
@@ -212,7 +239,7 @@ class Statics:
             dr_n/dx = P df_n/dx - ((w . f_n) P + w r_n^T) / ell at n, + the same at the rod's other end
             ds/dx   = w^T (df_i/dx + df_j/dx) -+ (f_i + f_j)^T P / ell at i and j
         """
-        r, jacobian = self._by_rods(node_position_m, self._outer_n, self._tensions(node_position_m))
+        r, jacobian = self._by_rods(node_position_m, self._outer_n, self._tendons(node_position_m))
         if len(self._cables.tendons):
             return self._by_cables(node_position_m, r, jacobian)
         return r, jacobian
@@ -227,21 +254,22 @@ class Statics:
         unit, length = self._directions(each)
         pulls = np.any(pull, axis=-2, keepdims=True).swapaxes(-1, -2)
         tension = pulls * np.eye(len(self._elastic))[cables]
-        _, by_pull = self._by_rods(each, np.zeros(x.shape[-2:]), (unit, length, np.zeros_like(length), tension))
+        pulling = _Tendons(unit, length, np.zeros_like(length), tension)
+        _, by_pull = self._by_rods(each, np.zeros(x.shape[-2:]), pulling)
         return jacobian_without_cables(r, jacobian, pull, by_pull)
 
     def _by_rods(
-        self, x: NDArray[np.float64], outer_n: NDArray[np.float64], tensions: tuple[NDArray[np.float64], ...]
+        self, x: NDArray[np.float64], outer_n: NDArray[np.float64], tendons: _Tendons
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the residuals and their derivatives for given tensions, before unknown ones are taken out.
 
         Args:
             x: (..., nodes, 3) positions.
             outer_n: (..., nodes, 3) all forces but those of tendons.
-            tensions: what `_tensions` returns.
+            tendons: their tensions and stiffnesses.
         """
         lead, nodes, rods = x.shape[:-2], self.nodes, self.floating_rods
-        unit, length, stiffness, tension = tensions
+        unit, length, stiffness, tension = tendons
         force = outer_n - self._incidence @ (tension[..., None] * unit)
         w, ell, w_floating, ell_floating = self._rods(x)
         f = force[..., nodes, :]
@@ -281,7 +309,7 @@ class Statics:
         """Return (..., ends, 3, 3) P S_e and (..., ends, 3) w^T S_e, at each end of a tendon that is at a free node.
 
         Args:
-            w: (..., free nodes, 3), see `_rods`.
+            w: (..., free nodes, 3), see `_Rods`.
             unit: (..., tendons, 3) u_e.
             slope: (..., tendons) T / l.
             stiffness: (..., tendons) kappa.
@@ -295,7 +323,8 @@ class Statics:
     def support_variance_n2(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows) the variance of the residuals by that of the support, with one value in each group."""
         covariance = self._support.covariance_n2
-        w, _, along, _ = self._rods(node_position_m)
+        rods = self._rods(node_position_m)
+        w, along = rods.at_node, rods.floating
         at_node = covariance[..., self.nodes, :, :]
         across = np.trace(at_node, axis1=-2, axis2=-1) - np.einsum("...ni,...nij,...nj->...n", w, at_node, w)
         at_rod = covariance[..., self.floating_rods, :, :].sum(axis=-3)
@@ -315,41 +344,43 @@ class Statics:
         Args:
             node_position_m: (nodes, 3)
         """
-        w, _, along, _ = self._rods(node_position_m)
+        rods = self._rods(node_position_m)
+        w = rods.at_node
         jacobian = np.zeros((len(self.group), self.structure.node_count, 3))
         index = np.arange(len(self.nodes))
         across = jacobian[: 3 * len(self.nodes)].reshape(len(self.nodes), 3, -1, 3)
         across[index, :, self.nodes] = IDENTITY - w[:, :, None] * w[:, None, :]
-        rods = np.arange(len(self.floating_rods))
+        axial = 3 * len(self.nodes) + np.arange(len(self.floating_rods))
         for end in (0, 1):
-            jacobian[3 * len(self.nodes) + rods, self.floating_rods[:, end]] = along
+            jacobian[axial, self.floating_rods[:, end]] = rods.floating
         rows = self._allowed(jacobian.reshape(len(jacobian), -1), node_position_m)
         return self._without_cables(rows, node_position_m)
 
     def mechanics_jacobian(self, node_position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return the derivatives (..., rows, tendons) of the residuals by log k and by L0."""
-        _, _, stiffness, tension = self._tensions(node_position_m)
+        tendons = self._tendons(node_position_m)
         by_tension = self._without_cables(self._by_tension(node_position_m), node_position_m)
-        return by_tension * tension[..., None, :], -by_tension * stiffness[..., None, :]
+        return by_tension * tendons.tension_n[..., None, :], -by_tension * tendons.stiffness_n_per_m[..., None, :]
 
     def _by_tension(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., rows, tendons) the rows by a tension of 1 N, before unknown ones are taken out."""
         unit, _ = self._directions(node_position_m)
         pull = -self._incidence[:, :, None] * unit[..., None, :, :]  # (..., nodes, tendons, 3) per unit of tension
-        w, _, w_floating, _ = self._rods(node_position_m)
+        rods = self._rods(node_position_m)
         across = pull[..., self.nodes, :, :]
-        across = across - np.einsum("...nk,...nek->...ne", w, across)[..., None] * w[..., None, :]
+        along = np.einsum("...nk,...nek->...ne", rods.at_node, across)
+        across = across - along[..., None] * rods.at_node[..., None, :]
         across = np.swapaxes(across, -1, -2).reshape(*across.shape[:-3], -1, across.shape[-2])
-        axial = np.einsum("...rk,...rek->...re", w_floating, pull[..., self.floating_rods, :, :].sum(axis=-3))
+        axial = np.einsum("...rk,...rek->...re", rods.floating, pull[..., self.floating_rods, :, :].sum(axis=-3))
         return self._allowed(np.concatenate([across, axial], axis=-2), node_position_m)
 
-    def _tensions(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return unit vectors u, lengths l, stiffnesses kappa and tensions T of all tendons; 0 of stiff cables."""
+    def _tendons(self, x: NDArray[np.float64]) -> _Tendons:
+        """Return direction, length, stiffness and tension of all tendons; the latter two are 0 of stiff cables."""
         unit, length = self._directions(x)
         extension = length - self.mechanics.natural_length_m
         k = self._elastic * self.mechanics.stiffness_n_per_m
         stiffness = np.where(extension > 0, k, self.mechanics.push_back * k)
-        return unit, length, stiffness, stiffness * extension
+        return _Tendons(unit, length, stiffness, stiffness * extension)
 
     def _directions(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return unit vectors u and lengths l of all tendons."""
@@ -357,16 +388,12 @@ class Statics:
         length = np.sqrt(np.einsum("...k,...k->...", difference, difference))
         return difference / length[..., None], length
 
-    def _rods(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return unit vector w and length ell of the rod at each free node, then of each floating rod.
-
-        At a free node w points from the rod's other end to the node, and w = 0 for a node on no rod. On a floating rod
-        w points from its first end to its second.
-        """
+    def _rods(self, x: NDArray[np.float64]) -> _Rods:
+        """Return direction and length of the rod at each free node, and of each floating rod."""
         difference = x[..., self.nodes, :] - x[..., self._partner, :]  # zero for a node on no rod
         ell = np.sqrt(np.sum(difference * difference, axis=-1, keepdims=True)) + self._on_no_rod
         w = difference / ell
-        return w, ell, w[..., self._rod_ends, :], ell[..., self._rod_ends, :]
+        return _Rods(w, ell, w[..., self._rod_ends, :], ell[..., self._rod_ends, :])
 
 
 def _outer(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

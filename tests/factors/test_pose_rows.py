@@ -83,7 +83,7 @@ ROWS: dict[str, Callable[..., Rows]] = {
         {(0, 0, 4): (1, 0)},
         np.eye(SIZE),
         0.05,
-    ),
+    )[0],
     "position": lambda state: position_rows(
         placed(state), [PositionReading(0.0, 3, np.array([0.1, 0.2, 0.3]))], 0.017, 5e-4
     ),
@@ -149,15 +149,16 @@ def test_a_range_is_as_uncertain_as_its_node_in_the_shape() -> None:
     shape = placed()
     beacon_m = shape.node_position_m[4] + np.array([0.0, 3.0, 0.0])
     reading = RangeReading(0.0, beacon_m, (0, 0, 4), 3.0)
-    rows = range_rows(shape, [reading], {(0, 0, 4): (1, 0)}, 1e-4 * np.eye(SIZE), 0.05)
+    rows, _ = range_rows(shape, [reading], {(0, 0, 4): (1, 0)}, 1e-4 * np.eye(SIZE), 0.05)
     assert shape.node_covariance_m2[4, 1, 1] > 0
     assert rows.variance == pytest.approx(0.05**2 + shape.node_covariance_m2[4, 1, 1])
 
 
 def test_a_range_that_a_wall_reflects_is_left_out() -> None:
     reading = RangeReading(0.0, np.array([2.0, 1, 1]), (0, 0, 4), 9.0)
-    rows = range_rows(placed(), [reading], {(0, 0, 4): (1, 0)}, 1e-4 * np.eye(SIZE), 0.05)
+    rows, outliers = range_rows(placed(), [reading], {(0, 0, 4): (1, 0)}, 1e-4 * np.eye(SIZE), 0.05)
     assert len(rows.error) == 0
+    assert outliers == [reading]
 
 
 def test_the_attitude_at_rest_points_the_rod_and_gravity() -> None:
