@@ -59,7 +59,7 @@ def write_curves_figure(calibration: Calibration, path: Path) -> None:
     recordings = on_common_curve(calibration.split.training, calibration.trained.gain_and_offset)
     kinds = [("stretching", [r for r in recordings if r.stretched_share > 0.9])]
     if bending:
-        kinds.append(("bending", [r for r in recordings if r.stretched_share < 0.1]))
+        kinds.append(("bending", [r for r in recordings if r.bends]))
     figure = Figure(figsize=(6.2 * len(kinds), 5), layout="constrained")
     for axis, (kind, some) in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds, strict=True):
         _draw_by_speed(axis, some)

@@ -49,7 +49,7 @@ def fit_bending(recordings: Sequence[Recording], held_out: Sequence[Recording]) 
     x = np.concatenate([strain for strain, _ in bent])
     y = np.concatenate([change for _, change in bent])
     if not np.ptp(y) > 0:
-        names = ", ".join(r.name for r in recordings if _bends(r))
+        names = ", ".join(r.name for r in recordings if _bends_mostly(r))
         raise InputError(f"recordings that bend: expected a resistance that changes with strain, got one in {names}")
     basis = np.vander(x, 6)
     if np.linalg.matrix_rank(basis) < 6:  # too few samples, or too few strains
@@ -81,13 +81,13 @@ def _explained_share(values: NDArray[np.float64], residual: NDArray[np.float64])
     return 1 - float(np.var(residual)) / variance if variance > 0 else float("nan")
 
 
-def _bends(recording: Recording) -> bool:
+def _bends_mostly(recording: Recording) -> bool:
     return recording.stretched_share < 0.5
 
 
 def _bent_samples(recordings: Sequence[Recording]) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Return the samples of `_lag_free_bending` of the recordings that bend, and have any."""
-    samples = (_lag_free_bending(recording) for recording in recordings if _bends(recording))
+    samples = (_lag_free_bending(recording) for recording in recordings if _bends_mostly(recording))
     return [(strain, change) for strain, change in samples if len(strain)]
 
 

@@ -127,7 +127,7 @@ def _with_spread(
     """
     model = _model(trained, bending, on_common_curve(split.training, trained.gain_and_offset), mode_odds, settings)
     unified = settings.unified
-    stretched = [r for r in split.training if r.stretched_share > 0.3]
+    stretched = [r for r in split.training if r.stretches]
     tares = tare_strips(NetworkEstimator(model), stretched, trained.gauge, unified, np.inf, trained.gain_and_offset)
     gains = np.array([tare.gain_and_offset[0] for tare in tares.values()])
     variances = np.array([tare.covariance[0, 0] for tare in tares.values()])

@@ -13,6 +13,10 @@ from ..values.errors import InputError
 
 STEADY_RATIO = 1.5
 """Ratio of the 90 % quantile to the 25 % quantile of the speed while moving, below which a recording has one speed."""
+STRETCHES_SHARE = 0.3
+"""Share of the samples of a recording in which its strip is stretched, from which it tells of stretching."""
+BENDS_SHARE = 0.1
+"""The same share, below which it only bends."""
 EVERY = 6
 """Of the recordings of irregular motion every sixth is for test, and the one before it for validation."""
 VALIDATION_TAIL = 0.15
@@ -64,6 +68,16 @@ class Recording:
         return float((self.strain >= 0).mean())
 
     @property
+    def stretches(self) -> bool:
+        """Whether the strip is stretched for long enough to tell of stretching."""
+        return self.stretched_share > STRETCHES_SHARE
+
+    @property
+    def bends(self) -> bool:
+        """Whether the strip is bent nearly all the time."""
+        return self.stretched_share < BENDS_SHARE
+
+    @property
     def speed_per_s(self) -> float:
         """The speed at which the strip was moved, in strain per second; nan when it was not one constant speed."""
         speed = np.abs(np.diff(self.strain) / np.diff(self.t_s))
@@ -111,7 +125,7 @@ class Split:
         Raises:
             InputError: when there is none.
         """
-        found = [r for r in self.held_out if (unified or r.stretched_share > 0.3) and r.counted(unified).any()]
+        found = [r for r in self.held_out if (unified or r.stretches) and r.counted(unified).any()]
         if not found:
             names = ", ".join(r.name for r in self.held_out)
             kind = "strain" if unified else "stretching"
@@ -126,13 +140,13 @@ class Split:
 
         When no stretched recording is held out by this rule, the last part of each recording is held out instead.
         """
-        test = {r.name for kind in (False, True) for r in _middle_speed([r for r in recordings if _bends(r) == kind])}
+        test = {r.name for kind in (False, True) for r in _middle_speed([r for r in recordings if r.bends == kind])}
         rest = [r for r in recordings if r.name not in test]
-        steady = [r for r in rest if np.isfinite(r.speed_per_s) and not _bends(r)]
+        steady = [r for r in rest if np.isfinite(r.speed_per_s) and not r.bends]
         irregular = [r for r in rest if not np.isfinite(r.speed_per_s)]
         test |= {r.name for r in irregular[EVERY - 1 :: EVERY]}
         validate = {r.name for group in (irregular, steady) for r in group[EVERY - 2 :: EVERY]}
-        if not any(r.stretched_share > 0.3 for r in recordings if r.name in test):
+        if not any(r.stretches for r in recordings if r.name in test):
             return cls.by_time(recordings, TEST_TAIL)
         how = f"the middle one of the speeds and every {EVERY}th recording of irregular motion are held out"
         return cls._whole(recordings, lambda name: name in test, lambda name: name in validate, how)
@@ -148,7 +162,7 @@ class Split:
             if not any(fnmatch(r.name, pattern) for r in recordings):
                 raise InputError(f"--hold-out {pattern}: fits no recording")
         test = {r.name for r in recordings if any(fnmatch(r.name, pattern) for pattern in patterns)}
-        rest = [r for r in recordings if r.name not in test and not _bends(r)]
+        rest = [r for r in recordings if r.name not in test and not r.bends]
         validate = {r.name for r in rest[EVERY - 2 :: EVERY]}
         how = f"held out by name: {', '.join(patterns)}"
         return cls._whole(recordings, lambda name: name in test, lambda name: name in validate, how)
@@ -173,15 +187,12 @@ class Split:
         training = [r for r in kept if not validates(r.name)]
         if not validation:
             training, validation = _time_validation(kept)
-        if not any(r.stretched_share > 0.3 for r in training):
+        if not any(r.stretches for r in training):
             raise InputError(
-                "no recording of stretching to train on: expected one with strain >= 0 in more than 30 % of its rows"
+                "no recording of stretching to train on: expected one with strain >= 0 in more than "
+                f"{100 * STRETCHES_SHARE:g} % of its rows"
             )
         return cls(training, validation, [r for r in recordings if tests(r.name)], how)
-
-
-def _bends(recording: Recording) -> bool:
-    return recording.stretched_share < 0.1
 
 
 def _middle_speed(recordings: Sequence[Recording]) -> list[Recording]:
@@ -203,4 +214,4 @@ def _time_validation(recordings: Sequence[Recording]) -> tuple[list[Recording], 
     """
     training = [r.part(0, 1 - VALIDATION_TAIL) for r in recordings]
     pairs = zip(recordings, training, strict=True)
-    return training, [replace(r, scored_from_s=float(k.t_s[-1])) for r, k in pairs if not _bends(r)]
+    return training, [replace(r, scored_from_s=float(k.t_s[-1])) for r, k in pairs if not r.bends]
