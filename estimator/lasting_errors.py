@@ -4,15 +4,16 @@ They last from frame to frame, and all strips err alike, so that neither many se
 
     C' = C_rest + a (C - C_rest) + kappa^2 u u^T + kappa_c^2 m m^T + tau^2 v v^T
 
-with u the displacement of all nodes from the rest shape, m its running mean over 10 s, and v their velocity; a is
-`AVERAGED` in batch, where all tendons are stretched and the status is `ok`, and else 1.
+with u the displacement of all nodes from the rest shape, m what remains of it after two low-pass filters of 2 s, and v
+their velocity; a is `AVERAGED` in batch, where all tendons are stretched and the status is `ok`, and else 1.
 
 In the calibration's recordings of irregular motion, changes of strain of 0.5 to 1.5 % are shown 7 % too small in the
 mean of 17 recordings, and 1 to 2 % too small where they are larger, by 4 % more or less from strip to strip; the
 balance of forces, in which no load is more probable than one, draws shapes to rest by 1 to 5 % even with true lengths.
 The error of strain grows with its rate by 0.035 to 0.06 s times that rate, with either sign. Strips that are held creep
 for longer than in those recordings, in which they move all the time, and remember it: in presses of the twin that last
-for 8 s, lengths lose a seventh to a third. Of lengths that no strips tell, only the errors of the balance are left.
+for 8 s, lengths lose a seventh to a third, in those of a second hardly anything. Of lengths that no strips tell, only
+the errors of the balance are left.
 """
 
 import numpy as np
@@ -30,8 +31,8 @@ BALANCE_SHARE = 0.05
 """The part of it that the balance of forces makes."""
 CREEP_SHARE = 0.2
 """kappa_c, the standard deviation of what strips creep while they are held over the deformation."""
-CREEP_S = 10.0
-"""Time constant of the mean of the deformation that they remember."""
+CREEP_S = 2.0
+"""Time constant of both filters, of which m is 0.1 of a deformation that has lasted for 1 s, and 0.9 of one of 8 s."""
 RATE_S = 0.05
 """tau, the standard deviation of the error that comes from motion over the velocity."""
 AVERAGED = 0.7
@@ -63,7 +64,7 @@ class LastingErrors:
         self._rest_m2 = rest.covariance_m2[np.ix_(self._free, self._free)]
         self._balance_share = BALANCE_SHARE if rest.mechanics else 0.0
         self._velocity = SmoothedRate(len(self._free), VELOCITY_S)
-        self._remembered_m = np.zeros(len(self._free))
+        self._held_m = np.zeros((2, len(self._free)))
         self._last_s = np.nan
 
     def observe(self, shape: Shape) -> Shape:
@@ -91,13 +92,14 @@ class LastingErrors:
         deformation_m = shape.node_position_m.reshape(-1)[self._free] - self._rest_m
         if not np.isnan(self._last_s):
             weight = low_pass_weight(np.array(shape.t_s - self._last_s), CREEP_S)
-            self._remembered_m = self._remembered_m + weight * (deformation_m - self._remembered_m)
+            for held_m, of_m in zip(self._held_m, (deformation_m, self._held_m[0]), strict=True):
+                held_m += weight * (of_m - held_m)
         self._last_s = shape.t_s
         if shape.doubt is Reason.MOTION:
             return shape
         if shape.lengths.of_strips:
             parts_m = np.stack(
-                [DEFORMATION_SHARE * deformation_m, CREEP_SHARE * self._remembered_m, RATE_S * velocity_m_per_s]
+                [DEFORMATION_SHARE * deformation_m, CREEP_SHARE * self._held_m[1], RATE_S * velocity_m_per_s]
             )
         else:
             parts_m = self._balance_share * deformation_m[None]
