@@ -34,8 +34,8 @@ class Timed(Protocol):
         ...
 
 
-class SpreadLoad(Protocol):
-    """A load on many nodes, or one that changes while it is held."""
+class Load(Protocol):
+    """A load on some nodes."""
 
     @property
     def when(self) -> Timed:
@@ -63,6 +63,15 @@ class Press:
     during_rest: bool = False
     """Whether it may begin within the seconds of rest, as if somebody touched the structure while sensors are tared."""
 
+    @property
+    def when(self) -> Timed:
+        """When it acts."""
+        return self
+
+    def full_n(self, t_s: float, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (nodes, 3) forces while it is held."""
+        return _pushed_n(self, node_position_m)
+
 
 @dataclass(frozen=True, slots=True)
 class Squeeze:
@@ -75,6 +84,20 @@ class Squeeze:
     force_n: Positive
     during_rest: bool = False
     """See `Press`."""
+
+    @property
+    def when(self) -> Timed:
+        """When it acts."""
+        return self
+
+    def full_n(self, t_s: float, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (nodes, 3) forces while it is held, along the line between both nodes."""
+        a, b = self.nodes
+        between_m = node_position_m[b] - node_position_m[a]
+        force_n = np.zeros_like(node_position_m)
+        force_n[a] = self.force_n * between_m / np.linalg.norm(between_m)
+        force_n[b] = -force_n[a]
+        return force_n
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +116,15 @@ class Hold:
     def hold_s(self) -> float:
         """It does not end."""
         return np.inf
+
+    @property
+    def when(self) -> Timed:
+        """When it acts."""
+        return self
+
+    def full_n(self, t_s: float, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (nodes, 3) forces from the end of its ramp on."""
+        return _pushed_n(self, node_position_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,41 +193,17 @@ class RandomPresses(RandomTimes):
 
 
 class Loads:
-    """The force on every node at any time.
+    """The force on every node at any time, of some loads together."""
 
-    Args:
-        loads: at single nodes.
-        node_count: of the structure.
-        spread: loads on many nodes, or ones that change while they are held.
-    """
-
-    def __init__(
-        self, loads: Sequence[Press | Squeeze | Hold], node_count: int, spread: Sequence[SpreadLoad] = ()
-    ) -> None:
-        self._shape = (node_count, 3)
-        self._fixed = [load for load in loads if not isinstance(load, Squeeze)]
-        self._full_n = np.zeros((len(self._fixed), *self._shape))
-        for full_n, load in zip(self._full_n, self._fixed, strict=True):
-            full_n[load.nodes] = load.force_n * np.array(load.direction) / np.linalg.norm(load.direction)
-        self._squeezes = [load for load in loads if isinstance(load, Squeeze)]
-        self._spread = spread
+    def __init__(self, loads: Sequence[Load]) -> None:
+        self._loads = loads
 
     def force_n(self, t_s: float, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (nodes, 3) forces at a time, when the nodes are at (nodes, 3)."""
-        force_n = np.zeros(self._shape)
-        for load, full_n in zip(self._fixed, self._full_n, strict=True):
-            if share := share_of(load, t_s):
-                force_n += share * full_n
-        for squeeze in self._squeezes:
-            if share := share_of(squeeze, t_s):
-                a, b = squeeze.nodes
-                between = node_position_m[b] - node_position_m[a]
-                push_n = share * squeeze.force_n * between / np.linalg.norm(between)
-                force_n[a] += push_n
-                force_n[b] -= push_n
-        for spread in self._spread:
-            if share := share_of(spread.when, t_s):
-                force_n += share * spread.full_n(t_s, node_position_m)
+        force_n = np.zeros_like(node_position_m)
+        for load in self._loads:
+            if share := share_of(load.when, t_s):
+                force_n += share * load.full_n(t_s, node_position_m)
         return force_n
 
 
@@ -205,3 +213,10 @@ def share_of(load: Timed, t_s: float) -> float:
     left_s = 2 * load.ramp_s + load.hold_s - since_s
     ramp = min(since_s, left_s, load.ramp_s) / load.ramp_s
     return float((1 - np.cos(np.pi * ramp)) / 2) if ramp > 0 else 0.0
+
+
+def _pushed_n(load: Press | Hold, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (nodes, 3) forces of a fixed direction."""
+    force_n = np.zeros_like(node_position_m)
+    force_n[load.nodes] = load.force_n * np.array(load.direction) / np.linalg.norm(load.direction)
+    return force_n

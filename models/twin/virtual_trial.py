@@ -15,7 +15,7 @@ from ..values.readings import BoardReading, OtherReading
 from .emulated_boards import Signal, board_rows
 from .engine import Twin, TwinMotion
 from .geometry_error import end_to_end_m, hub_offset_m
-from .loads import Loads, SpreadLoad
+from .loads import Load, Loads
 from .mjcf import Body
 from .motors import wound_m
 from .plan import Plan
@@ -128,7 +128,7 @@ def simulate(plan: Plan, provenance: str, progress: Callable[[float], None] = la
     steps_s = plan.mechanics.step_s * np.arange(plan.steps, dtype=np.float64)
     change_m = wound_m(plan.motor, steps_s, len(structure.tendons), streams.motors)
     motion = twin.run(
-        _loads(plan, structure.node_count, streams),
+        _loads(plan, streams),
         plan.steps,
         wound_m=change_m if plan.motor else None,
         with_turns=bool(plan.imu),
@@ -208,14 +208,17 @@ def _standing(plan: Plan, motion: TwinMotion) -> NDArray[np.bool_]:
     return np.asarray(motion.node_position_m[..., 2] < height_m + TOUCHING_M)
 
 
-def _loads(plan: Plan, node_count: int, streams: RandomStreams) -> Loads:
+def _loads(plan: Plan, streams: RandomStreams) -> Loads:
     """Draw the loads that the seed decides."""
-    random = [press for load in plan.load.random for press in load.draw(streams.loads)]
-    spread: list[SpreadLoad] = [hug for load in plan.load.hug for hug in load.draw(streams.hugs)]
-    spread += [shake for load in plan.load.shake for shake in load.draw(streams.shakes)]
-    spread += [load.draw(streams.wind) for load in plan.load.wind]
-    spread += [tip for load in plan.load.tip for tip in load.draw(streams.tips)]
-    return Loads([*plan.load.press, *plan.load.squeeze, *plan.load.hold, *random], node_count, spread)
+    told = plan.load
+    loads: list[Load] = [*told.press, *told.hold]
+    loads += [press for load in told.random for press in load.draw(streams.loads)]
+    loads += told.squeeze
+    loads += [hug for load in told.hug for hug in load.draw(streams.hugs)]
+    loads += [shake for load in told.shake for shake in load.draw(streams.shakes)]
+    loads += [load.draw(streams.wind) for load in told.wind]
+    loads += [tip for load in told.tip for tip in load.draw(streams.tips)]
+    return Loads(loads)
 
 
 def _signal(

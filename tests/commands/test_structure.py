@@ -30,7 +30,7 @@ def shapes_of(
     twin = Twin(made, step_s, shape_m)
     twin.settle()
     press = Press(at_s=2.0, ramp_s=2.0, hold_s=10.0, nodes=[node], force_n=size_n, direction=force_n)
-    motion = twin.run(Loads([press], len(shape_m), []), round(6.5 / step_s))
+    motion = twin.run(Loads([press]), round(6.5 / step_s))
     return motion.node_position_m[:: round(0.1 / step_s)]
 
 

@@ -24,7 +24,7 @@ def test_a_hanging_rod_hangs_where_forces_balance(hanging, pull_n) -> None:
         np.array([*hanging.anchor_position_m, [0, 0, -0.1], [0, 0, -0.4]]),
     )
     twin.settle()
-    motion = twin.run(Loads([Hold(0.0, 0.5, [4], max(pull_n, 1e-9), (0, 0, -1))], 5), 4000)
+    motion = twin.run(Loads([Hold(0.0, 0.5, [4], max(pull_n, 1e-9), (0, 0, -1))]), 4000)
 
     def balance(h: float) -> float:
         length = np.hypot(h, 0.2)
@@ -42,7 +42,7 @@ def test_drag_is_force_over_speed(hanging) -> None:
         1e-3,
         np.array([*loose.anchor_position_m, [0, 0, -0.1], [0, 0, -0.4]]),
     )
-    motion = twin.run(Loads([Hold(0.0, 0.01, [3, 4], 0.1, (1, 0, 0))], 5), 1000)
+    motion = twin.run(Loads([Hold(0.0, 0.01, [3, 4], 0.1, (1, 0, 0))]), 1000)
     speed = np.diff(motion.node_position_m[-2:, 3:], axis=0)[0] / 1e-3
     np.testing.assert_allclose(speed, [[0.4, 0, 0]] * 2, atol=1e-6)
 
@@ -52,7 +52,7 @@ def test_a_rod_turns_with_its_axis_from_its_first_node_to_its_second(node) -> No
     """Also where it hangs from its second node: the axis of an inertial sensor is told by it."""
     structure, shape_m = resting(6)
     made = body(replace(structure, anchors=np.array([node]), anchor_position_m=shape_m[[node]]))
-    motion = Twin(made, 1e-3, shape_m).run(Loads([], 6), 300, with_turns=True)
+    motion = Twin(made, 1e-3, shape_m).run(Loads([]), 300, with_turns=True)
     along_m = np.diff(motion.node_position_m[:, structure.rods], axis=2)[:, :, 0]
     np.testing.assert_allclose(0.3 * motion.rod_turn[..., 2], along_m, atol=1e-9)
 
@@ -68,7 +68,7 @@ def test_feet_slide_where_the_push_is_more_than_friction_in_any_direction(headin
         twin.settle()
         force_n = share * 0.5 * 0.03 * 9.81
         push = Hold(0.0, 0.2, [0, 1, 2], force_n, (np.cos(heading_rad), np.sin(heading_rad), 0.0))
-        x = twin.run(Loads([push], 6), 1000).node_position_m
+        x = twin.run(Loads([push]), 1000).node_position_m
         slid_m.append(np.linalg.norm((x[-1] - x[500])[:3].mean(axis=0)))
     assert slid_m[0] < 1e-4
     assert slid_m[1] > 0.02
@@ -109,7 +109,7 @@ def test_half_the_step_is_the_same_motion() -> None:
     for step_s in (1e-3, 5e-4):
         twin = Twin(body(structure), step_s, shape_m)
         twin.settle()
-        motion = twin.run(Loads([Press(0.1, 0.5, 0.3, [5], 3.0, (0, 0.3, -1))], 12), round(1.5 / step_s))
+        motion = twin.run(Loads([Press(0.1, 0.5, 0.3, [5], 3.0, (0, 0.3, -1))]), round(1.5 / step_s))
         paths.append(motion.node_position_m[:: round(0.01 / step_s)])
     assert np.abs(paths[0] - paths[0][0]).max() > 0.01
     assert np.abs(paths[0] - paths[1]).max() < 1e-4
@@ -156,7 +156,7 @@ def test_rods_keep_their_length_and_energy_never_grows(c) -> None:
         rod_drag_n_s_per_m=c["drag"],
     )
     step_s = 5e-5  # the integration's own error of energy is of first order in the step, 2 % of kinetic at 0.25 ms
-    x = Twin(made, step_s, shape_m).run(Loads([], c["nodes"]), 4000).node_position_m
+    x = Twin(made, step_s, shape_m).run(Loads([]), 4000).node_position_m
     length = np.linalg.norm(x[:, structure.rods[:, 0]] - x[:, structure.rods[:, 1]], axis=2)
     np.testing.assert_allclose(length, np.broadcast_to(structure.rod_length_m, length.shape), atol=1e-9)
     np.testing.assert_array_equal(x[:, structure.anchors], x[:1, structure.anchors].repeat(len(x), axis=0))
@@ -187,7 +187,7 @@ def test_at_rest_the_momentum_stays_zero(nodes, stiffness, mass, friction) -> No
     made = body(structure, stiffness_n_per_m=k, rod_mass_kg=mass, ground_friction=friction)
     twin = Twin(made, 1e-3, shape_m)
     twin.settle()
-    x = twin.run(Loads([], nodes), 500).node_position_m
+    x = twin.run(Loads([]), 500).node_position_m
     velocity = np.diff(x, axis=0) / 1e-3
     momentum = mass * velocity[:, structure.rods].mean(axis=2).sum(axis=1)
     assert np.abs(momentum).max() < 1e-5 * mass * len(structure.rods)
@@ -203,7 +203,7 @@ def test_in_free_space_momentum_is_conserved() -> None:
     k = 400 * np.random.default_rng(2).uniform(0.5, 2, 24)
     made = body(structure, stiffness_n_per_m=k, gravity_m_per_s2=0.0, rod_drag_n_s_per_m=0.0, ground_friction=0.5)
     lift = Press(0.0, 0.01, 0.015, list(range(12)), 2.0, (0, 0, 1))
-    x = Twin(made, 1e-3, shape_m).run(Loads([lift], 12), 1000).node_position_m
+    x = Twin(made, 1e-3, shape_m).run(Loads([lift]), 1000).node_position_m
     velocity = (np.diff(x[:, structure.rods].mean(axis=2), axis=0) / 1e-3)[100:]
     total = velocity.mean(axis=1)
     assert np.abs(velocity - total[:, None]).max() > 0.01
@@ -217,7 +217,7 @@ def test_on_the_ground_it_stays_until_pushed_over() -> None:
     for push_n in (0.3, 1.0):
         twin = Twin(body(structure, ground_friction=0.8), 1e-3, shape_m)
         twin.settle()
-        x = twin.run(Loads([Press(0.1, 0.3, 0.3, [3], push_n, (1, 0, 0))], 12), 1000).node_position_m
+        x = twin.run(Loads([Press(0.1, 0.3, 0.3, [3], push_n, (1, 0, 0))]), 1000).node_position_m
         feet[push_n] = np.abs(x[:, :3] - x[0, :3]).max(axis=(0, 2))
         assert x[:, :, 2].min() > -0.002
     assert feet[0.3].max() < 0.002
@@ -239,6 +239,6 @@ def test_a_step_that_is_too_long_is_said(tmp_path, monkeypatch, capfd) -> None:
     with pytest.raises(TensegraphError, match="expected a smaller step_s"):
         Twin(made, 0.02, shape_m).settle()
     with pytest.raises(TensegraphError, match="expected a smaller step_s"):
-        Twin(made, 0.02, shape_m).run(Loads([], 6), 100)
+        Twin(made, 0.02, shape_m).run(Loads([]), 100)
     assert capfd.readouterr().err == ""
     assert not list(tmp_path.iterdir())

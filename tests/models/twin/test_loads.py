@@ -8,7 +8,7 @@ from tensegraph.models.twin.loads import Hold, Loads, Press, RandomPresses, Sque
 
 
 def test_a_press_grows_and_fades_by_the_cosine() -> None:
-    loads = Loads([Press(1.0, 0.4, 0.6, [2, 3], 2.0, (0, 3, 4))], 4)
+    loads = Loads([Press(1.0, 0.4, 0.6, [2, 3], 2.0, (0, 3, 4))])
     shares = {0.99: 0.0, 1.1: (1 - np.sqrt(0.5)) / 2, 1.2: 0.5, 1.4: 1.0, 2.0: 1.0, 2.2: 0.5, 2.41: 0.0}
     for t_s, share in shares.items():
         force = loads.force_n(t_s, np.zeros((4, 3)))
@@ -17,9 +17,9 @@ def test_a_press_grows_and_fades_by_the_cosine() -> None:
 
 def test_a_squeeze_follows_its_nodes_and_a_hold_stays() -> None:
     position_m = np.array([[0, 0, 0], [0.3, 0.4, 0], [1, 1, 1]])
-    squeeze = Loads([Squeeze(0.0, 1.0, 9.0, (0, 1), 5.0)], 3).force_n(5.0, position_m)
+    squeeze = Loads([Squeeze(0.0, 1.0, 9.0, (0, 1), 5.0)]).force_n(5.0, position_m)
     np.testing.assert_allclose(squeeze, [[3, 4, 0], [-3, -4, 0], [0, 0, 0]])
-    hold = Loads([Hold(0.0, 1.0, [2], 5.0, (0, 0, -2))], 3).force_n(1e6, position_m)
+    hold = Loads([Hold(0.0, 1.0, [2], 5.0, (0, 0, -2))]).force_n(1e6, position_m)
     np.testing.assert_allclose(hold, [[0, 0, 0], [0, 0, 0], [0, 0, -5]])
 
 

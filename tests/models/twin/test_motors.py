@@ -57,7 +57,7 @@ def test_the_structure_comes_to_rest_where_forces_balance_with_the_new_natural_l
     twin.settle()
     change_m = np.zeros((4000, 9))
     change_m[:, 3] = -np.minimum(np.arange(4000) * 1e-5, 0.01)
-    x = twin.run(Loads([], 6), 4000, wound_m=change_m).node_position_m
+    x = twin.run(Loads([]), 4000, wound_m=change_m).node_position_m
     mechanics = Mechanics(made.stiffness_n_per_m, structure.natural_length_m, made.rod_mass_kg, made.push_back)
     statics = Statics(structure, mechanics)
     assert np.abs(statics.residual_n(x[-1])).max() > 0.5
@@ -73,7 +73,7 @@ def test_a_slack_tendon_pushes_back_from_its_new_natural_length() -> None:
     twin.settle()
     change_m = np.zeros((4000, 24))
     change_m[:, 5] = np.minimum(np.arange(4000) * 5e-5, 0.16)
-    x = twin.run(Loads([], 12), 4000, wound_m=change_m).node_position_m[-1]
+    x = twin.run(Loads([]), 4000, wound_m=change_m).node_position_m[-1]
     mechanics = Mechanics(made.stiffness_n_per_m, structure.natural_length_m, made.rod_mass_kg, made.push_back)
     wound = Statics(structure, mechanics).wound(structure.natural_length_m + change_m[-1])
     assert structure.tendon_length_m(x)[5] < wound.mechanics.natural_length_m[5] - 0.01

@@ -20,11 +20,11 @@ ALWAYS = Window(0.0, 1.0, 99.0)
 )
 def test_a_hug_pushes_towards_the_middle_or_the_axis(axis, first) -> None:
     hug = Hug(ALWAYS, np.arange(4), np.array([1.0, 1.0, 2.0, 2.0]), np.array(axis, dtype=float), np.zeros((4, 3)))
-    force_n = Loads([], 5, [hug]).force_n(50.0, SQUARE)
+    force_n = Loads([hug]).force_n(50.0, SQUARE)
     np.testing.assert_allclose(force_n[0], first, atol=1e-12)
     np.testing.assert_allclose(force_n[[1, 3]], force_n[[0, 2]] * [-1, -1, 1], atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(force_n, axis=1), [1, 1, 2, 2, 0], atol=1e-12)
-    np.testing.assert_allclose(Loads([], 5, [hug]).force_n(0.5, SQUARE), force_n / 2, atol=1e-12)
+    np.testing.assert_allclose(Loads([hug]).force_n(0.5, SQUARE), force_n / 2, atol=1e-12)
 
 
 def test_a_node_in_the_middle_of_a_hug_is_not_pushed() -> None:
@@ -65,7 +65,7 @@ def test_a_wind_has_its_mean_and_its_gusts_and_does_not_turn_round() -> None:
     )
     t_s = np.arange(1.0, 3000.0, 0.37)
     for seed in range(3):
-        wind = Loads([], 4, [plan.draw(np.random.default_rng(seed))])
+        wind = Loads([plan.draw(np.random.default_rng(seed))])
         along = np.array([wind.force_n(t, np.zeros((4, 3))) for t in t_s]) @ [0, 0.6, 0.8]
         assert not along[:, 1].any()
         caught = along[:, [0, 2, 3]].mean(axis=0) / 2.0
@@ -77,7 +77,7 @@ def test_a_wind_has_its_mean_and_its_gusts_and_does_not_turn_round() -> None:
 def test_a_shake_is_a_sine_of_its_frequency() -> None:
     shake = Shake(ALWAYS, np.array([1]), np.array([0.0, 0.0, 2.0]), 5.0)
     quarter_s = 1 / 20
-    force_n = [Loads([], 2, [shake]).force_n(10.0 + k * quarter_s, np.zeros((2, 3)))[1, 2] for k in range(4)]
+    force_n = [Loads([shake]).force_n(10.0 + k * quarter_s, np.zeros((2, 3)))[1, 2] for k in range(4)]
     np.testing.assert_allclose(force_n, [0, 2, 0, -2], atol=1e-9)
 
 
@@ -100,7 +100,7 @@ def test_a_shaken_structure_moves_at_that_frequency(frequency_hz) -> None:
     twin = Twin(body(structure), 1e-3, shape_m)
     twin.settle()
     shake = Shake(Window(0.0, 0.2, 99.0), np.array([5]), np.array([2.0, 0.0, 0.0]), frequency_hz)
-    moved_m = twin.run(Loads([], 12, [shake]), 2000).node_position_m[1000:, 5, 0]
+    moved_m = twin.run(Loads([shake]), 2000).node_position_m[1000:, 5, 0]
     spectrum = np.abs(np.fft.rfft(moved_m - moved_m.mean()))
     assert np.fft.rfftfreq(1000, 1e-3)[spectrum.argmax()] == frequency_hz
     assert np.ptp(moved_m) > 0.005
