@@ -108,6 +108,9 @@ def rest_step(
     known_m, sigma_m = _known_shape(structure, mechanics, measured_position_m, near_position_m, settings)
     support = _support(structure, mechanics, known_m, floor)
     root_m = sigma_m * np.eye(known_m.size)
+    if structure.is_free_standing and floor is None:  # a body has no place of which it may be uncertain
+        motions = rigid_motions(known_m)
+        root_m += (settings.measured_sigma_m - sigma_m) * motions @ motions.T
     told = _RestProblem(structure, mechanics, known_m, root_m, geometry, settings, support, lengths)
     source: RestSource = "measured" if measured_position_m is not None else "found" if lengths is None else "lengths"
     problem, minimum, wrong = _most_probable(told, source)
@@ -118,7 +121,7 @@ def rest_step(
         wrong = "several"
     if wrong is None and floor is not None and floor.normal_sigma_rad == 0 and _is_off(floor, position_m):
         wrong = "floor"
-    if wrong is None and measured_position_m is None and near_position_m is None and not structure.is_held:
+    if wrong in MENDED and measured_position_m is None and near_position_m is None and not structure.is_held:
         wrong = "mirror"
     found = RestShape(
         structure=replace(

@@ -47,8 +47,8 @@ def wrong_geometry(wrong: WrongPart) -> str:
         "natural lengths": "they are others than trial.toml tells; those estimated are used",
         "rest shape": "the measured rest shape does not balance: was it measured in this state?; sigmas are widened",
         "axes": "the rest shape seems to be measured in other axes than the anchors: measure both in the same",
-        "hubs": "tendons seem to end beside the ends of the rods (tell structure.hub_radius_m), or [mechanics] or the "
-        "rest shape are wrong, a mirrored one, too; sigmas are widened",
+        "hubs": "forces do not balance in the rest shape: stiffnesses, masses or the shape are others, mirrored ones, "
+        "too, or tendons end beside the ends of the rods (tell structure.hub_radius_m); sigmas are widened",
         "mirror": "nothing tells the structure from its mirror image: tell structure.node_position_m, about as at rest",
         "several": "rods, anchors, natural lengths and what was measured at rest contradict each other, whichever of "
         "them is wrong: check each",

@@ -58,8 +58,9 @@ class PoseSettings:
     """White noise of a range."""
     range_offset_m: Positive = 0.07
     """Offset of a range, the same for each pair of beacon and node."""
-    beacon_error_m: NotNegative = 0.03
-    """Error of all ranges of a beacon, which lasts, as of somebody who stands before it."""
+    beacon_error_m: NotNegative = 0.1
+    """Error of all ranges of a beacon, which lasts, as of somebody who stands before it, or a wall beside the way: as
+    large as what `RangeTrust` does not find out."""
     hang_rad: Positive = 0.07
     """Standard deviation of the direction in which a structure hangs, when no hand is seen. One that begins to push
     is seen 0.3 s later, when it has tilted the structure by 10 to 15 degrees, and may do so one time in ten."""

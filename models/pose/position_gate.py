@@ -4,13 +4,14 @@ Readings of one instant are of one body. Two of them, of nodes a and b, agree if
 
     | |y_a - y_b| - |x_a - x_b| | < MOST_SIGMA s,     s^2 = u^T (P_aa + P_bb - P_ab - P_ba) u + 2 sigma^2 + LAGS_M^2
 
-with the direction u from b to a. The largest set of nodes that all agree is used where the pose expects one of
-them, with its error e and the covariance S of it,
+with the direction u from b to a. The largest set of nodes is used that all agree and are where the pose expects them,
+with the error e of each and the covariance S of it,
 
     e^T S^-1 e < MOST_SIGMA^2
 
-and a node that agrees with no other only where the pose expects it. S includes how far a node moves in a frame. Three
-nodes or more are used where they may have moved to since two were seen, so that a robot that was moved unseen is found.
+and where no two agree, each that is where the pose expects it. S includes how far a node moves in a frame. Three nodes
+or more are used where they may have moved to since two were seen, so that a robot that was moved unseen is found. To
+agree is not enough: in a symmetric structure nodes that are exchanged keep their distances to some others.
 """
 
 from collections.abc import Sequence
@@ -63,7 +64,7 @@ def believed_at_rest(
     if len(near) > 1:
         blocks_m2 = pair_blocks(rest_covariance_m2)[np.ix_(nodes[near], nodes[near])]
         agree = _agree(read_m[near], rest_m[nodes[near]], blocks_m2, sigma_m, lag_m=0.0)
-        largest = max((_agreeing(agree, k) for k in range(len(near))), key=len)
+        largest = _largest(agree, np.arange(len(near)))
         near = near[sorted(largest)] if len(largest) > 1 else near[:0]
     return [k in near for k in range(len(nodes))]
 
@@ -95,13 +96,15 @@ def believed(
     e = read_m - expected_m
     squared = _squared(e, S + (MOVES_M_PER_S * step_s) ** 2 * np.eye(3))
     agree = _agree(read_m, expected_m, pair_blocks(shape_covariance_m2)[np.ix_(nodes, nodes)], sigma_m, LAGS_M)
-    largest = max((_agreeing(agree, k) for k in np.argsort(squared)), key=len)
-    if len(largest) == 1:
+    nearest = np.argsort(squared)
+    agreeing = len(_largest(agree, nearest))
+    if agreeing == 1:
         return Believed([bool(alone < MOST_SIGMA**2) for alone in squared], 1)
     moved = _squared(e, S + (MOVES_M_PER_S * unseen_s) ** 2 * np.eye(3))
-    squared = moved if len(largest) > 2 else squared  # two that are exchanged have their distance
-    can_be = bool((squared[list(largest)] < MOST_SIGMA**2).any())
-    return Believed([can_be and k in largest for k in range(len(nodes))], len(largest))
+    used = _largest(agree, nearest[moved[nearest] < MOST_SIGMA**2])
+    if len(used) < 3:  # two that are exchanged have their distance
+        used = _largest(agree, nearest[squared[nearest] < MOST_SIGMA**2])
+    return Believed([k in used for k in range(len(nodes))], agreeing)
 
 
 def _squared(e: NDArray[np.float64], S: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -127,10 +130,21 @@ def _agree(
     return np.asarray(np.abs(misfit_m) < MOST_SIGMA * np.sqrt(variance))
 
 
-def _agreeing(agree: NDArray[np.bool_], first: int) -> set[int]:
-    """Return the readings that agree with one and with each other, those with most friends first."""
+def _largest(agree: NDArray[np.bool_], among: NDArray[np.int64]) -> set[int]:
+    """Return the largest set of some readings that agree with each other, the first one of equally large ones.
+
+    Args:
+        agree: (k, k) see `_agree`.
+        among: numbers of these readings; the search begins with each of them, in this order.
+    """
+    return max((_agreeing(agree, among, first) for first in among.tolist()), key=len, default=set())
+
+
+def _agreeing(agree: NDArray[np.bool_], among: NDArray[np.int64], first: int) -> set[int]:
+    """Return those of some readings that agree with one and with each other, those with most friends first."""
     found = {first}
-    for k in np.argsort(-agree.sum(axis=1), kind="stable").tolist():
+    friends = agree[np.ix_(among, among)].sum(axis=1)
+    for k in among[np.argsort(-friends, kind="stable")].tolist():
         if agree[k, list(found)].all():
             found.add(k)
     return found

@@ -167,6 +167,33 @@ class TestLengthsAtRest:
         assert self.found(structure, mechanics, at_rest_m, 0.012).misfits(longer)
 
 
+class TestInAHand:
+    """A structure without anchors and floor: a body, which has no place."""
+
+    def in_a_hand(self, structure):
+        return replace(structure, anchors=np.zeros(0, dtype=np.int64), anchor_position_m=np.zeros((0, 3)))
+
+    def test_positions_that_are_told_about_leave_the_shape_alone_uncertain(self, structure, true) -> None:
+        """Without anchors, by 0.2 m and more before, as much as where it may be."""
+        mechanics, at_rest_m = true
+        body = self.in_a_hand(structure)
+        near_m = at_rest_m + 0.005 * np.random.default_rng(1).standard_normal((12, 3))
+        found = rest_step(body, mechanics, None, GeometrySigma(), RestSettings(), near_position_m=near_m)
+        assert found.wrong is None
+        assert found.largest_sigma_m < 0.005
+        assert (np.linalg.eigvalsh(found.covariance_m2) > 0).all()
+
+    def test_its_mirror_image_is_doubted_also_where_natural_lengths_are_mended(self, structure) -> None:
+        error_m = 0.004 * np.random.default_rng(6).standard_normal(24)
+        mechanics = Mechanics(np.full(24, K), structure.natural_length_m + error_m, 0.03, 0.02)
+        exact = RestSettings(stiffness_spread=1e-6, natural_length_sigma_m=1e-7)
+        at_rest_m = rest_step(structure, mechanics, None, GeometrySigma(), exact).node_position_m
+        lengths = RestLengths(2.0, structure.tendon_length_m(at_rest_m), np.full(24, 0.0003))
+        body = self.in_a_hand(structure)
+        found = rest_step(body, nominal(body), None, GeometrySigma(), RestSettings(), lengths=lengths)
+        assert found.wrong == "mirror"
+
+
 @pytest.fixture(scope="module")
 def measured(balanced):
     """The rest shape, measured to 0.3 mm."""

@@ -10,12 +10,12 @@ told, and none of its ranges is used.
 Later somebody may stand between a beacon and the robot: all ranges of the beacon are too long, for seconds, each by
 less than an outlier. The mean e of their errors by the predicted pose over `RECENT_RANGES_S`, and its variance
 
-    J P J^T + sigma_y^2 sum w^2 / (sum w)^2
+    J P J^T + FREE_M^2 + sigma_y^2 sum w^2 / (sum w)^2
 
-with the weights w of the readings in the mean, tell it: what the pose is wrong by, all readings have in common, and
-their noise they have not. A beacon that is off by more than `OFF_SIGMA` is left out until it is not. Where half of the
-beacons that are read, or more, are off, the pose may be what is wrong: their ranges are used, and in doubt from then
-on, because the offsets that are estimated may be what was wrong.
+with the weights w of the readings in the mean, and without the error of the beacon in J, tell it: what the pose is
+wrong by, all readings have in common, and their noise they have not. A beacon that is off by more than `OFF_SIGMA` is
+left out until it is not. Where half of the beacons that are read, or more, are off, the pose may be what is wrong:
+their ranges are used, and in doubt from then on, because the offsets that are estimated may be what was wrong.
 """
 
 from collections import Counter, defaultdict
@@ -40,6 +40,8 @@ LEAST_RANGES = 10
 """Number of ranges of a beacon at rest from which they count: a single one may be reflected."""
 RECENT_RANGES_S = 1.0
 """Time constant of the mean error of a beacon's ranges, and time after which a beacon that is silent says nothing."""
+FREE_M = 0.03
+"""Standard deviation of what all ranges of a beacon that nobody stands before are wrong by."""
 OFF_SIGMA = 4.0
 """Mean error of the ranges of a beacon, in standard deviations, beyond which it is off."""
 
@@ -145,7 +147,8 @@ class RangeTrust:
             return
         if rests:
             self._at_rest[reading.pair].observe(error_m + float(predicted.placed.state.range_offset_m[numbers[0]]))
-        variance_m2 = float(jacobian @ predicted.covariance @ jacobian) + of_shape
+        jacobian[predicted.placed.state.layout.beacon_error] = 0.0
+        variance_m2 = float(jacobian @ predicted.covariance @ jacobian) + of_shape + FREE_M**2
         self._recent[reading.pair[:2]].observe(reading.t_s, error_m, variance_m2, self._settings.range_m)
 
     def _is_misplaced(self, recording: int) -> bool:

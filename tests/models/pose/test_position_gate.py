@@ -38,6 +38,20 @@ def test_two_nodes_that_are_exchanged_are_left_out() -> None:
     assert passed({2: X[4], 4: X[2], 9: X[9], 11: X[11]}) == [9, 11]
 
 
+@pytest.mark.parametrize("swapped", [(5, 11), (3, 8)])
+def test_markers_that_are_exchanged_in_a_symmetric_structure_are_left_out(balanced, swapped) -> None:
+    """Three nodes of six keep their distances when two of them are exchanged, while the fourth is left over."""
+    x = balanced.node_position_m
+    a, b = swapped
+    readings = [PositionReading(1.0, node, x[{a: b, b: a}.get(node, node)]) for node in (3, 5, 8, 11)]
+    for unseen_s in (0.02, 0.005):
+        told = believed(readings, x, POSE_M2, SHAPE_M2, 0.02, unseen_s, 5e-4)
+        assert told.agreeing == 3
+        assert [r.node for r, passes in zip(readings, told.passes, strict=True) if passes] == sorted(
+            {3, 5, 8, 11} - {a, b}
+        )
+
+
 def test_a_node_that_is_frozen_while_the_body_moves_is_left_out() -> None:
     turned_m = X @ rotation(np.array([0.3, 0.2, 0.0])).T + [0.1, 0, 0]
     assert passed({2: turned_m[2], 4: X[4], 9: turned_m[9], 11: turned_m[11]}) == [2, 9, 11]
