@@ -26,3 +26,18 @@ class TestHealth:
         error = np.array([shape.node_position_m for shape in shapes]) - balanced.node_position_m
         assert np.sqrt((error[200:300] ** 2).sum(-1)).max() < 0.004
         assert shapes[260].status == Status.PARTIAL
+
+    def test_a_drifting_sensor_at_an_anchor_is_no_load(self, structure, balanced, lengths_of) -> None:
+        """Tendon 5, from anchor 1 to node 3, whose rod stands on an anchor: one load at node 3 explains it as well."""
+        assert structure.tendons[5].tolist() == [1, 3]
+        rng, frames = np.random.default_rng(6), []
+        for k in range(350):
+            noise = 2e-4 * rng.standard_normal(24)
+            noise[5] -= 0.001 * np.clip(0.02 * k - 1, 0, 5)
+            frames.append(lengths_of(structure, balanced.node_position_m, 0.02 * k, 5e-4, noise))
+        shapes = list(LiveSmoother(structure, balanced, Settings()).estimate(frames))
+        named = np.array([shape.lengths.flags & Flag.IMPLAUSIBLE > 0 for shape in shapes])
+        assert not np.delete(named, 5, axis=1).any()
+        assert 1 < 0.02 * np.argmax(named[:, 5]) < 4.5
+        error_m = shapes[-1].node_position_m - balanced.node_position_m
+        assert np.linalg.norm(error_m, axis=1).max() < 0.003
