@@ -189,7 +189,9 @@ def _node_pairs(name: str, value: ArrayLike) -> NDArray[np.int64]:
         pairs = np.array(value)
     except ValueError as error:
         raise InputError(f"{name}: expected pairs of nodes, got rows of unequal length") from error
-    if pairs.ndim != 2 or pairs.shape[1] != 2 or len(pairs) == 0 or not np.issubdtype(pairs.dtype, np.integer):
+    if not pairs.size:
+        raise InputError(f"{name}: expected pairs of node numbers, got none")
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or not np.issubdtype(pairs.dtype, np.integer):
         raise InputError(f"{name}: expected pairs of node numbers, got an array of shape {pairs.shape} ({pairs.dtype})")
     return pairs.astype(np.int64)
 

@@ -48,7 +48,8 @@ REFUSED = {
         "anchor_position_m": [[0, 0, 0], [1.8, 0, 0], [0.9, 1.6, 0]]
     },
     "anchors: every node is one": {"anchors": range(12), "anchor_position_m": np.eye(12)[:, :3] + np.eye(12)[:, 1:4]},
-    "pairs of node": {"rods": [0, 1, 2]},
+    "pairs of node numbers, got an array": {"rods": [0, 1, 2]},
+    "rods: expected pairs of node numbers, got none": {"rods": []},
     "rows of unequal length": {"rods": [[0, 1], [2]]},
 }
 
