@@ -154,7 +154,7 @@ class SensorHealth:
         if shape.loads is None:
             return np.zeros(len(self._other_end), dtype=np.bool_)
         load_n = np.nan_to_num(np.linalg.norm(shape.loads.force_n, axis=1))
-        return self._is_from_anchor & (load_n > LOADED_N)[self._other_end]
+        return np.asarray(self._is_from_anchor & (load_n > LOADED_N)[self._other_end])
 
     def _least_errors(self, explanations: Sequence[WeightedLengths], shape: Shape) -> list[float]:
         """Return the least error of the frame's own factors near its shape, with each of several weights of lengths."""
