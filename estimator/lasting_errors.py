@@ -92,8 +92,9 @@ class LastingErrors:
         deformation_m = shape.node_position_m.reshape(-1)[self._free] - self._rest_m
         if not np.isnan(self._last_s):
             weight = low_pass_weight(np.array(shape.t_s - self._last_s), CREEP_S)
-            for held_m, of_m in zip(self._held_m, (deformation_m, self._held_m[0]), strict=True):
-                held_m += weight * (of_m - held_m)
+            once_m, twice_m = self._held_m
+            once_m += weight * (deformation_m - once_m)
+            twice_m += weight * (once_m - twice_m)
         self._last_s = shape.t_s
         if shape.doubt is Reason.MOTION:
             return shape

@@ -107,10 +107,8 @@ def rest_step(
     """
     known_m, sigma_m = _known_shape(structure, mechanics, measured_position_m, near_position_m, settings)
     support = _support(structure, mechanics, known_m, floor)
-    root_m = sigma_m * np.eye(known_m.size)
-    if structure.is_free_standing and floor is None:  # a body has no place of which it may be uncertain
-        motions = rigid_motions(known_m)
-        root_m += (settings.measured_sigma_m - sigma_m) * motions @ motions.T
+    is_body = structure.is_free_standing and floor is None  # it has no place of which it may be uncertain
+    root_m = _root_m(known_m, sigma_m, settings.measured_sigma_m if is_body else sigma_m)
     told = _RestProblem(structure, mechanics, known_m, root_m, geometry, settings, support, lengths)
     source: RestSource = "measured" if measured_position_m is not None else "found" if lengths is None else "lengths"
     problem, minimum, wrong = _most_probable(told, source)
@@ -404,7 +402,9 @@ def _most_probable(told: _RestProblem, source: RestSource) -> tuple[_RestProblem
     anchors = told.structure.anchors
     aside_m = less_certain["anchors"].position_m(minima["anchors"].z)[anchors] - told.structure.anchor_position_m
     if source == "measured" and told.structure.is_held and np.abs(aside_m).max() >= ASIDE_M:
-        less_certain["axes"] = replace(told, root_m=_root_in_other_axes_m(told.known_m, told.settings))
+        sigma_m = told.settings.measured_sigma_m
+        moved_m = float(np.hypot(sigma_m, WRONG_AXES_M * np.sqrt(len(told.known_m))))
+        less_certain["axes"] = replace(told, root_m=_root_m(told.known_m, sigma_m, moved_m))
         minima["axes"] = less_certain["axes"].minimum()
     chosen: tuple[_RestProblem, _Minimum, WrongPart | None] = (told, told.minimum(), None)
     if "natural lengths" in minima and "hubs" in minima:  # both put the forces right; tendons rarely end beside rods
@@ -440,11 +440,15 @@ def _with_wrong_lengths(told: _RestProblem, minimum: _Minimum) -> tuple[_RestPro
     return best
 
 
-def _root_in_other_axes_m(known_m: NDArray[np.float64], settings: RestSettings) -> NDArray[np.float64]:
-    """Return the root of the covariance of (nodes, 3) positions that were measured in axes that are known roughly."""
-    sigma_m = settings.measured_sigma_m
+def _root_m(known_m: NDArray[np.float64], sigma_m: float, moved_m: float) -> NDArray[np.float64]:
+    """Return the root of the covariance of (nodes, 3) positions.
+
+    Args:
+        known_m: (nodes, 3) the positions.
+        sigma_m: standard deviation per axis of a node in the shape.
+        moved_m: standard deviation of the shape along each of its shifts and turns, over all nodes.
+    """
     motions = rigid_motions(known_m)
-    moved_m = np.hypot(sigma_m, WRONG_AXES_M * np.sqrt(len(known_m)))
     return np.asarray(sigma_m * np.eye(known_m.size) + (moved_m - sigma_m) * motions @ motions.T)
 
 
