@@ -19,7 +19,9 @@ class LeastSquares:
     """The paper's method: eqs. (5)-(7) solved in each frame, starting from the solution of the frame before.
 
     There is no prior, and no memory except the start. The covariance is (J^T W J)^-1, with a sigma of one rod's length
-    along the directions that lengths do not determine, and that of the rest shape, from which lengths are tared.
+    along the directions that lengths do not determine, and that of the rest shape, from which lengths are tared. Nodes
+    move along arcs, whose radius is about a rod's length L: one that may be d off along its arc may be d^2 / L off
+    across it, which no Jacobian shows.
     """
 
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
@@ -65,6 +67,8 @@ class LeastSquares:
         free = self._structure.free_coordinates
         covariance = np.diag(np.full(3 * self._structure.node_count, self._noise.anchor_m**2))
         information, motion = np.linalg.eigh(jacobian.T @ jacobian)
-        least = 1 / self._structure.rod_length_m.max() ** 2
-        covariance[np.ix_(free, free)] = (motion / np.maximum(information, least)) @ motion.T
+        radius_m = self._structure.rod_length_m.max()
+        along_m2 = (motion / np.maximum(information, radius_m**-2)) @ motion.T
+        across_m = np.diag(along_m2).reshape(-1, 3).sum(axis=1) / radius_m
+        covariance[np.ix_(free, free)] = along_m2 + np.diag(np.repeat(across_m**2, 3))
         return covariance + self._rest_covariance_m2
