@@ -81,6 +81,6 @@ class AidIntake:
         """Return a reading as the estimators use it; None where it is left out."""
         if isinstance(reading, PositionReading):
             return self.own_frames.placed(reading) if self._filled_positions.passes(reading) else None
-        if isinstance(reading, ImuReading) and not self.imu_gate.passes(reading):
-            return None
+        if isinstance(reading, ImuReading):
+            return self.imu_gate.measured(reading) if self.imu_gate.passes(reading) else None
         return reading

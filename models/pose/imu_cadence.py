@@ -1,10 +1,19 @@
-"""How often an inertial sensor measures, whether samples are missing, and whether stamps are those of measurements.
+"""How often an inertial sensor measures, when it did, and whether samples are missing.
 
 Registers may be read more often than the sensor measures: a sample of which all values are those of the one before is
 that one, read again. Pauses, in which the sensor is silent, do not count.
+
+A sensor measures by a clock of its own, and stamps are often those of arrival. With s_k the time of a measurement, P
+the mean time between two, u_k what the clock, or the one who asks the sensor, adds at random, and v_k the scatter of
+the stamp t_k alone:
+
+    s_k = s_k-1 + P + u_k,   t_k = s_k + v_k
+
+Steps tell both variances, var(t_k - t_k-n) = n var(u) + 2 var(v), with n = 1 and n = `LONG_STEP`. The steady gain g of
+the Kalman filter of s solves g^2 / (1 - g) = var(u) / var(v). Stamps are taken to be right in the mean.
 """
 
-import numpy as np
+import math
 
 from ..values.aids import READING_HOLDS_S
 
@@ -18,50 +27,99 @@ COUNTED = 100
 """Number of steps between samples from which their mean is known."""
 LATE = 1.5
 """Ratio of the time since the newest sample to the mean time between two, above which a sample is missing."""
+UNSTEADY_S = 5e-4
+"""Least standard deviation of u: stamps that scatter less stay as they are."""
+LONG_STEP = 50
+"""n of the long steps."""
+LONG_STEPS = 20
+"""Number of long steps over which the variances are means: they follow within ten seconds."""
 
 
 class ImuCadence:
-    """Follows the stamps of some sensors."""
+    """Follows the stamps of one sensor."""
 
-    def __init__(self, imus: int) -> None:
-        self._latest_s = [np.nan] * imus
-        self._total_s = np.zeros(imus)
-        self._steps = np.zeros(imus, dtype=np.int64)
-        self._packed = np.zeros(imus, dtype=np.int64)
+    def __init__(self) -> None:
+        self._latest_s = math.nan
+        self._measured_s = math.nan
+        self._total_s = 0.0
+        self._steps = 0
+        self._packed = 0
+        self._step_variance_s2 = 0.0
+        self._long_steps = 0
+        self._long_variance_s2 = 0.0
+        self._long_s = 0.0  # of the long step that is not complete, and of how many steps it is
+        self._long_of = 0
 
-    def observe(self, imu: int, t_s: float) -> None:
-        """Take on the stamp of one more sample that is not the one before, read again."""
-        step_s = t_s - self._latest_s[imu]
-        self._latest_s[imu] = t_s
-        if not 0 <= step_s < READING_HOLDS_S:  # nan of the first one
-            return
-        self._total_s[imu] += step_s
-        self._steps[imu] += 1
-        self._packed[imu] += step_s < PACKED * self._total_s[imu] / self._steps[imu]
+    def observe(self, t_s: float) -> float:
+        """Return when a sample was measured that has the stamp t_s, and is not the one before, read again."""
+        step_s = t_s - self._latest_s
+        self._latest_s = t_s
+        if not 0 < step_s < READING_HOLDS_S:  # nan of the first one
+            self._long_s, self._long_of = 0.0, 0
+            self._measured_s = t_s
+        else:
+            self._count(step_s)
+            expected_s = self._measured_s + self._period_s
+            self._measured_s = expected_s + self._gain * (t_s - expected_s)
+        return self._measured_s
 
-    def misses(self, imu: int, since_s: float) -> bool:
-        """Return whether samples of a sensor are missing, so long after its newest one."""
-        if self._steps[imu] < COUNTED or self._is_packed(imu):
+    def misses(self, since_s: float) -> bool:
+        """Return whether samples are missing, so long after the newest one was measured."""
+        if self._steps < COUNTED or self._is_packed:
             return False
-        return since_s > LATE * self._period_s(imu)
+        return since_s > LATE * self._period_s
 
-    def warnings(self, imu: int) -> list[str]:
-        """Return what looks wrong of the stamps of a sensor."""
+    def warnings(self) -> list[str]:
+        """Return what looks wrong of the stamps."""
         texts: list[str] = []
-        if self._steps[imu] < COUNTED:
+        if self._steps < COUNTED:
             return texts
-        period_s = self._period_s(imu)
-        if period_s > SLOW_S:
+        if self._period_s > SLOW_S:
             expected = f"expected 0.01 s, or {SLOW_S:g} s at most"
-            texts.append(f"a new sample each {period_s:.2g} s: {expected}: impacts between them are missed")
-        if self._is_packed(imu):
+            texts.append(f"a new sample each {self._period_s:.2g} s: {expected}: impacts between them are missed")
+        if self._is_packed:
             texts.append("most samples come in packets: tell when each was measured")
         return texts
 
-    def _period_s(self, imu: int) -> float:
-        """Return the mean time between two samples."""
-        return float(self._total_s[imu] / self._steps[imu])
+    def _count(self, step_s: float) -> None:
+        """Take on the time from one sample to the next."""
+        self._total_s += step_s
+        self._steps += 1
+        self._packed += step_s < PACKED * self._period_s
+        weight = 1 / min(self._steps, LONG_STEPS * LONG_STEP)
+        self._step_variance_s2 += weight * ((step_s - self._period_s) ** 2 - self._step_variance_s2)
+        self._long_s += step_s
+        self._long_of += 1
+        if self._long_of == LONG_STEP:
+            self._long_steps += 1
+            off_s = self._long_s - LONG_STEP * self._period_s
+            self._long_variance_s2 += (off_s**2 - self._long_variance_s2) / min(self._long_steps, LONG_STEPS)
+            self._long_s, self._long_of = 0.0, 0
 
-    def _is_packed(self, imu: int) -> bool:
-        """Return whether most samples come in packets."""
-        return bool(2 * self._packed[imu] > self._steps[imu])
+    @property
+    def _period_s(self) -> float:
+        """P, the mean time between two samples."""
+        return self._total_s / self._steps
+
+    @property
+    def _unsteady_s2(self) -> float:
+        """var(u)."""
+        excess_s2 = (self._long_variance_s2 - self._step_variance_s2) / (LONG_STEP - 1)
+        return min(max(excess_s2, UNSTEADY_S**2), self._step_variance_s2)
+
+    @property
+    def _scatter_s2(self) -> float:
+        """var(v)."""
+        return (self._step_variance_s2 - self._unsteady_s2) / 2
+
+    @property
+    def _gain(self) -> float:
+        """g; 1 until the variances are known."""
+        if self._long_steps * LONG_STEP < COUNTED or self._scatter_s2 == 0:
+            return 1.0
+        return 2 / (1 + math.sqrt(1 + 4 * self._scatter_s2 / self._unsteady_s2))
+
+    @property
+    def _is_packed(self) -> bool:
+        """Whether most samples come in packets."""
+        return 2 * self._packed > self._steps

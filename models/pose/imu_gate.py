@@ -1,5 +1,7 @@
 """The plausibility of samples of inertial sensors: absurd ones and those of a sensor that is stuck are left out.
 
+The others are given the times at which they were measured, see `ImuCadence`.
+
 Absurd is also a rate that is far from the one before, and of a sensor that does not turn a specific force that is,
 unless the next sample confirms it.
 
@@ -7,6 +9,9 @@ A single axis is stuck, too: that of a gyroscope which turned about it made a ro
 
 Of a sensor whose samples are mostly absurd, as those in another unit, the others are left out, too.
 """
+
+import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -49,7 +54,8 @@ class ImuGate:
         """Begin; `rest_clock` is told the frames that are counted here."""
         self._rest_clock = rest_clock
         self._samples = np.zeros(imus, dtype=np.int64)
-        self._cadence = ImuCadence(imus)
+        self._cadence = [ImuCadence() for _ in range(imus)]
+        self._measured_s = [math.nan] * imus
         self._rested = np.zeros(imus, dtype=np.int64)
         self._force_at_rest = np.zeros((imus, 3))
         self._last: list[list[float]] = [[]] * imus
@@ -84,7 +90,7 @@ class ImuGate:
             else:
                 same[axis] = 1
         if values != self._last[reading.imu]:
-            self._cadence.observe(reading.imu, reading.t_s)
+            self._measured_s[reading.imu] = self._cadence[reading.imu].observe(reading.t_s)
         self._last[reading.imu] = values
         self._newest_s[reading.imu] = reading.t_s
         self._samples[reading.imu] += 1
@@ -101,6 +107,10 @@ class ImuGate:
             self.stuck[reading.imu] += 1
             return False
         return bool(2 * self.absurd[reading.imu] <= self._samples[reading.imu])
+
+    def measured(self, reading: ImuReading) -> ImuReading:
+        """Return the sample of a sensor that has just passed with the time at which it was measured as its stamp."""
+        return replace(reading, t_s=self._measured_s[reading.imu])
 
     def _jumps(self, imu: int, values: list[float]) -> bool:
         """Return whether a sample is far from the last one that passed, and from one that jumped since."""
@@ -152,7 +162,7 @@ class ImuGate:
             texts.append(f"specific force at rest: expected {GRAVITY_M_PER_S2:.2f} m/s^2, got {size[0]:.4g}: unit?")
         if 2 * self.absurd[imu] > self._samples[imu]:
             texts.append("most samples are absurd, and none is used: unit?")
-        return texts + self._cadence.warnings(imu)
+        return texts + self._cadence[imu].warnings()
 
     def counts(self) -> dict[str, int]:
         """Return the number of samples that were left out, by sensor and cause."""

@@ -64,7 +64,7 @@ class ImuPreintegration:
         self._frame_s = np.nan
         self._newest_s = np.full(imus, np.nan)
         self._newest = np.zeros((imus, 2, 3))
-        self._cadence = ImuCadence(imus)
+        self._cadence = [ImuCadence() for _ in range(imus)]
         self._were_missing = np.zeros(imus, dtype=np.bool_)
         self._was_read = np.zeros(imus, dtype=np.bool_)
         self._largest_rad_per_s = np.full(imus, LEAST_CUT_OFF_RAD_PER_S)
@@ -89,7 +89,7 @@ class ImuPreintegration:
             integral[imu] += step_s * x
             total[imu] += x
             count[imu] += 1
-            self._cadence.observe(imu, reading.t_s)
+            self._cadence[imu].observe(reading.t_s)
             self._newest_s[imu], self._newest[imu] = reading.t_s, x
             is_cut_off[imu] |= self._is_cut_off(imu, float(np.abs(reading.rate_rad_per_s).max()))
         since_s = t_s - self._newest_s
@@ -103,7 +103,7 @@ class ImuPreintegration:
         rate = np.where(is_read[:, None], mean[:, 0], self._newest[:, 0])
         is_whole = is_read & goes_on & (since_s < READING_HOLDS_S)
         lasted_s = np.where(is_whole, t_s - self._frame_s, np.nan)
-        late = np.array([self._cadence.misses(imu, each_s) for imu, each_s in enumerate(since_s)], dtype=np.bool_)
+        late = np.array([of_one.misses(s) for of_one, s in zip(self._cadence, since_s, strict=True)], dtype=np.bool_)
         self._frame_s, self._was_read, self._were_missing = t_s, is_read, ~is_read & late
         return ImuSamples(
             rate_rad_per_s=rate,
