@@ -26,7 +26,7 @@ from ..whole_trial.trial_chain import Progress, no_progress
 from .contacts import Standing, nothing_stands
 from .imu_trust import without_sensors
 from .pose_filter import PoseFilter
-from .pose_smoother import PoseStep, smoothed
+from .pose_smoother import PoseStep, contradiction, smoothed
 from .resting_faces import resting_faces
 from .stable_face import StableFace
 from .watches.face_watch import FACES_EVERY_S, FaceWatch
@@ -154,6 +154,10 @@ class FreeStandingOptimizer:
             shape = replace(shape, contradicted_positions=kept.contradicted_positions)
             if kept.doubts_positions:
                 shape = shape.in_doubt(Reason.POSITIONS)
+            errors = contradiction(step, state)
+            if errors is not None:
+                shape = shape.in_doubt(Reason.IMU if self._robot.imus else Reason.CONTACTS)
+                covariance = covariance + np.outer(errors, errors)
             contradicted_imus = step.contradicted_imus | told_wrongly
             step = replace(step, contradicted_imus=contradicted_imus, doubts_ranges=doubts_ranges)
             yield in_world(shape, self._rest, self._robot.floor, state, covariance, step, self._settings.branch)

@@ -134,7 +134,7 @@ class ImuTrust:
         self._agreement.observe(t_s, samples.rate_rad_per_s, samples.specific_force_m_per_s2, is_heard)
         self.is_trusted = self.is_trusted & self._agreement.moves_as_told
         self.is_lost = self.is_lost | is_silent | ~self._agreement.has_size
-        self._was_cut_off = self._was_cut_off | samples.is_cut_off
+        self._was_cut_off = self._was_cut_off | samples.rate_is_cut_off
 
     def outvotes(self, imus: ImuArray, predicted: Prediction) -> bool:
         """Return whether a sensor is outvoted, which is lost then; what is expected of the frame needs it no longer.

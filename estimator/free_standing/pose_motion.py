@@ -38,8 +38,10 @@ TINY = 1e-9
 SHOCK_M_PER_S2 = 20.0
 """Difference of a specific force from gravity, 2 g, above which feet strike the floor: no hand moves a robot so."""
 SHOCK_SHARE = 0.5
-"""Noise of the specific force in proportion to what exceeds it: a shock is shorter than the time between two samples,
-and larger than many a sensor's range."""
+"""Noise of the specific force in proportion to what exceeds it: a shock is shorter than the time between samples."""
+CUT_OFF_SHARE = 1.0
+"""The same of one that is cut off, in proportion to its whole difference from gravity: what is beyond the range may be
+as large as what is within."""
 LEAST_TOLD = 0.2
 """Least eigenvalue of sum (1 - d d^T), from which sensors on rods of different directions tell every turn."""
 
@@ -218,7 +220,7 @@ class PoseMotion:
         F[at.velocity] = rows + a_after @ F[at.rate] + w_after @ a_after @ F[at.turn]
         F[at.position] += 0.5 * step_s * F[at.velocity]
         F[at.position, at.velocity] += 0.5 * step_s * EYE
-        sigma = force_sigma_m_per_s2(samples.excess_m_per_s2[forced], settings)
+        sigma = force_sigma_m_per_s2(samples, forced, settings)
         _carry_noise(noise, at.rate, at.velocity, a_after)
         noise[at.velocity, at.velocity] += (sigma * step_s) ** 2 * EYE
         _carry_noise(noise, at.velocity, at.position, 0.5 * step_s * EYE)
@@ -234,11 +236,12 @@ class PoseMotion:
         return 2 * sigma**2 / holds_s, float(np.exp(-step_s / holds_s))
 
 
-def force_sigma_m_per_s2(excess_m_per_s2: NDArray[np.float64], settings: PoseSettings) -> float:
-    """Return the noise of the mean specific force of some sensors, from (sensors,) their differences from gravity."""
-    white = settings.force_m_per_s2 / np.sqrt(len(excess_m_per_s2))
-    in_motion = settings.force_share * excess_m_per_s2
-    in_shock = SHOCK_SHARE * np.maximum(excess_m_per_s2 - SHOCK_M_PER_S2, 0.0)
+def force_sigma_m_per_s2(samples: ImuSamples, sensors: NDArray[np.int64], settings: PoseSettings) -> float:
+    """Return the noise of the mean specific force of some sensors."""
+    excess, is_cut_off = samples.excess_m_per_s2[sensors], samples.force_is_cut_off[sensors]
+    white = settings.force_m_per_s2 / np.sqrt(len(sensors))
+    in_motion = settings.force_share * excess
+    in_shock = np.where(is_cut_off, CUT_OFF_SHARE * excess, SHOCK_SHARE * np.maximum(excess - SHOCK_M_PER_S2, 0.0))
     return float(white + (in_motion + in_shock).mean())
 
 

@@ -3,6 +3,9 @@
 Backwards over the steps of `PoseFilter`, with the transition F, the covariance P and the predicted covariance P-,
 
     G = P F^T (P-)^-1,   d_k <- d_k + G (d_k+1 - d-_k+1),   P_k <- P_k + G (P_k+1 - P-_k+1) G^T
+
+What later frames add to a pose is within its covariance P. Where it is not, they contradict those before, as after an
+error of the sensors that no sigma tells: then one of both is wrong, for as far back as the smoother carries it.
 """
 
 from collections.abc import Sequence
@@ -14,6 +17,12 @@ from numpy.typing import NDArray
 from ...models.pose.pose_state import PoseState
 from ...models.values.slip import Slip
 from .contacts import Standing
+
+CONTRADICTED_SIGMA = 6.0
+"""Distance of a smoothed turn or position from the filter's, in its standard deviations, from which they contradict
+each other: 3.5 at most in development trials; 60 where inertial sensors missed shocks, 20 where their bias ran away."""
+LEAST_POSE_SIGMA = 1e-3
+"""Least of these standard deviations, in rad and m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,3 +69,13 @@ def smoothed(steps: Sequence[PoseStep]) -> list[tuple[PoseState, NDArray[np.floa
         state = now.state.moved(gain @ after.predicted.errors_to(state))
         found.append((state, covariance))
     return found[::-1]
+
+
+def contradiction(step: PoseStep, state: PoseState) -> NDArray[np.float64] | None:
+    """Return the (size,) errors from the filter's state to a smoothed one that contradicts it; None if it does not."""
+    errors = step.state.errors_to(state)
+    for part in (state.layout.turn, state.layout.position):
+        known = step.covariance[part, part] + LEAST_POSE_SIGMA**2 * np.eye(3)
+        if errors[part] @ np.linalg.solve(known, errors[part]) > CONTRADICTED_SIGMA**2:
+            return errors
+    return None

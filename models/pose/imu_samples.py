@@ -14,7 +14,8 @@ Samples are missing in a frame that has none, and in which one should have come.
 then: x_n is of before the impact that has shaken a wire loose. The sums begin anew with the next sample. Where it was
 taken to last since x_n, a robot that had landed was tipped by 15 degrees after 0.1 s.
 
-A rate that is larger than a sensor's range is cut off: the largest value is read again and again.
+A rate that is larger than a sensor's range is cut off: the largest value is read again and again. So is a specific
+force, for single samples in a shock: the largest value is that of a usual range, 2, 4, 8 or 16 g, or one read before.
 """
 
 from collections.abc import Sequence
@@ -31,6 +32,12 @@ CUT_OFF_SAMPLES = 3
 """Number of samples in succession with the largest rate so far from which it is the end of the sensor's range."""
 LEAST_CUT_OFF_RAD_PER_S = 1.0
 """Least end of a range; slower rates may repeat themselves."""
+FORCE_RANGES_M_PER_S2 = GRAVITY_M_PER_S2 * np.array([2.0, 4.0, 8.0, 16.0])
+"""Usual ends of the range of a specific force."""
+NEAR_RANGE = 0.015
+"""Share of a range, as which its end may differ from the usual one, by scale and bias."""
+LEAST_CUT_OFF_M_PER_S2 = 15.0
+"""Least end of a range; smaller forces may repeat themselves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +55,10 @@ class ImuSamples:
     lasted_s: NDArray[np.float64]
     """(imus,) the time of which they are the means: all since the frame before, however long. It is nan in the first
     frame and of a sensor that was silent in this time."""
-    is_cut_off: NDArray[np.bool_]
+    rate_is_cut_off: NDArray[np.bool_]
     """(imus,) whether the rate was larger than the sensor's range."""
+    force_is_cut_off: NDArray[np.bool_]
+    """(imus,) whether the specific force was larger than the sensor's range."""
 
     @property
     def excess_m_per_s2(self) -> NDArray[np.float64]:
@@ -69,6 +78,7 @@ class ImuPreintegration:
         self._was_read = np.zeros(imus, dtype=np.bool_)
         self._largest_rad_per_s = np.full(imus, LEAST_CUT_OFF_RAD_PER_S)
         self._at_largest = np.zeros(imus, dtype=np.int64)
+        self._largest_m_per_s2 = np.full(imus, LEAST_CUT_OFF_M_PER_S2)
 
     def mean(self, t_s: float, readings: Sequence[ImuReading]) -> ImuSamples:
         """Return the means over one more frame; those of its own samples alone where a sensor was silent before.
@@ -78,7 +88,8 @@ class ImuPreintegration:
             readings: since the frame before, in order of time.
         """
         count = np.zeros(len(self._newest), dtype=np.int64)
-        goes_on, is_cut_off = ~self._were_missing, np.zeros(len(count), dtype=np.bool_)
+        goes_on = ~self._were_missing
+        rate_is_cut_off, force_is_cut_off = np.zeros((2, len(count)), dtype=np.bool_)
         total = np.zeros_like(self._newest)
         integral = -(self._frame_s - self._newest_s)[:, None, None] * self._newest
         for reading in readings:
@@ -91,7 +102,8 @@ class ImuPreintegration:
             count[imu] += 1
             self._cadence[imu].observe(reading.t_s)
             self._newest_s[imu], self._newest[imu] = reading.t_s, x
-            is_cut_off[imu] |= self._is_cut_off(imu, float(np.abs(reading.rate_rad_per_s).max()))
+            rate_is_cut_off[imu] |= self._is_rate_cut_off(imu, float(np.abs(x[0]).max()))
+            force_is_cut_off[imu] |= self._is_force_cut_off(imu, float(np.abs(x[1]).max()))
         since_s = t_s - self._newest_s
         integral += since_s[:, None, None] * self._newest
         own = total / np.maximum(count, 1)[:, None, None]
@@ -111,10 +123,11 @@ class ImuPreintegration:
             count=count,
             are_missing=self._were_missing,
             lasted_s=lasted_s,
-            is_cut_off=is_cut_off,
+            rate_is_cut_off=rate_is_cut_off,
+            force_is_cut_off=force_is_cut_off,
         )
 
-    def _is_cut_off(self, imu: int, rad_per_s: float) -> bool:
+    def _is_rate_cut_off(self, imu: int, rad_per_s: float) -> bool:
         """Return whether the largest rate about an axis, in one more sample, is the end of a sensor's range."""
         if rad_per_s < self._largest_rad_per_s[imu]:
             self._at_largest[imu] = 0
@@ -122,3 +135,12 @@ class ImuPreintegration:
             self._at_largest[imu] = 1 + self._at_largest[imu] * (rad_per_s == self._largest_rad_per_s[imu])
             self._largest_rad_per_s[imu] = rad_per_s
         return bool(self._at_largest[imu] >= CUT_OFF_SAMPLES)
+
+    def _is_force_cut_off(self, imu: int, m_per_s2: float) -> bool:
+        """Return whether the largest specific force along an axis, in one more sample, is the end of the range."""
+        largest = self._largest_m_per_s2[imu]
+        if m_per_s2 < largest:
+            return False
+        self._largest_m_per_s2[imu] = m_per_s2
+        is_usual = np.abs(m_per_s2 / FORCE_RANGES_M_PER_S2 - 1).min() < NEAR_RANGE
+        return bool(is_usual or m_per_s2 == largest)

@@ -45,7 +45,15 @@ def placed(state=STATE) -> PlacedShape:
 def slow_samples() -> ImuSamples:
     force = np.einsum("iba,b->ia", STATE.imu_turn, 9.81 * UP) + STATE.force_bias_m_per_s2
     none = np.zeros(2, dtype=np.bool_)
-    return ImuSamples(STATE.rate_bias_rad_per_s, force, np.array([2, 2]), none, np.full(2, 0.02), is_cut_off=none)
+    return ImuSamples(
+        STATE.rate_bias_rad_per_s,
+        force,
+        np.array([2, 2]),
+        none,
+        np.full(2, 0.02),
+        rate_is_cut_off=none,
+        force_is_cut_off=none,
+    )
 
 
 def direction_in_the_first_axes(state) -> Rows:

@@ -72,8 +72,8 @@ class RiseWatch:
             samples: of the sensors that are used.
         """
         sensors = np.flatnonzero(samples.count)
-        excess = samples.excess_m_per_s2[sensors]
-        if not len(sensors) or (excess > CALM_M_PER_S2).any() or not np.array_equal(sensors, self._sensors):
+        calm = samples.excess_m_per_s2[sensors] <= CALM_M_PER_S2
+        if not len(sensors) or not calm.all() or not np.array_equal(sensors, self._sensors):
             self.forget()
             self._sensors = sensors
             return None
@@ -82,7 +82,7 @@ class RiseWatch:
             if is_still(samples):
                 self._start(t_s, held)
             return None
-        sigma = force_sigma_m_per_s2(excess, self._settings)
+        sigma = force_sigma_m_per_s2(samples, sensors, self._settings)
         variance = self._move(step_s, placed, covariance, samples, sigma)
         way = self._told - held
         if way[0] < max(LIFTED_M, LIFTED_SIGMA * float(np.sqrt(variance[0, 0]))):

@@ -74,7 +74,7 @@ def test_a_sensor_that_was_right_in_a_tip_before_it_was_given_up_was_not_told_wr
         rate, up = np.zeros((2, 3)), np.tile(GRAVITY_M_PER_S2 * UP, (2, 1))
         rate[0, 0] = 2.4 * (50 < k <= 75)
         up[0] = rotation(np.array([-0.048 * np.clip(k - 50, 0, 25), 0, 0])) @ up[0]
-        trust.hear(0.02 * k, ImuSamples(rate, up, np.full(2, 2), none, np.full(2, 0.02), none))
+        trust.hear(0.02 * k, ImuSamples(rate, up, np.full(2, 2), none, np.full(2, 0.02), none, none))
     assert not trust.told_wrongly.any()
     trust.give_up()
     assert trust.contradicted.tolist() == [True, True]
@@ -86,7 +86,7 @@ def test_a_sensor_whose_rates_were_cut_off_is_doubted_from_then_on() -> None:
     still, up = np.zeros((2, 3)), np.tile(9.81 * UP, (2, 1))
     for k, cut_off in enumerate([False, True, False]):
         none, is_cut_off = np.zeros(2, dtype=np.bool_), np.array([cut_off, False])
-        samples = ImuSamples(still, up, np.ones(2, dtype=np.int64), none, np.full(2, 0.02), is_cut_off)
+        samples = ImuSamples(still, up, np.ones(2, dtype=np.int64), none, np.full(2, 0.02), is_cut_off, none)
         trust.hear(0.02 * k, samples)
         assert trust.contradicted.tolist() == [k > 0, False]
     assert trust.is_used.all()

@@ -7,7 +7,7 @@ import pytest
 
 from tensegraph.estimator.free_standing.contacts import nothing_stands
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
-from tensegraph.estimator.free_standing.pose_smoother import smoothed
+from tensegraph.estimator.free_standing.pose_smoother import contradiction, smoothed
 from tensegraph.estimator.free_standing.prediction import heading_direction
 from tensegraph.estimator.free_standing.tipping import ANY_HEADING_RAD, tipping
 from tensegraph.models.pose.placed import PlacedShape
@@ -50,6 +50,25 @@ def test_positions_of_three_nodes_move_it(balanced, robot) -> None:
     node_m = PlacedShape(step.state, x - poses.centre_m, np.zeros((36, 36))).node_position_m
     assert node_m == pytest.approx(true_m, abs=1e-3)
     assert step.state.turn == pytest.approx(turn, abs=0.006)
+
+
+@pytest.mark.parametrize(
+    ("turn_sigmas", "shift_sigmas", "contradicts"),
+    [(0.0, 0.0, False), (5.0, 0.0, False), (0.0, 5.0, False), (7.0, 0.0, True), (0.0, 7.0, True)],
+)
+def test_a_smoothed_pose_beyond_six_sigmas_contradicts_the_filter(
+    balanced, robot, turn_sigmas, shift_sigmas, contradicts
+) -> None:
+    """Along an axis, of standard deviations that are those of the filter and 0.001 rad and m."""
+    step = PoseFilter(balanced, robot, PoseSettings()).step(0.0, balanced.node_position_m, EXACT_M2, ())
+    at, errors = step.state.layout, np.zeros(step.state.layout.size)
+    covariance = step.covariance.copy()
+    for part, sigma, sigmas in ((at.turn, 0.01, turn_sigmas), (at.position, 0.02, shift_sigmas)):
+        covariance[part, part] = (sigma**2 - 1e-6) * np.eye(3)
+        errors[part] = [0.0, sigmas * sigma, 0.0]
+    found = contradiction(replace(step, covariance=covariance), step.state.moved(errors))
+    assert (found is not None) == contradicts
+    assert found is None or found == pytest.approx(errors, abs=1e-9)
 
 
 @pytest.mark.parametrize("is_told", [False, True])

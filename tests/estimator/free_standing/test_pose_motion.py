@@ -10,7 +10,7 @@ from tensegraph.estimator.free_standing.pose_motion import PoseMotion, force_sig
 from tensegraph.factors.imu import ImuArray
 from tensegraph.models.pose.imu_samples import ImuSamples
 from tensegraph.models.pose.pose_settings import PoseSettings
-from tensegraph.models.structure.floor import UP
+from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP
 from tensegraph.models.values.aids import Imu
 from tensegraph.models.values.rotations import rotation
 
@@ -27,7 +27,13 @@ def samples_of(state, rate_rad_per_s: np.ndarray) -> ImuSamples:
     force = np.einsum("iba,b->ia", state.imu_turn, 9.81 * UP + np.array([0.3, -0.2, 0.1]))
     none = np.zeros(2, dtype=np.bool_)
     return ImuSamples(
-        in_sensor, force + state.force_bias_m_per_s2, np.array([2, 2]), none, np.full(2, STEP_S), is_cut_off=none
+        in_sensor,
+        force + state.force_bias_m_per_s2,
+        np.array([2, 2]),
+        none,
+        np.full(2, STEP_S),
+        rate_is_cut_off=none,
+        force_is_cut_off=none,
     )
 
 
@@ -110,7 +116,13 @@ def test_the_noise_is_a_covariance(misalignment_rad) -> None:
     one = ImuArray([Imu(0, 0.5, np.array([0.0, 0, 1]))], RODS)
     none = np.array([False])
     samples = ImuSamples(
-        np.array([[-6.0, 0, 0]]), np.array([[0, 0, 9.81]]), np.array([2]), none, np.full(1, STEP_S), is_cut_off=none
+        np.array([[-6.0, 0, 0]]),
+        np.array([[0, 0, 9.81]]),
+        np.array([2]),
+        none,
+        np.full(1, STEP_S),
+        rate_is_cut_off=none,
+        force_is_cut_off=none,
     )
     motion = PoseMotion(one, PoseSettings(turn_rad_per_s=5.0, spin_rad_per_s=7.0))
     noise = motion.after(state, STEP_S, samples, (BODY_M, BODY_M)).noise
@@ -119,7 +131,15 @@ def test_the_noise_is_a_covariance(misalignment_rad) -> None:
 
 
 def test_a_shock_is_hardly_measured() -> None:
-    """By hand, two sensors 10 and 30 m/s^2 off gravity: 0.1 / sqrt(2) + 0.1 x 20, and half of 10 in one of two."""
-    settings = PoseSettings()
+    """By hand, two sensors 10 and 30 m/s^2 off gravity: 0.1 / sqrt(2) + 0.1 x 20, and half of 10 in one of two.
+
+    Of one whose range ends there, all of 30 in one of two.
+    """
+    settings, both = PoseSettings(), np.array([0, 1])
     in_motion = 0.1 / np.sqrt(2) + 0.1 * 20
-    assert force_sigma_m_per_s2(np.array([10.0, 30.0]), settings) == pytest.approx(in_motion + 0.5 * 10 / 2)
+    none = np.zeros(2, dtype=np.bool_)
+    force = np.array([[0, 0, GRAVITY_M_PER_S2 + 10], [0, 0, GRAVITY_M_PER_S2 + 30]])
+    samples = ImuSamples(np.zeros((2, 3)), force, np.array([2, 2]), none, np.full(2, STEP_S), none, none)
+    assert force_sigma_m_per_s2(samples, both, settings) == pytest.approx(in_motion + 0.5 * 10 / 2)
+    samples = replace(samples, force_is_cut_off=np.array([False, True]))
+    assert force_sigma_m_per_s2(samples, both, settings) == pytest.approx(in_motion + 30 / 2)

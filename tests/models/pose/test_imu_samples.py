@@ -66,8 +66,24 @@ def test_the_means_of_all_frames_sum_up_to_the_integral(samples: list[tuple[floa
 )
 def test_the_largest_rate_again_and_again_is_the_end_of_the_range(rates: list[float], is_cut_off: bool) -> None:
     means = ImuPreintegration(1)
-    found = [means.mean(0.01 * k, [reading(0.01 * k, rate)]).is_cut_off[0] for k, rate in enumerate(rates)]
+    found = [means.mean(0.01 * k, [reading(0.01 * k, rate)]).rate_is_cut_off[0] for k, rate in enumerate(rates)]
     assert any(found) == is_cut_off
+
+
+@pytest.mark.parametrize(
+    ("tenths", "expected"),
+    [
+        ([0.98, 1.962, 1.5, 1.962], [False, True, False, True]),
+        ([0.98, 2.4, 2.3, 2.4, 2.39], [False, False, False, True, False]),
+        ([0.98, 2.8, 1.962], [False, False, False]),
+        ([0.98, 0.98, 0.98], [False, False, False]),
+    ],
+    ids=["a usual range", "another one", "a larger range", "at rest"],
+)
+def test_the_largest_force_is_the_end_of_a_usual_range_or_one_that_was_read_before(tenths, expected) -> None:
+    means = ImuPreintegration(1)
+    found = [means.mean(0.01 * k, [reading(0.01 * k, one)]).force_is_cut_off[0] for k, one in enumerate(tenths)]
+    assert found == expected
 
 
 def test_a_silent_sensor_keeps_its_rate_and_has_no_force() -> None:
