@@ -14,7 +14,11 @@ recording and their mean e, its frame, or the robot, is elsewhere than told, and
 
     e^T S^-1 e > SHIFTED_SIGMA^2,     S = sum C_ab / n^2 + sigma^2 1
 
-because what a capture errs alike at all nodes is no larger than sigma.
+because what a capture errs alike at all nodes is no larger than sigma. So it is where one of them is,
+
+    e_a^T S_a^-1 e_a > SHIFTED_SIGMA^2,     S_a = C_aa + sigma^2 1
+
+as one whose marker is on a stalk.
 
 Later the pose may be wrong, and the distances tell (`position_gate`). The scale s of an instant minimises
 
@@ -190,14 +194,16 @@ class PositionTrust:
         return [reading.node in nodes for reading in readings]
 
     def _is_shifted_at_rest(self, at_rest: Mapping[int, _AtRest]) -> bool:
-        """Return whether the positions of a recording at rest, by node, are shifted alike."""
+        """Return whether the positions of a recording at rest, by node, are shifted alike, or those of one node are."""
         seen = {node: one for node, one in at_rest.items() if one.agreeing >= LEAST_AT_REST}
         if not seen:
             return False
-        e = np.mean([one.sum_m / one.agreeing for one in seen.values()], axis=0)
+        of_node = np.array([one.sum_m / one.agreeing for one in seen.values()])
         blocks_m2 = pair_blocks(self._rest.covariance_m2)[np.ix_(list(seen), list(seen))]
-        S = blocks_m2.mean(axis=(0, 1)) + self._sigma_m**2 * np.eye(3)
-        return bool(e @ np.linalg.solve(S, e) > SHIFTED_SIGMA**2)
+        e = np.vstack([of_node.mean(axis=0), of_node])
+        C = np.concatenate([blocks_m2.mean(axis=(0, 1))[None], np.einsum("aaij->aij", blocks_m2)])
+        S = C + self._sigma_m**2 * np.eye(3)
+        return bool((np.einsum("ai,ai->a", e, np.linalg.solve(S, e[..., None])[..., 0]) > SHIFTED_SIGMA**2).any())
 
     def _is_misplaced(self, reading: PositionReading) -> bool:
         """Return whether positions at rest told that this node, or most of its recording, is not where it is told."""

@@ -100,6 +100,17 @@ def test_a_frame_that_is_shifted_a_little_at_rest_is_used_and_doubted(watched, u
     assert watched.trust.is_doubted == is_doubted
 
 
+@pytest.mark.parametrize(("up_m", "is_doubted"), [(0.002, False), (0.003, True)])
+def test_a_marker_on_a_stalk_is_used_and_doubted(watched, up_m, is_doubted) -> None:
+    """By hand: a node known to 0.32 mm and its positions to 0.5 mm differ by 0.59 mm; four are 2.4."""
+
+    def lifted(node: int, position_m: np.ndarray) -> tuple[int, np.ndarray]:
+        return node, position_m + np.array([0.0, 0.0, up_m if node == 4 else 0.0])
+
+    assert watched.see(1.0, lifted) == set(SEEN)
+    assert watched.trust.is_doubted == is_doubted
+
+
 @pytest.mark.parametrize("seconds", [0.1, 1.0], ids=["at rest", "later"])
 def test_a_node_in_two_places_at_one_instant_is_in_neither(watched, seconds) -> None:
     """A marker that has the name of another, too; a row that was written twice is no contradiction."""
