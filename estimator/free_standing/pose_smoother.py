@@ -20,7 +20,8 @@ from .contacts import Standing
 
 CONTRADICTED_SIGMA = 6.0
 """Distance of a smoothed turn or position from the filter's, in its standard deviations, from which they contradict
-each other: 3.5 at most in development trials; 60 where inertial sensors missed shocks, 20 where their bias ran away."""
+each other: 3.5 at most in development trials; 60 and more where inertial sensors missed shocks, 20 where their bias
+ran away."""
 LEAST_POSE_SIGMA = 1e-3
 """Least of these standard deviations, in rad and m."""
 

@@ -138,9 +138,7 @@ class ImuPreintegration:
 
     def _is_force_cut_off(self, imu: int, m_per_s2: float) -> bool:
         """Return whether the largest specific force along an axis, in one more sample, is the end of the range."""
-        largest = self._largest_m_per_s2[imu]
-        if m_per_s2 < largest:
-            return False
-        self._largest_m_per_s2[imu] = m_per_s2
+        before = self._largest_m_per_s2[imu]
+        self._largest_m_per_s2[imu] = largest = max(before, m_per_s2)
         is_usual = np.abs(m_per_s2 / FORCE_RANGES_M_PER_S2 - 1).min() < NEAR_RANGE
-        return bool(is_usual or m_per_s2 == largest)
+        return bool((is_usual and m_per_s2 > (1 - 2 * NEAR_RANGE) * largest) or m_per_s2 == before)

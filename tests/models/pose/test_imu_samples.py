@@ -75,10 +75,11 @@ def test_the_largest_rate_again_and_again_is_the_end_of_the_range(rates: list[fl
     [
         ([0.98, 1.962, 1.5, 1.962], [False, True, False, True]),
         ([0.98, 2.4, 2.3, 2.4, 2.39], [False, False, False, True, False]),
+        ([1.98, 1.94], [True, True]),
         ([0.98, 2.8, 1.962], [False, False, False]),
         ([0.98, 0.98, 0.98], [False, False, False]),
     ],
-    ids=["a usual range", "another one", "a larger range", "at rest"],
+    ids=["a usual range", "another one", "with a bias", "a larger range", "at rest"],
 )
 def test_the_largest_force_is_the_end_of_a_usual_range_or_one_that_was_read_before(tenths, expected) -> None:
     means = ImuPreintegration(1)
