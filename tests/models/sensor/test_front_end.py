@@ -131,7 +131,7 @@ class TestFrontEnd:
             assert not (impossible & is_mode_uncertain(modes.bending_probability)).any()
         assert asked > 0
 
-    @settings(max_examples=10, deadline=None)
+    @settings(max_examples=25, deadline=None)
     @given(seed=st.integers(0, 2**32 - 1), cuts=st.lists(st.integers(1, 399), max_size=6))
     def test_many_frames_at_a_time_give_the_same_numbers(self, model: SensorModel, seed: int, cuts: list[int]) -> None:
         """Motion, bending, readings that are missing for some frames or seconds, and frames that are not there."""
