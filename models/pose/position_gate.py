@@ -60,7 +60,7 @@ def believed_at_rest(
     nodes = np.array([reading.node for reading in readings])
     read_m = np.array([reading.position_m for reading in readings])
     S = node_blocks(rest_covariance_m2)[nodes] + (sigma_m**2 + STANDS_M**2) * np.eye(3)
-    near = np.flatnonzero(_squared(read_m - rest_m[nodes], S) < MOST_SIGMA**2)
+    near = np.flatnonzero(squared_distance(read_m - rest_m[nodes], S) < MOST_SIGMA**2)
     if len(near) > 1:
         blocks_m2 = pair_blocks(rest_covariance_m2)[np.ix_(nodes[near], nodes[near])]
         agree = _agree(read_m[near], rest_m[nodes[near]], blocks_m2, sigma_m, lag_m=0.0)
@@ -94,20 +94,20 @@ def believed(
     expected_m = node_position_m[nodes]
     S = node_blocks(covariance_m2)[nodes] + sigma_m**2 * np.eye(3)
     e = read_m - expected_m
-    squared = _squared(e, S + (MOVES_M_PER_S * step_s) ** 2 * np.eye(3))
+    squared = squared_distance(e, S + (MOVES_M_PER_S * step_s) ** 2 * np.eye(3))
     agree = _agree(read_m, expected_m, pair_blocks(shape_covariance_m2)[np.ix_(nodes, nodes)], sigma_m, LAGS_M)
     nearest = np.argsort(squared)
     agreeing = len(_largest(agree, nearest))
     if agreeing == 1:
         return Believed([bool(alone < MOST_SIGMA**2) for alone in squared], 1)
-    moved = _squared(e, S + (MOVES_M_PER_S * unseen_s) ** 2 * np.eye(3))
+    moved = squared_distance(e, S + (MOVES_M_PER_S * unseen_s) ** 2 * np.eye(3))
     used = _largest(agree, nearest[moved[nearest] < MOST_SIGMA**2])
     if len(used) < 3:  # two that are exchanged have their distance
         used = _largest(agree, nearest[squared[nearest] < MOST_SIGMA**2])
     return Believed([k in used for k in range(len(nodes))], agreeing)
 
 
-def _squared(e: NDArray[np.float64], S: NDArray[np.float64]) -> NDArray[np.float64]:
+def squared_distance(e: NDArray[np.float64], S: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (k,) e^T S^-1 e of (k, 3) errors with (k, 3, 3) covariances."""
     return np.asarray(np.einsum("ka,ka->k", e, np.linalg.solve(S, e[:, :, None])[:, :, 0]))
 

@@ -40,7 +40,7 @@ from ..structure.shape import pair_blocks
 from ..values.aids import PositionReading
 from ..values.time_series import low_pass_weight
 from .placed import PlacedShape
-from .position_gate import believed, believed_at_rest
+from .position_gate import believed, believed_at_rest, squared_distance
 
 LEAST_AT_REST = 5
 """Number of positions of a node at rest from which they tell that it is not where it is told to be."""
@@ -203,7 +203,7 @@ class PositionTrust:
         e = np.vstack([of_node.mean(axis=0), of_node])
         C = np.concatenate([blocks_m2.mean(axis=(0, 1))[None], np.einsum("aaij->aij", blocks_m2)])
         S = C + self._sigma_m**2 * np.eye(3)
-        return bool((np.einsum("ai,ai->a", e, np.linalg.solve(S, e[..., None])[..., 0]) > SHIFTED_SIGMA**2).any())
+        return bool((squared_distance(e, S) > SHIFTED_SIGMA**2).any())
 
     def _is_misplaced(self, reading: PositionReading) -> bool:
         """Return whether positions at rest told that this node, or most of its recording, is not where it is told."""
