@@ -28,6 +28,9 @@ COUNTED = 100
 """Number of steps between samples from which their mean is known."""
 LATE = 1.5
 """Ratio of the time since the newest sample to the mean time between two, above which a sample is missing."""
+FAR = 8.0
+"""Standard deviations of the step from one sample to the next, above which it is a pause. Of exponentially
+distributed steps one in 8000 is as long."""
 UNSTEADY_S = 5e-4
 """Least standard deviation of u: stamps that scatter less stay as they are."""
 LONG_STEP = 50
@@ -55,7 +58,7 @@ class ImuCadence:
         """Return when a sample was measured that has the stamp t_s, and is not the one before, read again."""
         step_s = t_s - self._latest_s
         self._latest_s = t_s
-        if not 0 < step_s < READING_HOLDS_S:  # nan of the first one
+        if not 0 < step_s < READING_HOLDS_S or self._is_pause(step_s):  # nan of the first one
             self._long_s, self._long_of = 0.0, 0
             self._measured_s = t_s
         else:
@@ -64,11 +67,12 @@ class ImuCadence:
             self._measured_s = expected_s + self._gain * (t_s - expected_s)
         return self._measured_s
 
-    def misses(self, since_s: float) -> bool:
-        """Return whether samples are missing, so long after the newest one was measured."""
+    @property
+    def due_s(self) -> float:
+        """When the sample after the newest should have come; infinite while that is not known, and of packets."""
         if self._steps < COUNTED or self._is_packed:
-            return False
-        return since_s > LATE * self._period_s
+            return math.inf
+        return self._measured_s + LATE * self._period_s
 
     def warnings(self) -> list[str]:
         """Return what looks wrong of the stamps."""
@@ -81,6 +85,12 @@ class ImuCadence:
         if self._is_packed:
             texts.append("most samples come in packets: tell when each was measured")
         return texts
+
+    def _is_pause(self, step_s: float) -> bool:
+        """Return whether samples are missing between two, and the second has not only come late."""
+        if self._steps < COUNTED:
+            return False
+        return step_s - self._period_s > max((LATE - 1) * self._period_s, FAR * math.sqrt(self._step_variance_s2))
 
     def _count(self, step_s: float) -> None:
         """Take on the time from one sample to the next."""

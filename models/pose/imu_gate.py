@@ -110,7 +110,7 @@ class ImuGate:
 
     def measured(self, reading: ImuReading) -> ImuReading:
         """Return the sample of a sensor that has just passed with the time at which it was measured as its stamp."""
-        return replace(reading, t_s=self._measured_s[reading.imu])
+        return replace(reading, t_s=self._measured_s[reading.imu], due_s=self._cadence[reading.imu].due_s)
 
     def _jumps(self, imu: int, values: list[float]) -> bool:
         """Return whether a sample is far from the last one that passed, and from one that jumped since."""

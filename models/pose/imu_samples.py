@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 
 from ..structure.floor import GRAVITY_M_PER_S2
 from ..values.aids import READING_HOLDS_S, ImuReading
-from .imu_cadence import ImuCadence
 
 CUT_OFF_SAMPLES = 3
 """Number of samples in succession with the largest rate so far from which it is the end of the sensor's range."""
@@ -73,7 +72,7 @@ class ImuPreintegration:
         self._frame_s = np.nan
         self._newest_s = np.full(imus, np.nan)
         self._newest = np.zeros((imus, 2, 3))
-        self._cadence = [ImuCadence() for _ in range(imus)]
+        self._due_s = np.full(imus, np.inf)
         self._were_missing = np.zeros(imus, dtype=np.bool_)
         self._was_read = np.zeros(imus, dtype=np.bool_)
         self._largest_rad_per_s = np.full(imus, LEAST_CUT_OFF_RAD_PER_S)
@@ -100,8 +99,7 @@ class ImuPreintegration:
             integral[imu] += step_s * x
             total[imu] += x
             count[imu] += 1
-            self._cadence[imu].observe(reading.t_s)
-            self._newest_s[imu], self._newest[imu] = reading.t_s, x
+            self._newest_s[imu], self._newest[imu], self._due_s[imu] = reading.t_s, x, reading.due_s
             rate_is_cut_off[imu] |= self._is_rate_cut_off(imu, float(np.abs(x[0]).max()))
             force_is_cut_off[imu] |= self._is_force_cut_off(imu, float(np.abs(x[1]).max()))
         since_s = t_s - self._newest_s
@@ -115,8 +113,7 @@ class ImuPreintegration:
         rate = np.where(is_read[:, None], mean[:, 0], self._newest[:, 0])
         is_whole = is_read & goes_on & (since_s < READING_HOLDS_S)
         lasted_s = np.where(is_whole, t_s - self._frame_s, np.nan)
-        late = np.array([of_one.misses(s) for of_one, s in zip(self._cadence, since_s, strict=True)], dtype=np.bool_)
-        self._frame_s, self._was_read, self._were_missing = t_s, is_read, ~is_read & late
+        self._frame_s, self._was_read, self._were_missing = t_s, is_read, ~is_read & (t_s > self._due_s)
         return ImuSamples(
             rate_rad_per_s=rate,
             specific_force_m_per_s2=np.where(is_read[:, None], force, np.nan),

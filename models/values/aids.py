@@ -1,5 +1,6 @@
 """What a free-standing robot carries beside its tendons, and one reading of each."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,8 @@ class ImuReading:
     """(3,) angular rate in the axes of the sensor."""
     specific_force_m_per_s2: NDArray[np.float64]
     """(3,) acceleration minus gravity, in the axes of the sensor."""
+    due_s: float = math.inf
+    """When the next sample should have come, on the host clock; infinite while that is not known, see `ImuCadence`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

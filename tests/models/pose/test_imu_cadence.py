@@ -51,8 +51,17 @@ def test_stamps_of_a_sensor_that_is_asked_irregularly_stay() -> None:
     assert np.abs(measured_s(stamps_s) - stamps_s)[KNOWN].max() < 0.003
 
 
-def test_after_a_pause_the_first_stamp_stands() -> None:
+@pytest.mark.parametrize(("scatter_s", "pause_s"), [(0.015, 3.3333), (0.0, 0.11), (0.001, 0.05)])
+def test_after_a_pause_the_first_stamp_stands(scatter_s, pause_s) -> None:
     rng = np.random.default_rng(3)
-    stamps_s = np.sort(MEASURED_S + rng.uniform(-0.015, 0.015, len(MEASURED_S)))
-    stamps_s[2000:] += 3.3333
+    stamps_s = np.sort(MEASURED_S + rng.uniform(-scatter_s, scatter_s, len(MEASURED_S)))
+    stamps_s[2000:] += pause_s
     assert measured_s(stamps_s)[2000] == stamps_s[2000]
+
+
+def test_samples_that_come_late_are_no_pause() -> None:
+    """Delays are exponential, with a mean of 10 ms, and the samples arrive in order."""
+    stamps_s = np.maximum.accumulate(MEASURED_S + np.random.default_rng(4).exponential(0.01, len(MEASURED_S)))
+    stamps_s += 1e-6 * np.arange(len(stamps_s))
+    before_s, after_s = stamps_s - MEASURED_S, measured_s(stamps_s) - MEASURED_S
+    assert after_s[KNOWN].std() < 0.4 * before_s[KNOWN].std()

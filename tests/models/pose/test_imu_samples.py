@@ -1,10 +1,13 @@
 """Means of inertial sensors over frames."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tensegraph.models.pose.imu_cadence import ImuCadence
 from tensegraph.models.pose.imu_samples import ImuPreintegration, ImuSamples
 from tensegraph.models.values.aids import READING_HOLDS_S, ImuReading
 
@@ -102,7 +105,10 @@ def test_a_silent_sensor_keeps_its_rate_and_has_no_force() -> None:
 
 def means_of(stamps_s: list[float], rates: list[float], frames: int) -> list[ImuSamples]:
     """Return the means of one sensor over frames of 20 ms."""
-    means, told = ImuPreintegration(1), [reading(*one) for one in zip(stamps_s, rates, strict=True)]
+    means, cadence, told = ImuPreintegration(1), ImuCadence(), []
+    for t_s, rate in zip(stamps_s, rates, strict=True):
+        measured_s = cadence.observe(t_s)
+        told.append(replace(reading(measured_s, rate), due_s=cadence.due_s))
     ends_s = STEP_S * np.arange(1, frames + 1) + 1e-6
     return [means.mean(t_s, [one for one in told if t_s - STEP_S < one.t_s <= t_s]) for t_s in ends_s]
 
