@@ -12,8 +12,7 @@ from joblib import Parallel, delayed, parallel_config
 
 from ..io.provenance import code_hash
 from ..io.reports.terminal import Terminal
-from ..models.values.errors import InputError, TensegraphError, one_line
-from ..models.values.extras import needs_extra
+from ..models.values.errors import InputError, TensegraphError, needs_extra, one_line
 
 Job = TypeVar("Job")
 Made = TypeVar("Made")

@@ -16,8 +16,7 @@ from ..io.whole import check_vacant, written_whole
 from ..models.trial_description import describe_trial
 from ..models.twin.plan import Plan
 from ..models.twin.virtual_trial import simulate as simulate_plan
-from ..models.values.errors import InputError, naming
-from ..models.values.extras import needs_extra
+from ..models.values.errors import InputError, naming, needs_extra
 from ..models.values.tracks import StampedPositions
 from .paths import result_paths
 

@@ -21,8 +21,9 @@ from ..models.estimation import NoiseSettings
 from ..models.structure.lengths import length_jacobian, propagated_variance
 from ..models.structure.rest_shape import RestShape
 from ..models.structure.rigidity import SINGULAR, motions_left
-from ..models.structure.shape import Reason, Status, are_improbable
+from ..models.structure.shape import Reason, Status
 from ..models.structure.structure import Structure
+from ..models.values.chi_squared import are_improbable
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import NaturalLengths, TendonLengths
 from .own_evidence import own_graph_rows, own_rows

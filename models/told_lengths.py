@@ -25,8 +25,8 @@ from scipy.sparse.csgraph import shortest_path
 from .sensor.gate import GateSettings, JumpGate, StuckGate
 from .sensor.stillness import MOVING_TENDONS
 from .sensor.taring import MOVED_STRAIN
-from .structure.shape import chi_squared_quantile
 from .structure.structure import Structure
+from .values.chi_squared import chi_squared_quantile
 from .values.errors import InputError
 from .values.readings import Flag, RestLengths, TendonLengths, is_impossible_length
 from .values.stamps import SHORTEST_STEP_S, RestClock, is_later

@@ -19,6 +19,7 @@ from ...factors.ground import clearance_covariance_m2, clearance_jacobian
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_settings import PoseSettings
 from ...models.structure.floor import Floor
+from ...models.values.chi_squared import squared_distance
 
 STANDING_SHARE = 0.25
 """Share of the nodes that stand."""
@@ -68,7 +69,7 @@ def may_have_landed(placed: PlacedShape, covariance: NDArray[np.float64], floor:
     S = H @ covariance @ H.T
     S[0, 0] += of_shape
     e = np.array([max(height_m, 0.0), normal @ state.velocity_m_per_s])
-    return bool(e @ np.linalg.solve(S, e) < LANDED_SIGMA**2)
+    return bool(squared_distance(e, S) < LANDED_SIGMA**2)
 
 
 def _lowest(placed: PlacedShape, floor: Floor) -> tuple[float, NDArray[np.float64], float]:

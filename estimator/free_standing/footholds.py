@@ -11,6 +11,7 @@ from ...models.balance.support import legs_n
 from ...models.pose.placed import Rows
 from ...models.pose.pose_settings import PoseSettings
 from ...models.structure.floor import UP, Floor
+from ...models.values.chi_squared import squared_distance
 from ...models.values.slip import Slip
 from .prediction import Prediction
 
@@ -110,7 +111,7 @@ def slips(feet: Feet, predicted: Prediction, t_s: float, floor: Floor, slip_sigm
     e = rows.error.reshape(-1, 2)
     H = rows.jacobian.reshape(len(nodes), 2, -1)
     S = H @ predicted.covariance @ np.swapaxes(H, 1, 2) + rows.variance.reshape(-1, 2)[:, :, None] * np.eye(2)
-    squared = np.sum(e * np.linalg.solve(S, e[:, :, None])[:, :, 0], axis=1)
+    squared = squared_distance(e, S)
     return [
         Slip(t_s, int(nodes[k]), -e[k] @ floor.axes, float(np.sqrt(e[k] @ S[k] @ e[k] / max(e[k] @ e[k], 1e-300))))
         for k in np.flatnonzero(squared > slip_sigma**2)

@@ -41,6 +41,7 @@ from ...models.pose.pose_settings import PoseSettings
 from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP
 from ...models.values.aids import READING_HOLDS_S, ImuReading
+from ...models.values.chi_squared import squared_distance
 from ...models.values.readings import TendonLengths
 from ...models.values.time_series import low_pass_weight
 from .pose_start import IMU_TURN_RAD
@@ -168,10 +169,10 @@ class ImuTrust:
             return np.zeros(len(used))
         S = rows.jacobian @ predicted.covariance @ rows.jacobian.T
         S[np.diag_indices(len(S))] += variance
-        W = np.linalg.inv(S)
+        W = np.asarray(np.linalg.inv(S), dtype=np.float64)
         apart = (W @ rows.error).reshape(-1, 2)
         own = W.reshape(len(used), 2, len(used), 2)[range(len(used)), :, range(len(used))]
-        return np.asarray(np.einsum("ia,ia->i", apart, np.linalg.solve(own, apart[:, :, None])[:, :, 0]))
+        return squared_distance(apart, own)
 
     def back(self, imus: ImuArray, arm_m: NDArray[np.float64], samples: ImuSamples) -> NDArray[np.int64]:
         """Return the lost sensors that are back, which are lost no longer: they move slowly and agree with their rods.

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.pose.pose_state import PoseState
+from ...models.values.chi_squared import squared_distance
 from ...models.values.slip import Slip
 from .contacts import Standing
 
@@ -77,6 +78,6 @@ def contradiction(step: PoseStep, state: PoseState) -> NDArray[np.float64] | Non
     errors = step.state.errors_to(state)
     for part in (state.layout.turn, state.layout.position):
         known = step.covariance[part, part] + LEAST_POSE_SIGMA**2 * np.eye(3)
-        if errors[part] @ np.linalg.solve(known, errors[part]) > CONTRADICTED_SIGMA**2:
+        if squared_distance(errors[part], known) > CONTRADICTED_SIGMA**2:
             return errors
     return None

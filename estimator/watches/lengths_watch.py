@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.sensor.gate import GateSettings
-from ...models.structure.shape import IMPROBABLE, Shape, are_improbable, chi_squared_quantile
+from ...models.structure.shape import Shape
+from ...models.values.chi_squared import IMPROBABLE, are_improbable, chi_squared_quantile
 from ...models.values.readings import RestLengths, TendonLengths
 from ...models.values.stamps import RestClock
 

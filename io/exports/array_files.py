@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...models.structure.labelled import as_dataset
 from ...models.structure.quantities import QUANTITIES
-from ...models.values.extras import needs_extra
+from ...models.values.errors import needs_extra
 
 
 def write_npz(arrays: Mapping[str, NDArray[Any]], about: Mapping[str, Any], path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ...models.structure.labelled import columns_of
-from ...models.values.extras import needs_extra
+from ...models.values.errors import needs_extra
 
 
 def write_parquet(arrays: Mapping[str, NDArray[Any]], table: str, about: Mapping[str, Any], path: Path) -> None:

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ...models.structure.reconstruction import Reconstruction
 from ...models.structure.shape import Shape
-from ...models.values.errors import InputError
-from ...models.values.extras import needs_extra
+from ...models.values.errors import InputError, needs_extra
 from .solids import Solid, axes_along, solids_of
 
 UNKNOWN_TURN_RAD2 = float(np.pi**2 / 3)

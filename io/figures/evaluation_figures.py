@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from ...models.evaluation.evaluation import Evaluation
-from ...models.structure.shape import chi_squared_quantile
+from ...models.values.chi_squared import chi_squared_quantile
 from .style import (
     BAND,
     BLACK,

@@ -10,7 +10,7 @@ from matplotlib.patches import Ellipse, Patch
 from numpy.typing import NDArray
 
 from ...models.structure.reconstruction import Reconstruction
-from ...models.structure.shape import chi_squared_quantile
+from ...models.values.chi_squared import chi_squared_quantile
 from .style import BLACK, BLUE, GREY, RED, add_grid, add_legend_below, color_of, save_figure
 
 ELLIPSES = 12

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.values.errors import InputError
-from ...models.values.extras import needs_extra
+from ...models.values.errors import InputError, needs_extra
 from ...models.values.tracks import MarkerTracks
 from ..input_files import check_regular
 from .marker_rows import marker_tracks, metres_per, positive_number

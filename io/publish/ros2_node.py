@@ -8,8 +8,7 @@ from typing import Any
 from ...models.structure.reconstruction import Reconstruction
 from ...models.structure.shape import Shape
 from ...models.structure.structure import Structure
-from ...models.values.errors import InputError
-from ...models.values.extras import needs_extra
+from ...models.values.errors import InputError, needs_extra
 from ..exports.ros2_file import Messages
 from ..viewer.shape_process import ShapeProcess, arrived_shapes
 

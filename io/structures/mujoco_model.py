@@ -9,8 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ...models.values.errors import InputError
-from ...models.values.extras import needs_extra
+from ...models.values.errors import InputError, needs_extra
 from ...models.values.units import LARGEST
 from ..input_files import check_regular, real_path
 

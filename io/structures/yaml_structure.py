@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...models.values.errors import InputError
-from ...models.values.extras import needs_extra
+from ...models.values.errors import InputError, needs_extra
 from ...models.values.units import LARGEST_NUMBER
 from ..input_files import LARGEST_TOML_BYTES, check_regular
 from ..toml import INTEGER_BITS

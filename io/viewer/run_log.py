@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ...models.settings import Settings
 from ...models.structure.reconstruction import Reconstruction
 from ...models.structure.structure import Structure
-from ...models.values.extras import needs_extra
+from ...models.values.errors import needs_extra
 from ...models.values.tracks import StampedPositions
 from .curves import curve_columns, curve_styles, status_changes
 from .scene import ghost_columns, rest_lines, space_columns

@@ -17,8 +17,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import IO, Self
 
-from ...models.values.errors import TensegraphError
-from ...models.values.extras import needs_extra
+from ...models.values.errors import TensegraphError, needs_extra
 
 LOOPBACK = "127.0.0.1"
 """The address at which only this machine listens; Rerun's own default is all addresses."""

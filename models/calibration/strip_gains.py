@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..sensor.front_end import FrontEndSettings
 from ..sensor.gauge import StaticGauge, common_change
 from ..sensor.stretching import SETTLING_S
+from ..values.chi_squared import squared_distance
 from .gauge_fit import INDEPENDENT
 from .recordings import Recording
 from .strain_estimators import StrainEstimator
@@ -120,7 +121,7 @@ class StripGainSearch:
     @property
     def step_sigma(self) -> float:
         """Length of the next step in sigmas, those of the best values."""
-        return float(np.sqrt(self._step @ np.linalg.solve(self.best.covariance, self._step)))
+        return float(np.sqrt(squared_distance(self._step, self.best.covariance)))
 
 
 def side_by_side(

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..structure.reconstruction import Reconstruction
-from ..structure.shape import chi_squared_quantile
+from ..values.chi_squared import chi_squared_quantile, squared_distance
 from ..values.time_series import correlation_samples, mean_over_frames
 from .evaluation import ComparedFrames, Consistency
 from .statistics import of_known
@@ -46,9 +46,9 @@ def normalised_error_squared(error_m: NDArray[np.float64], covariance_m2: NDArra
     e = error_m[known]
     covariance = covariance_m2[known]
     singular = np.linalg.eigvalsh(covariance)[:, 0] <= 0
-    solved = np.linalg.solve(np.where(singular[:, None, None], np.eye(3), covariance), e[..., None])[..., 0]
     nees = np.full(known.shape, np.nan)
-    nees[known] = np.where(singular, np.inf, np.einsum("ni,ni->n", e, solved))
+    regular = np.where(singular[:, None, None], np.eye(3), covariance)
+    nees[known] = np.where(singular, np.inf, squared_distance(e, regular))
     return nees
 
 

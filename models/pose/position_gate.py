@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ..structure.shape import node_blocks, pair_blocks
 from ..values.aids import PositionReading
+from ..values.chi_squared import squared_distance
 
 MOST_SIGMA = 6.0
 """Difference, in standard deviations, from which two values contradict each other."""
@@ -105,11 +106,6 @@ def believed(
     if len(used) < 3:  # two that are exchanged have their distance
         used = _largest(agree, nearest[squared[nearest] < MOST_SIGMA**2])
     return Believed([k in used for k in range(len(nodes))], agreeing)
-
-
-def squared_distance(e: NDArray[np.float64], S: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (k,) e^T S^-1 e of (k, 3) errors with (k, 3, 3) covariances."""
-    return np.asarray(np.einsum("ka,ka->k", e, np.linalg.solve(S, e[:, :, None])[:, :, 0]))
 
 
 def _agree(

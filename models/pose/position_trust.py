@@ -38,9 +38,10 @@ from numpy.typing import NDArray
 from ..structure.rest_shape import RestShape
 from ..structure.shape import pair_blocks
 from ..values.aids import PositionReading
+from ..values.chi_squared import squared_distance
 from ..values.time_series import low_pass_weight
 from .placed import PlacedShape
-from .position_gate import believed, believed_at_rest, squared_distance
+from .position_gate import believed, believed_at_rest
 
 LEAST_AT_REST = 5
 """Number of positions of a node at rest from which they tell that it is not where it is told to be."""

@@ -21,6 +21,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from ..values.chi_squared import squared_distance
 from ..values.readings import ResistanceFrame, SensorDrift
 from ..values.tables import NotNegative, Positive, Probability
 
@@ -198,7 +199,7 @@ class ReferenceTendons:
         crossed = self._covariance @ reads.T
         expected = reads @ crossed + noise * np.eye(len(seen))
         gain = np.swapaxes(np.linalg.solve(expected, np.swapaxes(crossed, 1, 2)), 1, 2)
-        squared = np.einsum("hr,hr->h", innovation, np.linalg.solve(expected, innovation[..., None])[..., 0])
+        squared = squared_distance(innovation, expected)
         log_likelihood = -0.5 * (squared + np.linalg.slogdet(expected).logabsdet)
         weight = self._weight * np.exp(log_likelihood - log_likelihood.max())
         self._weight = weight / weight.sum()

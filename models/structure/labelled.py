@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..values.errors import InputError
-from ..values.extras import needs_extra
+from ..values.errors import InputError, needs_extra
 from .quantities import LABELS, NODES, QUANTITIES, TENDONS, Quantity, in_words
 
 if TYPE_CHECKING:

@@ -6,11 +6,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..values.chi_squared import are_improbable
 from ..values.readings import RestLengths
 from ..values.tables import NotNegative, Positive
 from .lengths import length_jacobian, propagated_variance
 from .mechanics import Mechanics
-from .shape import are_improbable
 from .structure import Structure
 
 

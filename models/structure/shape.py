@@ -8,9 +8,9 @@ from math import isqrt
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import gammaincinv
+from numpy.typing import NDArray
 
+from ..values.chi_squared import chi_squared_quantile, squared_distance
 from ..values.errors import InputError
 from ..values.readings import TendonLengths
 from ..values.slip import Slip
@@ -18,10 +18,6 @@ from .external_loads import ExternalLoads
 from .floor import EstimatedNormal
 
 Number = TypeVar("Number", np.float64, np.int64)
-IMPROBABLE = 1e-3
-"""Probability of values as far from what they should be, below which they are others."""
-DRAWN = 10_000
-"""Number of samples from which it is computed what is probable."""
 LEAST_VARIANCE_M2 = 1e-14
 """Variance of the coordinate of an anchor that is known exactly."""
 
@@ -126,34 +122,6 @@ class Ellipsoids:
         return np.asarray(turns.as_quat().reshape(*self.axes.shape[:-2], 4))
 
 
-def chi_squared_quantile(probability: ArrayLike, degrees: ArrayLike) -> NDArray[np.float64]:
-    """Return chi2_degrees(probability), below which the sum of `degrees` squared standard normal variables lies.
-
-    The same as `scipy.stats.chi2.ppf`, without the import of that module, which takes a second.
-    """
-    return np.asarray(2 * gammaincinv(np.asarray(degrees) / 2, probability))
-
-
-def are_improbable(apart: NDArray[np.float64], faulty: int) -> bool:
-    """Return whether (n,) values, so many standard deviations from what they should be, are others.
-
-    Their sum of squares without the largest ones has a probability below `IMPROBABLE`.
-
-    Args:
-        apart: (n,)
-        faulty: how many of them may be wrong.
-    """
-    kept = len(apart) - faulty
-    return kept > 0 and bool(np.sort(apart**2)[:kept].sum() > _largest_by_chance(len(apart), kept))
-
-
-@cache
-def _largest_by_chance(count: int, kept: int) -> float:
-    """Return what the sum of the smallest squares of standard normal variables exceeds in `IMPROBABLE` cases."""
-    drawn = np.random.default_rng(0).standard_normal((DRAWN, count))
-    return float(np.quantile(np.sort(drawn**2, axis=1)[:, :kept].sum(axis=1), 1 - IMPROBABLE))
-
-
 def ellipsoids(covariance_m2: NDArray[np.float64], probability: float) -> Ellipsoids:
     """Return the regions (x - mean)^T C^-1 (x - mean) <= chi2_3(probability) of (..., 3, 3) covariances.
 
@@ -252,8 +220,7 @@ class Shape:
         """Return whether all (nodes, 3) positions are in the ellipsoids of 95 %."""
         apart_m = node_position_m - self.node_position_m
         covariance_m2 = self.node_covariance_m2 + LEAST_VARIANCE_M2 * np.eye(3)
-        squared = np.sum(apart_m * np.linalg.solve(covariance_m2, apart_m[..., None])[..., 0], axis=1)
-        return bool((squared <= chi_squared_quantile(0.95, 3)).all())
+        return bool((squared_distance(apart_m, covariance_m2) <= chi_squared_quantile(0.95, 3)).all())
 
     @property
     def node_covariance_m2(self) -> NDArray[np.float64]:

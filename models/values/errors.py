@@ -35,6 +35,19 @@ UNDETERMINED = "a node is undetermined: too few lengths, or settings of which on
 
 
 @contextmanager
+def needs_extra(purpose: str, extra: str) -> Iterator[None]:
+    """Import, in the block, libraries that only some uses need; where one is missing, the error says what to install.
+
+    Raises:
+        InputError: when one is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise InputError(f"{purpose} needs {error.name}: pip install 'tensegraph[{extra}]'") from error
+
+
+@contextmanager
 def naming(path: Path) -> Iterator[None]:
     """Name a file or a directory in errors that name none, as where two files of a directory contradict each other."""
     try:

@@ -16,6 +16,7 @@ from ....models.pose.placed import PlacedShape, Rows
 from ....models.pose.pose_settings import PoseSettings
 from ....models.pose.position_gate import MOST_SIGMA
 from ....models.values.aids import READING_HOLDS_S, PositionReading
+from ....models.values.chi_squared import squared_distance
 from ..prediction import Frame, Prediction
 
 
@@ -69,4 +70,4 @@ def common_misfit(rows: Rows, covariance: NDArray[np.float64], moves_m: float) -
     mean = np.tile(np.eye(3), count) / count
     e, H = mean @ rows.error, mean @ rows.jacobian
     S = H @ covariance @ H.T + (mean * rows.variance) @ mean.T + moves_m**2 * np.eye(3)
-    return float(e @ np.linalg.solve(S, e))
+    return float(squared_distance(e, S))

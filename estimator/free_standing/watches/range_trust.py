@@ -26,8 +26,8 @@ import numpy as np
 
 from ....factors.range import OUTLIER, range_error
 from ....models.pose.pose_settings import PoseSettings
-from ....models.structure.shape import chi_squared_quantile
 from ....models.values.aids import RangeReading
+from ....models.values.chi_squared import chi_squared_quantile
 from ..prediction import Frame, Prediction
 
 MOST_AT_REST = 3.0

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ....models.pose.placed import PlacedShape, Rows
 from ....models.pose.pose_state import PoseState
 from ....models.structure.floor import Floor
+from ....models.values.chi_squared import squared_distance
 from ....models.values.rotations import cross, cross_matrix
 from ....models.values.slip import Slip
 from ....models.values.time_series import low_pass_weight
@@ -187,7 +188,7 @@ class SlideWatch:
         state, at = pose.state, pose.state.layout
         sigma = STANDING_M_PER_S + float(np.linalg.norm(self._deforms_m_per_s))
         v, S = state.velocity_m_per_s, pose.covariance[at.velocity, at.velocity] + sigma**2 * np.eye(3)
-        if not self._has_stopped or v @ np.linalg.solve(S, v) > MOVES_SIGMA**2:
+        if not self._has_stopped or squared_distance(v, S) > MOVES_SIGMA**2:
             return UnheldPose(frame.before_s, state, pose.covariance, from_rest=False)
         placed = PlacedShape(state, frame.body_before_m, frame.body_covariance_m2)
         rows = self._velocity_rows(state, sigma)

@@ -20,6 +20,7 @@ from ....models.pose.imu_agreement import CONTRADICTS_SIGMA
 from ....models.pose.imu_samples import ImuSamples
 from ....models.pose.placed import PlacedShape
 from ....models.structure.floor import Floor
+from ....models.values.chi_squared import squared_distance
 from ..contacts import Standing
 from ..imu_trust import is_still
 
@@ -102,7 +103,7 @@ def nearest_face(placed: PlacedShape, covariance: NDArray[np.float64], floor: Fl
         nodes = hull.simplices[face]
         e = FROM_FIRST @ clearance_m[nodes]
         S = FROM_FIRST @ total[np.ix_(nodes, nodes)] @ FROM_FIRST.T
-        squared = float(e @ np.linalg.solve(S, e))
+        squared = float(squared_distance(e, S))
         if squared < least:
             best, least = np.isin(np.arange(len(x)), nodes), squared
     return best, least
