@@ -116,12 +116,12 @@ def test_a_replay_that_is_too_fast_skips_as_it_says(trial_copy, typed, monkeypat
     assert "nan" not in said
 
 
-def test_a_twin_s_trial_comes_live(tmp_path, example, typed, monkeypatch) -> None:
+def test_a_twin_s_trial_comes_live(tmp_path, typed, monkeypatch) -> None:
     """From the plan to the recording, which is as good a trial as any, and knows no truth."""
     monkeypatch.setattr("tensegraph.live.activity.LATE_S", np.inf)
     plan = tmp_path / "short.toml"
-    text = (example.parent / "plans" / "press.toml").read_text()
-    plan.write_text(text.replace("duration_s = 30.0", "duration_s = 6.0").replace("until_s = 29.0", "until_s = 5.9"))
+    press, _, _ = PLANS["press"].read_text().partition("[[load.random]]")
+    plan.write_text(replaced(press, ("duration_s = 30.0", "duration_s = 2.4")))
     arguments = ("--speed", 1000, "--seconds", 2, "--record", "twin", "--out", "out")
     code, _, error = typed("live", "--twin", plan, *arguments, cwd=tmp_path)
     assert code == 0, error
@@ -502,7 +502,7 @@ def test_a_process_that_stood_still_goes_on(tmp_path, rig, two_boards, two_ports
     if verb == "live":
         until_it_estimates(process, tmp_path)
     sent = [len(board.sent) for board in two_boards]
-    for number, wait_s in ((signal.SIGSTOP, 2.0), (signal.SIGCONT, 2.0), (signal.SIGINT, 0.0)):
+    for number, wait_s in ((signal.SIGSTOP, 2.0), (signal.SIGCONT, 1.2), (signal.SIGINT, 0.0)):
         os.killpg(process.pid, number)
         time.sleep(wait_s)
     _, error = process.communicate(timeout=60)
