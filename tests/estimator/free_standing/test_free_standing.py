@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import tomli_w
 
-from roll import ROLL, soon_tipped
+from roll import ROLL, roll, soon_tipped
 from tensegraph import InputError, open_trial, reconstruct
 from tensegraph import evaluate as tg_evaluate
 from tensegraph.models.evaluation.metrics import evaluate
@@ -21,9 +21,9 @@ from trial_edits import lines
 def rolled(request, tmp_path_factory):
     """The reconstruction of the shipped trial until both tips are over, and its evaluation.
 
-    The first tip is from 1.5 to 2 s, the second one from 4.5 to 6 s.
+    The first tip is from 3.5 to 4 s, the second one from 6.5 to 8 s.
     """
-    trial = open_trial(soon_tipped(tmp_path_factory.mktemp("rolled") / "roll_02", 7.0))
+    trial = open_trial(roll(tmp_path_factory.mktemp("rolled") / "roll_02", 9.0))
     reconstruction = reconstruct(trial, request.param)
     d = trial.description
     truth = trial.truth_of(trial.truth(), trial.true_loads())
