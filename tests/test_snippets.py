@@ -10,8 +10,8 @@ from unittest import mock
 import pytest
 
 import undrawn_command
-from blank_figures import blank_figures
-from plan_edits import PLANS, SHORT, replaced
+from blank_figures import figures_of_the_first_result
+from plan_edits import PLANS, replaced
 from snippets import languages, parsed, run_page
 from tensegraph.pipeline import ESTIMATORS
 
@@ -25,14 +25,16 @@ NOT_RUN = {"", "csv", "ini", "json", "text", "toml"}
 def reader(tmp_path: Path, trial_copy: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The directory of a reader: the examples, of which trial and plans are a few seconds long, and `tensegraph`.
 
-    Figures are composed, of every kind of trial that the pages have, and not drawn. What a page registers is forgotten.
+    The figures of a page's first result are composed, and none is drawn. What a page registers is forgotten.
     """
     examples = tmp_path / "examples"
     shutil.copytree(ROOT / "examples", examples, ignore=shutil.ignore_patterns("press_01", "__pycache__"))
-    trial_copy(rows=120, name="examples/press_01")
-    (examples / "plans" / "press.toml").write_text(replaced(PLANS["press"].read_text(), *SHORT))
-    prism = PLANS["prism"].read_text().partition("[[load.random]]")[0]
-    (examples / "plans" / "prism.toml").write_text(replaced(prism, ("duration_s = 30.0", "duration_s = 4.0")))
+    trial_copy(rows=106, name="examples/press_01")
+    for name, seconds in (("press", "3.0"), ("prism", "4.0")):
+        plan = PLANS[name].read_text().partition("[[load.random]]")[0]
+        (examples / "plans" / f"{name}.toml").write_text(
+            replaced(plan, ("duration_s = 30.0", f"duration_s = {seconds}"))
+        )
     command = tmp_path / "bin" / "tensegraph"
     command.parent.mkdir()
     command.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{undrawn_command.__file__}" "$@"\n')
@@ -40,7 +42,7 @@ def reader(tmp_path: Path, trial_copy: Callable[..., Path], monkeypatch: pytest.
     path = [str(command.parent), str(Path(sys.executable).parent), os.environ["PATH"]]
     monkeypatch.setenv("PATH", os.pathsep.join(path))
     monkeypatch.chdir(tmp_path)
-    with blank_figures(), mock.patch.dict(ESTIMATORS):
+    with figures_of_the_first_result(), mock.patch.dict(ESTIMATORS):
         yield tmp_path
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from command_line import run
+from plan_edits import replaced
 from roll import roll
 from tensegraph import load
 from tensegraph.io.positions import read_positions
@@ -18,14 +19,15 @@ SEEN = (2, 4, 9, 11)
 
 def write_trial(path: Path) -> None:
     """The first seconds of an example, with positions of four nodes: one absurd, two exchanged, one frozen in turn."""
-    roll(path, 3.2, lambda text: text + '\n[[position]]\nfile = "positions.csv"\n')
+    table = '\n[[position]]\nfile = "positions.csv"\n'
+    roll(path, 2.4, lambda text: replaced(text, ("seconds = 2.0", "seconds = 1.0")) + table)
     truth = read_positions(path / "truth.csv", 12)
     y = truth.node_position_m + 5e-4 * np.random.default_rng(1).standard_normal(truth.node_position_m.shape)
     t_s = truth.t_s
-    y[(t_s > 0.5) & (t_s < 0.7), 9] = 1e3
-    exchanged = (t_s > 0.9) & (t_s < 1.1)
+    y[(t_s > 0.3) & (t_s < 0.5), 9] = 1e3
+    exchanged = (t_s > 0.7) & (t_s < 0.9)
     y[exchanged, 2], y[exchanged, 4] = y[exchanged, 4], y[exchanged, 2].copy()
-    y[t_s > 2.2, 11] = [0.5, 0.5, 0.5]
+    y[t_s > 1.4, 11] = [0.5, 0.5, 0.5]
     write_positions(path / "positions.csv", t_s, y, SEEN)
 
 

@@ -60,7 +60,8 @@ def test_what_trial_toml_tells_is_used(done, tmp_path, true_positions) -> None:
     for k in (2, 5):
         assert scored["node_rmse_m"][k] == pytest.approx(plain["node_rmse_m"][k], abs=0.0005)
     said = run("reconstruct", tmp_path / "press", "--figures", "none", "--method", "least-squares", cwd=tmp_path)
-    assert "truth is motion capture: `tensegraph evaluate` lays it" in " ".join(said.stdout.split())
+    words = " ".join(said.stdout.replace("│", " ").split())
+    assert "truth is motion capture: `tensegraph evaluate` lays it" in words
 
 
 def test_markers_are_told_of_a_capture_that_the_command_line_names(done, tmp_path, true_positions) -> None:

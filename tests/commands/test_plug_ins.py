@@ -165,7 +165,7 @@ def test_a_sensor_model_of_another_package_serves_a_rig(own_parts, example, pty_
         "--model",
         "straight",
         "--seconds",
-        1.5,
+        1.0,
         *(w for port in ports for w in ("--port", port)),
     ]
     for command in (["record", "--out", "recorded"], ["live", "--out", "live"]):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from command_line import run
+from plan_edits import replaced
 from roll import roll
 from tensegraph.io.positions import read_positions
 from tensegraph.models.values.rotations import rotation, rotation_vector
@@ -21,11 +22,11 @@ CAPTURES = '\n[[position]]\nfile = "seen.csv"\nframe = "own"\n\n[[position]]\nfi
 @pytest.fixture
 def trial(tmp_path) -> Path:
     """The first seconds of an example, with two captures: of four nodes, and of nodes that are hidden at rest."""
-    path = roll(tmp_path / "roll", 2.6, lambda text: text + CAPTURES)
+    path = roll(tmp_path / "roll", 1.6, lambda text: replaced(text, ("seconds = 2.0", "seconds = 1.0")) + CAPTURES)
     truth = read_positions(path / "truth.csv", 12)
     noise_m = 5e-4 * np.random.default_rng(1).standard_normal(truth.node_position_m.shape)
     y = (truth.node_position_m + noise_m - ORIGIN_M) @ TURN
-    for name, nodes, from_s in (("seen", (2, 4, 9, 11), 0.0), ("hidden", (0, 1, 3), 2.1)):
+    for name, nodes, from_s in (("seen", (2, 4, 9, 11), 0.0), ("hidden", (0, 1, 3), 1.1)):
         told = truth.t_s >= from_s
         write_positions(path / f"{name}.csv", truth.t_s[told], y[told], nodes)
     return path

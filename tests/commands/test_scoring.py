@@ -10,7 +10,7 @@ import tomli_w
 
 import tensegraph as tg
 from command_line import run
-from roll import roll
+from roll import soon_tipped
 from tensegraph.models.calibration.recipe import TrainingSettings
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -63,7 +63,7 @@ def test_compare_returns_rows(trial_copy) -> None:
 
 def test_a_robot_that_rolls_is_compared_by_what_can_follow_it(tmp_path) -> None:
     """Live and batch as `reconstruct` does it; methods that need anchors are named, and have no numbers."""
-    trial = roll(tmp_path / "roll", 4.0)
+    trial = soon_tipped(tmp_path / "roll", 2.0)
     rows = {row.method: row for row in tg.compare([trial]) if row.trial == "roll"}
     assert len(rows) == 7
     for label, method in (("graph, live", "live"), ("graph, batch", "batch")):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from command_line import run, run_process
-from plan_edits import PLANS, SHORT
+from plan_edits import PLANS, SHORT, replaced
 from tensegraph import InputError, reconstruct
 from tensegraph.commands.simulate import simulate
 
@@ -156,7 +156,7 @@ def test_a_plan_that_is_not_there_and_a_trial_that_is(tmp_path) -> None:
 def test_a_trial_that_nobody_could_read_is_not_written(tmp_path) -> None:
     """A spread of a hundred thousand times the resistance: some strips would have less than none."""
     text = PLANS["prism"].read_text()
-    text = text[: text.index("[[load.random]]")].replace("duration_s = 30.0", "duration_s = 5.0")
+    text = replaced(text[: text.index("[[load.random]]")], ("duration_s = 30.0", "duration_s = 3.0"))
     (tmp_path / "prism.toml").write_text(text.replace("resistance_spread = 0.10", "resistance_spread = 1e5"))
     refused = run("simulate", "prism.toml", "--out", "out", cwd=tmp_path)
     assert refused.returncode == 2

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from command_line import run
+from plan_edits import replaced
 from roll import roll
 from tensegraph import Settings, load, open_trial
 from tensegraph.io.model_file import read_sensor_model
@@ -39,7 +40,8 @@ def write_trial(path: Path, wrong_m: np.ndarray) -> None:
         path: of the trial.
         wrong_m: (3, 4) the map from true positions to those that are told.
     """
-    truth = read_positions(roll(path, 2.6, lambda text: text + TABLES) / "truth.csv", 12)
+    roll(path, 1.6, lambda text: replaced(text, ("seconds = 2.0", "seconds = 1.0")) + TABLES)
+    truth = read_positions(path / "truth.csv", 12)
     for name, late_s in (("wrong", 0), ("late", 3600)):
         told_m = truth.node_position_m @ wrong_m[:, :3].T + wrong_m[:, 3]
         write_positions(path / f"{name}.csv", truth.t_s + late_s, told_m, SEEN)

@@ -72,7 +72,7 @@ def test_a_few_loads_raise_no_doubt_and_many_do(structure, balanced, lengths_of)
     many[structure.free_nodes, 0] = 0.8
     found = {}
     for name, load in (("none", 0 * one), ("one", one), ("many", many)):
-        frames = at_shape(structure, balanced, lengths_of, load, 12.0)
+        frames = at_shape(structure, balanced, lengths_of, load, 7.0)
         found[name] = list(LiveSmoother(structure, balanced, Settings()).estimate(frames))[-1]
     assert found["none"].doubt is None
     assert found["one"].doubt is None

@@ -9,11 +9,11 @@ from tensegraph.models.values.readings import Flag
 
 class TestHealth:
     def test_a_drifting_sensor_is_named_left_out_and_taken_back(self, structure, balanced, lengths_of) -> None:
-        """One sensor of 24 drifts by 2 mm/s for 5 s, then is right again."""
+        """One sensor of 24 drifts by 2 mm/s for 3 s, then is right again."""
         rng, frames = np.random.default_rng(6), []
-        for k in range(550):
+        for k in range(400):
             drift = np.zeros(24)
-            drift[14] = 0.002 * np.clip(0.02 * k - 1, 0, 5) * (k < 300)
+            drift[14] = 0.002 * np.clip(0.02 * k - 1, 0, 3) * (k < 200)
             noise = drift + 2e-4 * rng.standard_normal(24)
             frames.append(lengths_of(structure, balanced.node_position_m, 0.02 * k, 5e-4, noise))
         shapes = list(LiveSmoother(structure, balanced, Settings()).estimate(frames))
@@ -21,11 +21,11 @@ class TestHealth:
         assert not np.delete(named, 14, axis=1).any()
         first = 0.02 * np.argmax(named[:, 14])
         assert 1 < first < 1 + 0.75 + 2  # three sigma are reached after 0.75 s
-        assert named[250:300, 14].all()
+        assert named[170:200, 14].all()
         assert not named[-50:, 14].any()
         error = np.array([shape.node_position_m for shape in shapes]) - balanced.node_position_m
-        assert np.sqrt((error[200:300] ** 2).sum(-1)).max() < 0.004
-        assert shapes[260].status == Status.PARTIAL
+        assert np.sqrt((error[120:200] ** 2).sum(-1)).max() < 0.004
+        assert shapes[180].status == Status.PARTIAL
 
     def test_a_drifting_sensor_at_an_anchor_is_no_load(self, structure, balanced, lengths_of) -> None:
         """Tendon 5, from anchor 1 to node 3, whose rod stands on an anchor: one load at node 3 explains it as well."""

@@ -1,6 +1,7 @@
 """Covariances contain errors that grow with the deformation and its speed, and lack noise that frames average."""
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -167,10 +168,10 @@ def test_few_frames_average_nothing() -> None:
 
 @pytest.mark.parametrize("method", ["live", "batch"])
 def test_pressed_and_fast_nodes_are_in_their_ellipsoids(example, method: str) -> None:
-    """On the example: more than 80 % of the nodes that are far from rest or fast, and hardly any beyond 99.9 %."""
+    """On half of the example: more than 80 % of the nodes far from rest or fast, and hardly any beyond 99.9 %."""
     trial = tg.open_trial(example)
     pipeline = Pipeline(trial.description, tg.Settings(), read_sensor_model())
-    shapes = list(pipeline.shapes(pipeline.lengths(trial.readings()), method))
+    shapes = list(pipeline.shapes(pipeline.lengths(islice(trial.readings(), 1300), 500), method))
     free = trial.description.structure.free_nodes
     truth = trial.truth()
     truth_m = interpolated_within(np.array([shape.t_s for shape in shapes]), truth.t_s, truth.node_position_m)[:, free]

@@ -30,14 +30,13 @@ def test_a_loop_that_was_left_goes_on(rig, two_boards) -> None:
     assert second[0].t_s == pytest.approx(first[-1].t_s + 0.02)
 
 
-def test_a_recording_that_cannot_be_or_ends_early_is_told(tmp_path, rig, pty_boards) -> None:
+def test_a_recording_that_cannot_be_or_ends_early_is_told(tmp_path, rig, two_ports) -> None:
     """Where a trial stands before anything is done; where the files vanish at the end, with the shapes so far."""
-    rig.write_text(rig.read_text().replace("seconds = 2.0", "seconds = 0.0"))
-    port, path = str(pty_boards("zero", 0).port), tmp_path / "recorded"
+    ports, path = two_ports[1::2], tmp_path / "recorded"
     shapes = []
 
     def record() -> None:
-        with tg.Boards(rig, ports=[port], record=path, say=lambda said: None) as boards:
+        with tg.Boards(rig, ports=ports, record=path, say=lambda said: None) as boards:
             for shape in boards:
                 shapes.append(shape)
                 if len(shapes) == 20:

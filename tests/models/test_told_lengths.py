@@ -21,6 +21,8 @@ STRUCTURE = Structure(
     anchors=[0, 1, 2],
     anchor_position_m=[(0, 0, 0), (0.3, 0, 0), (0.15, 0.13, 0)],
 )
+SIX_STRUT = six_strut(0.3)
+WAYS = WaysAround(SIX_STRUT, SIX_STRUT.natural_length_m)
 
 
 def checked(length_m: np.ndarray, sigma_m: float = np.nan) -> tuple[list[TendonLengths], ToldLengths]:
@@ -82,13 +84,11 @@ class TestWaysAround:
     def test_no_shape_has_such_lengths(self, seed) -> None:
         """Wherever the nodes are, whose rods have their lengths."""
         rng = np.random.default_rng(seed)
-        structure = six_strut(0.3)
         position_m = 0.2 * rng.standard_normal((12, 3))
-        for a, b in structure.rods:
+        for a, b in SIX_STRUT.rods:
             way_m = position_m[b] - position_m[a]
             position_m[b] = position_m[a] + 0.3 * way_m / np.linalg.norm(way_m)
-        ways = WaysAround(structure, structure.natural_length_m)
-        assert not ways.too_long(structure.tendon_length_m(position_m)).any()
+        assert not WAYS.too_long(SIX_STRUT.tendon_length_m(position_m)).any()
 
 
 class TestLoneJumps:

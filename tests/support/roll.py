@@ -1,13 +1,16 @@
-"""The shipped trial of a robot that is tipped, copied, cut and edited."""
+"""The shipped trial of a robot that is tipped, copied, cut and edited: it tips at 3.5 s, or at 1.5 s."""
 
 import shutil
 from pathlib import Path
 
 import numpy as np
 
+from plan_edits import replaced
 from trial_edits import cut
 
 ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
+LEFT_OUT_S = 2.0
+LEFT_OUT_ROWS = 100
 
 
 def roll(folder: Path, until_s: float = np.inf, edit=lambda text: text) -> Path:
@@ -16,3 +19,28 @@ def roll(folder: Path, until_s: float = np.inf, edit=lambda text: text) -> Path:
     cut(folder, until_s)
     (folder / "trial.toml").write_text(edit((folder / "trial.toml").read_text()))
     return folder
+
+
+def soon_tipped(folder: Path, until_s: float = np.inf, edit=lambda text: text) -> Path:
+    """Return a copy of the trial that rests two seconds less: the robot is tipped from 1.5 to 2 s, and from 4.5 to 6 s.
+
+    What was recorded from 1 to 3 s, while it stood still, is left out, and all clocks count on from there.
+    """
+    roll(folder, until_s + LEFT_OUT_S, lambda text: edit(replaced(text, ("seconds = 2.0", "seconds = 1.0"))))
+    for file in folder.glob("*.csv"):
+        header, *rows = file.read_text().splitlines(keepends=True)
+        stamp_s = np.array([float(row.split(",")[0]) for row in rows])
+        before, after = (np.flatnonzero(chosen) for chosen in (stamp_s < 1.0, stamp_s >= 1.0 + LEFT_OUT_S))
+        file.write_text("".join([header, *(rows[k] for k in before), *sooner([rows[k] for k in after], file.stem)]))
+    return folder
+
+
+def sooner(rows: list[str], name: str) -> list[str]:
+    """Return rows of a file with their clocks set back by what is left out; those of boards are numbered on."""
+    told = []
+    for row in rows:
+        stamp_s, *others = row.split(",")
+        if name.startswith("board"):
+            others[:2] = str(int(others[0]) - LEFT_OUT_ROWS), str(int(others[1]) - round(1e6 * LEFT_OUT_S))
+        told.append(",".join([f"{float(stamp_s) - LEFT_OUT_S:.6f}", *others]))
+    return told

@@ -1,4 +1,4 @@
-"""A structure that swings about two anchors: four seconds and a half of the twin, and what does not hang."""
+"""A structure that swings about two anchors: three seconds and a half of the twin, and what does not hang."""
 
 import json
 import re
@@ -21,14 +21,16 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 HINGE = """extends = "press.toml"
 name = "hinge"
-duration_s = 4.5
+duration_s = 3.5
+[rest]
+seconds = 1.0
 [structure]
 anchors = [0, 1]
 anchor_position_m = [[0.0, 0.0, 0.5], [0.18371, 0.0, 0.5]]
 [load]
 random = []
 [[load.press]]
-at_s = 2.5
+at_s = 1.5
 ramp_s = 0.5
 hold_s = 1.0
 nodes = [8]
@@ -39,7 +41,9 @@ direction = [0.0, 0.2, -1.0]
 
 JACK = """extends = "prism.toml"
 name = "jack"
-duration_s = 4.5
+duration_s = 3.5
+[rest]
+seconds = 1.0
 [structure]                     # three crossed rods, joined in the middle; the one with the sensor hangs upright
 rods = [[0, 1], [0, 2], [0, 3], [0, 4], [0, 5], [0, 6]]
 tendons = [[1, 3], [1, 4], [1, 5], [1, 6], [2, 3], [2, 4], [2, 5], [2, 6], [3, 5], [3, 6], [4, 5], [4, 6]]
@@ -69,7 +73,7 @@ open_circuit = []
 random = []
 hold = []
 [[load.press]]
-at_s = 2.5
+at_s = 1.5
 ramp_s = 0.5
 hold_s = 1.0
 nodes = [5]
@@ -134,7 +138,7 @@ def upside_down(text: str) -> str:
 REFUSED = {
     "ground: expected none with one or two anchors": lambda text: text + "\n[ground]\nheight_m = 0.003\n",
     "rest: expected seconds above 0 and node_position_m with one or two": lambda text: re.sub(
-        r"\nseconds = 2.0", "\nseconds = 0.0", text
+        r"\nseconds = 1.0", "\nseconds = 0.0", text
     ),
     r"rest.node_position_m\[0\]: expected structure.anchor_position_m\[0\]": lambda text: re.sub(
         r"anchor_position_m = \[\[[^\]]*\]", "anchor_position_m = [[0.0, 0.1, 0.5]", text

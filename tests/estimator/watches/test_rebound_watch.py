@@ -1,11 +1,12 @@
 """Strips that remember more than those of the calibration: each press is followed by a pull that no hand makes."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from plan_edits import CAUSES
+from plan_edits import CAUSES, PLANS, SHORT, replaced
 from tensegraph import Settings, Status, simulate
 from tensegraph.estimator.watches.rebound_watch import DEFORMATION_MEMORY_S, ReboundWatch
 from tensegraph.io.model_file import read_sensor_model
@@ -16,6 +17,7 @@ from tensegraph.pipeline import Pipeline
 STEP_S = 0.02
 FINGER_N = 1.5
 NODE = 8
+LONGER = (("duration_s = 6.0", "duration_s = 13.0"), ("until_s = 6.0", "until_s = 13.0"))
 
 
 class Hand:
@@ -152,9 +154,13 @@ def test_a_worse_status_stands_and_without_forces_nothing_is_told(hand) -> None:
 @pytest.mark.parametrize("plan", ["hysteresis", "healthy"])
 def test_strips_with_three_times_the_memory_are_found_out(plan, tmp_path) -> None:
     """In batch in all frames, live after two presses; strips like those of the calibration in none."""
-    trial = simulate(CAUSES[plan], tmp_path / plan, 2)
+    (tmp_path / "causes").mkdir()
+    for name in {"healthy", plan}:
+        shutil.copy(CAUSES[name], tmp_path / "causes")
+    (tmp_path / "press.toml").write_text(replaced(PLANS["press"].read_text(), *SHORT, *LONGER))
+    trial = simulate(tmp_path / "causes" / f"{plan}.toml", tmp_path / plan, 2)
     pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
-    frames = list(pipeline.lengths(trial.readings(), 500))[:800]
+    frames = list(pipeline.lengths(trial.readings(), 500))
     batch = [shape.doubt for shape in pipeline.shapes(frames, "batch")]
     live = [shape.doubt for shape in pipeline.shapes(frames, "live")]
     if plan == "healthy":

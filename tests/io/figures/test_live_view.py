@@ -14,7 +14,7 @@ from tensegraph.io.figures.style import set_cube
 
 def test_the_live_drawing_moves(example) -> None:
     trial = open_trial(example)
-    shapes = list(tensegraph.stream(list(trial.readings())[:300], trial.description))
+    shapes = list(tensegraph.stream(list(trial.readings())[:40], trial.description))
     figure = Figure(figsize=(8, 8), layout="constrained")
     structure = trial.description.structure
     drawing = StructureDrawing(figure, structure, trial.description.rest_position_m, 0.95)
