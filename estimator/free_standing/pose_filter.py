@@ -192,7 +192,7 @@ class PoseFilter:
         """
         stood, self._standing = self._standing, standing.nodes
         stayed, landed = standing.nodes & stood, standing.nodes & ~stood
-        if stood.any() or not frame.is_felt:  # in the air the robot turns as the sensors say
+        if not frame.is_felt or (stood.any() and not by_heights):  # else the robot turns as the sensors say
             before = predicted.placed.state.turn
             predicted, stayed, landed = self._landed(predicted, standing, stayed, landed)
             if frame.is_felt and not by_heights:  # the sensors have told another face

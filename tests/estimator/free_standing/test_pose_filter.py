@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tensegraph.estimator.free_standing.contacts import nothing_stands
+from tensegraph.estimator.free_standing.contacts import Standing, nothing_stands
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
 from tensegraph.estimator.free_standing.pose_smoother import contradiction, smoothed
 from tensegraph.estimator.free_standing.prediction import heading_direction
@@ -284,3 +284,30 @@ def test_positions_that_all_jump_in_sight_are_doubted(
         shape = poses.without_contradictions(Shape(0.02 * k, x, 1e-6 * np.eye(36), Status.OK, lengths))
         poses.step(shape.t_s, x, shape.covariance_m2, shape.lengths.aids)
     assert poses.doubts_positions == is_doubted
+
+
+@pytest.mark.parametrize("by_heights", [True, False], ids=["heights", "faces"])
+def test_a_robot_whose_motion_is_felt_stops_only_where_its_sensors_are_wrong(balanced, robot, by_heights) -> None:
+    """It moves at 1 m/s, and a node 30 mm and more above the floor is taken to have landed.
+
+    Heights may be that wrong while the motion is right. Another face than the sensors tell shows that they are wrong.
+    A robot that a hand threw was stopped in the air: it was 0.7 m beside its place half a second later.
+    """
+    robot = replace(robot, imus=(Imu(0, 0.5, np.array([0.0, 0.0, 1.0])),))
+    poses, x = PoseFilter(balanced, robot, PoseSettings()), balanced.node_position_m
+    first, second = balanced.structure.rods[0]
+    mounted = attitude((x[second] - x[first]) / np.linalg.norm(x[second] - x[first]))
+
+    def samples(t_s: float) -> list[ImuReading]:
+        return [ImuReading(0, t_s, np.zeros(3), mounted.T @ (GRAVITY_M_PER_S2 * UP))]
+
+    for k in range(30):
+        poses.step(0.02 * k, x, EXACT_M2, samples(0.02 * k))
+    thrown_m_per_s = np.array([0.8, 0.0, 0.6])
+    poses.state = replace(poses.state, velocity_m_per_s=thrown_m_per_s)
+    frame, predicted = poses._expected(0.6, x, EXACT_M2, samples(0.6))
+    nodes = np.isin(np.arange(12), [0, 3])
+    assert robot.floor.clearance_m(predicted.placed.node_position_m[3]) > 0.03
+    found, _, _ = poses._put_on_feet(predicted, frame, Standing(nodes, nodes.astype(float)), by_heights=by_heights)
+    expected = thrown_m_per_s if by_heights else np.zeros(3)
+    assert found.placed.state.velocity_m_per_s == pytest.approx(expected, abs=0.01)
