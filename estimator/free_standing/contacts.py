@@ -31,6 +31,10 @@ LANDED_SIGMA = 2.0
 """The same of a robot that was lifted unseen: errors of its height grow until the floor is among the likely ones."""
 LIFTED_M = 0.01
 """Least such height."""
+EXACT_M = 0.003
+"""Standard deviation of a node's height over the lowest one, up to which a frame counts in full. Where it is larger,
+the attitude is uncertain, whose error lasts: as many frames as make up for it count once. After 0.1 s without samples
+in a tip, three nodes seemed to stand of which one did, and a robot with six sensors was 136 mm off in place of 16."""
 HYSTERESIS = 0.2
 """A node is put on the floor above, and lifted below, the probability of a half by this difference."""
 
@@ -182,7 +186,8 @@ class ContactsByHeight:
         before = stay * self._probability + (1 - stay) * STANDING_SHARE
         log_on_floor = -0.5 * (height_m / sigma_m) ** 2 - np.log(np.sqrt(2 * np.pi) * sigma_m)
         log_lifted = -height_m / settings.lifted_m - np.log(settings.lifted_m)
-        after = expit(logit(before) + log_on_floor - log_lifted)
+        counts = np.minimum(EXACT_M / sigma_m, 1.0) ** 2
+        after = expit(logit(before) + counts * (log_on_floor - log_lifted))
         self._probability = np.clip(after, CERTAIN, 1 - CERTAIN)
         self._standing = self._probability > 0.5 + np.where(self._standing, -HYSTERESIS, HYSTERESIS)
         self._standing[np.argmin(height_m)] = True

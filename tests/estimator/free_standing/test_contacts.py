@@ -12,12 +12,15 @@ from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.structure.floor import UP, Floor
 
 
-def observe(contacts: ContactsByHeight, height_m: np.ndarray, frames: int = 1, **seen: bool) -> np.ndarray:
-    """Return which nodes stand after some frames with the nodes at these heights."""
+def observe(
+    contacts: ContactsByHeight, height_m: np.ndarray, frames: int = 1, tilt_rad: float = 0.001, **seen: bool
+) -> np.ndarray:
+    """Return which nodes stand after some frames with the nodes at these heights, and this sigma of the attitude."""
     state = replace(any_state(0, 0), turn=np.eye(3), position_m=np.zeros(3))
     body_m = np.column_stack([np.arange(12) * 0.02, np.zeros(12), height_m])
     placed = PlacedShape(state, body_m, 1e-8 * np.eye(36))
     covariance = 1e-6 * np.eye(state.layout.size)
+    covariance[state.layout.turn, state.layout.turn] = tilt_rad**2 * np.eye(3)
     for _ in range(frames):
         standing = contacts.observe(placed, covariance, 0.02, **seen)
     return np.flatnonzero(standing.nodes)
@@ -32,6 +35,15 @@ def test_a_node_that_rises_is_lifted_and_one_that_lands_stands() -> None:
     assert observe(contacts, height_m, 5).tolist() == [1, 2]
     height_m[7] = 0.0
     assert observe(contacts, height_m, 5).tolist() == [1, 2, 7]
+
+
+@pytest.mark.parametrize(("tilt_rad", "stand"), [(0.003, [0, 11]), (0.05, [0])])
+def test_frames_of_an_uncertain_attitude_do_not_add_up(tilt_rad, stand) -> None:
+    """A node is 1 mm above another, 0.22 m beside it, as is known to 0.7 or 11 mm, for ten frames."""
+    contacts = ContactsByHeight(Floor(0.0, UP), np.arange(12) < 1, PoseSettings())
+    height_m = np.where(np.arange(12) < 1, 0.0, 0.1)
+    height_m[11] = 0.001
+    assert observe(contacts, height_m, 10, tilt_rad).tolist() == stand
 
 
 def test_the_lowest_node_stands_unless_the_robot_is_seen_to_be_lifted() -> None:
