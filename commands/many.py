@@ -141,7 +141,7 @@ class Many:
         """Choose where the work is done, and give the number of workers; -1 is all of the cluster's."""
         scheduler = self._workers.scheduler
         if scheduler is None:
-            yield self._workers.jobs
+            yield min(self._workers.jobs, self._count)
             return
         from distributed import Client
 

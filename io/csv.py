@@ -42,7 +42,8 @@ class CsvFile:
     `name = value` pairs.
 
     Raises:
-        InputError: for a missing file or column, a wrong number of fields, or a cell that is not a finite number.
+        InputError: for a missing file or column, a column that stands twice, a wrong number of fields, or a cell that
+            is not a finite number.
     """
 
     path: Path
@@ -93,8 +94,11 @@ class CsvFile:
                 if len(header) == 1 and len(self.columns) > 1:
                     raise InputError(f"{self.path}: row {head.row}: expected columns with commas between, got {got}")
                 raise InputError(f"{self.path}: row {head.row}: column '{name}' is missing: got {got}")
-        index = [header.index(name) if name in header else None for name in (*self.columns, *self.optional)]
         names = (*self.columns, *self.optional)
+        for name in names:
+            if header.count(name) > 1:
+                raise InputError(f"{self.path}: row {head.row}: column '{name}': expected once, got it twice or more")
+        index = [header.index(name) if name in header else None for name in names]
         may_be_blank = frozenset(self.blank)
         limits = [largest(name) for name in names]
         blank_row: int | None = None

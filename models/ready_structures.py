@@ -29,6 +29,8 @@ SIX_STRUT_TENDON_PER_ROD = np.sqrt(3 / 8)
 """Tendon length over rod length of the regular six-strut tensegrity (parallel rods half a rod apart)."""
 
 
+MOST_STAGES = 200
+"""Largest number of stages of a tower: to find whether it is rigid takes seconds, and grows with their cube."""
 TWIST_RAD = np.deg2rad(150.0)
 """Turn of the upper triangle of a prism against the lower one, at which its tendons balance (Kenner, 1976)."""
 
@@ -89,10 +91,12 @@ def prism_tower(
         prestrain: strain at rest of the tendons of the lowest and the highest triangle, for equal stiffness.
 
     Raises:
-        InputError: when the rods are too short for the triangle, or there is no stage.
+        InputError: when the rods are too short for the triangle, or there is no stage, or more than `MOST_STAGES`.
     """
     radius_m = base_side_m / np.sqrt(3)
     height_squared = rod_length_m**2 - 2 * radius_m**2 * (1 - np.cos(TWIST_RAD))
+    if stages > MOST_STAGES:
+        raise InputError(f"prism_tower: expected at most {MOST_STAGES} stages, got {stages}")
     if stages < 1 or height_squared <= 0:
         shortest_m = radius_m * np.sqrt(2 * (1 - np.cos(TWIST_RAD)))
         raise InputError(

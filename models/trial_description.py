@@ -35,6 +35,9 @@ FAR_FROM_FLOOR_M = 0.01
 ASKEW_RAD = 0.2
 """Angle by which the centre of mass is away from hanging, beyond which a structure cannot be at rest: 11 degrees."""
 
+MOST_RANGE_PAIRS = 500
+"""Largest number of pairs of a beacon and a node: each has an offset in the state, and a frame takes its square."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialDescription:
@@ -193,6 +196,12 @@ def _robot(
     table: TrialTable, told: DescribedStructure, imus: tuple[Imu, ...]
 ) -> FreeStandingRobot | HangingRobot | None:
     structure = told.structure
+    beacons = sum(len(ranges.beacon_position_m) for ranges in table.range)
+    if beacons * structure.node_count > MOST_RANGE_PAIRS:
+        raise InputError(
+            f"range: expected at most {MOST_RANGE_PAIRS} pairs of a beacon and a node in all [[range]] tables, "
+            f"got {beacons} beacons for {structure.node_count} nodes"
+        )
     pairs = tuple(
         (recording, beacon, node)
         for recording, ranges in enumerate(table.range)

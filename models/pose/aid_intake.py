@@ -42,7 +42,7 @@ class AidIntake:
         rest_clock = RestClock(rest_seconds)
         self.imu_gate = ImuGate(imus, rest_clock)  # which counts the frames for the clock
         self.own_frames = OwnFrames(rest, own_frames, rest_clock, position_m)
-        self.use = AidUse(rest.node_position_m, ranges, positions, is_held=rest.structure.is_held)
+        self.use = AidUse(rest.node_position_m, imus, ranges, positions, is_held=rest.structure.is_held)
         """What is used of each recording."""
         self._filled_positions = FilledPositions()
         self._waiting: list[AidReading] = []

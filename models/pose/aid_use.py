@@ -1,4 +1,7 @@
-"""Whether ranges and positions are used: a recording without a single reading in use is told, with the likely cause."""
+"""Whether other sensors are used: a recording without a single reading in use is told, with the likely cause.
+
+Why samples of an inertial sensor that are of the time of the frames are not used, `ImuGate` tells.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,7 +13,7 @@ from numpy.typing import NDArray
 from ..structure.shape import Shape
 from ..values.aids import AidReading, ImuReading, PositionReading, RangeReading
 
-Kind = Literal["range", "position"]
+Kind = Literal["imu", "range", "position"]
 
 OLD_S = 1.0
 """Age of a reading from which it tells nothing of its frame; and time after which a recording without any is told."""
@@ -30,20 +33,24 @@ class _ReadAndUsed:
 
 
 class AidUse:
-    """Counts what is read and used of each recording of ranges and of positions in the world."""
+    """Counts what is read and used of each inertial sensor and recording of ranges or positions in the world."""
 
-    def __init__(self, rest_m: NDArray[np.float64], ranges: int, positions: Sequence[int], *, is_held: bool) -> None:
+    def __init__(
+        self, rest_m: NDArray[np.float64], imus: int, ranges: int, positions: Sequence[int], *, is_held: bool
+    ) -> None:
         """Begin with nothing read.
 
         Args:
             rest_m: (nodes, 3) the rest shape.
+            imus: number of inertial sensors.
             ranges: number of recordings of ranges.
             positions: the numbers of the recordings of positions in the world.
-            is_held: whether anchors hold the structure, so that none is used.
+            is_held: whether anchors hold the structure, so that neither ranges nor positions are used.
         """
         self._rest_m = rest_m
         self._is_held = is_held
-        numbers: list[tuple[Kind, int]] = [("range", number) for number in range(ranges)]
+        numbers: list[tuple[Kind, int]] = [("imu", number) for number in range(imus)]
+        numbers += [("range", number) for number in range(ranges)]
         numbers += [("position", number) for number in positions]
         self._recordings = {number: _ReadAndUsed() for number in numbers}
         self._reference: dict[int, PositionReading] = {}
@@ -75,14 +82,22 @@ class AidUse:
         first_s, last_s = self._span_s
         if not last_s - first_s > OLD_S:
             return {}
-        unused = {number: one for number, one in self._recordings.items() if one.used <= 0}
-        return {f"{kind} {number}": f"no reading used: {self._cause(one)}" for (kind, number), one in unused.items()}
+        causes = {
+            f"{kind} {number}": self._cause(kind, one)
+            for (kind, number), one in self._recordings.items()
+            if one.used <= 0
+        }
+        return {name: f"no reading used: {cause}" for name, cause in causes.items() if cause}
 
-    def _cause(self, recording: _ReadAndUsed) -> str:
+    def _cause(self, kind: Kind, recording: _ReadAndUsed) -> str:
+        """Return why nothing of a recording was used; empty where that is told elsewhere."""
         first_s, last_s = self._span_s
-        if self._is_held:
+        is_of_the_time = recording.read > 0 and first_s - OLD_S < recording.first_s <= last_s
+        if kind == "imu" and is_of_the_time:
+            return ""
+        if kind != "imu" and self._is_held:
             return "anchors hold the structure where they are"
-        if not recording.read or not first_s - OLD_S < recording.first_s <= last_s:
+        if not is_of_the_time:
             its = f", its first is at {recording.first_s:.2f} s" if recording.read else ""
             return f"none is of the time of the frames, {first_s:.2f} to {last_s:.2f} s{its}: is t_s of the same clock?"
         ratio = float(np.median(recording.ratios)) if recording.ratios else 1.0
@@ -94,7 +109,7 @@ class AidUse:
     def _of(self, reading: AidReading) -> _ReadAndUsed | None:
         """Return the recording of a reading; None of what is not counted."""
         if isinstance(reading, ImuReading):
-            return None
+            return self._recordings["imu", reading.imu]
         if isinstance(reading, RangeReading):
             return self._recordings["range", reading.pair[0]]
         return self._recordings.get(("position", reading.recording))

@@ -3,6 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+LEAST_M = 1e-12
+"""Distance of two nodes below which they are at one place: the direction between them, and the derivative, are zero."""
+
 
 def member_length_m(node_position_m: ArrayLike, members: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return (..., members) lengths |x_b - x_a| at (..., nodes, 3) positions; members are (members, 2) node pairs."""
@@ -33,7 +36,7 @@ def length_and_jacobian(
     position = np.asarray(node_position_m, dtype=np.float64)
     difference = position[..., members[:, 1], :] - position[..., members[:, 0], :]
     length = np.linalg.norm(difference, axis=-1)
-    unit = difference / length[..., None]
+    unit = difference / np.maximum(length, LEAST_M)[..., None]
     jacobian = np.zeros((*position.shape[:-2], len(members), *position.shape[-2:]))
     row = np.arange(len(members))
     jacobian[..., row, members[:, 1], :] = unit

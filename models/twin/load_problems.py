@@ -11,6 +11,9 @@ from .loads import Hold, Press, RandomPresses, RandomTimes, Squeeze
 from .plan import Plan
 from .spread_loads import RandomHugs, RandomShakes, RandomTips, WindPlan
 
+MOST_LOADS = 2000
+"""Largest number of loads that a table may draw: each step of the integration asks all of them. A press each second is
+1800 of them in half an hour."""
 STEPS_A_CYCLE = 20
 """Fewest steps of the integration in one cycle of a shake."""
 Load = Press | Squeeze | Hold | RandomPresses | RandomHugs | RandomShakes | RandomTips | WindPlan
@@ -64,6 +67,9 @@ def _problems_of_random(key: str, load: RandomTimes, plan: Plan) -> Iterator[tup
         yield from _problems_of_range(key, name, getattr(load, name))
     if load.duration_s[0] < plan.mechanics.step_s:
         yield f"{key}.duration_s", f"expected mechanics.step_s or more, got {load.duration_s[0]:g}"
+    most = (load.until_s - load.from_s) / (load.pause_s[0] + load.duration_s[0])
+    if most > MOST_LOADS:
+        yield f"{key}.duration_s", f"expected pauses and durations for {MOST_LOADS} loads at most, got {most:.0f}"
     if load.ramp_share > 0.5:
         yield f"{key}.ramp_share", f"expected at most 0.5, got {load.ramp_share}"
     if load.from_s + load.pause_s[0] + load.duration_s[0] >= load.until_s or load.until_s > plan.duration_s:

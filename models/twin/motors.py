@@ -16,6 +16,9 @@ from ..values.errors import InputError
 from ..values.readings import NaturalLengthReading
 from ..values.tables import NotNegative, Positive
 
+LARGEST_NOISE = 0.1
+"""Largest noise of what a motor tells, as a share of the strip: no natural length that it tells is below 0."""
+
 
 @dataclass(frozen=True, slots=True)
 class MotorPlan:
@@ -114,6 +117,9 @@ def problems_of_motors(
         if steps_s[0] < 0 or steps_s[-1] <= 0 or (steps_s[1:] <= 0).any():
             expected = f"expected rising times from rest.seconds = {rest_seconds} to duration_s = {duration_s}"
             yield f"{here}.at_s", f"{expected}, got {motor.at_s}"
+        largest_m = LARGEST_NOISE * motor.strip_length_m
+        if motor.noise_m > largest_m:
+            yield f"{here}.noise_m", f"expected at most {largest_m:.3g}, a tenth of the strip, got {motor.noise_m:g}"
         string_m = float(structure.natural_length_m[motor.tendons].min()) - motor.strip_length_m
         if motor.change_m and min(motor.change_m) < -string_m:
             yield f"{here}.change_m", f"expected at least {-string_m:.5g}, all of the string, got {min(motor.change_m)}"

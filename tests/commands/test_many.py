@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from joblib import Parallel
 
 from command_line import SCREEN, run
 from deaths import Letter, write_letter
@@ -127,6 +128,21 @@ def test_a_job_at_which_processes_die_takes_no_other_with_it(tmp_path, capsys) -
     assert "d: d: expected a letter" in said
     assert "e: ZeroDivisionError: by zero" in said
     assert "3 of 7 failed" in said
+
+
+def test_no_more_processes_are_asked_for_than_there_are_jobs(tmp_path, monkeypatch) -> None:
+    """A million of them for two jobs: each would have been started."""
+    asked: list[int] = []
+
+    class Counted(Parallel):
+        def __init__(self, n_jobs: int, **options) -> None:
+            asked.append(n_jobs)
+            super().__init__(n_jobs=n_jobs, **options)
+
+    monkeypatch.setattr("tensegraph.commands.many.Parallel", Counted)
+    many = Many(Workers(1_000_000), Terminal(quiet=True))
+    made = dict(many.each(write_letter, {name: Letter(tmp_path / name, "text") for name in "ab"}, "letters"))
+    assert (sorted(made), asked) == (["a", "b"], [2])
 
 
 def test_one_job_is_done_here_and_its_error_is_the_command_s(tmp_path) -> None:

@@ -118,6 +118,9 @@ REFUSED_TABLES = {
     "position[0].frame: input should be 'world' or 'own', got 'lab'": lambda text: text.replace(
         "[[imu]]", '[[position]]\nfile = "positions.csv"\nframe = "lab"\n\n[[imu]]'
     ),
+    "range: expected at most 500 pairs of a beacon and a node in all [[range]] tables, got 42 beacons": lambda text: (
+        text + '[[range]]\nfile = "ranges.csv"\nbeacon_position_m = [' + 42 * "[1.0, 1.0, 1.0], " + "]\n"
+    ),
     "[[imu]]: expected [ground]": lambda text: text.replace("[ground]", "[grounds]"),
     "rest: expected seconds above 0 and node_position_m with [ground]": lambda text: text.replace(
         "seconds = 2.0", "seconds = 0.0"

@@ -74,6 +74,7 @@ def test_a_table_as_spreadsheets_and_r_write_it(tmp_path) -> None:
         ("a,b\n1,2\n\n3,4\n", "row 3: expected 2 fields, got a blank line"),
         ("a,b\n1,5,2,5\n", r"row 2: expected 2 fields, got 4: is a decimal point a comma\?"),
         ("a\n", "row 1: column 'b' is missing: got a"),
+        ("a,b,a\n1,2,3\n", "row 1: column 'a': expected once, got it twice or more"),
     ],
 )
 def test_what_is_no_table_is_said(tmp_path, content, message) -> None:

@@ -10,6 +10,14 @@ from tensegraph import InputError
 from tensegraph.io.plan_file import plan_files, read_plan
 
 
+def test_loads_without_number_are_refused(tmp_path) -> None:
+    """Each of 0.01 s, without pauses, from 2 to 29 s: 2700, of which each step of the integration would ask all."""
+    short = (("duration_s = [1.8, 3.8]", "duration_s = [0.01, 3.8]"), ("pause_s = [0.4, 1.3]", "pause_s = [0, 1.3]"))
+    (tmp_path / "plan.toml").write_text(replaced(PLANS["press"].read_text(), *short))
+    with pytest.raises(InputError, match=r"load.random\[0\].duration_s: .* for 2000 loads at most, got 2700"):
+        read_plan(tmp_path / "plan.toml")
+
+
 @pytest.mark.parametrize("name", sorted(PLANS))
 def test_the_examples_are_plans(name) -> None:
     plan = read_plan(PLANS[name])

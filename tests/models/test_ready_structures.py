@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tensegraph import InputError, Structure, saddle_tower
+from tensegraph import InputError, Structure, prism_tower, saddle_tower
 from tensegraph.models.balance.statics import Statics
 from tensegraph.models.structure.form_finding import find_rest_shape
 from tensegraph.models.structure.lengths import length_jacobian
@@ -55,3 +55,9 @@ class TestSaddleTower:
 def test_sizes_without_balance_are_refused(side_m: float, overlap: float, prestrain: float) -> None:
     with pytest.raises(InputError, match=r"saddle_tower: no tower of rods of 0\.3 m"):
         saddle_tower(0.3, side_m, overlap=overlap, prestrain=prestrain)
+
+
+@pytest.mark.parametrize("stages", [0, 201, 10**11])
+def test_a_tower_without_stages_or_with_too_many_is_refused(stages) -> None:
+    with pytest.raises(InputError, match=rf"prism_tower: expected at (least 1|most 200) stages?.*, got {stages}"):
+        prism_tower(stages, 0.3, 0.15)

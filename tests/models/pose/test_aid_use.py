@@ -7,7 +7,7 @@ import pytest
 
 from tensegraph.models.pose.aid_use import AidUse
 from tensegraph.models.structure.shape import Shape, Status
-from tensegraph.models.values.aids import AidReading, PositionReading, RangeReading
+from tensegraph.models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 
 BEACON_M = np.array([3.0, 0, 0])
 X = 0.15 * np.random.default_rng(3).standard_normal((12, 3))
@@ -19,7 +19,7 @@ def shape(rest, structure, lengths_of) -> Shape:
 
 
 def test_a_beacon_where_a_node_rests_has_no_ratio(shape) -> None:
-    use = AidUse(X, 1, (), is_held=False)
+    use = AidUse(X, 0, 1, (), is_held=False)
     use.read(RangeReading(0.0, X[2], (0, 0, 2), 0.05))
     use.observe(shape)
     use.observe(replace(shape, t_s=2.0))
@@ -28,7 +28,7 @@ def test_a_beacon_where_a_node_rests_has_no_ratio(shape) -> None:
 
 def lines(shape: Shape, readings: list[AidReading], used: bool = False, is_held: bool = False) -> dict[str, str]:
     """Return what is told of a range and a recording of positions after two seconds of frames."""
-    use = AidUse(X, 1, (0,), is_held=is_held)
+    use = AidUse(X, 0, 1, (0,), is_held=is_held)
     for reading in readings:
         use.read(reading)
     for t_s in (0.0, 1.0, 2.0):
@@ -69,3 +69,17 @@ def test_what_contradicts_is_told_with_its_number(shape) -> None:
 
 def test_a_structure_that_anchors_hold_uses_none(shape) -> None:
     assert "anchors hold" in lines(shape, read(), used=True, is_held=True)["range 0"]
+
+
+@pytest.mark.parametrize("is_held", [False, True])
+@pytest.mark.parametrize(("late_s", "is_told"), [(0.0, False), (3600.0, True), (-3600.0, True), (None, True)])
+def test_an_inertial_sensor_of_another_clock_is_told(shape, is_held, late_s, is_told) -> None:
+    """Or one that is silent; also on anchors, where a base that moves is told by it."""
+    use = AidUse(X, 1, 0, (), is_held=is_held)
+    samples = () if late_s is None else (ImuReading(0, late_s + 0.5, np.zeros(3), np.zeros(3)),)
+    for sample in samples:
+        use.read(sample)
+    for t_s in (0.0, 1.0, 2.0):
+        aids = tuple(one for one in samples if t_s - 1 < one.t_s <= t_s)
+        use.observe(replace(shape, t_s=t_s, lengths=replace(shape.lengths, aids=aids)))
+    assert ("is t_s of the same clock?" in use.lines().get("imu 0", "")) == is_told

@@ -81,6 +81,11 @@ def test_a_slack_tendon_pushes_back_from_its_new_natural_length() -> None:
 
 
 REFUSED = [
+    (
+        "noise_m = 0.00005      ",
+        "noise_m = 0.1      ",
+        r"motor\[0\].noise_m: expected at most 0.013, a tenth of the strip, got 0.1",
+    ),
     ("tendons = [15, 20, 23]", "tendons = [15, 20, 99]", r"motor\[0\].tendons: expected tendons from 0 to 23, got 99"),
     ("tendons = [15, 20, 23]", "tendons = [15, 20, 12]", r"motor\[1\].tendons: tendon 12 has a motor already"),
     ("at_s = [3.0, 7.0, 12.0]", "at_s = [3.0, 2.5, 12.0]", r"motor\[0\].at_s: expected rising times from rest.seconds"),
