@@ -32,9 +32,10 @@ LANDED_SIGMA = 2.0
 LIFTED_M = 0.01
 """Least such height."""
 EXACT_M = 0.003
-"""Standard deviation of a node's height over the lowest one, up to which a frame counts in full. Where it is larger,
-the attitude is uncertain, whose error lasts: as many frames as make up for it count once. After 0.1 s without samples
-in a tip, three nodes seemed to stand of which one did, and a robot with six sensors was 136 mm off in place of 16."""
+"""Standard deviation of a node's height over the lowest one, up to which a frame counts in full. A larger one is due to
+the attitude, whose error lasts: frames then count in proportion to the inverse of the variance. Where each counted in
+full, after 0.1 s without samples in a tip, three nodes seemed to stand of which one did, and a robot with six sensors
+was 136 mm off in place of 16."""
 HYSTERESIS = 0.2
 """A node is put on the floor above, and lifted below, the probability of a half by this difference."""
 
