@@ -17,8 +17,9 @@ from ..models.values.errors import InputError, TensegraphError, needs_extra, one
 Job = TypeVar("Job")
 Made = TypeVar("Made")
 
-ADDRESS = re.compile(r"tcp://[^\s/@]+:\d{1,5}")
-"""Address of a scheduler; other transports need certificates, or are of one process."""
+ADDRESS = re.compile(r"tcp://[^\s/@]+:(\d{1,5})")
+"""Address of a scheduler, with its port; other transports need certificates, or are of one process."""
+LAST_PORT = 65535
 DIED = "its process died while no other job was being done: is there enough memory?"
 
 
@@ -38,7 +39,8 @@ class Workers:
     def __post_init__(self) -> None:
         if self.scheduler is not None and self.jobs != 1:
             raise InputError("--jobs and --scheduler: expected one of them, got both")
-        if self.scheduler is not None and not ADDRESS.fullmatch(self.scheduler):
+        address = ADDRESS.fullmatch(self.scheduler or "")
+        if self.scheduler is not None and not (address and int(address[1]) <= LAST_PORT):
             raise InputError(f"--scheduler: expected tcp://HOST:PORT, got '{self.scheduler}'")
 
     def place(self, path: Path) -> Path:

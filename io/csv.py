@@ -136,6 +136,8 @@ class CsvFile:
             value = float(cell) if cell.strip() or not may_be_blank else math.nan
         except ValueError:
             value = math.inf
+        if "_" in cell:  # 1_000 is a number to Python alone
+            value = math.inf
         if abs(value) <= limit or (may_be_blank and math.isnan(value)):
             return value
         if math.isfinite(value):

@@ -170,6 +170,7 @@ def test_a_worker_with_other_code_is_refused(tmp_path, monkeypatch) -> None:
         (("--jobs", "2", "--scheduler", "tcp://x:1"), "--jobs and --scheduler: expected one of them, got both"),
         (("--scheduler", "nonsense://x"), "--scheduler: expected tcp://HOST:PORT, got 'nonsense://x'"),
         (("--scheduler", ""), "--scheduler: expected tcp://HOST:PORT, got ''"),
+        (("--scheduler", "tcp://x:65536"), "--scheduler: expected tcp://HOST:PORT, got 'tcp://x:65536'"),
     ],
 )
 def test_workers_that_cannot_be_are_one_line(one_by_one, options, message) -> None:

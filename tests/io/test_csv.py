@@ -39,6 +39,13 @@ def test_an_error_shows_the_beginning_of_a_long_cell(tmp_path) -> None:
         list(CsvFile(tmp_path / "a.csv", ["t_s"]))
 
 
+@pytest.mark.parametrize("cell", ["0.1_3889", "1_000", "_", "0x1F", "1e", "--1"])
+def test_what_is_a_number_to_a_program_alone_is_none(tmp_path, cell) -> None:
+    (tmp_path / "a.csv").write_text(f"t_s\n{cell}\n")
+    with pytest.raises(InputError, match=f"row 2, column t_s: expected a finite number, got '{cell}'"):
+        list(CsvFile(tmp_path / "a.csv", ["t_s"]))
+
+
 def test_a_number_that_may_be_infinite_has_a_range_too(tmp_path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("fx_n\n-inf\n-4e305\n")
