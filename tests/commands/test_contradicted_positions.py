@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from command_line import run
-from plan_edits import replaced
+from plan_edits import SHORT_REST, replaced
 from roll import roll
 from tensegraph import load
 from tensegraph.io.positions import read_positions
@@ -20,7 +20,7 @@ SEEN = (2, 4, 9, 11)
 def write_trial(path: Path) -> None:
     """The first seconds of an example, with positions of four nodes: one absurd, two exchanged, one frozen in turn."""
     table = '\n[[position]]\nfile = "positions.csv"\n'
-    roll(path, 2.4, lambda text: replaced(text, ("seconds = 2.0", "seconds = 1.0")) + table)
+    roll(path, 2.4, lambda text: replaced(text, SHORT_REST) + table)
     truth = read_positions(path / "truth.csv", 12)
     y = truth.node_position_m + 5e-4 * np.random.default_rng(1).standard_normal(truth.node_position_m.shape)
     t_s = truth.t_s

@@ -12,7 +12,7 @@ import pytest
 import tensegraph as tg
 from command_line import run, run_process
 from installed import SOURCE, install
-from plan_edits import replaced
+from plan_edits import SHORT_REST, replaced
 from tensegraph.models.plug_ins import PlugInWarning, plug_ins
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -154,7 +154,7 @@ def test_a_sensor_model_is_a_model(own_parts, trial_copy, tmp_path) -> None:
 def test_a_sensor_model_of_another_package_serves_a_rig(own_parts, example, pty_boards, tmp_path) -> None:
     """By its name in `record` and `tg.Boards` as in `live`; while the sensors are tared, the boards send one code."""
     text = (example.parent / "rig.toml").read_text()
-    (tmp_path / "rig.toml").write_text(replaced(text, ("seconds = 2.0", "seconds = 1.0")))
+    (tmp_path / "rig.toml").write_text(replaced(text, SHORT_REST))
     boards = [pty_boards(name, k) for k, name in enumerate(("zero", "one"))]
     for board in boards:
         board.codes = lambda: (512,) * 12

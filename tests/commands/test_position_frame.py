@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from command_line import run
-from plan_edits import replaced
+from plan_edits import SHORT_REST, replaced
 from roll import roll
 from tensegraph.io.positions import read_positions
 from tensegraph.models.values.rotations import rotation, rotation_vector
@@ -22,7 +22,7 @@ CAPTURES = '\n[[position]]\nfile = "seen.csv"\nframe = "own"\n\n[[position]]\nfi
 @pytest.fixture
 def trial(tmp_path) -> Path:
     """The first seconds of an example, with two captures: of four nodes, and of nodes that are hidden at rest."""
-    path = roll(tmp_path / "roll", 1.6, lambda text: replaced(text, ("seconds = 2.0", "seconds = 1.0")) + CAPTURES)
+    path = roll(tmp_path / "roll", 1.6, lambda text: replaced(text, SHORT_REST) + CAPTURES)
     truth = read_positions(path / "truth.csv", 12)
     noise_m = 5e-4 * np.random.default_rng(1).standard_normal(truth.node_position_m.shape)
     y = (truth.node_position_m + noise_m - ORIGIN_M) @ TURN

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from command_line import run
-from plan_edits import replaced
+from plan_edits import SHORT_REST, replaced
 from roll import roll
 from tensegraph import Settings, load, open_trial
 from tensegraph.io.model_file import read_sensor_model
@@ -40,7 +40,7 @@ def write_trial(path: Path, wrong_m: np.ndarray) -> None:
         path: of the trial.
         wrong_m: (3, 4) the map from true positions to those that are told.
     """
-    roll(path, 1.6, lambda text: replaced(text, ("seconds = 2.0", "seconds = 1.0")) + TABLES)
+    roll(path, 1.6, lambda text: replaced(text, SHORT_REST) + TABLES)
     truth = read_positions(path / "truth.csv", 12)
     for name, late_s in (("wrong", 0), ("late", 3600)):
         told_m = truth.node_position_m @ wrong_m[:, :3].T + wrong_m[:, 3]

@@ -20,7 +20,7 @@ import pytest
 import tensegraph
 import undrawn_command
 from command_line import start
-from plan_edits import PLANS, replaced
+from plan_edits import PLANS, SHORT_REST, replaced
 from tensegraph import BoardReading, open_trial
 from tensegraph.cli import main
 from tensegraph.estimator.smoother import LiveSmoother
@@ -183,7 +183,7 @@ def began(process: subprocess.Popen, trial: Path, rows: int = 0) -> None:
 def test_ctrl_c_leaves_a_whole_result_and_trial(tmp_path, rig, emulated) -> None:
     """Emulated boards at 50 Hz: recorded without a gap, and offline gives the same shapes as live did."""
     ports = [word for board in emulated for word in ("--port", board.port)]
-    rig.write_text(replaced(rig.read_text(), ("seconds = 2.0", "seconds = 1.0")))
+    rig.write_text(replaced(rig.read_text(), SHORT_REST))
     process = start("live", "--rig", rig, *ports, "--record", "first", "--out", "live", cwd=tmp_path)
     began(process, tmp_path / "first", rows=110)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of the group

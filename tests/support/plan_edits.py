@@ -19,6 +19,8 @@ SHORT = (
     ("step_s = 0.001 ", "step_s = 0.002 "),
 )
 """Six seconds of the press plan, in half of the steps: nodes are within 0.04 mm of where they would be."""
+SHORT_REST = ("seconds = 2.0", "seconds = 1.0")
+"""One second of rest in place of two, of a trial, a rig or a plan."""
 
 DRIFT = """[drift]
 from_s = 1.0

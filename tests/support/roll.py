@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plan_edits import replaced
+from plan_edits import SHORT_REST, replaced
 from trial_edits import cut
 
 ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
@@ -26,7 +26,7 @@ def soon_tipped(folder: Path, until_s: float = np.inf, edit=lambda text: text) -
 
     What was recorded from 1 to 3 s, while it stood still, is left out, and all clocks count on from there.
     """
-    roll(folder, until_s + LEFT_OUT_S, lambda text: edit(replaced(text, ("seconds = 2.0", "seconds = 1.0"))))
+    roll(folder, until_s + LEFT_OUT_S, lambda text: edit(replaced(text, SHORT_REST)))
     for file in folder.glob("*.csv"):
         header, *rows = file.read_text().splitlines(keepends=True)
         stamp_s = np.array([float(row.split(",")[0]) for row in rows])

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plan_edits import replaced
+from plan_edits import SHORT_REST, replaced
 from roll import roll
 from tensegraph import Reconstruction, Settings, open_trial
 from tensegraph.io.model_file import read_sensor_model
@@ -20,7 +20,7 @@ TURNED = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 def until_after_the_rest(folder: Path) -> Path:
     """Return a copy of the first 1.5 s of the shipped trial, 1 s of them as rest, with 10 Hz of motion capture."""
     own = '\n[[position]]\nframe = "own"\nfile = "positions.csv"\n'
-    roll(folder, 1.5, lambda text: replaced(text, ("seconds = 2.0", "seconds = 1.0")) + own)
+    roll(folder, 1.5, lambda text: replaced(text, SHORT_REST) + own)
     truth = read_positions(folder / "truth.csv", 12)
     write_positions(folder / "positions.csv", truth.t_s[::5], truth.node_position_m[::5] @ TURNED, SEEN)
     return folder
