@@ -71,7 +71,9 @@ class AidIntake:
 
     def warnings(self) -> dict[str, str]:
         """Return what looks wrong of sensors and recordings, by their names."""
-        return self.imu_gate.warnings() | self.use.lines()
+        of_samples, unused = self.imu_gate.warnings(), self.use.lines()
+        names = of_samples | unused
+        return {name: "; ".join(texts[name] for texts in (unused, of_samples) if name in texts) for name in names}
 
     def counts(self) -> dict[str, int]:
         """Return how many readings were left out, by what they are of and why."""
