@@ -98,10 +98,10 @@ def _in_metres(
         path: of the file, for the error text.
 
     Raises:
-        InputError: when the first `FIRST_ROWS` rows are all `OTHER_UNIT` times as long as at rest, or more.
+        InputError: when the first `FIRST_ROWS` rows are all about `OTHER_UNIT` times as long as at rest, or more.
     """
     first = list(islice(readings, FIRST_ROWS))
-    if first and all(row.natural_length_m >= OTHER_UNIT * natural_length_m[row.tendon] for row in first):
+    if first and all(row.natural_length_m >= 0.9 * OTHER_UNIT * natural_length_m[row.tendon] for row in first):
         raise InputError(
             f"{path}: column natural_length_m: expected lengths like that of tendon {first[0].tendon} at rest, "
             f"{natural_length_m[first[0].tendon]:.3g} m, got {first[0].natural_length_m:.3g} m: is the unit right?"

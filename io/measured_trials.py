@@ -45,7 +45,7 @@ def read_measured(path: Path, made_from: str | None) -> list[Measured] | None:
         return None
     try:
         about = _about(path)
-    except (ValueError, KeyError, BadZipFile):  # no file of ours
+    except (ValueError, KeyError, EOFError, BadZipFile):  # no file of ours, or none that was written to its end
         return None
     if about[FINGERPRINT] != made_from:
         return None

@@ -30,6 +30,8 @@ CLOCK_RATE = 1e-4
 """Standard deviation of the rate error of one quartz clock against another, before the motion is looked at."""
 CLUSTER_S = 2.0
 """Residuals this far apart are taken as independent: presses, and the errors of an estimate with them, last so long."""
+LEFT_OVER_WEIGHT = 2.0
+"""Weight of what an offset leaves over: one that leaves more than a third of the motion over explains nothing."""
 MISTAKEN = 5.0
 """Residual, in robust standard deviations, above which a signal is left out: a marker that was taken for another."""
 
@@ -112,13 +114,13 @@ class OffsetSearch:
     """How well offsets explain the motion."""
 
     offset_s: float
-    """The offset that explains most of it."""
+    """The offset that explains it best."""
     explained_m2: float
     """Sum of squares of the estimate's signals about their means that the capture explains at this offset."""
     unexplained_m2: float
     """Sum of squares that is left over at this offset."""
     other_offset_s: float
-    """The next best offset, `APART_S` or more away; nan where there is none."""
+    """The offset that explains most of it `APART_S` or more away; nan where there is none."""
     other_explained_m2: float
 
     @property
@@ -150,17 +152,18 @@ def moving_pairs(position_m: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def search_offset(estimated: MotionSignals, captured: MotionSignals) -> OffsetSearch:
-    """Return the offset at which the captured motion m explains most of the estimated motion e.
+    """Return the offset at which the captured motion m explains most of the estimated motion e, and leaves little over.
 
     At each lag, over the time that both cover, m explains sum (e - mean e)^2 - sum (e - m - mean (e - m))^2 =
-    2 S_em - S_mm, with S the sums of products about the means. A lag at which little is in common, or both are still,
-    explains little.
+    2 S_em - S_mm, with S the sums of products about the means, and leaves S_ee - 2 S_em + S_mm over. A lag at which
+    little is in common, or both are still, explains little. What is left over counts `LEFT_OVER_WEIGHT` times: a
+    capture that ends in a press would explain more of the estimate if it were later, but not well.
     """
     e, m = estimated.signal_m, captured.signal_m
     s_em, s_mm, s_ee = _products_about_means(_about_mean(e), _about_mean(m))
     explained = 2 * s_em - s_mm
     offsets_s = estimated.t_s[0] - captured.t_s[0] + STEP_S * (np.arange(len(explained)) - len(m) + 1)
-    best = int(np.argmax(explained))
+    best = int(np.argmax(explained - LEFT_OVER_WEIGHT * (s_ee - explained)))
     peaks = 1 + np.flatnonzero((explained[1:-1] > explained[:-2]) & (explained[1:-1] > explained[2:]))
     others = peaks[np.abs(offsets_s[peaks] - offsets_s[best]) >= APART_S]
     other = others[np.argmax(explained[others])] if len(others) else None

@@ -17,8 +17,7 @@ from .statistics import of_known
 from .truth import CaptureFit, MarkedNode
 
 CLOCK_OFF_S = 0.15
-"""Offset above which stamped positions seem to be on another clock: an estimate is late by 0.05 s, as long as a step of
-the search."""
+"""Offset above which stamped positions seem to be on another clock: an estimate is late by 0.05 s."""
 ROD_APART = 0.15
 """Share of a rod's length by which it is not as long in the truth: its nodes are others."""
 PLACED_S = 1.0
@@ -104,10 +103,10 @@ def other_offset_s(t_s: NDArray[np.float64], node_m: NDArray[np.float64], estima
         estimate: shapes on the host's clock.
     """
     try:
-        search = search_offset(*_motions(t_s, node_m, estimate))
+        offset_s = find_clock(t_s, node_m, estimate).offset_s
     except InputError:  # it is too short, or of a single node
         return np.nan
-    return search.offset_s if search.is_clear and abs(search.offset_s) > CLOCK_OFF_S else np.nan
+    return offset_s if abs(offset_s) > CLOCK_OFF_S else np.nan
 
 
 def node_positions(tracks: MarkerTracks, marked: tuple[MarkedNode, ...], structure: Structure) -> NDArray[np.float64]:

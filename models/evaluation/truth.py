@@ -129,7 +129,7 @@ def known_faults(truth: TruthTable, trial: TrialDescription, where: str) -> tupl
     faults = []
     for index, fault in enumerate(truth.fault):
         name = f"{where}: truth.fault[{index}]"
-        if fault.until_s < fault.from_s:
+        if not fault.from_s <= fault.until_s:
             raise InputError(f"{name}: expected until_s at from_s = {fault.from_s} or later, got {fault.until_s}")
         if fault.tendon is not None and fault.board is None:
             if not 0 <= fault.tendon < tendons:

@@ -64,6 +64,11 @@ def test_a_row_that_cannot_be_is_refused(message, wound) -> None:
 MILLIMETRES = "t_s,tendon,natural_length_m,sigma_m\n0.0,3,170,0.1\n0.0,7,170,0.1\n0.02,3,169,0.2\n"
 
 
+def test_centimetres_are_refused_where_strips_were_wound_up_a_little(wound) -> None:
+    with pytest.raises(InputError, match=r"got 16.5 m: is the unit right"):
+        list(open_trial(wound(MILLIMETRES.replace("170", "16.5").replace("169", "16.4"))).readings())
+
+
 def test_millimetres_are_refused_in_one_line_that_asks_for_the_unit(wound) -> None:
     path = wound(MILLIMETRES)
     result = run("reconstruct", path.name, "--figures", "none", cwd=path.parent)

@@ -67,6 +67,19 @@ def test_a_rate_error_is_found_in_a_long_trial() -> None:
         assert clock.offset_s == pytest.approx(offset_s, abs=0.002)
 
 
+@pytest.mark.parametrize("ends_s", [3.2, 3.5, 4.0])
+def test_a_capture_that_ends_in_a_press_is_not_taken_for_later(ends_s: float) -> None:
+    """Later by 0.5 s, it would explain more of the press that the estimate shows whole, but not well."""
+    host_s = np.arange(0, 8, 0.02)
+    position_m = np.zeros((len(host_s), 3, 3))
+    position_m[:, 1, 0] = 0.2 - 0.01 * np.clip(host_s - 2.3, 0, 2) ** 2
+    position_m[:, 2, 1] = 0.3
+    seen = host_s < ends_s
+    estimated = MotionSignals.of_distances(host_s, position_m, PAIRS)
+    search = search_offset(estimated, MotionSignals.of_distances(host_s[seen], position_m[seen], PAIRS))
+    assert 0 <= search.offset_s < 0.25
+
+
 def test_what_repeats_tells_no_offset() -> None:
     host_s = np.arange(0, 60, 0.02)
     position_m = np.zeros((len(host_s), 3, 3))
