@@ -4,7 +4,7 @@ Two explanations are compared with the model, each as regimes of a hidden Markov
 
 - Many nodes are loaded at once (hands that hug, wind, inertia), in place of a few. In the model a few nodes have a load
   of sigma_L and all others balance to sigma_q; with many, all nodes have loads of one of several strengths.
-- All lengths are k times less exact than their sigmas say (k = 1 in the model).
+- All lengths are k times less exact than their sigmas say (k = 1 in the model; below 1 they are more exact).
 
 A regime i says which variances the balance of forces and the lengths have. Its evidence in one frame is, with the
 factors linearised at the estimate x, H_i the Hessian of all factors, H_i0 that without the lengths, and E_i, E_i0 the
@@ -34,12 +34,17 @@ FEW = 6
 """Number of explanations by a few loads: by none, by the node with the largest unbalanced force, by the two with ..."""
 OVER_QUIET = np.array([1.0, 10 / 3, 20 / 3, 40 / 3])
 """Standard deviations of the loads, when many nodes are loaded, over that of the balance without any (`quiet_n`)."""
-SCALES = np.array([0.8, 1.0, 2.0, 4.0, 8.0, 16.0])
+SCALES = np.array([0.4, 0.55, 0.75, 1.0, 2.0, 4.0, 8.0, 16.0])
 """The factors k by which the sigmas of all lengths may be wrong."""
 PER_SQUARE = SCALES**-2
 """1 / k^2."""
 EXACT = SCALES <= 1
 """Which of them mean that the lengths are as exact as their sigmas say, or more."""
+SHARE_OF_EXACT = np.array([0.05, 0.1, 0.25, 0.6])
+"""The prior shares of these: without evidence the sigmas are right."""
+LEAST_WEIGHED = 0.8
+"""Least factor of the sigmas with which lengths are weighed against forces: with 1, slack structures are 10 % further
+off, and without it pressed ones, because forces are more exact than their sigma as well then."""
 WIDEST_M = 1.0
 """Standard deviation of the shape prior in the comparison, where the graph has none."""
 SHAKEN = int(Flag.SHAKEN)
@@ -60,11 +65,14 @@ class Doubt:
     many_loads_n: float = 0.0
     """Standard deviation of these loads."""
     length_scale: float = 1.0
-    """Factor of the sigmas of all lengths: one over the root mean square of 1 / k."""
+    """Factor of the sigmas of all lengths: one over the root mean square of 1 / k, at least `LEAST_WEIGHED`."""
     inexact: float = 0.0
     """Probability that the lengths are less exact than their sigmas say."""
     reason: Reason | None = None
     """The explanation that is more probable than the model; None when there is none."""
+    error_scale: float = 1.0
+    """Factor of the errors of a frame over what its covariance says: the root mean square of k up to 1, over
+    `length_scale`; 1 where there is a reason to doubt."""
 
 
 class ModelDoubt:
@@ -74,9 +82,9 @@ class ModelDoubt:
         self._builder = builder
         self._settings = settings
         self._loads = Regimes(np.array([1 - settings.many_share, settings.many_share]), settings.many_memory_s)
-        inexact = settings.inexact_share / np.sum(~EXACT)
-        exact = (1 - settings.inexact_share) / np.sum(EXACT)
-        self._scale = Regimes(np.where(EXACT, exact, inexact), settings.inexact_memory_s)
+        prior = np.full(len(SCALES), settings.inexact_share / np.sum(~EXACT))
+        prior[EXACT] = (1 - settings.inexact_share) * SHARE_OF_EXACT
+        self._scale = Regimes(prior, settings.inexact_memory_s)
         self._updated_s = np.nan
         self._shaken = False
         self.kept: list[tuple[float, NDArray[np.float64], NDArray[np.float64]]] | None = None
@@ -138,7 +146,9 @@ class ModelDoubt:
         many_loads = float(loads[1])
         many_loads_n = self._settings.many_loads_n
         inexact = float(scales[~EXACT].sum())
-        length_scale = float(1 / np.sqrt(scales @ PER_SQUARE))
+        length_scale = max(float(1 / np.sqrt(scales @ PER_SQUARE)), LEAST_WEIGHED)
+        square = float(scales[EXACT] @ SCALES[EXACT] ** 2 / scales[EXACT].sum())
+        error_scale = min(np.sqrt(square) / length_scale, 1.0)
         reason = None
         if shaken:  # inertia loads every node
             many_loads = 1.0
@@ -151,15 +161,15 @@ class ModelDoubt:
         elif self._builder.rest.is_doubted:
             reason = Reason.GEOMETRY
         if reason is not None:  # then the readings are no evidence that lengths are more exact than their sigmas say
-            length_scale = max(length_scale, 1.0)
-        return Doubt(many_loads, many_loads_n, length_scale, inexact, reason)
+            length_scale, error_scale = max(length_scale, 1.0), 1.0
+        return Doubt(many_loads, many_loads_n, length_scale, inexact, reason, error_scale)
 
     def _update(self, frame: LinearFrame, used_scale: float, share: float) -> None:
         few, log_prior = self._few_loads(frame)
         many = np.maximum(few[0], (self._settings.quiet_n * OVER_QUIET[:, None]) ** 2)
         variance = np.concatenate([few, many])
         rods = len(self._builder.structure.rods)
-        scale = SCALES[[np.argmax(self._scale.probability)]] / used_scale
+        scale = np.maximum(SCALES[[np.argmax(self._scale.probability)]], LEAST_WEIGHED) / used_scale
         evidence = log_evidence(frame, rods, variance, scale)
         evidence += np.concatenate([log_prior, np.full(len(many), -np.log(len(many)))])
         of_few, of_many = np.split(evidence, [len(few)])

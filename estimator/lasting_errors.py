@@ -2,19 +2,24 @@
 
 They last from frame to frame, and all strips err alike, so that neither many sensors nor many frames average them:
 
-    C' = C_rest + a (C - C_rest) + kappa^2 u u^T + kappa_c^2 m m^T + tau^2 v v^T
+    C' = C_rest + k^2 (C - C_rest) + kappa^2 u u^T + kappa_c^2 m m^T + tau^2 (v v^T + <v v^T>)
 
-with u the displacement of all nodes from the rest shape, m what remains of it after two low-pass filters of 2 s, and v
-their velocity; a is `AVERAGED` in batch, where all tendons are stretched and the status is `ok`, and else 1.
+with u the displacement of all nodes from the rest shape, m what remains of it after two low-pass filters of 2 s, v
+their velocity, and <> the mean over a second: the last one live, half of one before and after the frame in batch. Where
+all tendons are stretched, none drifts by itself, and the status is `ok`, k is `Doubt.error_scale`: sensors that agree
+with each other and with the forces better than their sigmas say have smaller errors. Elsewhere it is 1.
 
 In the calibration's recordings of irregular motion, changes of strain of 0.5 to 1.5 % are shown 7 % too small in the
 mean of 17 recordings, and 1 to 2 % too small where they are larger, by 4 % more or less from strip to strip; the
 balance of forces, in which no load is more probable than one, draws shapes to rest by 1 to 5 % even with true lengths.
-The error of strain grows with its rate by 0.035 to 0.06 s times that rate, with either sign. Strips that are held creep
-for longer than in those recordings, in which they move all the time, and remember it: in presses of the twin that last
-for 8 s, lengths lose a seventh to a third, in those of a second hardly anything. Of lengths that no strips tell, only
-the errors of the balance are left.
+The error of strain grows with its rate by 0.035 to 0.06 s times that rate, with either sign. Where a hand swings a node
+to and fro, the error is largest where it turns, and v is zero there. Strips that are held creep for longer than in
+those recordings, in which they move all the time, and remember it: in presses of the twin that last for 8 s, lengths
+lose a seventh to a third, in those of a second hardly anything. Of lengths that no strips tell, only the errors of the
+balance are left.
 """
+
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,25 +39,13 @@ CREEP_SHARE = 0.2
 CREEP_S = 2.0
 """Time constant of both filters, of which m is 0.1 of a deformation that has lasted for 1 s, and 0.9 of one of 8 s."""
 RATE_S = 0.05
-"""tau, the standard deviation of the error that comes from motion over the velocity."""
-AVERAGED = 0.7
-"""Share of the variance of one frame that is left where the smoother averages frames before and after it: of the errors
-of stretched tendons, a mean over half a second leaves half of the variance at rest and 0.6 to 0.7 of it between
-presses; that of loads, rods and rest shape is not averaged."""
+"""tau in batch, the standard deviation of the error that comes from motion over the velocity."""
+LIVE_RATE_S = 0.1
+"""tau live, where no later frame shows how the motion went on."""
+SWING_WINDOW_S = 1.0
+"""The second over which the velocities are averaged: the period of the slowest swing that strips follow too late."""
 VELOCITY_S = 0.1
 """Time constant of the smoothing of live shapes before their velocity is taken."""
-HALF_S = 0.25
-"""Time before and after a frame over which the smoother averages."""
-MANY = 5
-"""Number of frames in that time, the frame included, from which on their noise is averaged."""
-
-
-def averaged_frames(t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return (frames,) whether there are many frames both before and after each: the last one is as it is live."""
-    frame = np.arange(len(t_s))
-    after = np.searchsorted(t_s, t_s + HALF_S) - frame
-    before = frame + 1 - np.searchsorted(t_s, t_s - HALF_S)
-    return np.asarray(np.minimum(before, after) >= MANY)
 
 
 class LastingErrors:
@@ -64,30 +57,53 @@ class LastingErrors:
         self._rest_m2 = rest.covariance_m2[np.ix_(self._free, self._free)]
         self._balance_share = BALANCE_SHARE if rest.mechanics else 0.0
         self._velocity = SmoothedRate(len(self._free), VELOCITY_S)
+        self._velocities: deque[tuple[float, NDArray[np.float64]]] = deque()
         self._held_m = np.zeros((2, len(self._free)))
         self._last_s = np.nan
 
-    def observe(self, shape: Shape) -> Shape:
-        """Return a live shape with these errors in its covariance; shapes are given in order of time."""
+    def observe(self, shape: Shape, error_scale: float) -> Shape:
+        """Return a live shape with these errors in its covariance; shapes are given in order of time.
+
+        Args:
+            shape: the shape.
+            error_scale: see `Doubt`.
+        """
         step_s = VELOCITY_S if np.isnan(self._last_s) else shape.t_s - self._last_s
         position_m = shape.node_position_m.reshape(1, -1)[:, self._free]
-        return self._widened(shape, self._velocity.run(position_m, np.array([[step_s]]))[0])
+        velocity = self._velocity.run(position_m, np.array([[step_s]]))[0]
+        self._velocities.append((shape.t_s, velocity))
+        while self._velocities[0][0] < shape.t_s - SWING_WINDOW_S:
+            self._velocities.popleft()
+        near_m_per_s = np.array([each for _, each in self._velocities])
+        return self._widened(shape, LIVE_RATE_S * _both(velocity, near_m_per_s), error_scale)
 
-    def of_trial(self, shape: Shape, velocity_m_per_s: NDArray[np.float64], *, is_averaged: bool) -> Shape:
+    def of_trial(
+        self,
+        shape: Shape,
+        velocity_m_per_s: NDArray[np.float64],
+        near_m_per_s: NDArray[np.float64],
+        error_scale: float,
+    ) -> Shape:
         """Return a shape of a whole trial with these errors in its covariance.
 
         Args:
             shape: the shape; shapes are given in order of time.
             velocity_m_per_s: (nodes, 3) its velocity.
-            is_averaged: whether the smoother has averaged the noise of many frames around it.
+            near_m_per_s: (frames, nodes, 3) the velocities of the frames around it, itself included.
+            error_scale: see `Doubt`.
         """
-        velocity_m_per_s = velocity_m_per_s.reshape(-1)[self._free]
-        return self._widened(shape, velocity_m_per_s, of_noise=is_averaged and _is_stretched(shape))
+        velocity, near = velocity_m_per_s.reshape(-1), near_m_per_s.reshape(len(near_m_per_s), -1)
+        return self._widened(shape, RATE_S * _both(velocity[self._free], near[:, self._free]), error_scale)
 
-    def _widened(self, shape: Shape, velocity_m_per_s: NDArray[np.float64], *, of_noise: bool = False) -> Shape:
-        """Return the shape with the errors that last, and without what other frames average of its noise.
+    def _widened(self, shape: Shape, of_motion_m: NDArray[np.float64], error_scale: float) -> Shape:
+        """Return the shape with the errors that last, and with those of its frame as small as they are.
 
         Of a shaken robot the covariance is that of its swings already.
+
+        Args:
+            shape: the shape.
+            of_motion_m: (rows, free) rows whose squares sum up to tau^2 (v v^T + <v v^T>).
+            error_scale: see `Doubt`.
         """
         deformation_m = shape.node_position_m.reshape(-1)[self._free] - self._rest_m
         if not np.isnan(self._last_s):
@@ -99,20 +115,26 @@ class LastingErrors:
         if shape.doubt is Reason.MOTION:
             return shape
         if shape.lengths.of_strips:
-            parts_m = np.stack(
-                [DEFORMATION_SHARE * deformation_m, CREEP_SHARE * self._held_m[1], RATE_S * velocity_m_per_s]
-            )
+            parts_m = np.vstack([DEFORMATION_SHARE * deformation_m, CREEP_SHARE * self._held_m[1], of_motion_m])
         else:
             parts_m = self._balance_share * deformation_m[None]
         added_m2 = parts_m.T @ parts_m
-        if of_noise:
+        if error_scale < 1 and _is_steady(shape):
             of_frame_m2 = shape.covariance_m2[self._free[:, None], self._free] - self._rest_m2
-            added_m2 -= (1 - AVERAGED) * of_frame_m2
+            added_m2 -= (1 - error_scale**2) * of_frame_m2
         return shape.widened(self._free, added_m2)
 
 
-def _is_stretched(shape: Shape) -> bool:
-    """Return whether strips alone are read, none is or may be bent, whose errors last, and nothing is in doubt."""
+def _both(velocity: NDArray[np.float64], near: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (1 + frames, free) rows whose squares sum up to v v^T + <v v^T>."""
+    return np.vstack([velocity, near / np.sqrt(len(near))])
+
+
+def _is_steady(shape: Shape) -> bool:
+    """Return whether strips alone are read, none is or may be bent or drifts by itself, and nothing is in doubt.
+
+    The errors of other strips last: that they agree now tells less of them.
+    """
     lengths = shape.lengths
     bent = (lengths.mode == BENDING) | (lengths.flags & int(Flag.AMBIGUOUS) != 0)
     return (
@@ -120,4 +142,5 @@ def _is_stretched(shape: Shape) -> bool:
         and shape.status is Status.OK
         and not lengths.rest_in_doubt
         and not (bent & lengths.usable).any()
+        and (lengths.drift is None or not lengths.drift.is_own)
     )

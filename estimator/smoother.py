@@ -76,8 +76,8 @@ class LiveSmoother:
         return map(self.now, map(self.update, frames))
 
     def now(self, shape: Shape) -> Shape:
-        """Return a shape of `update` at the time of its frame, with the errors that last; in order of time."""
-        return self._lasting.observe(self._compensation.now(shape))
+        """Return the shape of the last `update` at the time of its frame, with the errors that last."""
+        return self._lasting.observe(self._compensation.now(shape), self.doubt.present.error_scale)
 
     def keep(self) -> None:
         """Keep what is learned in each frame, for a smoother, and update each once; live, memory is bounded."""

@@ -198,6 +198,11 @@ class SensorDrift:
         """Whether references show the drift, or the lengths together, which contradict each other without it."""
         return self.references > 0 or self.covariance_m2 is not None
 
+    @property
+    def is_own(self) -> bool:
+        """Whether sensors drift apart, faster than in calibration or so far that lengths contradict each other."""
+        return self.own_rate_per_s > 0 or self.covariance_m2 is not None
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelError:

@@ -11,7 +11,7 @@ from linear_frames import linear_frame
 from noise_settings import with_noise
 from tensegraph import Flag, Settings
 from tensegraph.estimator.batch import BatchOptimizer
-from tensegraph.estimator.doubt import SCALES, ModelDoubt, evidence_share, log_evidence
+from tensegraph.estimator.doubt import LEAST_WEIGHED, ModelDoubt, evidence_share, log_evidence
 from tensegraph.estimator.graph import GraphBuilder
 from tensegraph.estimator.linear_frame import linearised
 from tensegraph.estimator.smoother import LiveSmoother
@@ -95,6 +95,17 @@ def test_contradicting_lengths_widen_the_ellipsoids_and_say_so(estimator, struct
     assert (last.lengths.usable).sum() >= 16
 
 
+@pytest.mark.parametrize(("times_sigma", "least", "most"), [(0.4, 0.4, 0.6), (1.0, 0.75, 1.0)])
+def test_residuals_tell_how_exact_lengths_are(structure, balanced, lengths_of, times_sigma, least, most) -> None:
+    """Errors of 0.3 mm are 0.4 times their sigma, or as large."""
+    smoother = LiveSmoother(structure, balanced, with_noise(stretching_m=1e-6))
+    sigma_m = np.full(len(structure.tendons), 3e-4 / times_sigma)
+    for frame in at_shape(structure, balanced, lengths_of, 0.0, 12.0):
+        smoother.update(replace(frame, sigma_m=sigma_m))
+    found = smoother.doubt.present
+    assert least < found.length_scale * found.error_scale < most
+
+
 def test_shaking_is_seen_in_both_directions_of_time(structure, balanced, lengths_of) -> None:
     """Half of the tendons swing at 1 to 2 s, a fifth for 0.5 s before and after; it began 0.8 s before it was seen."""
     lengths = lengths_of(structure, balanced.node_position_m)
@@ -139,7 +150,7 @@ def test_no_lengths_are_no_evidence(structure, balanced, lengths_of) -> None:
         doubt.observe(t, linearised(builder, balanced.node_position_m, weigh(frame, builder.noise)), 1.0)
     found = doubt.present
     assert found.many_loads == pytest.approx(Settings().doubt.many_share)
-    assert SCALES[0] < found.length_scale < SCALES[1]
+    assert (found.length_scale, found.error_scale) == (LEAST_WEIGHED, 1.0)
 
 
 @pytest.mark.parametrize("estimator", [LiveSmoother, BatchOptimizer])
