@@ -11,7 +11,7 @@ from ..models.evaluation.motion_capture import lay_onto
 from ..models.evaluation.truth import Truth
 from ..models.settings import Settings, checked_settings
 from ..models.structure.reconstruction import Reconstruction
-from ..models.values.errors import InputError
+from ..models.values.errors import InputError, naming
 from ..models.values.tracks import MarkerTracks, StampedPositions
 from ..pipeline import rest_shape_of_trial
 
@@ -84,13 +84,14 @@ def truth_of_trial(trial: Trial, path: Path | None, estimate: Reconstruction, of
     if recorded is None:
         raise InputError(f"{trial.path}: has no truth: expected [truth] in trial.toml, or --truth FILE")
     if isinstance(recorded, MarkerTracks):
-        positions, capture = lay_onto(
-            recorded,
-            estimate,
-            marked=trial.marked_nodes(),
-            offset_s=offset_s,
-            rest_seconds=trial.description.rest_seconds,
-        )
+        with naming(path or trial.path):
+            positions, capture = lay_onto(
+                recorded,
+                estimate,
+                marked=trial.marked_nodes(),
+                offset_s=offset_s,
+                rest_seconds=trial.description.rest_seconds,
+            )
         return replace(trial.truth_of(positions, trial.true_loads()), capture=capture)
     positions = StampedPositions(recorded.t_s + (offset_s or 0.0), recorded.node_position_m)
     truth = trial.truth_of(positions, trial.true_loads())

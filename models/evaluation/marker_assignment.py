@@ -30,6 +30,8 @@ NEAR = 2.0
 
 BESIDE_M = 0.003
 """Distance above which a marker is not at its node, nor a rod as long as told: both are measured to 2 mm or better."""
+SHOWN = 3
+"""Most markers that are named where two assignments differ."""
 
 HostTimes = Callable[[NDArray[np.int64]], NDArray[np.float64]]
 """(times,) of the capture on the host's clock, for (markers,) the node of each marker, or -1."""
@@ -232,9 +234,12 @@ def _sides_m(triangle_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _two_fits(tracks: MarkerTracks, best: Assignment, other: Assignment) -> str:
     differ = np.flatnonzero(best.node != other.node)
-    texts = [
-        f"{1e3 * fit.misfit_m:.2f} mm: {', '.join(f'{tracks.names[k]} = {fit.node[k]}' for k in differ)}"
-        for fit in (best, other)
-    ]
+    more = f", and {len(differ) - SHOWN} more" if len(differ) > SHOWN else ""
+
+    def nodes_of(fit: Assignment) -> str:
+        nodes = [f"{tracks.names[k]} = {fit.node[k] if fit.node[k] >= 0 else 'no node'}" for k in differ[:SHOWN]]
+        return f"{1e3 * fit.misfit_m:.2f} mm: {', '.join(nodes)}{more}"
+
+    texts = [nodes_of(fit) for fit in (best, other)]
     what = "tell it" if best.misfit_m < BESIDE_M else "tell it, and beyond_m where markers stand beyond their nodes,"
     return f"two assignments of markers fit alike ({'; '.join(texts)}): {what} in [truth.markers] of trial.toml"

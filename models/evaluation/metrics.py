@@ -229,6 +229,8 @@ def _true_positions(
     """Return (frames, nodes, 3) the true positions at the times of the frames; nan where they are not known."""
     structure.check_unit("truth", truth_m)
     _check_apart(structure, truth_s, truth_m)
+    if not np.isfinite(truth_m[:, structure.free_nodes]).all(axis=-1).any():
+        raise InputError("truth: expected positions of nodes that are no anchors, got none")
     true_m = interpolated_within(t_s, truth_s, truth_m)
     if not np.isfinite(true_m[:, structure.free_nodes]).all(axis=-1).any():
         raise InputError(

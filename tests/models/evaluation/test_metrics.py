@@ -129,6 +129,13 @@ class TestFrames:
         with pytest.raises(InputError, match=r"truth from 0\.000 to 0\.040 s covers no frame of the estimate, 10\.000"):
             evaluate(TRUE_M, estimate, truth_of(3))
 
+    def test_positions_of_anchors_alone_are_no_truth(self) -> None:
+        structure = four_nodes()
+        truth = truth_of(3)
+        truth.node_position_m[:, structure.free_nodes] = np.nan
+        with pytest.raises(InputError, match="truth: expected positions of nodes that are no anchors, got none"):
+            evaluate(TRUE_M, estimate_of(structure, moved([[0, 0, 0]] * 3)), truth)
+
     def test_an_estimate_without_covariance(self) -> None:
         structure = four_nodes()
         estimate = estimate_of(structure, moved([[3, 0, 4]] * 3), variance_m2=(np.nan,) * 3)

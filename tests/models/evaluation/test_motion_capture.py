@@ -127,8 +127,11 @@ def test_two_fits_alike_are_named(true_positions, estimate) -> None:
 def test_two_poor_fits_may_be_markers_beyond_their_nodes(true_positions, estimate, example_structure) -> None:
     """All ways to turn the six rods fit to about 12 mm."""
     take = beyond(take_of(*true_positions, list(range(12)), ghosts=0), example_structure, 12.0)
-    with pytest.raises(InputError, match=r"two assignments .* alike .*: tell it, and beyond_m where markers stand"):
+    with pytest.raises(
+        InputError, match=r"two assignments .* alike .*: tell it, and beyond_m where markers stand"
+    ) as e:
         lay_onto(tracks_of(take), estimate, offset_s=OFFSET_S)
+    assert str(e.value).count(", and 9 more") == 2
 
 
 def test_what_fits_nowhere(take, estimate) -> None:
