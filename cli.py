@@ -4,7 +4,7 @@ import math
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from io import TextIOWrapper
 from pathlib import Path
@@ -59,7 +59,8 @@ def main() -> None:
             _check_encoding(sys.argv[1:])
             app()
     except (TensegraphError, OSError) as error:
-        print(f"tensegraph: {one_line(error)}", file=sys.stderr)
+        with suppress(OSError):  # of a full disk, on which stderr is
+            print(f"tensegraph: {one_line(error)}", file=sys.stderr, flush=True)
         sys.exit(2)
 
 

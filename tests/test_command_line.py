@@ -2,6 +2,8 @@
 
 import inspect
 import os
+import subprocess
+import sys
 import tomllib
 from importlib.metadata import version
 
@@ -95,6 +97,13 @@ def test_an_error_of_the_system_is_one_line_too(monkeypatch, capsys) -> None:
         cli.main()
     assert ended.value.code == 2
     assert capsys.readouterr().err == "tensegraph: some/file: Permission denied\n"
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no device that is full")
+def test_a_full_disk_behind_stderr_leaves_the_exit_code(tmp_path) -> None:
+    with open("/dev/full", "w") as full:
+        ended = subprocess.run([sys.executable, "-m", "tensegraph", "evaluate", "x"], cwd=tmp_path, stderr=full)
+    assert ended.returncode == 2
 
 
 def test_what_cannot_be_printed_is_escaped_in_an_error(monkeypatch, capsys) -> None:
