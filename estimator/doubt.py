@@ -36,8 +36,6 @@ OVER_QUIET = np.array([1.0, 10 / 3, 20 / 3, 40 / 3])
 """Standard deviations of the loads, when many nodes are loaded, over that of the balance without any (`quiet_n`)."""
 SCALES = np.array([0.4, 0.55, 0.75, 1.0, 2.0, 4.0, 8.0, 16.0])
 """The factors k by which the sigmas of all lengths may be wrong."""
-PER_SQUARE = SCALES**-2
-"""1 / k^2."""
 EXACT = SCALES <= 1
 """Which of them mean that the lengths are as exact as their sigmas say, or more."""
 SHARE_OF_EXACT = np.array([0.05, 0.1, 0.25, 0.6])
@@ -45,6 +43,8 @@ SHARE_OF_EXACT = np.array([0.05, 0.1, 0.25, 0.6])
 LEAST_WEIGHED = 0.8
 """Least factor of the sigmas with which lengths are weighed against forces: with 1, slack structures are 10 % further
 off, and without it pressed ones, because forces are more exact than their sigma as well then."""
+WEIGHED = np.maximum(SCALES, LEAST_WEIGHED)
+"""The factors k as far as lengths are weighed by them."""
 WIDEST_M = 1.0
 """Standard deviation of the shape prior in the comparison, where the graph has none."""
 SHAKEN = int(Flag.SHAKEN)
@@ -65,7 +65,7 @@ class Doubt:
     many_loads_n: float = 0.0
     """Standard deviation of these loads."""
     length_scale: float = 1.0
-    """Factor of the sigmas of all lengths: one over the root mean square of 1 / k, at least `LEAST_WEIGHED`."""
+    """Factor of the sigmas of all lengths: one over the root mean square of 1 / k, with the k of `WEIGHED`."""
     inexact: float = 0.0
     """Probability that the lengths are less exact than their sigmas say."""
     reason: Reason | None = None
@@ -146,7 +146,7 @@ class ModelDoubt:
         many_loads = float(loads[1])
         many_loads_n = self._settings.many_loads_n
         inexact = float(scales[~EXACT].sum())
-        length_scale = max(float(1 / np.sqrt(scales @ PER_SQUARE)), LEAST_WEIGHED)
+        length_scale = float(1 / np.sqrt(scales @ WEIGHED**-2))
         square = float(scales[EXACT] @ SCALES[EXACT] ** 2 / scales[EXACT].sum())
         error_scale = min(np.sqrt(square) / length_scale, 1.0)
         reason = None
@@ -169,7 +169,7 @@ class ModelDoubt:
         many = np.maximum(few[0], (self._settings.quiet_n * OVER_QUIET[:, None]) ** 2)
         variance = np.concatenate([few, many])
         rods = len(self._builder.structure.rods)
-        scale = np.maximum(SCALES[[np.argmax(self._scale.probability)]], LEAST_WEIGHED) / used_scale
+        scale = WEIGHED[[np.argmax(self._scale.probability)]] / used_scale
         evidence = log_evidence(frame, rods, variance, scale)
         evidence += np.concatenate([log_prior, np.full(len(many), -np.log(len(many)))])
         of_few, of_many = np.split(evidence, [len(few)])
