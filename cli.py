@@ -59,7 +59,7 @@ def main() -> None:
             _check_encoding(sys.argv[1:])
             app()
     except (TensegraphError, OSError) as error:
-        with suppress(OSError):  # of a full disk, on which stderr is
+        with suppress(OSError):  # where stderr is on a full disk
             print(f"tensegraph: {one_line(error)}", file=sys.stderr, flush=True)
         sys.exit(2)
 

@@ -24,7 +24,7 @@ from ..models.values.time_series import interpolated, parts
 from .changes.change_watch import Change
 from .doubt import Doubt
 from .graph import GraphBuilder, status_of
-from .lasting_errors import SWING_WINDOW_S, LastingErrors
+from .lasting_errors import LastingErrors, frames_near
 from .linear_frame import FrameData, linearised_frames
 from .mode_choice import is_uncertain, stacked_modes
 from .sensor_drift import DriftState, is_of_a_board, smoothed
@@ -252,7 +252,7 @@ class BatchOptimizer:
         rebounds = self._rebounds(trial, position_m)
         lasting = LastingErrors(self._builder.structure, self._builder.rest)
         velocity_m_per_s = np.gradient(position_m, t_s, axis=0) if len(t_s) > 1 else np.zeros_like(position_m)
-        first, last = (np.searchsorted(t_s, t_s + side * SWING_WINDOW_S / 2) for side in (-1, 1))
+        near = frames_near(t_s)
         of_a_board = any(is_of_a_board(one.lengths.drift) for one in trial.measured)  # as drift, at all times
         other: OtherShape | None = None
         for window in parts(len(t_s), WINDOW):
@@ -265,8 +265,8 @@ class BatchOptimizer:
                 if change is not None:
                     shape = change.doubted(shape, self._builder.structure.free_coordinates)
                 shape = shape.in_doubt(Reason.BOARD) if of_a_board else shape
-                near_m_per_s, error_scale = velocity_m_per_s[first[k] : last[k]], trial.doubts[k].error_scale
-                shape = lasting.of_trial(rebounds.widened(shape), velocity_m_per_s[k], near_m_per_s, error_scale)
+                velocities, error_scale = velocity_m_per_s[near[k]], trial.doubts[k].error_scale
+                shape = lasting.of_trial(rebounds.widened(shape), velocity_m_per_s[k], velocities, error_scale)
                 yield shape.beside(other)
 
     def _rebounds(self, trial: _Problem, position_m: NDArray[np.float64]) -> ReboundWatch:

@@ -39,10 +39,10 @@ SCALES = np.array([0.4, 0.55, 0.75, 1.0, 2.0, 4.0, 8.0, 16.0])
 EXACT = SCALES <= 1
 """Which of them mean that the lengths are as exact as their sigmas say, or more."""
 SHARE_OF_EXACT = np.array([0.05, 0.1, 0.25, 0.6])
-"""The prior shares of these: without evidence the root mean square of k is 0.9."""
+"""The prior shares of these: without evidence the root mean square of k is 0.88."""
 LEAST_WEIGHED = 0.8
-"""Least factor of the sigmas with which lengths are weighed against forces: with 1, slack structures are 10 % further
-off, and without it pressed ones, because forces are more exact than their sigma as well then."""
+"""Least factor of the sigmas with which lengths are weighed against forces. With 1, slack structures are 10 % further
+off. Without a limit pressed ones are, because then the forces, too, are more exact than their sigma says."""
 WEIGHED = np.maximum(SCALES, LEAST_WEIGHED)
 """The factors k as far as lengths are weighed by them."""
 WIDEST_M = 1.0
@@ -71,8 +71,9 @@ class Doubt:
     reason: Reason | None = None
     """The explanation that is more probable than the model; None when there is none."""
     error_scale: float = 1.0
-    """Factor of the errors of a frame over what its covariance says: the root mean square of k up to 1, over
-    `length_scale`; 1 where there is a reason to doubt."""
+    """Factor of the errors of a frame over what its covariance says, if the lengths are as exact as their sigmas say or
+    more: the root mean square of k, over what such lengths are weighed by. It is 1 where there is a reason to doubt, or
+    no balance of forces with which lengths agree."""
 
 
 class ModelDoubt:
@@ -146,9 +147,7 @@ class ModelDoubt:
         many_loads = float(loads[1])
         many_loads_n = self._settings.many_loads_n
         inexact = float(scales[~EXACT].sum())
-        length_scale = float(1 / np.sqrt(scales @ WEIGHED**-2))
-        square = float(scales[EXACT] @ SCALES[EXACT] ** 2 / scales[EXACT].sum())
-        error_scale = min(np.sqrt(square) / length_scale, 1.0)
+        length_scale, error_scale = float(1 / np.sqrt(scales @ WEIGHED**-2)), 1.0
         reason = None
         if shaken:  # inertia loads every node
             many_loads = 1.0
@@ -161,7 +160,10 @@ class ModelDoubt:
         elif self._builder.rest.is_doubted:
             reason = Reason.GEOMETRY
         if reason is not None:  # then the readings are no evidence that lengths are more exact than their sigmas say
-            length_scale, error_scale = max(length_scale, 1.0), 1.0
+            length_scale = max(length_scale, 1.0)
+        elif self._builder.statics is not None:
+            exact = scales[EXACT] / scales[EXACT].sum()
+            error_scale = min(float(np.sqrt((exact @ SCALES[EXACT] ** 2) * (exact @ WEIGHED[EXACT] ** -2))), 1.0)
         return Doubt(many_loads, many_loads_n, length_scale, inexact, reason, error_scale)
 
     def _update(self, frame: LinearFrame, used_scale: float, share: float) -> None:

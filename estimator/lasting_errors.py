@@ -2,12 +2,12 @@
 
 They last from frame to frame, and all strips err alike, so that neither many sensors nor many frames average them:
 
-    C' = C_rest + k^2 (C - C_rest) + kappa^2 u u^T + kappa_c^2 m m^T + tau^2 (v v^T + <v v^T>)
+    C' = C_rest + s^2 (C - C_rest) + kappa^2 u u^T + kappa_c^2 m m^T + tau^2 (v v^T + <v v^T>)
 
 with u the displacement of all nodes from the rest shape, m what remains of it after two low-pass filters of 2 s, v
-their velocity, and <> the mean over a second: the last one live, half of one before and after the frame in batch. Where
-all tendons are stretched, none drifts by itself, and the status is `ok`, k is `Doubt.error_scale`: sensors that agree
-with each other and with the forces better than their sigmas say have smaller errors. Elsewhere it is 1.
+their velocity, and <> the mean over the frames of a second: the last one live, half of one before and after in batch.
+Where all tendons are stretched, none drifts by itself, and the status is `ok`, s is `Doubt.error_scale`: sensors that
+agree with each other and with the forces better than their sigmas say have smaller errors. Elsewhere it is 1.
 
 In the calibration's recordings of irregular motion, changes of strain of 0.5 to 1.5 % are shown 7 % too small in the
 mean of 17 recordings, and 1 to 2 % too small where they are larger, by 4 % more or less from strip to strip; the
@@ -43,9 +43,15 @@ RATE_S = 0.05
 LIVE_RATE_S = 0.1
 """tau live, where no later frame shows how the motion went on."""
 SWING_WINDOW_S = 1.0
-"""The second over which the velocities are averaged: the period of the slowest swing that strips follow too late."""
+"""Time over whose frames the velocities are averaged: the period of the slowest swing that strips follow too late."""
 VELOCITY_S = 0.1
 """Time constant of the smoothing of live shapes before their velocity is taken."""
+
+
+def frames_near(t_s: NDArray[np.float64]) -> list[slice]:
+    """Return of each of (frames,) times the frames of the second around it, itself included."""
+    first, end = (np.searchsorted(t_s, t_s + side * SWING_WINDOW_S / 2) for side in (-1, 1))
+    return [slice(*ends) for ends in zip(first.tolist(), end.tolist(), strict=True)]
 
 
 class LastingErrors:
@@ -75,7 +81,7 @@ class LastingErrors:
         while self._velocities[0][0] < shape.t_s - SWING_WINDOW_S:
             self._velocities.popleft()
         near_m_per_s = np.array([each for _, each in self._velocities])
-        return self._widened(shape, LIVE_RATE_S * _both(velocity, near_m_per_s), error_scale)
+        return self._widened(shape, LIVE_RATE_S * _motion_rows(velocity, near_m_per_s), error_scale)
 
     def of_trial(
         self,
@@ -93,10 +99,10 @@ class LastingErrors:
             error_scale: see `Doubt`.
         """
         velocity, near = velocity_m_per_s.reshape(-1), near_m_per_s.reshape(len(near_m_per_s), -1)
-        return self._widened(shape, RATE_S * _both(velocity[self._free], near[:, self._free]), error_scale)
+        return self._widened(shape, RATE_S * _motion_rows(velocity[self._free], near[:, self._free]), error_scale)
 
     def _widened(self, shape: Shape, of_motion_m: NDArray[np.float64], error_scale: float) -> Shape:
-        """Return the shape with the errors that last, and with those of its frame as small as they are.
+        """Return the shape with the errors that last, and with those of its frame times `error_scale`.
 
         Of a shaken robot the covariance is that of its swings already.
 
@@ -119,21 +125,21 @@ class LastingErrors:
         else:
             parts_m = self._balance_share * deformation_m[None]
         added_m2 = parts_m.T @ parts_m
-        if error_scale < 1 and _is_steady(shape):
+        if error_scale < 1 and _errors_pass(shape):
             of_frame_m2 = shape.covariance_m2[self._free[:, None], self._free] - self._rest_m2
             added_m2 -= (1 - error_scale**2) * of_frame_m2
         return shape.widened(self._free, added_m2)
 
 
-def _both(velocity: NDArray[np.float64], near: NDArray[np.float64]) -> NDArray[np.float64]:
+def _motion_rows(velocity: NDArray[np.float64], near: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (1 + frames, free) rows whose squares sum up to v v^T + <v v^T>."""
     return np.vstack([velocity, near / np.sqrt(len(near))])
 
 
-def _is_steady(shape: Shape) -> bool:
-    """Return whether strips alone are read, none is or may be bent or drifts by itself, and nothing is in doubt.
+def _errors_pass(shape: Shape) -> bool:
+    """Return whether the errors of lengths pass, so that lengths that agree tell how large they are.
 
-    The errors of other strips last: that they agree now tells less of them.
+    Those of strips that are bent, or may be, or drift by themselves, last, and so do those of which a doubt tells.
     """
     lengths = shape.lengths
     bent = (lengths.mode == BENDING) | (lengths.flags & int(Flag.AMBIGUOUS) != 0)
@@ -142,5 +148,5 @@ def _is_steady(shape: Shape) -> bool:
         and shape.status is Status.OK
         and not lengths.rest_in_doubt
         and not (bent & lengths.usable).any()
-        and (lengths.drift is None or not lengths.drift.is_own)
+        and (lengths.drift is None or not lengths.drift.is_apart)
     )

@@ -18,6 +18,8 @@ IMU_COLUMNS = ("t_s", "gx_rad_per_s", "gy_rad_per_s", "gz_rad_per_s", "ax_m_per_
 RANGE_COLUMNS = ("t_s", "beacon", "node", "range_m")
 POSITION_COLUMNS = ("t_s", "node", "x_m", "y_m", "z_m")
 MOTOR_COLUMNS = ("t_s", "tendon", "natural_length_m", "sigma_m")
+WOUND_UP = 0.9
+"""Share of a natural length at rest that a motor may have left of it at the start."""
 AID_COLUMNS = {"imu": IMU_COLUMNS, "range": RANGE_COLUMNS, "position": POSITION_COLUMNS, "motor": MOTOR_COLUMNS}
 """The columns of each kind of file."""
 
@@ -101,7 +103,7 @@ def _in_metres(
         InputError: when the first `FIRST_ROWS` rows are all about `OTHER_UNIT` times as long as at rest, or more.
     """
     first = list(islice(readings, FIRST_ROWS))
-    if first and all(row.natural_length_m >= 0.9 * OTHER_UNIT * natural_length_m[row.tendon] for row in first):
+    if first and all(row.natural_length_m >= WOUND_UP * OTHER_UNIT * natural_length_m[row.tendon] for row in first):
         raise InputError(
             f"{path}: column natural_length_m: expected lengths like that of tendon {first[0].tendon} at rest, "
             f"{natural_length_m[first[0].tendon]:.3g} m, got {first[0].natural_length_m:.3g} m: is the unit right?"

@@ -32,6 +32,8 @@ CLUSTER_S = 2.0
 """Residuals this far apart are taken as independent: presses, and the errors of an estimate with them, last so long."""
 LEFT_OVER_WEIGHT = 2.0
 """Weight of what an offset leaves over: one that leaves more than a third of the motion over explains nothing."""
+LEAST_EXPLAINED = 0.1
+"""Least share of what some offset explains that the best explains: a few samples agree by chance."""
 MISTAKEN = 5.0
 """Residual, in robust standard deviations, above which a signal is left out: a marker that was taken for another."""
 
@@ -135,7 +137,7 @@ class OffsetSearch:
 
     def _left_over(self, explained_m2: float) -> float:
         motion_m2 = self.explained_m2 + self.unexplained_m2
-        return 1 - explained_m2 / motion_m2 if motion_m2 > 0 else 1.0
+        return 1 - max(explained_m2, 0.0) / motion_m2 if motion_m2 > 0 else 1.0
 
     @property
     def is_clear(self) -> bool:
@@ -156,14 +158,17 @@ def search_offset(estimated: MotionSignals, captured: MotionSignals) -> OffsetSe
 
     At each lag, over the time that both cover, m explains sum (e - mean e)^2 - sum (e - m - mean (e - m))^2 =
     2 S_em - S_mm, with S the sums of products about the means, and leaves S_ee - 2 S_em + S_mm over. A lag at which
-    little is in common, or both are still, explains little. What is left over counts `LEFT_OVER_WEIGHT` times: a
-    capture that ends in a press would explain more of the estimate if it were later, but not well.
+    little is in common, or both are still, explains little. What is left over is taken off `LEFT_OVER_WEIGHT` times: a
+    capture that ends in a press would explain more of the estimate if it were later, but not well. Where every lag
+    leaves too much over, the one that explains most is the best.
     """
     e, m = estimated.signal_m, captured.signal_m
     s_em, s_mm, s_ee = _products_about_means(_about_mean(e), _about_mean(m))
     explained = 2 * s_em - s_mm
     offsets_s = estimated.t_s[0] - captured.t_s[0] + STEP_S * (np.arange(len(explained)) - len(m) + 1)
-    best = int(np.argmax(explained - LEFT_OVER_WEIGHT * (s_ee - explained)))
+    score = explained - LEFT_OVER_WEIGHT * (s_ee - explained)
+    score[explained < LEAST_EXPLAINED * explained.max()] = -np.inf
+    best = int(np.argmax(score if score.max() > 0 else explained))
     peaks = 1 + np.flatnonzero((explained[1:-1] > explained[:-2]) & (explained[1:-1] > explained[2:]))
     others = peaks[np.abs(offsets_s[peaks] - offsets_s[best]) >= APART_S]
     other = others[np.argmax(explained[others])] if len(others) else None

@@ -199,7 +199,7 @@ class SensorDrift:
         return self.references > 0 or self.covariance_m2 is not None
 
     @property
-    def is_own(self) -> bool:
+    def is_apart(self) -> bool:
         """Whether sensors drift apart, faster than in calibration or so far that lengths contradict each other."""
         return self.own_rate_per_s > 0 or self.covariance_m2 is not None
 

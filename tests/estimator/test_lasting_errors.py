@@ -19,6 +19,7 @@ from tensegraph.estimator.lasting_errors import (
     RATE_S,
     SWING_WINDOW_S,
     LastingErrors,
+    frames_near,
 )
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.evaluation.alignment import interpolated_within
@@ -182,6 +183,15 @@ def test_a_shaken_robot_keeps_the_covariance_of_its_swings(structure: Structure,
     fast = np.ones_like(shape.node_position_m)
     kept = widened_in_trial(LastingErrors(structure, rest), shape, fast)
     np.testing.assert_array_equal(kept.covariance_m2, shape.covariance_m2)
+
+
+def test_frames_within_half_a_second_are_near() -> None:
+    """Of a single frame, at the ends, beside a gap, and of slow frames, of which each is alone."""
+    assert frames_near(np.array([3.0])) == [slice(0, 1)]
+    steady_s = np.arange(0.0, 2.0, 0.02) + 0.001 * (np.arange(100) % 2)
+    near = frames_near(np.concatenate([steady_s, 15.0 + steady_s]))
+    assert (near[0], near[50], near[99], near[100]) == (slice(0, 25), slice(25, 75), slice(75, 100), slice(100, 125))
+    assert frames_near(np.arange(0.0, 5.0, 1.0)) == [slice(k, k + 1) for k in range(5)]
 
 
 @pytest.mark.parametrize("method", ["live", "batch"])
