@@ -45,6 +45,8 @@ LEAST_WEIGHED = 0.8
 off. Without a limit pressed ones are, because then the forces, too, are more exact than their sigma says."""
 WEIGHED = np.maximum(SCALES, LEAST_WEIGHED)
 """The factors k as far as lengths are weighed by them."""
+PER_SQUARE = WEIGHED**-2
+"""1 / k^2 of these."""
 WIDEST_M = 1.0
 """Standard deviation of the shape prior in the comparison, where the graph has none."""
 SHAKEN = int(Flag.SHAKEN)
@@ -147,7 +149,7 @@ class ModelDoubt:
         many_loads = float(loads[1])
         many_loads_n = self._settings.many_loads_n
         inexact = float(scales[~EXACT].sum())
-        length_scale, error_scale = float(1 / np.sqrt(scales @ WEIGHED**-2)), 1.0
+        length_scale, error_scale = float(1 / np.sqrt(scales @ PER_SQUARE)), 1.0
         reason = None
         if shaken:  # inertia loads every node
             many_loads = 1.0
@@ -163,7 +165,7 @@ class ModelDoubt:
             length_scale = max(length_scale, 1.0)
         elif self._builder.statics is not None:
             exact = scales[EXACT] / scales[EXACT].sum()
-            error_scale = min(float(np.sqrt((exact @ SCALES[EXACT] ** 2) * (exact @ WEIGHED[EXACT] ** -2))), 1.0)
+            error_scale = min(float(np.sqrt((exact @ SCALES[EXACT] ** 2) * (exact @ PER_SQUARE[EXACT]))), 1.0)
         return Doubt(many_loads, many_loads_n, length_scale, inexact, reason, error_scale)
 
     def _update(self, frame: LinearFrame, used_scale: float, share: float) -> None:

@@ -18,10 +18,10 @@ IMU_COLUMNS = ("t_s", "gx_rad_per_s", "gy_rad_per_s", "gz_rad_per_s", "ax_m_per_
 RANGE_COLUMNS = ("t_s", "beacon", "node", "range_m")
 POSITION_COLUMNS = ("t_s", "node", "x_m", "y_m", "z_m")
 MOTOR_COLUMNS = ("t_s", "tendon", "natural_length_m", "sigma_m")
-WOUND_UP = 0.9
-"""Share of a natural length at rest that a motor may have left of it at the start."""
 AID_COLUMNS = {"imu": IMU_COLUMNS, "range": RANGE_COLUMNS, "position": POSITION_COLUMNS, "motor": MOTOR_COLUMNS}
 """The columns of each kind of file."""
+WOUND_UP = 0.9
+"""Natural length of a tendon that a motor has wound up before the first row, over that at rest, at least."""
 
 
 def imu_readings(file: CsvFile, imu: int) -> Iterator[ImuReading]:
