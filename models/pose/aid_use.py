@@ -17,6 +17,8 @@ Kind = Literal["imu", "range", "position"]
 
 OLD_S = 1.0
 """Age of a reading from which it tells nothing of its frame; and time after which a recording without any is told."""
+LEAST_IN_TIME = 0.1
+"""Share of a recording that is of the time of the frames, below which its clock looks like another one."""
 MOST_RATIO = 2.0
 """Ratio of what is read to what is expected, or its inverse, from which the unit looks wrong."""
 
@@ -27,6 +29,9 @@ class _ReadAndUsed:
 
     read: int = 0
     first_s: float = np.nan
+    last_s: float = np.nan
+    in_time: int = 0
+    """Number of those that are of the time of a frame."""
     used: int = 0
     ratios: list[float] = field(default_factory=list)
     """Of each reading of one instant: the range, or the distance from the first node, to that at rest."""
@@ -62,6 +67,7 @@ class AidUse:
         if recording is None:
             return
         recording.first_s = reading.t_s if recording.read == 0 else recording.first_s
+        recording.last_s = reading.t_s
         recording.read += 1
         if len(recording.ratios) < len(self._rest_m):
             recording.ratios += self._ratio(reading)
@@ -72,22 +78,37 @@ class AidUse:
         for reading in shape.lengths.aids if not self._is_held else ():
             recording = self._of(reading)
             if recording is not None and shape.t_s - reading.t_s < OLD_S:
+                recording.in_time += 1
                 recording.used += 1
         for number in shape.outlying_ranges:
             self._recordings["range", number].used -= 1
         return shape
 
     def lines(self) -> dict[str, str]:
-        """Return of each recording of which nothing was used why that is so, by its name."""
+        """Return of each recording of which nothing or little was used why that is so, by its name."""
         first_s, last_s = self._span_s
         if not last_s - first_s > OLD_S:
             return {}
-        causes = {
-            f"{kind} {number}": self._cause(kind, one)
+        lines = {
+            f"{kind} {number}": self._unused(kind, one) if one.used <= 0 else self._out_of_time(kind, one)
             for (kind, number), one in self._recordings.items()
-            if one.used <= 0
         }
-        return {name: f"no reading used: {cause}" for name, cause in causes.items() if cause}
+        return {name: line for name, line in lines.items() if line}
+
+    def _out_of_time(self, kind: Kind, recording: _ReadAndUsed) -> str:
+        """Return what is told of a recording in use most of which is of another time; empty where it is not."""
+        if kind == "imu" or recording.in_time >= LEAST_IN_TIME * recording.read:
+            return ""
+        first_s, last_s = self._span_s
+        return (
+            f"{recording.read - recording.in_time} of {recording.read} readings, {recording.first_s:.2f} to "
+            f"{recording.last_s:.2f} s, are not of the time of the frames, {first_s:.2f} to {last_s:.2f} s: is t_s in s?"
+        )
+
+    def _unused(self, kind: Kind, recording: _ReadAndUsed) -> str:
+        """Return what is told of a recording of which nothing was used; empty where that is told elsewhere."""
+        cause = self._cause(kind, recording)
+        return f"no reading used: {cause}" if cause else ""
 
     def _cause(self, kind: Kind, recording: _ReadAndUsed) -> str:
         """Return why nothing of a recording was used; empty where that is told elsewhere."""

@@ -83,3 +83,12 @@ def test_an_inertial_sensor_of_another_clock_is_told(shape, is_held, late_s, is_
         aids = tuple(one for one in samples if t_s - 1 < one.t_s <= t_s)
         use.observe(replace(shape, t_s=t_s, lengths=replace(shape.lengths, aids=aids)))
     assert ("is t_s of the same clock?" in use.lines().get("imu 0", "")) == is_told
+
+
+@pytest.mark.parametrize(("of_the_time", "is_told"), [(1, True), (9, False)])
+def test_a_recording_of_which_a_little_is_of_the_time_is_told(shape, of_the_time, is_told) -> None:
+    """As one in milliseconds that begins with the trial is: its first rows are used."""
+    readings: list[AidReading] = [RangeReading(0.5, BEACON_M, (0, 0, 4), 3.0)] * of_the_time
+    readings += [RangeReading(16.4 * k, BEACON_M, (0, 0, 4), 3.0) for k in range(1, 21)]
+    told = f"20 of {20 + of_the_time} readings, 0.50 to 328.00 s, are not of the time of the frames, 0.00 to 2.00 s"
+    assert (told in lines(shape, readings, used=True).get("range 0", "")) == is_told
