@@ -145,12 +145,13 @@ def write_latencies(columns: Sequence[str], seconds: NDArray[np.float64], direct
 
 
 def write_run(run: Mapping[str, Any], structure: Structure, directory: Path) -> None:
-    """Write run.toml, whose last table is the structure, as in trial.toml."""
+    """Write run.toml, after all tables, which it names; its last table is the structure, as in trial.toml."""
     names = ("rods", "tendons", "rod_length_m", "natural_length_m", "anchors", "anchor_position_m")
     table = {"structure": {name: getattr(structure, name).tolist() for name in names}}
     if len(structure.unsensed):
         table["structure"]["unsensed"] = structure.unsensed.tolist()
-    text = f"{tomli_w.dumps(run)}\n{tomlkit.item(table).as_string()}"
+    tables = sorted(file.name for file in directory.glob("*.csv"))
+    text = f"{tomli_w.dumps({**run, 'tables': tables})}\n{tomlkit.item(table).as_string()}"
     (directory / RUN_FILE).write_text(text, encoding="utf-8")
 
 

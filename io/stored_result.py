@@ -33,8 +33,9 @@ from .result import (
     TRACK_FILE,
 )
 from .toml import read_toml
-from .trial_directory import open_trial
 
+OPTIONAL_FILES = (LOADS_FILE, DRIFT_FILE, CONTACTS_FILE, TRACK_FILE, SLIPS_FILE)
+"""The tables of which a result need not have all."""
 RUN_TABLES = ("structure", "settings", "inputs", "versions", "floor_normal")
 """The tables of run.toml that are read."""
 ROUNDED = 1e-6
@@ -56,6 +57,9 @@ def load(path: str | Path) -> Reconstruction:
     path = Path(path)
     run = read_run(path)
     structure = _structure(path, run)
+    for name in OPTIONAL_FILES:
+        if name in run.get("tables", []) and not (path / name).is_file():
+            raise InputError(f"{path / name}: is missing: {RUN_FILE} names it")
     positions = read_positions(path / SHAPE_FILE, structure.node_count, fewest=1)
     t_s = positions.t_s
     if np.isnan(positions.node_position_m).any():
@@ -103,6 +107,8 @@ def read_run(directory: Path) -> dict[str, Any]:
     for name in RUN_TABLES:
         if not isinstance(run.get(name, {}), dict):
             raise InputError(f"{path}: {name}: expected a table, got {run[name]!r:.60}")
+    if not isinstance(run.get("tables", []), list):
+        raise InputError(f"{path}: tables: expected names of files, got {run['tables']!r:.60}")
     return run
 
 
@@ -116,15 +122,12 @@ def settings_of(run: Mapping[str, Any], directory: Path) -> Settings:
 
 
 def _structure(path: Path, run: dict[str, Any]) -> Structure:
-    """Return the structure in run.toml, or that of the trial which it names, as in results of version 0.1.0."""
-    if "structure" in run:
-        try:
-            return parse_table(StructureTable, run["structure"], "structure").structure()
-        except InputError as error:
-            raise InputError(f"{path / RUN_FILE}: {error}") from error
-    if not isinstance(run.get("trial_path"), str):
-        raise InputError(f"{path / RUN_FILE}: structure: is missing: expected a result of this version: save it again")
-    return open_trial(path / run["trial_path"]).description.structure
+    if "structure" not in run:
+        raise InputError(f"{path / RUN_FILE}: structure: is missing: is the file cut off?")
+    try:
+        return parse_table(StructureTable, run["structure"], "structure").structure()
+    except InputError as error:
+        raise InputError(f"{path / RUN_FILE}: {error}") from error
 
 
 def _floor_normal(path: Path, run: dict[str, Any]) -> EstimatedNormal | None:

@@ -100,10 +100,9 @@ class AidUse:
         if kind == "imu" or recording.in_time >= LEAST_IN_TIME * recording.read:
             return ""
         first_s, last_s = self._span_s
-        return (
-            f"{recording.read - recording.in_time} of {recording.read} readings, {recording.first_s:.2f} to "
-            f"{recording.last_s:.2f} s, are not of the time of the frames, {first_s:.2f} to {last_s:.2f} s: is t_s in s?"
-        )
+        late = f"{recording.read - recording.in_time} of {recording.read} readings"
+        its = f"{recording.first_s:.2f} to {recording.last_s:.2f} s"
+        return f"{late}, {its}, are not of the time of the frames, {first_s:.2f} to {last_s:.2f} s: is t_s in s?"
 
     def _unused(self, kind: Kind, recording: _ReadAndUsed) -> str:
         """Return what is told of a recording of which nothing was used; empty where that is told elsewhere."""

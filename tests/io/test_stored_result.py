@@ -64,9 +64,9 @@ class TestLoad:
         assert np.isinf(read.sigma_n[2]).all()
         np.testing.assert_allclose(read.force_n[3], force_n[3], atol=1e-4)
 
-    def test_without_loads(self, saved) -> None:
-        (saved / "estimated_loads.csv").unlink()  # as a result without [mechanics]
-        assert tg.load(saved).loads is None
+    def test_without_loads(self, kept, tmp_path) -> None:
+        tg.save(replace(kept, loads=None), tmp_path / "run", figures=None)
+        assert tg.load(tmp_path / "run").loads is None
 
     def test_does_not_invent_covariances_between_nodes(self, saved) -> None:
         read = tg.load(saved)
@@ -114,6 +114,21 @@ class TestLoad:
             file.write(f"{row},0.005,0.002,0.003,0.0,-0.004\n")
         with pytest.raises(tg.InputError, match=r"slips\.csv: expected nodes from 0 to 11 at times of shape\.csv"):
             tg.load(tmp_path / "run")
+
+    @pytest.mark.parametrize(
+        "name", ["contacts.csv", "track.csv", "slips.csv", "estimated_loads.csv", "sensor_drift.csv"]
+    )
+    def test_a_table_that_is_gone_is_missed(self, kept, name, tmp_path) -> None:
+        tg.save(replace(kept, contacts=np.ones((len(kept), 12))), tmp_path / "run", figures=None)
+        (tmp_path / "run" / name).unlink()
+        with pytest.raises(tg.InputError, match=rf"{name}: is missing: run\.toml names it"):
+            tg.load(tmp_path / "run")
+
+    def test_a_run_that_is_cut_off_is_refused(self, saved) -> None:
+        run = (saved / "run.toml").read_text()
+        (saved / "run.toml").write_text(run[: run.index("[structure]")])
+        with pytest.raises(tg.InputError, match=r"run\.toml: structure: is missing"):
+            tg.load(saved)
 
     def test_drift_that_was_known_only_later(self, kept, tmp_path) -> None:
         known = np.arange(len(kept))[:, None] >= 2
