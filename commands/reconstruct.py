@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
+from rich.table import Column, Table
 
 from ..io.provenance import FINGERPRINT, fingerprint, is_up_to_date, relative_path, versions
 from ..io.reports.progress import StageBar
@@ -252,7 +252,8 @@ class Run:
 
     def summary(self) -> Table:
         """Return the summary that is printed at the end of a run."""
-        table = Table(title=f"{self.trial.name} ({self.method})", show_header=False, title_justify="left")
+        whole = (Column(overflow="fold"), Column(overflow="fold"))  # no word is cut off in a narrow terminal
+        table = Table(*whole, title=f"{self.trial.name} ({self.method})", show_header=False, title_justify="left")
         for name, text in self._facts():
             table.add_row(name, text)
         return table

@@ -112,14 +112,16 @@ class AidUse:
     def _cause(self, kind: Kind, recording: _ReadAndUsed) -> str:
         """Return why nothing of a recording was used; empty where that is told elsewhere."""
         first_s, last_s = self._span_s
-        is_of_the_time = recording.read > 0 and first_s - OLD_S < recording.first_s <= last_s
+        is_of_the_time = first_s - OLD_S < recording.first_s <= last_s
         if kind == "imu" and is_of_the_time:
             return ""
         if kind != "imu" and self._is_held:
             return "anchors hold the structure where they are"
+        if recording.read == 0:
+            return "none has come"
         if not is_of_the_time:
-            its = f", its first is at {recording.first_s:.2f} s" if recording.read else ""
-            return f"none is of the time of the frames, {first_s:.2f} to {last_s:.2f} s{its}: is t_s of the same clock?"
+            frames = f"the time of the frames, {first_s:.2f} to {last_s:.2f} s"
+            return f"none is of {frames}, its first is at {recording.first_s:.2f} s: is t_s of the same clock?"
         ratio = float(np.median(recording.ratios)) if recording.ratios else 1.0
         if not 1 / MOST_RATIO < ratio < MOST_RATIO:
             times = np.format_float_positional(ratio, precision=2, fractional=False, trim="-")

@@ -72,8 +72,11 @@ def test_a_structure_that_anchors_hold_uses_none(shape) -> None:
 
 
 @pytest.mark.parametrize("is_held", [False, True])
-@pytest.mark.parametrize(("late_s", "is_told"), [(0.0, False), (3600.0, True), (-3600.0, True), (None, True)])
-def test_an_inertial_sensor_of_another_clock_is_told(shape, is_held, late_s, is_told) -> None:
+@pytest.mark.parametrize(
+    ("late_s", "told"),
+    [(0.0, None), (3600.0, "of the same clock?"), (-3600.0, "of the same clock?"), (None, "none has come")],
+)
+def test_an_inertial_sensor_of_another_clock_is_told(shape, is_held, late_s, told) -> None:
     """Or one that is silent; also on anchors, where a base that moves is told by it."""
     use = AidUse(X, 1, 0, (), is_held=is_held)
     samples = () if late_s is None else (ImuReading(0, late_s + 0.5, np.zeros(3), np.zeros(3)),)
@@ -82,7 +85,8 @@ def test_an_inertial_sensor_of_another_clock_is_told(shape, is_held, late_s, is_
     for t_s in (0.0, 1.0, 2.0):
         aids = tuple(one for one in samples if t_s - 1 < one.t_s <= t_s)
         use.observe(replace(shape, t_s=t_s, lengths=replace(shape.lengths, aids=aids)))
-    assert ("is t_s of the same clock?" in use.lines().get("imu 0", "")) == is_told
+    line = use.lines().get("imu 0")
+    assert (line is None) if told is None else told in line
 
 
 @pytest.mark.parametrize(("of_the_time", "is_told"), [(1, True), (9, False)])
