@@ -14,9 +14,11 @@ from .structure.mechanics import Mechanics
 from .structure.rest_shape import GeometrySigma
 from .structure.structure import Structure
 from .values.errors import InputError
-from .values.tables import NotNegative, Positive, Sigma, parse_table
+from .values.tables import Fraction, NotNegative, Positive, Sigma, parse_table
 
 _TOLD = GeometrySigma()
+MOST_OF_ROD = 0.2
+"""Radius of an end cap or a hub, or error of the geometry, over the length of the shortest rod, at most."""
 FLAT = 0.05
 """Share of its extent by which a rigid body is thick, at least: the fixed distances of a flat one let it bend."""
 MOST_PULL = 1e4
@@ -123,7 +125,18 @@ class StructureTable:
         )
 
     def geometry(self) -> GeometrySigma:
-        """Return how exactly the geometry is known."""
+        """Return how exactly the geometry is known.
+
+        Raises:
+            InputError: for what is not small beside the shortest rod, as in another unit.
+        """
+        most_m = MOST_OF_ROD * float(np.min(self.rod_length_m))
+        for name in ("rod_length_sigma_m", "anchor_sigma_m", "hub_radius_m"):
+            if (value := getattr(self, name)) > most_m:
+                raise InputError(
+                    f"structure.{name}: expected at most {most_m:.3g}, a fifth of the shortest rod, got {value:g}: "
+                    "is the unit right?"
+                )
         return GeometrySigma(self.rod_length_sigma_m, self.anchor_sigma_m, self.hub_radius_m)
 
 
@@ -154,7 +167,7 @@ class MechanicsTable:
 
     tendon_stiffness_n_per_m: Positive | list[Positive]
     rod_mass_kg: NotNegative | list[NotNegative]
-    push_back: NotNegative | list[NotNegative] = 0.02
+    push_back: Fraction | list[Fraction] = 0.02
     """Ratio of the stiffness of a bent tendon to that of a stretched one. A strip that bows out has a few per cent of
     its stiffness; a cable goes slack and has 0. One with 0 and 5000 N/m or more is a stiff cable: it has its natural
     length while it is taut, and an unknown tension."""

@@ -9,12 +9,10 @@ from .sensor.divider import Divider
 from .structure.floor import USUAL_CAP_M, Floor
 from .structure.natural_lengths import Motors
 from .structure.structure import Structure
-from .structure_description import BodyTable, MechanicsTable, RestTable, StructureTable
+from .structure_description import MOST_OF_ROD, BodyTable, MechanicsTable, RestTable, StructureTable
 from .values.errors import InputError
 from .values.tables import AtLeastOne, FileName, NotNegative, Positive
 
-MOST_CAP = 0.2
-"""Height of a floor over the length of a rod up to which it may be the radius of the end caps."""
 LEAST_TOLD_RAD = 0.3
 """Largest standard deviation of the floor's normal, 17 degrees: beyond it, others may stand than the lowest nodes."""
 
@@ -36,7 +34,7 @@ class GroundTable:
             rod_length_m: of the shortest rod, much longer than the radius of its caps.
 
         Raises:
-            InputError: for a height or a normal that is none, or a normal that is hardly told.
+            InputError: for a height, a normal or a radius that is none, or a normal that is hardly told.
         """
         normal = np.array(self.normal)
         length = float(np.linalg.norm(normal))
@@ -48,10 +46,15 @@ class GroundTable:
             raise InputError(
                 f"ground.normal_sigma_rad: expected at most {LEAST_TOLD_RAD} rad, got {self.normal_sigma_rad}"
             )
+        most_m = MOST_OF_ROD * rod_length_m
         cap_radius_m = self.cap_radius_m
         if cap_radius_m is None:
-            is_radius = 0 <= self.height_m <= MOST_CAP * rod_length_m
-            cap_radius_m = self.height_m if is_radius else USUAL_CAP_M
+            cap_radius_m = self.height_m if 0 <= self.height_m <= most_m else USUAL_CAP_M
+        elif cap_radius_m > most_m:
+            raise InputError(
+                f"ground.cap_radius_m: expected at most {most_m:.3g}, a fifth of the shortest rod, got "
+                f"{cap_radius_m:g}: is the unit right?"
+            )
         return Floor(self.height_m, normal / length, self.normal_sigma_rad, cap_radius_m=cap_radius_m)
 
 

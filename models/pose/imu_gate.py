@@ -25,6 +25,8 @@ MOST_RATE_RAD_PER_S = 70.0
 """Rate beyond the range of every small sensor: 4000 degrees per second."""
 MOST_FORCE_M_PER_S2 = 400.0
 """Specific force beyond the range of every small sensor: 40 g."""
+MOST_RATE_AT_REST_RAD_PER_S = 0.4
+"""Mean rate at rest that is told: as large as the largest bias of small sensors, 20 degrees a second."""
 MOST_JUMP_RAD_PER_S = 12.0
 """Change of the rate from one sample to the next above which the second has to be confirmed. Impacts at which caps hit
 the floor change it by up to 6.1 in the development trials, at 100 samples a second."""
@@ -58,6 +60,7 @@ class ImuGate:
         self._measured_s = [math.nan] * imus
         self._rested = np.zeros(imus, dtype=np.int64)
         self._force_at_rest = np.zeros((imus, 3))
+        self._rate_at_rest = np.zeros((imus, 3))
         self._last: list[list[float]] = [[]] * imus
         self._same = [[1] * 6 for _ in range(imus)]  # how often each value was read in succession
         self._repeats = [[0] * 6 for _ in range(imus)]  # and how often it was the one before, in all
@@ -97,6 +100,7 @@ class ImuGate:
         if self._rest_clock.is_at_rest(reading.t_s):
             self._rested[reading.imu] += 1
             self._force_at_rest[reading.imu] += reading.specific_force_m_per_s2
+            self._rate_at_rest[reading.imu] += reading.rate_rad_per_s
         in_range = all(abs(one) < MOST_RATE_RAD_PER_S for one in rate) and all(
             abs(one) < MOST_FORCE_M_PER_S2 for one in force
         )
@@ -160,6 +164,9 @@ class ImuGate:
         size = np.linalg.norm(self._force_at_rest[[imu]], axis=1) / max(int(self._rested[imu]), 1)
         if self._rested[imu] > 0 and not has_size_of_gravity(size).all():
             texts.append(f"specific force at rest: expected {GRAVITY_M_PER_S2:.2f} m/s^2, got {size[0]:.4g}: unit?")
+        rate = float(np.linalg.norm(self._rate_at_rest[imu])) / max(int(self._rested[imu]), 1)
+        if rate > MOST_RATE_AT_REST_RAD_PER_S:
+            texts.append(f"rate at rest: expected about 0 rad/s, got {rate:.3g}: unit, or is it moved?")
         if 2 * self.absurd[imu] > self._samples[imu]:
             texts.append("most samples are absurd, and none is used: unit?")
         return texts + self._cadence[imu].warnings()

@@ -25,9 +25,9 @@ of the board."""
 HOST_TOLERANCE_S = 1.0
 """Largest difference between the host's clock and a board's at which both may tell the same."""
 UNIT_SPAN_S = 10.0
-"""Time on the host's clock after which a board's clock is compared with it."""
+"""Time on either clock after which a board's clock is compared with the host's."""
 SLOWEST_CLOCK = 0.1
-"""Ratio of a board's clock to the host's below which it does not count microseconds."""
+"""Ratio of one clock to the other below which one of them counts in another unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,21 +116,26 @@ class BoardClock:
         return self._time_s
 
     def _compare(self, row: BoardReading) -> None:
-        """Add the time since the last row that the board counted on, by both clocks; the host's is a second at most."""
+        """Add the time since the last row that the board counted on, by both clocks; of each a second at most."""
         if self._heard is not None:
             rows, device_s = _steps(row, self._heard)
             if 0 < rows < SEQ_WRAP // 2:
-                host_s = min(max(row.host_s - self._heard.host_s, 0.0), HOST_TOLERANCE_S)
-                self._compared_s += np.array([device_s, host_s])
+                steps_s = np.array([device_s, row.host_s - self._heard.host_s])
+                self._compared_s += np.clip(steps_s, 0.0, HOST_TOLERANCE_S)
         self._heard = row
 
     def check_unit(self, board: int) -> None:
         """Check that the clock of the board with this number counts microseconds, and that of the host seconds.
 
         Raises:
-            InputError: when the board's is much slower, as where one of them counts milliseconds.
+            InputError: when one is much slower, as where one of them counts milliseconds.
         """
         board_s, host_s = self._compared_s
+        if board_s > UNIT_SPAN_S and host_s < SLOWEST_CLOCK * board_s:
+            raise InputError(
+                f"board {board}: host_s: went on by {host_s:.3g} s in {board_s:.3g} s on the board's clock: "
+                "is the unit right, with all digits?"
+            )
         if host_s > UNIT_SPAN_S and board_s < SLOWEST_CLOCK * host_s:
             raise InputError(
                 f"board {board}: device_us: went on by {board_s:.3g} s in {host_s:.3g} s on the host's clock: "

@@ -15,7 +15,7 @@ from ..structure_description import (
     described,
 )
 from ..trial_tables import AdcTable
-from ..values.tables import NotNegative, Positive
+from ..values.tables import Fraction, NotNegative, Positive
 from .carried_sensors import ImuPlan, PositionPlan, RangePlan
 from .emulated_boards import BoardPhysics, Faults
 from .geometry_error import GeometryError
@@ -40,7 +40,7 @@ class MechanicsPlan:
     tendon_stiffness_spread: NotNegative
     """Relative standard deviation over tendons."""
     tendon_damping_n_s_per_m: NotNegative
-    push_back: NotNegative | list[NotNegative]
+    push_back: Fraction | list[Fraction]
     """Stiffness of a bent tendon over that of a stretched one; 0 for a cable, which goes slack."""
     natural_length_spread_m: NotNegative
     """Standard deviation over tendons, which trial.toml says tendon by tendon, as measured."""

@@ -33,6 +33,8 @@ AngularRate = Annotated[Positive, Le(35)]
 """That of a body in rad/s: up to the range of usual inertial sensors, 2000 degrees a second."""
 NotNegative = Annotated[float, Ge(0), AllowInfNan(False)]
 """Zero or a finite positive number."""
+Fraction = Annotated[float, Interval(ge=0, le=1)]
+"""A number from 0 to 1."""
 AtLeastOne = Annotated[int, Ge(1)]
 """A whole number, 1 or greater."""
 Share = Annotated[float, Interval(ge=0, lt=1)]

@@ -42,6 +42,12 @@ def test_a_sensor_that_tells_the_truth_agrees() -> None:
     assert agreement.is_proven.all()
 
 
+def test_rates_in_degrees_contradict_at_rest() -> None:
+    """The bias is 0.37 rad/s; 21 of them, as it is in degrees, are none."""
+    assert told(lambda rate, force: (rate, force), frames=50).moves_as_told.all()
+    assert not told(lambda rate, force: (np.rad2deg(rate), force), frames=12).moves_as_told.any()
+
+
 @pytest.mark.parametrize(("sign", "share"), [(1, 0.4), (-1, 1.0)])
 def test_a_small_turn_and_a_wrong_one_prove_nothing(sign, share) -> None:
     assert not told(lambda rate, force: (sign * rate, force), share * TIP_RAD, frames=250).is_proven.any()

@@ -147,10 +147,14 @@ def test_of_a_sensor_that_is_mostly_absurd_nothing_is_used() -> None:
 @pytest.mark.parametrize("first_s", [0.0, 100.0])
 def test_a_unit_that_is_told_wrongly_is_named(first_s) -> None:
     """At rest alone, which lasts for 0.05 s from the first frame on: later a robot may be accelerated."""
-    gate = ImuGate(2, RestClock(0.05))
+    gate = ImuGate(3, RestClock(0.05))
     for k in range(10):
         t_s, moves = first_s + 0.01 * k, 1.0 if k < 5 else 3.0
-        gate.passes(ImuReading(0, t_s, np.full(3, float(k)), np.array([0, 0.6, 0.8])))
-        gate.passes(ImuReading(1, t_s, np.full(3, float(k)), moves * np.array([0, 6.0, 8.0])))
+        gate.passes(ImuReading(0, t_s, np.full(3, 0.01 * k), np.array([0, 0.6, 0.8])))
+        gate.passes(ImuReading(1, t_s, np.full(3, 0.01 * k * moves), moves * np.array([0, 6.0, 8.0])))
+        gate.passes(ImuReading(2, t_s, np.rad2deg([0.01, 0.0, 1e-3 * k]), np.array([0, 6.0, 8.0])))
         gate.count_frame(t_s)
-    assert gate.warnings() == {"imu 0": "specific force at rest: expected 9.81 m/s^2, got 1: unit?"}
+    assert gate.warnings() == {
+        "imu 0": "specific force at rest: expected 9.81 m/s^2, got 1: unit?",
+        "imu 2": "rate at rest: expected about 0 rad/s, got 0.584: unit, or is it moved?",
+    }
