@@ -1,6 +1,8 @@
 """The command line, see `tensegraph --help`. The work of a command is in `commands/`, imported when it is chosen."""
 
+import logging
 import math
+import os
 import sys
 import warnings
 from collections.abc import Iterator
@@ -8,9 +10,10 @@ from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+from typer.core import TyperGroup
 
 from .models.plug_ins import PlugInWarning
 from .models.values.errors import InputError, TensegraphError, one_line
@@ -19,7 +22,28 @@ if TYPE_CHECKING:
     from .commands.many import Workers
     from .io.reports.terminal import Terminal
 
+UsageError: Any = typer.BadParameter.__base__
+"""What typer raises at options and arguments that it does not know, and does not export."""
+
+
+class _Commands(TyperGroup):
+    """Commands at whose options a mistake is one line, as one in a file is."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that was chosen.
+
+        Raises:
+            InputError: for options and arguments that it does not take.
+        """
+        try:
+            return super().invoke(ctx)
+        except UsageError as error:
+            command = f"tensegraph {ctx.invoked_subcommand or ''}".rstrip()
+            raise InputError(f"{error.format_message().rstrip('.')}: see {command} --help") from error
+
+
 app = typer.Typer(
+    cls=_Commands,
     help="Shape of a tensegrity, with uncertainty, from its strain-sensing tendons.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -52,8 +76,7 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show how long ea
 
 def main() -> None:
     """Run the command line; an error of the input or of the disk is printed as one line on stderr, with exit code 2."""
-    if isinstance(sys.stdout, TextIOWrapper):  # a console may lack signs of tables, or of names
-        sys.stdout.reconfigure(errors="backslashreplace")
+    _make_usable()
     try:
         with _warnings_as_lines():
             _check_encoding(sys.argv[1:])
@@ -64,17 +87,33 @@ def main() -> None:
         sys.exit(2)
 
 
+def _make_usable() -> None:
+    """Make up for streams and an environment with which libraries fail, or speak of their own matters."""
+    for name in ("stdout", "stderr"):  # None where it was closed
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115  (it ends with the process)
+    if isinstance(sys.stdout, TextIOWrapper):  # a console may lack signs of tables, or of names
+        sys.stdout.reconfigure(errors="backslashreplace")
+    if os.environ.get("COLUMNS", "").strip("0") == "":  # rich would print nothing
+        os.environ.pop("COLUMNS", None)
+    if os.environ.get("MPLBACKEND", "").startswith("module://"):  # of a notebook, which may be of another environment
+        del os.environ["MPLBACKEND"]
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a home without a place for its cache
+
+
 def _check_encoding(arguments: list[str]) -> None:
-    """Check that results, which are in UTF-8, can hold the names of files.
+    """Check that results, which are in UTF-8, can hold the names of files, and of the folders that they are in.
 
     Raises:
-        InputError: for a name of another encoding, as of a folder of an old archive.
+        InputError: for a name of another encoding, as of a folder of an old archive, or under a locale of another one.
     """
     for argument in arguments:
         try:
             argument.encode()
+            if os.path.exists(argument):
+                os.path.realpath(argument).encode()
         except UnicodeEncodeError as error:
-            raise InputError(f"{argument}: expected a name in UTF-8") from error
+            raise InputError(f"{argument}: expected a name in UTF-8, under a locale of UTF-8") from error
 
 
 @contextmanager

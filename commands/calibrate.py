@@ -60,7 +60,7 @@ def calibrate_folder(
             data = training_data(folder, strip_rig, hold_out)
             data.split.scored(settings.unified)  # what cannot be scored is refused before the training
             for line in data.folder.left_out:
-                terminal.line(f"left out: {line}")
+                terminal.error(f"left out: {line}")
         losses = _sweep(data, settings, paths, workers, terminal) if sweep else {}
         with terminal.stage("training"):
             trained = _train(data, settings, CheckpointFile(paths.checkpoint), terminal)

@@ -12,7 +12,7 @@ from joblib import Parallel, delayed, parallel_config
 
 from ..io.provenance import code_hash
 from ..io.reports.terminal import Terminal
-from ..models.values.errors import InputError, TensegraphError, needs_extra, one_line
+from ..models.values.errors import InputError, TensegraphError, needs_extra, one_line, printable
 
 Job = TypeVar("Job")
 Made = TypeVar("Made")
@@ -91,7 +91,7 @@ class Many:
                 progress.update(bar, completed=number, description=f"{title}, {number} of {len(jobs)}")
                 if outcome.error:
                     self._failed[outcome.name] = outcome.error
-                    progress.console.print(f"{outcome.name}: failed", highlight=False)
+                    progress.console.print(f"{printable(outcome.name)}: failed", highlight=False)
                 else:
                     yield outcome.name, outcome.made  # type: ignore[misc]
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.box import SQUARE
 from rich.table import Column, Table
 
 from ..io.provenance import FINGERPRINT, fingerprint, is_up_to_date, relative_path, versions
@@ -34,7 +35,7 @@ from ..models.evaluation.metrics import node_rmse_m
 from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.shape import Status
-from ..models.values.errors import InputError, naming
+from ..models.values.errors import InputError, naming, printable
 from ..models.values.readings import TendonLengths
 from ..pipeline import OFFLINE_FRAMES, Pipeline, estimator_of
 from .garbage import rare_collections
@@ -253,9 +254,11 @@ class Run:
     def summary(self) -> Table:
         """Return the summary that is printed at the end of a run."""
         whole = (Column(overflow="fold"), Column(overflow="fold"))  # no word is cut off in a narrow terminal
-        table = Table(*whole, title=f"{self.trial.name} ({self.method})", show_header=False, title_justify="left")
+        title = printable(f"{self.trial.name} ({self.method})")
+        # that box looks alike when it comes from another process
+        table = Table(*whole, title=title, title_justify="left", show_header=False, box=SQUARE)
         for name, text in self._facts():
-            table.add_row(name, text)
+            table.add_row(printable(name), printable(text))
         return table
 
     def _facts(self) -> Iterator[tuple[str, str]]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from itertools import chain, islice, pairwise
 from pathlib import Path
 
-from ..models.values.errors import InputError
+from ..models.values.errors import InputError, reason_of
 from ..models.values.units import beyond, largest
 from .input_files import check_regular, lines_of
 
@@ -75,10 +75,8 @@ class CsvFile:
                         return CsvHead(pairs, names, row, first_row=row + 1)
                     name, _, value = line.lstrip("#").partition("=")
                     pairs[name.strip()] = value.strip()
-        except UnicodeDecodeError as error:
-            raise InputError(f"{self.path}: cannot be read: expected text in UTF-8, got {error.reason}") from error
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be read: {error}") from error
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"{self.path}: cannot be read: {reason_of(error)}") from error
         raise InputError(f"{self.path}: is empty: expected a header with {', '.join(self.columns)}")
 
     def place(self, index: int) -> str:

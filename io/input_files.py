@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TextIO
 
-from ..models.values.errors import InputError
+from ..models.values.errors import InputError, reason_of
 
 LONGEST_LINE = 1 << 20
 """Number of characters of a line above which a file is not read on; a row of a thousand numbers has 20 000."""
@@ -36,7 +36,7 @@ def check_regular(path: Path, largest_bytes: int | None = None) -> None:
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except (OSError, ValueError) as error:  # a ValueError for a name with a zero byte
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        raise InputError(f"{path}: cannot be read: {reason_of(error)}") from error
     if not stat.S_ISREG(found.st_mode):
         raise InputError(f"{path}: expected a file, got {_kind(found.st_mode)}")
     if largest_bytes is not None and found.st_size > largest_bytes:

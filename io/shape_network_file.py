@@ -10,7 +10,7 @@ from safetensors.numpy import load, save
 
 from ..models.sensor.lstm import LstmWeights
 from ..models.shape_network import ShapeNetwork
-from ..models.values.errors import InputError
+from ..models.values.errors import InputError, reason_of
 
 
 def write_shape_network(network: ShapeNetwork, path: Path) -> None:
@@ -46,6 +46,6 @@ def read_shape_network(path: Path | None = None) -> ShapeNetwork:
             rest_length_m=tensors["rest_length_m"],
         )
     except (OSError, SafetensorError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
+        raise InputError(f"{path}: cannot be read: {reason_of(error)}") from error
     except KeyError as error:
         raise InputError(f"{path}: is no network of shapes: {error} is missing") from error

@@ -195,6 +195,7 @@ def _centroid_covariance_m2(path: Path, t_s: NDArray[np.float64]) -> NDArray[np.
             raise InputError(f"{track}: expected one row for each row of shape.csv")
         row, column = np.triu_indices(3)
         covariance_m2[:, row, column] = covariance_m2[:, column, row] = rows[:, 1:]
+        _check_covariances(track, covariance_m2[:, None])
     return covariance_m2
 
 
@@ -244,15 +245,15 @@ def _covariances(path: Path, positions: StampedPositions) -> Covariances:
 
 
 def _check_covariances(path: Path, covariance_m2: NDArray[np.float64]) -> None:
-    """Raise InputError for (frames, nodes, 3, 3) of which one is the covariance of nothing; nan where there is none."""
+    """Raise InputError for (frames, rows of each, 3, 3) of which one is a covariance of nothing; nan for none."""
     told = np.isfinite(covariance_m2).all(axis=(-2, -1), keepdims=True)
     variance_m2 = np.linalg.eigvalsh(np.where(told, covariance_m2, 0.0))
     wrong = variance_m2[..., 0] < -ROUNDED * variance_m2[..., -1]
-    for frame, node in np.argwhere(wrong)[:1]:
+    for frame, row in np.argwhere(wrong)[:1]:
         raise InputError(
-            f"{path}: row {2 + frame * covariance_m2.shape[1] + node}, columns {COVARIANCE_COLUMNS[0]} to "
+            f"{path}: row {2 + frame * covariance_m2.shape[1] + row}, columns {COVARIANCE_COLUMNS[0]} to "
             f"{COVARIANCE_COLUMNS[-1]}: expected a covariance, got one with the variance "
-            f"{variance_m2[frame, node, 0]:.3g} m2 in some direction"
+            f"{variance_m2[frame, row, 0]:.3g} m2 in some direction"
         )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import tomlkit
 
 from ..models.settings import Settings
-from ..models.values.errors import InputError
+from ..models.values.errors import InputError, reason_of
 from ..models.values.tables import parse_table, unknown_keys
 from .input_files import LARGEST_TOML_BYTES, check_regular
 
@@ -38,7 +38,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         table = tomllib.loads(text)
         _check_values(table)
     except (OSError, ValueError, RecursionError) as error:  # no text, no TOML, or an integer of thousands of digits
-        raise InputError(f"{path}: cannot be read as TOML: {error}") from error
+        raise InputError(f"{path}: cannot be read as TOML: {reason_of(error)}") from error
     return table
 
 

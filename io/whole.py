@@ -148,13 +148,17 @@ def check_replaceable(path: Path, marker: str) -> None:
         marker: name of the file that every earlier result of the same kind contains.
 
     Raises:
-        InputError: when something else stands at `path`, it contains the working directory, or its directory cannot be
-            written to.
+        InputError: when something else stands at `path`, it contains the working directory or is a mount point, or it
+            or its directory cannot be written to.
     """
     if path.exists() and not (path.is_dir() and ((path / marker).is_file() or not any(path.iterdir()))):
         raise InputError(f"{path}: exists and is no earlier result: expected a new name, or a directory with {marker}")
     if Path.cwd().is_relative_to(real_path(path)):  # a shell would stay in the directory that is moved away
         raise InputError(f"{path}: is the working directory, or contains it: expected another place")
+    if path.is_mount():
+        raise InputError(f"{path}: is a mount point, which cannot be replaced: expected a directory in it")
+    if path.is_dir() and not os.access(path, os.W_OK):  # or it cannot be moved away
+        raise InputError(f"{path}: cannot be written: no permission to write in it")
     check_writable(path)
 
 

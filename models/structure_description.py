@@ -130,7 +130,7 @@ class StructureTable:
         Raises:
             InputError: for what is not small beside the shortest rod, as in another unit.
         """
-        most_m = MOST_OF_ROD * float(np.min(self.rod_length_m))
+        most_m = MOST_OF_ROD * float(np.min(self.rod_length_m, initial=np.inf))
         for name in ("rod_length_sigma_m", "anchor_sigma_m", "hub_radius_m"):
             if (value := getattr(self, name)) > most_m:
                 raise InputError(

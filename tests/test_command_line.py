@@ -2,6 +2,7 @@
 
 import inspect
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -106,6 +107,21 @@ def test_a_full_disk_behind_stderr_leaves_the_exit_code(tmp_path) -> None:
     assert ended.returncode == 2
 
 
+def test_ctrl_c_while_libraries_are_imported_is_no_traceback(tmp_path) -> None:
+    program = """
+import sys
+class Interrupted:
+    def find_spec(self, name, path=None, target=None):
+        if name == "typer":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupted())
+from tensegraph.__main__ import main
+main()
+"""
+    ended = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")
+
+
 def test_what_cannot_be_printed_is_escaped_in_an_error(monkeypatch, capsys) -> None:
     """A cell with zero bytes, a name with a line end, marks that turn the direction of a line round."""
 
@@ -197,10 +213,60 @@ def test_a_console_of_ascii_shows_signs_by_their_numbers(tmp_path) -> None:
     assert "reconstruct" in shown.stdout
 
 
+@pytest.mark.parametrize(
+    ("typed", "told"),
+    [
+        (["reconstruct", "x", "--jobs", "0"], "Invalid value for '--jobs': .* see tensegraph reconstruct --help"),
+        (["reconstruct", "x", "--methd", "live"], "No such option: --methd .*: see tensegraph reconstruct --help"),
+        (["evaluate"], "Missing argument .*: see tensegraph evaluate --help"),
+        (["rekonstruct"], "No such command 'rekonstruct'.*: see tensegraph --help"),
+    ],
+)
+def test_a_mistake_at_the_options_is_one_line(tmp_path, typed, told) -> None:
+    refused = run(*typed, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert re.fullmatch(f"tensegraph: {told}\n", refused.stderr)
+
+
+def test_a_notebook_and_a_screen_without_columns_are_no_hindrance(trial_copy, tmp_path) -> None:
+    """The kernel of a notebook names its own backend of matplotlib, which need not be in this environment."""
+    path = trial_copy(rows=60)
+    typed = ("reconstruct", path, "--method", "frame", "--out", tmp_path / "out")
+    done = run_process(*typed, cwd=tmp_path, MPLBACKEND="module://nowhere.backend_inline", COLUMNS="0")
+    assert done.returncode == 0, done.stderr
+    assert "written to" in done.stdout
+    assert (tmp_path / "out" / "shape.png").is_file()
+
+
+def test_two_jobs_need_no_stdout(trial_copy, tmp_path) -> None:
+    """Python has None in place of a stream that the shell has closed, and a library of jobs flushes it."""
+    paths = [str(trial_copy(rows=60, name=name)) for name in ("a", "b")]
+    typed = [sys.executable, "-m", "tensegraph", "reconstruct", *paths, "--method", "frame", "--figures", "none"]
+    closed = subprocess.run(
+        ["sh", "-c", 'exec "$@" >&-', "sh", *typed, "--jobs", "2", "--out", "out"],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert (closed.returncode, closed.stderr) == (0, "")
+    assert (tmp_path / "out" / "b" / "shape.csv").is_file()
+
+
+def test_the_folder_of_a_name_is_checked_too(tmp_path) -> None:
+    """As of the place of a link, or the folder that `.` stands for."""
+    place = tmp_path / os.fsdecode(b"l\xe4b")
+    place.mkdir()
+    (tmp_path / "link").symlink_to(place)
+    for cwd, name in ((tmp_path, "link"), (place, ".")):
+        refused = run_process("reconstruct", name, cwd=cwd)
+        assert refused.returncode == 2
+        assert refused.stderr == f"tensegraph: {name}: expected a name in UTF-8, under a locale of UTF-8\n"
+
+
 def test_a_name_that_is_not_utf_8_is_refused(tmp_path) -> None:
     """As of a folder of an old archive; results are in UTF-8 and could not name it."""
     named = os.fsdecode(b"tr\xe9s")
     (tmp_path / named).mkdir()
     refused = run_process("reconstruct", named, cwd=tmp_path)
     assert (refused.returncode, refused.stdout) == (2, "")
-    assert refused.stderr == "tensegraph: tr\\udce9s: expected a name in UTF-8\n"
+    assert refused.stderr == "tensegraph: tr\\udce9s: expected a name in UTF-8, under a locale of UTF-8\n"

@@ -61,7 +61,7 @@ def write_netcdf(arrays: Mapping[str, NDArray[Any]], about: Mapping[str, Any], p
         import h5netcdf  # noqa: F401  (xarray imports the engine by its name, and the engine its library)
         import h5py  # noqa: F401
     compressed = {name: {"zlib": True} for name, values in arrays.items() if values.dtype.kind in "fi"}
-    as_dataset(arrays, about).to_netcdf(path, engine="h5netcdf", encoding=compressed)
+    path.write_bytes(as_dataset(arrays, about).to_netcdf(engine="h5netcdf", encoding=compressed))
 
 
 def _described(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:

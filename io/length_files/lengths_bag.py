@@ -1,6 +1,7 @@
 """Lengths of tendons from a bag of ROS 2: an MCAP file, or the directory that `ros2 bag record` writes."""
 
 import re
+import struct
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -202,7 +203,8 @@ def _connections(reader: Any, topic: str) -> list[Any]:
 
 
 def _one_line(error: Exception) -> str:
-    """Return what an error says; of bag metadata, rosbags repeats the words of Python."""
-    said = " ".join(str(error).split()) or "it is damaged"
+    """Return what an error says; of bag metadata, rosbags repeats the words of Python, as of bytes that are damaged."""
+    is_of_python = isinstance(error, UnicodeDecodeError | struct.error)
+    said = "" if is_of_python else " ".join(str(error).split())
     is_of_metadata = said.startswith(("Invalid bag metadata", "A metadata key is missing"))
-    return "metadata.yaml is not that of a bag" if is_of_metadata else said
+    return "metadata.yaml is not that of a bag" if is_of_metadata else said or "it is damaged"

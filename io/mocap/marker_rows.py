@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.values.errors import InputError
+from ...models.values.errors import InputError, reason_of
 from ...models.values.tracks import MarkerTracks
 from ...models.values.units import LARGEST, beyond
 from ..input_files import check_regular, lines_of
@@ -42,7 +42,7 @@ def read_cells(path: Path, delimiter: str) -> list[list[str]]:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [[cell.strip() for cell in row] for row in csv.reader(lines_of(file, path), delimiter=delimiter)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
+        raise InputError(f"{path}: cannot be read: {reason_of(error)}") from error
     if rows and len(rows[0]) == 1 and ";" in rows[0][0]:
         raise InputError(f"{path}: row 1: expected commas between cells, got semicolons")
     return rows

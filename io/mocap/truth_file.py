@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ...models.values.errors import InputError
+from ...models.values.errors import InputError, reason_of
 from ...models.values.tracks import MarkerTracks, StampedPositions
 from ..input_files import check_regular
 from ..positions import read_positions
@@ -42,4 +42,4 @@ def _head(path: Path) -> str:
         with path.open("rb") as file:
             return file.read(HEAD_BYTES).decode("utf-8-sig", errors="replace")
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
+        raise InputError(f"{path}: cannot be read: {reason_of(error)}") from error

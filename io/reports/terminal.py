@@ -4,13 +4,13 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import IO, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from ...models.values.errors import TensegraphError
+from ...models.values.errors import TensegraphError, printable
 from .progress import StageBar, TimeLeft
 
 
@@ -38,15 +38,16 @@ class Terminal:
 
     def written(self, text: str) -> None:
         """Print where results were written."""
-        self.results.print(text, highlight=False, soft_wrap=True)
+        self.results.print(printable(text), highlight=False, soft_wrap=True)
 
     def line(self, text: str) -> None:
         """Print a message."""
-        self.news.print(text, highlight=False, soft_wrap=True)
+        self.news.print(printable(text), highlight=False, soft_wrap=True)
 
     def error(self, text: str) -> None:
         """Print on stderr what failed while other work goes on."""
-        print(f"tensegraph: {text}", file=sys.stderr)
+        with suppress(OSError):  # where stderr is on a full disk
+            print(f"tensegraph: {printable(text)}", file=sys.stderr)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

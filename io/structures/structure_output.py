@@ -104,7 +104,7 @@ def _model(told: DescribedStructure, path: Path) -> str:
         raise InputError(f"{path}: expected a structure with [mechanics], which a model needs, got none")
     rod_kg = np.broadcast_to(mechanics.rod_mass_kg, len(s.rods))
     if (rod_kg[: told.own_rods] <= 0).any():
-        raise InputError(f"{path}: expected mechanics.rod_mass_kg above 0, which a model needs")
+        raise InputError(f"{path}: expected rods with a mass, which a model needs: rod_mass_kg of [mechanics]")
     knot_kg = mechanics.node_mass_kg(s) - 0.5 * np.bincount(s.rods.ravel(), rod_kg.repeat(2), s.node_count)
     loose = np.setdiff1d(np.arange(s.node_count), np.concatenate([s.rods.ravel(), s.anchors]))
     massless = loose[knot_kg[loose] <= 0]

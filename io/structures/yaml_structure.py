@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...models.values.errors import InputError, needs_extra
+from ...models.values.errors import InputError, needs_extra, reason_of
 from ...models.values.units import LARGEST_NUMBER
 from ..input_files import LARGEST_TOML_BYTES, check_regular
 from ..toml import INTEGER_BITS
@@ -90,7 +90,7 @@ def _document(path: Path) -> dict[str, Any]:
         document = _loader(yaml)(path.read_text(encoding="utf-8-sig")).get_single_data()
         size = _size(document, {})
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
+        raise InputError(f"{path}: cannot be read: {reason_of(error)}") from error
     except (AttributeError, TypeError, LookupError) as error:  # of PyYAML
         raise InputError(f"{path}: is no YAML: a value is not what its tag says") from error
     except (yaml.YAMLError, RecursionError, ValueError) as error:

@@ -58,13 +58,20 @@ def naming(path: Path) -> Iterator[None]:
         raise type(error)(f"{path}: {error}") from error
 
 
+def reason_of(error: Exception) -> str:
+    """Return why a file cannot be read, in words that are no programmer's."""
+    if isinstance(error, UnicodeDecodeError):
+        return f"expected text in UTF-8, got {error.reason}"
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+
+
 def one_line(error: TensegraphError | OSError) -> str:
     """Return an error as the line that a user reads.
 
     What of a file or a name cannot be printed is escaped, and what is too long to be read is left out in the middle.
     """
-    text = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else str(error)
-    line = printable(text)
+    name = f"{error.filename}: " if isinstance(error, OSError) and error.filename else ""
+    line = printable(f"{name}{reason_of(error)}")
     half = LONGEST_ERROR // 2
     return line if len(line) <= LONGEST_ERROR else f"{line[:half]} ... {line[-half:]}"
 

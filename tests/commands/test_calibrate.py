@@ -15,7 +15,7 @@ from command_line import CALIBRATE, run
 def test_calibrate_writes_model_card_and_figures(rig_folder, calibrated) -> None:
     assert calibrated.returncode == 0, calibrated.stderr
     assert "left out: strips/bad.csv: row 3, column resistance_ohm: expected a finite number, got 'x'" in (
-        calibrated.stdout
+        calibrated.stderr
     )
     assert "speed 0.03 /s" in calibrated.stdout
     assert "than the LSTM" in calibrated.stdout

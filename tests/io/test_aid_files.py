@@ -96,6 +96,9 @@ REFUSED_TABLES = {
     "ground.normal_sigma_rad: expected at most 0.3 rad, got 10.0": lambda text: text.replace(
         "[ground]", "[ground]\nnormal_sigma_rad = 10.0"
     ),
+    "ground.cap_radius_m: expected at most 0.06, a fifth of the shortest rod, got 10: is the unit": lambda text: (
+        text.replace("[ground]", "[ground]\ncap_radius_m = 10.0")
+    ),
     "ground.normal_sigma_rad: input should be greater than or equal to 0, got -0.1": lambda text: text.replace(
         "[ground]", "[ground]\nnormal_sigma_rad = -0.1"
     ),

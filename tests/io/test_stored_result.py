@@ -124,6 +124,16 @@ class TestLoad:
         with pytest.raises(tg.InputError, match=rf"{name}: is missing: run\.toml names it"):
             tg.load(tmp_path / "run")
 
+    def test_a_track_whose_covariance_is_none_is_refused(self, kept, tmp_path) -> None:
+        tg.save(replace(kept, contacts=np.ones((len(kept), 12))), tmp_path / "run", figures=None)
+        track = tmp_path / "run" / "track.csv"
+        header, first, second, *rows = track.read_text().splitlines()
+        cells = second.split(",")
+        cells[header.split(",").index("cyy_m2")] = "-1.0"
+        track.write_text("\n".join([header, first, ",".join(cells), *rows, ""]))
+        with pytest.raises(tg.InputError, match=r"track\.csv: row 3, columns .*: expected a covariance, got one with"):
+            tg.load(tmp_path / "run")
+
     def test_a_run_that_is_cut_off_is_refused(self, saved) -> None:
         run = (saved / "run.toml").read_text()
         (saved / "run.toml").write_text(run[: run.index("[structure]")])

@@ -161,6 +161,19 @@ def test_the_working_directory_is_not_replaced(tmp_path, monkeypatch, out) -> No
         check_replaceable(Path(out), "run.toml")
 
 
+def test_what_cannot_be_moved_away_is_refused_before_any_work(tmp_path, monkeypatch) -> None:
+    """A mount point, as a container has for its results, and a directory of somebody else."""
+    path = result(tmp_path / "out")
+    monkeypatch.setattr(Path, "is_mount", lambda place: place == path)
+    with pytest.raises(InputError, match="out: is a mount point, which cannot be replaced: expected a directory in it"):
+        check_replaceable(path, "run.toml")
+    check_replaceable(path / "run_01", "run.toml")
+    monkeypatch.undo()
+    monkeypatch.setattr(os, "access", lambda place, mode: Path(place) != path)
+    with pytest.raises(InputError, match="out: cannot be written: no permission to write in it"):
+        check_replaceable(path, "run.toml")
+
+
 def test_a_link_stays_a_link(tmp_path) -> None:
     """The result is where the link leads to."""
     path = result(tmp_path / "disk" / "out")

@@ -1,6 +1,7 @@
 """NPZ, MAT, NetCDF and Parquet, read back by other libraries than those that wrote them."""
 
 import json
+import resource
 import sys
 
 import numpy as np
@@ -62,6 +63,19 @@ def test_a_netcdf_file(short_run, tmp_path) -> None:
         assert read["doubt"][-1] == "many_loads"
         assert read.coordinate_frame == "anchors"
         assert read.trial == r"nul \x00 in a name"
+
+
+def test_netcdf_on_a_full_disk_leaves_nothing(short_run, tmp_path) -> None:
+    """HDF5 ends the process with a segmentation fault where it writes itself."""
+    pytest.importorskip("xarray")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (5000, limits[1]))
+        with pytest.raises(tg.InputError, match=r"run\.nc: cannot be written: File too large"):
+            tg.export(short_run, tmp_path / "run.nc")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list(tmp_path.iterdir())
 
 
 def test_xarray_finds_frames_and_components_by_their_labels(short_run, tmp_path) -> None:

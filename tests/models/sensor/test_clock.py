@@ -54,12 +54,12 @@ class TestClock:
     def test_host_stamps_that_hardly_go_on_are_refused(self, digits) -> None:
         """Those of 2026 that are written with four digits, and kiloseconds."""
         clock = BoardClock(ClockSettings())
+        for row in rows(600)[0]:
+            host_s = round(1.79e9 + row.host_s, digits) if digits < 0 else digits * row.host_s
+            clock.time_s(replace(row, host_s=host_s))
         told = r"board 3: host_s: went on by 0(\.01\d*)? s in 1\d s on the board's clock: .* with all digits"
         with pytest.raises(InputError, match=told):
-            for row in rows(600)[0]:
-                host_s = round(1.79e9 + row.host_s, digits) if digits < 0 else digits * row.host_s
-                clock.time_s(replace(row, host_s=host_s))
-                clock.check_unit(3)
+            clock.check_unit(3)
 
     def test_the_host_counts_seconds(self) -> None:
         clock = BoardClock(ClockSettings())
