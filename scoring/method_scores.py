@@ -14,7 +14,7 @@ from ..models.evaluation.truth import Truth
 from ..models.settings import Settings, checked_settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.shape import Shape, Status
-from ..models.values.errors import IndeterminateError, InputError
+from ..models.values.errors import IndeterminateError, InputError, naming
 from ..models.values.readings import TendonLengths
 from ..pipeline import (
     ESTIMATORS,
@@ -117,7 +117,8 @@ class TrialComparison:
         self._structure = trial.description.structure
         self._pipeline = Pipeline(trial.description, settings, model)
         readings = bar.track("lengths", trial.readings(), trial.row_count())
-        self._frames = list(self._pipeline.after_rest(self._pipeline.lengths(readings, OFFLINE_FRAMES)))
+        with naming(trial.path):
+            self._frames = list(self._pipeline.after_rest(self._pipeline.lengths(readings, OFFLINE_FRAMES)))
 
     def without_method(self) -> Measured:
         """Return the result of the rest shape alone."""
