@@ -29,7 +29,7 @@ from .structure.structure import Structure
 from .values.chi_squared import chi_squared_quantile
 from .values.errors import InputError
 from .values.readings import Flag, RestLengths, TendonLengths, is_impossible_length
-from .values.stamps import SHORTEST_STEP_S, RestClock, is_later
+from .values.stamps import SHORTEST_STEP_S, RestClock, check_stamp, is_later
 from .values.time_series import mean_over_frames
 
 CHANCE = 1e-6
@@ -203,8 +203,9 @@ class ToldLengths:
         A row that is not `SHORTEST_STEP_S` later than the one before is left out, and None is returned.
 
         Raises:
-            InputError: for a row without a length and a sigma above 0, or nan, of each tendon.
+            InputError: for a row without a length and a sigma above 0, or nan, of each tendon, or without a stamp.
         """
+        check_stamp("t_s of lengths", lengths.t_s)
         if not is_later(lengths.t_s, self._last_s):
             self._late_rows += 1
             return None
@@ -241,8 +242,9 @@ class ToldLengths:
 
     def _check_numbers(self, lengths: TendonLengths) -> None:
         tendons = self._full_m.shape
-        if lengths.length_m.shape != tendons or lengths.sigma_m.shape != tendons:
-            got = f"shapes {lengths.length_m.shape} and {lengths.sigma_m.shape}"
+        shapes = [getattr(value, "shape", "no array") for value in (lengths.length_m, lengths.sigma_m)]
+        if shapes != [tendons, tendons]:
+            got = f"shapes {shapes[0]} and {shapes[1]}"
             raise InputError(f"lengths at {lengths.t_s:g} s: expected {tendons[0]} lengths and sigmas, got {got}")
         if (lengths.sigma_m <= 0).any():
             raise InputError(f"lengths at {lengths.t_s:g} s: expected sigmas above 0, got {lengths.sigma_m.min():g}")

@@ -39,11 +39,8 @@ def evaluate(
         InputError: when the trial or the truth cannot be read, or does not match the run.
     """
     opened = trial if isinstance(trial, Trial) else open_trial(trial)
-    if result.structure.node_count != opened.description.structure.node_count:
-        raise InputError(
-            f"{opened.path}: expected the trial of the run, whose structure has {result.structure.node_count} "
-            f"nodes, got one of {opened.description.structure.node_count}"
-        )
+    if not opened.description.structure.joins_as(result.structure):
+        raise InputError(f"{opened.path}: expected the trial of the run: its nodes are joined otherwise, or anchored")
     path = None if truth is None else Path(truth)
     return evaluation_of(opened, result, checked_settings(settings), path, align=align, offset_s=offset_s)
 

@@ -2,6 +2,7 @@
 
 import re
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +79,30 @@ def test_any_iterator_of_readings_will_do(example) -> None:
     shapes = list(tensegraph.stream(first_second(), trial.description))
     assert 45 < len(shapes) < 55
     assert shapes[-1].ellipsoids(0.95).semi_axis_m.shape == (12, 3)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"board": 2}, "board 2: expected one from 0 to 1"),
+        ({"board": None}, "board None: expected one from 0 to 1"),
+        ({"host_s": 1e18}, r"board 0: host_s: expected a stamp of at most 1e\+11 s, got 1e\+18"),
+        ({"host_s": np.nan}, r"board 0: host_s: expected a stamp .*, got nan"),
+        ({"counts": np.zeros(11, dtype=np.int64)}, r"board 0: expected counts of 12 channels, got \(11,\)"),
+    ],
+)
+def test_a_row_that_no_board_sends_is_refused(example, wrong, told) -> None:
+    trial = tensegraph.open_trial(example)
+    row = replace(next(row for row in trial.readings() if row.board == 0), **wrong)
+    with pytest.raises(tensegraph.InputError, match=told):
+        list(tensegraph.stream([row], trial.description))
+
+
+def test_a_run_is_evaluated_against_its_own_trial(trial_copy, tmp_path) -> None:
+    result = tensegraph.reconstruct(trial_copy(rows=60), "frame")
+    other = trial_copy(rows=60, name="other", trial=lambda text: text.replace("[0, 1], [1, 2]", "[1, 2], [0, 1]"))
+    with pytest.raises(tensegraph.InputError, match="other: expected the trial of the run: its nodes are joined other"):
+        tensegraph.evaluate(result, other)
 
 
 def test_live_shapes_come_while_readings_come(example) -> None:

@@ -16,6 +16,8 @@ from ..csv import CsvFile
 from ..provenance import sha256_of
 from ..toml import read_toml
 
+MOST_STRAIN = 5.0
+"""Strain beyond that of every rubber strip, as of one that is told in per cent."""
 FEWEST_ROWS = 5
 """Least number of rows in the first 10 s of a recording, in which its strip is tared."""
 BURST_SHARE = 0.1
@@ -107,7 +109,12 @@ def read_recording(path: Path, rig: StripRig) -> Recording:
     t_s = t_s[both]
     _check_stamps(path, t_s)
     strain = strain[both]
+    if (most := np.abs(strain).max()) > MOST_STRAIN:
+        raise InputError(f"{path}: expected strain up to {MOST_STRAIN:g}, got {most:g}: is the unit right?")
     resistance_ohm = resistance_ohm[both]
+    if np.ptp(resistance_ohm) == 0:
+        where = f"{path}: column {file.columns[1]}"
+        raise InputError(f"{where}: expected a resistance that changes, got {resistance_ohm[0]:g} ohm in all rows")
     natural_ohm = header_ohm or rig.natural_resistance_ohm
     if natural_ohm == "start":
         natural_ohm = float(np.mean(resistance_ohm[t_s - t_s[0] <= 1.0]))

@@ -169,7 +169,13 @@ class Split:
 
     @classmethod
     def by_time(cls, recordings: Sequence[Recording], tail: float) -> "Split":
-        """Hold out the last part of each recording."""
+        """Hold out the last part of each recording.
+
+        Raises:
+            InputError: for what is no share of a recording.
+        """
+        if not 0 < tail < 1:
+            raise InputError(f"hold_out_tail: expected a share of each recording, above 0 and below 1, got {tail:g}")
         kept = [r.part(0, 1 - tail) for r in recordings]
         held_out = [replace(r, scored_from_s=float(k.t_s[-1])) for r, k in zip(recordings, kept, strict=True)]
         return cls(*_time_validation(kept), held_out, f"the last {tail:.0%} of each recording is held out")

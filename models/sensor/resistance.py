@@ -5,7 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..values.errors import InputError
 from ..values.readings import BoardReading, Flag, ResistanceReading
+from ..values.stamps import check_stamp
 from .clock import BoardClock, ClockCounts, ClockSettings
 from .divider import Divider
 
@@ -29,8 +31,15 @@ class CountConverter:
         """Return the reading of a row; None for a row that came late or twice or does not follow the one before.
 
         Raises:
-            InputError: when the board's clock does not count microseconds.
+            InputError: when there is no such board, it has another number of channels, its clock does not count
+                microseconds, or the host's tells no time.
         """
+        if row.board not in range(len(self._tendons)):
+            raise InputError(f"board {row.board!r}: expected one from 0 to {len(self._tendons) - 1}")
+        if np.shape(row.counts) != self._tendons[row.board].shape:
+            channels = len(self._tendons[row.board])
+            raise InputError(f"board {row.board}: expected counts of {channels} channels, got {np.shape(row.counts)}")
+        check_stamp(f"board {row.board}: host_s", row.host_s)
         clock = self._clocks[row.board]
         t_s = clock.time_s(row)
         clock.check_unit(row.board)

@@ -67,11 +67,20 @@ def _covariances(shapes: Iterable[Shape], structure: Structure, collected: list[
 
     def taken() -> Iterator[NDArray[np.float64]]:
         for shape in shapes:
+            _check_size(shape, structure)
             lengths = replace(shape.lengths, modes=None, aids=(), change_since_rest=None, natural=None)
             collected.append(replace(shape.without_covariance(), lengths=lengths))
             yield shape.covariance_m2
 
     return Covariances.of(taken(), 3 * structure.node_count)
+
+
+def _check_size(shape: Shape, structure: Structure) -> None:
+    """Raise InputError for a shape of another structure."""
+    nodes, tendons = len(shape.node_position_m), len(shape.lengths.length_m)
+    if (nodes, tendons) != (structure.node_count, len(structure.tendons)):
+        expected = f"{structure.node_count} nodes and {len(structure.tendons)} tendons"
+        raise InputError(f"expected shapes of the structure, with {expected}, got one with {nodes} and {tendons}")
 
 
 def _drift(shapes: Sequence[Shape]) -> tuple[NDArray[np.float64], NDArray[np.float64]] | tuple[None, None]:
@@ -139,7 +148,7 @@ class Reconstruction:
         """Collect the shapes of one run.
 
         Raises:
-            InputError: when there is no shape.
+            InputError: when there is no shape, or one of another structure.
         """
         collected: list[Shape] = []
         covariances = _covariances(shapes, structure, collected)
@@ -206,8 +215,10 @@ class Reconstruction:
         Raises:
             InputError: for a time outside the run, or what is no time.
         """
-        if not isinstance(t_s, int | float | np.integer | np.floating) or not self.t_s[0] <= t_s <= self.t_s[-1]:
-            raise InputError(f"result[{t_s!r}]: expected a time from {self.t_s[0]:.4f} to {self.t_s[-1]:.4f} s")
+        is_number = isinstance(t_s, int | float | np.integer | np.floating)
+        if not is_number or not self.t_s[0] <= t_s <= self.t_s[-1]:
+            got = repr(t_s) if is_number or isinstance(t_s, str) else type(t_s).__name__
+            raise InputError(f"result[{got}]: expected a time from {self.t_s[0]:.4f} to {self.t_s[-1]:.4f} s")
         return int(np.abs(self.t_s - t_s).argmin())
 
     def _between(self, times: slice) -> "Reconstruction":

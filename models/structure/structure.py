@@ -141,6 +141,13 @@ class Structure:
         """(..., tendons) tendon lengths at (..., nodes, 3) positions."""
         return member_length_m(node_position_m, self.tendons)
 
+    def joins_as(self, other: "Structure") -> bool:
+        """Return whether the members of another structure join the same nodes, and the same nodes are anchors."""
+        names = ("rods", "tendons", "anchors")
+        return self.node_count == other.node_count and all(
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in names
+        )
+
     def check_unit(self, name: str, node_position_m: NDArray[np.float64]) -> None:
         """Check that positions are in metres, as the rods are.
 

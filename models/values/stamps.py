@@ -5,6 +5,9 @@ A robot rests for `rest.seconds` from the first frame on, as sensors are tared; 
 
 import math
 
+from .errors import InputError
+from .units import LARGEST
+
 ROUNDING_S = 1e-6
 """More than stamps, their sums and their differences are rounded by: a frame at the very end of the rest is after it,
 on every clock."""
@@ -18,6 +21,16 @@ def is_later(t_s: float, latest_s: float) -> bool:
     """Return whether a row is `SHORTEST_STEP_S` later than the one before, as it is and as results write it."""
     is_written_later = round(t_s, STAMP_DECIMALS) > round(latest_s, STAMP_DECIMALS)
     return is_written_later and t_s - latest_s > SHORTEST_STEP_S - ROUNDING_S
+
+
+def check_stamp(name: str, t_s: float) -> None:
+    """Check that a stamp is a time, after which others may come.
+
+    Raises:
+        InputError: for a stamp beyond the range of `units.LARGEST`, or what is no number.
+    """
+    if not abs(t_s) <= LARGEST["s"]:
+        raise InputError(f"{name}: expected a stamp of at most {LARGEST['s']:g} s, got {t_s:g}")
 
 
 def rest_until_s(first_frame_s: float, rest_seconds: float) -> float:

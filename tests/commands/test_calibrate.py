@@ -49,15 +49,17 @@ def test_ctrl_c_and_the_same_command_again_give_the_same_bytes(rig_folder, calib
 
 
 def test_a_model_that_no_command_would_take_leaves_nothing(tmp_path) -> None:
-    """The gauge length is told in cm, as mm: all strains are a hundred times too large."""
+    """The gauge length is told ten times too short, and wires are loose: resistances are mostly noise."""
     (tmp_path / "strips").mkdir()
+    rng = np.random.default_rng(0)
     for k in range(3):
         t_s = np.arange(0, 40, 0.2)
         stretch_m = 0.04 * np.abs((0.03 * t_s + 0.2) % 0.8 - 0.4)
-        rows = [f"{t:.2f},{1e6 * (1 + (32 + k) * m):.0f},{m:.6f}" for t, m in zip(t_s, stretch_m, strict=True)]
+        ohm = 1e6 * np.abs(1 + 100 * (32 + k) * stretch_m + 30 * rng.standard_normal(len(t_s)))
+        rows = [f"{t:.2f},{r:.0f},{m:.6f}" for t, r, m in zip(t_s, ohm, stretch_m, strict=True)]
         (tmp_path / "strips" / f"s{k}.csv").write_text("\n".join([*rows, ""]))
     (tmp_path / "rig.toml").write_text(
-        'gauge_length_mm = 0.4\nnatural_resistance_ohm = "start"\n[columns]\ntime = 1\nresistance = 2\n'
+        'gauge_length_mm = 3.3\nnatural_resistance_ohm = "start"\n[columns]\ntime = 1\nresistance = 2\n'
         'displacement = 3\n[units]\ntime = "s"\nresistance = "ohm"\ndisplacement = "m"\n'
     )
     command = ("calibrate", "strips", "--epochs", "1", "--out", "m.safetensors", "--rig", "rig.toml")

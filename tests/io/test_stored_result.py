@@ -250,6 +250,7 @@ class TestFramesByTime:
             (-0.5, "result[-0.5]: expected a time from 0.0000 to 0.4800 s"),
             (float("nan"), "result[nan]: expected a time"),
             ("0.1", "result['0.1']: expected a time"),
+            (np.zeros(9, dtype=np.bool_), "result[ndarray]: expected a time"),
             (slice(0.2, 0.1), "result[0.2:0.1]: holds no frame: the run is from 0.0000 to 0.4800 s"),
             (slice(0.0, 0.2, 2), "expected two times in seconds"),
             (slice("a", None), "expected two times in seconds"),

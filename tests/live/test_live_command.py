@@ -553,14 +553,14 @@ def test_a_full_disk_ends_a_recording_from_boards(tmp_path, rig, two_ports) -> N
 
 
 def test_a_disk_that_is_full_of_the_result_ends_no_session(tmp_path, trial_copy) -> None:
-    """No file may grow beyond 25 kB, as tables do within half a second: all rows come, and are recorded."""
-    command = [sys.executable, undrawn_command.__file__, "live", "--replay", trial_copy(rows=150), "--record", "again"]
+    """No file may grow beyond 25 kB, as tables do within half a second of frames: all rows come, and are recorded."""
+    command = [sys.executable, undrawn_command.__file__, "live", "--replay", trial_copy(rows=300), "--record", "again"]
     ended = ended_on_a_full_disk([*command, "--speed", 2, "--out", "out"], tmp_path, 25_000)
     full = "tensegraph: out: cannot be written: File too large"
     assert ended.stderr.splitlines() == [f"{full}; the session goes on", full]
     assert ended.returncode == 2
     assert not list(tmp_path.glob("*out*"))
-    assert len(list(open_trial(tmp_path / "again").readings())) == 300
+    assert len(list(open_trial(tmp_path / "again").readings())) == 600
 
 
 def test_settings_of_record_are_checked(tmp_path, rig, typed) -> None:

@@ -48,7 +48,7 @@ class TestRig:
     def test_stamps_in_bursts_are_refused(self, tmp_path, together: int, refused: bool) -> None:
         """A computer reads a serial port every so often, and stamps what has come since."""
         stamps = [0.1 * (k // together * together) + 1e-4 * (k % together) for k in range(400)]
-        rows = "t_s,strain,resistance_ohm\n" + "".join(f"{t:.4f},0.1,100\n" for t in stamps)
+        rows = "t_s,strain,resistance_ohm\n" + "".join(f"{t:.4f},0.1,{100 + k % 2}\n" for k, t in enumerate(stamps))
         told = self.folder(tmp_path, "natural_resistance_ohm = 50.0\n", rows)
         if refused:
             with pytest.raises(InputError, match=r"a\.csv: expected stamps .*, got bursts: .* their mean is 0\."):
@@ -105,12 +105,20 @@ class TestRig:
                 lambda rows: [rows[0], rows[1].replace("strain", "s"), *rows[2:]],
                 "a.csv: row 2: column 'strain' is miss",
             ),
+            (
+                lambda rows: [row.replace(",0.1,", ",10.0,") for row in rows],
+                "a.csv: expected strain up to 5, got 10: is",
+            ),
+            (
+                lambda rows: [*rows[:2], *(row.rpartition(",")[0] + ",100\n" for row in rows[2:])],
+                "a.csv: column resistance_ohm: expected a resistance that changes, got 100 ohm in all rows",
+            ),
             (lambda rows: rows[:40], "a.csv: expected at least 30 s of resistance and strain, got 3.7"),
         ],
     )
     def test_a_bad_file_is_named_with_row_and_column(self, tmp_path, edit, message) -> None:
         rows = ["# natural_resistance_ohm = 100\n", "t_s,strain,resistance_ohm\n"]
-        rows += [f"{0.1 * k:.1f},0.1,100\n" for k in range(400)]
+        rows += [f"{0.1 * k:.1f},0.1,{100 + k % 2}\n" for k in range(400)]
         (tmp_path / "a.csv").write_text("".join(edit(rows)))
         with pytest.raises(InputError, match=r"a\.csv") as error:
             read_recording(tmp_path / "a.csv", StripRig())
@@ -118,7 +126,7 @@ class TestRig:
 
     def test_one_good_file_of_ten_serves_and_nine_are_named(self, tmp_path) -> None:
         good = "# natural_resistance_ohm = 100\nt_s,strain,resistance_ohm\n"
-        good += "".join(f"{0.1 * k:.1f},0.1,100\n" for k in range(400))
+        good += "".join(f"{0.1 * k:.1f},0.1,{100 + k % 2}\n" for k in range(400))
         for k in range(10):
             (tmp_path / f"r{k}.csv").write_text(good if k == 3 else good.replace("# natural", "natural"))
         found = read_recordings(tmp_path, StripRig())

@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from tensegraph import Reconstruction, Settings
+from tensegraph import InputError, Reconstruction, Settings, three_strut
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.models.structure.floor import EstimatedNormal
@@ -28,6 +28,11 @@ class TestReconstruction:
         jacobian = length_jacobian(result.node_position_m[-1], structure.tendons).reshape(24, -1)
         expected = np.sqrt(jacobian[7] @ result.covariance_m2[-1] @ jacobian[7])
         assert result.innovation_sigma_m[-1, 7] == pytest.approx(expected)
+
+    def test_shapes_of_another_structure_are_refused(self, structure, rest, lengths_of) -> None:
+        shapes = LiveSmoother(structure, rest, Settings()).estimate([lengths_of(structure, rest.node_position_m, 0.0)])
+        with pytest.raises(InputError, match="with 6 nodes and 9 tendons, got one with 12 and 24"):
+            Reconstruction.of(three_strut(0.3, 0.2), shapes)
 
     def test_mechanism_is_seen(self, structure, rest, lengths_of) -> None:
         frames = [lengths_of(structure, rest.node_position_m, 0.02 * k) for k in range(3)]
