@@ -527,5 +527,11 @@ def sensor_model_of(model: AnySensorModel | str | None) -> AnySensorModel:
 
 
 def _pipeline_of(trial: TrialDescription, settings: Settings | None, model: AnySensorModel | str | None) -> Pipeline:
-    """Return the pipeline of a trial, with defaults for None."""
+    """Return the pipeline of a trial, with defaults for None.
+
+    Raises:
+        InputError: for what is no description of a trial.
+    """
+    if not isinstance(trial, TrialDescription):
+        raise InputError(f"expected the description of a trial, as trial.description, got {type(trial).__name__}")
     return Pipeline(trial, checked_settings(settings), sensor_model_of(model))

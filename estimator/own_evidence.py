@@ -34,7 +34,8 @@ def own_rows(
     Returns:
         (..., rows) z, and (..., rows, 3 nodes) dz/dx, of one factor after the other.
     """
-    told = [factor.rows(np.asarray(t_s, dtype=np.float64), node_position_m) for factor in factors]
+    t_s = np.asarray(t_s, dtype=np.float64)
+    told = [factor.rows(t_s, node_position_m.copy()) for factor in factors]  # which may write into its argument
     residual = np.concatenate([rows.residual for rows in told], axis=-1)
     jacobian = np.concatenate([rows.jacobian for rows in told], axis=-2)
     sigma = np.maximum(np.concatenate([rows.sigma for rows in told], axis=-1), SMALLEST_SIGMA)

@@ -98,6 +98,11 @@ def test_a_row_that_no_board_sends_is_refused(example, wrong, told) -> None:
         list(tensegraph.stream([row], trial.description))
 
 
+def test_a_trial_is_no_description_of_one(example) -> None:
+    with pytest.raises(tensegraph.InputError, match=r"expected the description of a trial, as trial\.description"):
+        list(tensegraph.stream([], tensegraph.open_trial(example)))
+
+
 def test_a_run_is_evaluated_against_its_own_trial(trial_copy, tmp_path) -> None:
     result = tensegraph.reconstruct(trial_copy(rows=60), "frame")
     other = trial_copy(rows=60, name="other", trial=lambda text: text.replace("[0, 1], [1, 2]", "[1, 2], [0, 1]"))

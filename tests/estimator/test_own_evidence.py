@@ -69,6 +69,24 @@ def test_rows_and_their_weight_by_hand(rest) -> None:
     assert own_error(factors, np.array(0.0), x) == pytest.approx(2 * 0.5 * 2.3849**2 * np.log(1 / weight))
 
 
+class Untidy(Heights):
+    """Writes into the positions that it is given."""
+
+    def rows(self, t_s, node_position_m) -> FactorRows:
+        told = super().rows(t_s, node_position_m)
+        node_position_m[..., 2] -= 1.0
+        return told
+
+
+def test_a_factor_may_write_into_its_argument(rest) -> None:
+    """Shapes moved with it, and the search for one did not end."""
+    x = rest.node_position_m.copy()
+    factors = [Untidy((8,), (0.1,)), Untidy((8,), (0.1,))]
+    z, _ = own_rows(factors, 0.0, x)
+    assert z[0] == z[1]
+    np.testing.assert_array_equal(x, rest.node_position_m)
+
+
 @pytest.mark.parametrize("sigma_m", [0.0, -1.0, 1e-320, 1e-160])
 def test_a_sigma_of_nothing_counts_as_a_micrometre(rest, sigma_m: float) -> None:
     x = rest.node_position_m
