@@ -32,7 +32,8 @@ class _ReadAndUsed:
     last_s: float = np.nan
     in_time: int = 0
     """Number of those that are of the time of a frame."""
-    used: int = 0
+    outlying: int = 0
+    """Number of those that were left out of it."""
     ratios: list[float] = field(default_factory=list)
     """Of each reading of one instant: the range, or the distance from the first node, to that at rest."""
 
@@ -79,9 +80,8 @@ class AidUse:
             recording = self._of(reading)
             if recording is not None and shape.t_s - reading.t_s < OLD_S:
                 recording.in_time += 1
-                recording.used += 1
         for number in shape.outlying_ranges:
-            self._recordings["range", number].used -= 1
+            self._recordings["range", number].outlying += 1
         return shape
 
     def lines(self) -> dict[str, str]:
@@ -90,7 +90,7 @@ class AidUse:
         if not last_s - first_s > OLD_S:
             return {}
         lines = {
-            f"{kind} {number}": self._unused(kind, one) if one.used <= 0 else self._out_of_time(kind, one)
+            f"{kind} {number}": self._out_of_time(kind, one) if one.in_time > one.outlying else self._unused(kind, one)
             for (kind, number), one in self._recordings.items()
         }
         return {name: line for name, line in lines.items() if line}
