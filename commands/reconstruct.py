@@ -253,10 +253,10 @@ class Run:
 
     def summary(self) -> Table:
         """Return the summary that is printed at the end of a run."""
-        whole = (Column(overflow="fold"), Column(overflow="fold"))  # no word is cut off in a narrow terminal
+        columns = (Column(overflow="fold"), Column(overflow="fold"))  # no word is cut off in a narrow terminal
         title = printable(f"{self.trial.name} ({self.method})")
-        # that box looks alike when it comes from another process
-        table = Table(*whole, title=title, title_justify="left", show_header=False, box=SQUARE)
+        # This box looks the same when it comes from another process; rich does not recognise its default there.
+        table = Table(*columns, title=title, title_justify="left", show_header=False, box=SQUARE)
         for name, text in self._facts():
             table.add_row(printable(name), printable(text))
         return table

@@ -130,14 +130,23 @@ class StructureTable:
         Raises:
             InputError: for what is not small beside the shortest rod, as in another unit.
         """
-        most_m = MOST_OF_ROD * float(np.min(self.rod_length_m, initial=np.inf))
+        shortest_m = float(np.min(self.rod_length_m, initial=np.inf))
         for name in ("rod_length_sigma_m", "anchor_sigma_m", "hub_radius_m"):
-            if (value := getattr(self, name)) > most_m:
-                raise InputError(
-                    f"structure.{name}: expected at most {most_m:.3g}, a fifth of the shortest rod, got {value:g}: "
-                    "is the unit right?"
-                )
+            check_small(f"structure.{name}", getattr(self, name), shortest_m)
         return GeometrySigma(self.rod_length_sigma_m, self.anchor_sigma_m, self.hub_radius_m)
+
+
+def check_small(name: str, size_m: float, rod_length_m: float) -> None:
+    """Check that a part is small beside the shortest rod.
+
+    Raises:
+        InputError: for more than `MOST_OF_ROD`, as in another unit.
+    """
+    if size_m > MOST_OF_ROD * rod_length_m:
+        raise InputError(
+            f"{name}: expected at most {MOST_OF_ROD * rod_length_m:.3g}, a fifth of the shortest rod, got {size_m:g}: "
+            "is the unit right?"
+        )
 
 
 def geometry_keys(told: GeometrySigma) -> dict[str, float]:

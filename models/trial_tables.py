@@ -9,7 +9,7 @@ from .sensor.divider import Divider
 from .structure.floor import USUAL_CAP_M, Floor
 from .structure.natural_lengths import Motors
 from .structure.structure import Structure
-from .structure_description import MOST_OF_ROD, BodyTable, MechanicsTable, RestTable, StructureTable
+from .structure_description import MOST_OF_ROD, BodyTable, MechanicsTable, RestTable, StructureTable, check_small
 from .values.errors import InputError
 from .values.tables import AtLeastOne, FileName, NotNegative, Positive
 
@@ -46,15 +46,12 @@ class GroundTable:
             raise InputError(
                 f"ground.normal_sigma_rad: expected at most {LEAST_TOLD_RAD} rad, got {self.normal_sigma_rad}"
             )
-        most_m = MOST_OF_ROD * rod_length_m
         cap_radius_m = self.cap_radius_m
         if cap_radius_m is None:
-            cap_radius_m = self.height_m if 0 <= self.height_m <= most_m else USUAL_CAP_M
-        elif cap_radius_m > most_m:
-            raise InputError(
-                f"ground.cap_radius_m: expected at most {most_m:.3g}, a fifth of the shortest rod, got "
-                f"{cap_radius_m:g}: is the unit right?"
-            )
+            is_radius = 0 <= self.height_m <= MOST_OF_ROD * rod_length_m
+            cap_radius_m = self.height_m if is_radius else USUAL_CAP_M
+        else:
+            check_small("ground.cap_radius_m", cap_radius_m, rod_length_m)
         return Floor(self.height_m, normal / length, self.normal_sigma_rad, cap_radius_m=cap_radius_m)
 
 
