@@ -6,7 +6,7 @@ import os
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from importlib.metadata import version
 from io import TextIOWrapper
 from pathlib import Path
@@ -29,17 +29,33 @@ UsageError: Any = typer.BadParameter.__base__
 class _Commands(TyperGroup):
     """Commands at whose options a mistake is one line, as one in a file is."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the options before a command; without any arguments the help page is shown.
+
+        Raises:
+            InputError: for options that there are not.
+        """
+        with _usage_as_line(ctx) if args else nullcontext():
+            return super().parse_args(ctx, args)
+
     def invoke(self, ctx: Any) -> Any:
         """Run the command that was chosen.
 
         Raises:
             InputError: for options and arguments that it does not take.
         """
-        try:
+        with _usage_as_line(ctx):
             return super().invoke(ctx)
-        except UsageError as error:
-            command = f"tensegraph {ctx.invoked_subcommand or ''}".rstrip()
-            raise InputError(f"{error.format_message().rstrip('.')}: see {command} --help") from error
+
+
+@contextmanager
+def _usage_as_line(ctx: Any) -> Iterator[None]:
+    """Turn a mistake at the options, of the command that was chosen or before one, into an InputError."""
+    try:
+        yield
+    except UsageError as error:
+        command = f"tensegraph {ctx.invoked_subcommand or ''}".rstrip()
+        raise InputError(f"{error.format_message().rstrip('.')}: see {command} --help") from error
 
 
 app = typer.Typer(

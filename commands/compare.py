@@ -146,7 +146,7 @@ def check_comparison(out: Path) -> None:
     elif out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: exists and is no earlier comparison: expected a new name")
     else:
-        check_replaceable(out, COMPARISON_FILE)
+        check_replaceable(out, (COMPARISON_FILE,))
 
 
 def comparison_command(trials: Sequence[Path]) -> str:

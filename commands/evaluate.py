@@ -84,7 +84,7 @@ def evaluate_results(
     """
     if offset_s is not None and not abs(offset_s) <= LARGEST["s"]:
         raise InputError(f"--offset: {beyond(offset_s, LARGEST['s'])}")
-    written = result_paths(results, out, Path("results/evaluation"), EVALUATION_FILE)
+    written = result_paths(results, out, Path("results/evaluation"), (EVALUATION_FILE,))
     truth, trial = (workers.place(path) if path else None for path in (truth, trial))
     jobs = {
         str(result): EvaluationJob(
@@ -132,7 +132,7 @@ def evaluate_result(job: EvaluationJob, terminal: Terminal) -> Group | None:
 
 def write_score(score: ScoredResult, path: Path, made_from: str) -> None:
     """Write an evaluation directory, its numbers and figures, completely or not at all."""
-    with result_directory(path, EVALUATION_FILE) as directory:
+    with result_directory(path, (EVALUATION_FILE,)) as directory:
         run = {"result": str(score.result), FINGERPRINT: made_from, "versions": versions()}
         (directory / RUN_FILE).write_text(tomli_w.dumps(run), encoding="utf-8")
         (directory / EVALUATION_FILE).write_text(as_text(score.as_json()), encoding="utf-8")

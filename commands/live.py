@@ -11,7 +11,7 @@ from ..io.input_files import real_path
 from ..io.publish.ros2_node import check_ros2, ros2_publisher
 from ..io.publish.udp import UdpPublisher, udp_address
 from ..io.reports.terminal import Terminal
-from ..io.result import SHAPE_FILE
+from ..io.result import RESULT_FILES, SHAPE_FILE
 from ..io.toml import read_settings
 from ..io.viewer.server import ViewerServer
 from ..io.whole import check_replaceable, check_vacant
@@ -173,7 +173,7 @@ def show_live(
     settings = read_settings(config)
     sensor_model = chosen_model(model)
     path = out or Path("results") / source.name
-    check_replaceable(path, SHAPE_FILE)
+    check_replaceable(path, RESULT_FILES)
     if source.record is not None:
         check_vacant(source.record)
         record = real_path(source.record)

@@ -8,14 +8,14 @@ from ..io.whole import check_replaceable
 from ..models.values.errors import TensegraphError
 
 
-def result_paths(sources: Sequence[Path], out: Path | None, default: Path, marker: str) -> list[Path]:
+def result_paths(sources: Sequence[Path], out: Path | None, default: Path, markers: tuple[str, ...]) -> list[Path]:
     """Return the output directory of each source, after a check, before any work, that it can be written.
 
     Args:
         sources: directories with different names.
         out: for one source, its output directory; for several, the directory in which each gets its own.
         default: the directory in which each gets its own if `out` is None.
-        marker: see `check_replaceable`.
+        markers: see `check_replaceable`.
 
     Raises:
         TensegraphError: see `distinct_names` and `check_replaceable`.
@@ -23,7 +23,7 @@ def result_paths(sources: Sequence[Path], out: Path | None, default: Path, marke
     names = distinct_names(sources)
     paths = [out] if out and len(sources) == 1 else [(out or default) / name for name in names]
     for path in paths:
-        check_replaceable(path, marker)
+        check_replaceable(path, markers)
     return paths
 
 

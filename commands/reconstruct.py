@@ -28,7 +28,7 @@ from ..io.reports.run_lines import (
     wrong_geometry,
 )
 from ..io.reports.terminal import Terminal
-from ..io.result import RUN_FILE, SHAPE_FILE, FigureFormat, write_result
+from ..io.result import RESULT_FILES, RUN_FILE, FigureFormat, write_result
 from ..io.toml import read_settings
 from ..io.trial_directory import Trial, open_trial
 from ..models.evaluation.metrics import node_rmse_m
@@ -169,7 +169,7 @@ def reconstruct_trials(
     settings = read_settings(config)
     estimator_of(method)  # refused here if it is none, not by every worker
     options = RunOptions(method, settings, placed_model(model, workers), figures, span)
-    paths = result_paths(trials, out, Path("results"), SHAPE_FILE)
+    paths = result_paths(trials, out, Path("results"), RESULT_FILES)
     places = {str(trial): path for trial, path in zip(trials, paths, strict=True)}
     jobs = {name: TrialJob(workers.place(Path(name)), workers.place(path), options) for name, path in places.items()}
     many = Many(workers, terminal)

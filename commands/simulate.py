@@ -104,7 +104,7 @@ def simulate_plans(
     """
     from .many import Many
 
-    places = result_paths([plan.parent / plan.stem for plan in plans], out, out, SIMULATION_FILE)
+    places = result_paths([plan.parent / plan.stem for plan in plans], out, out, (SIMULATION_FILE,))
     jobs = {
         str(plan): SimulationJob(workers.place(plan), workers.place(place), seed)
         for plan, place in zip(plans, places, strict=True)

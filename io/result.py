@@ -26,6 +26,8 @@ from .whole import check_replaceable, written_whole
 
 RUN_FILE = "run.toml"
 SHAPE_FILE = "shape.csv"
+RESULT_FILES = (SHAPE_FILE, RUN_FILE)
+"""Files that every result contains."""
 """A table that every result has, and nothing else that we write."""
 LOADS_FILE = "estimated_loads.csv"
 DRIFT_FILE = "sensor_drift.csv"
@@ -99,17 +101,17 @@ def write_result(
 
 
 @contextmanager
-def result_directory(path: Path, marker: str = SHAPE_FILE) -> Iterator[Path]:
+def result_directory(path: Path, markers: tuple[str, ...] = RESULT_FILES) -> Iterator[Path]:
     """Give a temporary directory to write into; it is moved to `path` if the block succeeds.
 
     Args:
         path: of the directory.
-        marker: name of a file that every earlier result of the same kind contains; such a result is replaced.
+        markers: names of files that every earlier result of the same kind contains; such a result is replaced.
 
     Raises:
         InputError: when anything but an earlier result exists at `path`, or it cannot be written.
     """
-    check_replaceable(path, marker)
+    check_replaceable(path, markers)
     with written_whole(path) as (inside,):
         inside.mkdir()
         yield inside

@@ -140,19 +140,21 @@ def check_vacant(path: Path) -> None:
     check_writable(path)
 
 
-def check_replaceable(path: Path, marker: str) -> None:
+def check_replaceable(path: Path, markers: tuple[str, ...]) -> None:
     """Check, before any work, that a path is vacant or holds an earlier result, and that it can be written.
 
     Args:
         path: of a directory of results.
-        marker: name of the file that every earlier result of the same kind contains.
+        markers: names of files that every earlier result of the same kind contains.
 
     Raises:
         InputError: when something else stands at `path`, it contains the working directory or is a mount point, or it
             or its directory cannot be written to.
     """
-    if path.exists() and not (path.is_dir() and ((path / marker).is_file() or not any(path.iterdir()))):
-        raise InputError(f"{path}: exists and is no earlier result: expected a new name, or a directory with {marker}")
+    is_earlier = all((path / marker).is_file() for marker in markers)
+    if path.exists() and not (is_earlier or (path.is_dir() and not any(path.iterdir()))):
+        known = " and ".join(markers)
+        raise InputError(f"{path}: exists and is no earlier result: expected a new name, or a directory with {known}")
     if Path.cwd().is_relative_to(real_path(path)):  # a shell would stay in the directory that is moved away
         raise InputError(f"{path}: is the working directory, or contains it: expected another place")
     if path.is_mount():

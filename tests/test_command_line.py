@@ -219,6 +219,7 @@ def test_a_console_of_ascii_shows_signs_by_their_numbers(tmp_path) -> None:
         (["reconstruct", "x", "--jobs", "0"], "Invalid value for '--jobs': .* see tensegraph reconstruct --help"),
         (["reconstruct", "x", "--methd", "live"], "No such option: --methd .*: see tensegraph reconstruct --help"),
         (["evaluate"], "Missing argument .*: see tensegraph evaluate --help"),
+        (["--jobs", "2", "reconstruct", "x"], "No such option: --jobs.*: see tensegraph --help"),
         (["rekonstruct"], "No such command 'rekonstruct'.*: see tensegraph --help"),
     ],
 )

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tensegraph import InputError, Reconstruction, open_trial, stream
-from tensegraph.io.result import result_directory, write_tables
+from tensegraph.io.result import RESULT_FILES, result_directory, write_tables
+from tensegraph.io.whole import check_replaceable
 from tensegraph.models.values.slip import Slip
 
 
@@ -24,6 +25,13 @@ def test_an_evaluation_is_not_replaced_by_a_result(tmp_path) -> None:
     with pytest.raises(InputError, match="exists and is no earlier result"), result_directory(tmp_path):
         pass
     assert sorted(path.name for path in tmp_path.iterdir()) == ["evaluation.json", "run.toml"]
+
+
+def test_a_table_of_the_user_is_not_replaced_by_a_result(tmp_path) -> None:
+    """It has the name of one of ours, beside which there would be a run.toml."""
+    (tmp_path / "shape.csv").write_text("sphere,1.5")
+    with pytest.raises(InputError, match=r"a directory with shape\.csv and run\.toml"):
+        check_replaceable(tmp_path, RESULT_FILES)
 
 
 def test_slips_have_a_row_each(first_second, tmp_path) -> None:

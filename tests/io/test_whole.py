@@ -115,7 +115,7 @@ def test_modes_follow_the_umask(tmp_path) -> None:
 
 def test_nothing_is_written_below_a_file(tmp_path) -> None:
     (tmp_path / "file").write_text("")
-    for check in (check_vacant, lambda path: check_replaceable(path, "run.toml")):
+    for check in (check_vacant, lambda path: check_replaceable(path, ("run.toml",))):
         with pytest.raises(InputError, match=r"file is not a directory"):
             check(tmp_path / "file" / "more" / "out")
 
@@ -158,7 +158,7 @@ def test_the_working_directory_is_not_replaced(tmp_path, monkeypatch, out) -> No
     """The shell from which the command runs would stay in a directory that is no longer there."""
     monkeypatch.chdir(result(tmp_path / "out"))
     with pytest.raises(InputError, match="is the working directory, or contains it: expected another place"):
-        check_replaceable(Path(out), "run.toml")
+        check_replaceable(Path(out), ("run.toml",))
 
 
 def test_what_cannot_be_moved_away_is_refused_before_any_work(tmp_path, monkeypatch) -> None:
@@ -166,19 +166,19 @@ def test_what_cannot_be_moved_away_is_refused_before_any_work(tmp_path, monkeypa
     path = result(tmp_path / "out")
     monkeypatch.setattr(Path, "is_mount", lambda place: place == path)
     with pytest.raises(InputError, match="out: is a mount point, which cannot be replaced: expected a directory in it"):
-        check_replaceable(path, "run.toml")
-    check_replaceable(path / "run_01", "run.toml")
+        check_replaceable(path, ("run.toml",))
+    check_replaceable(path / "run_01", ("run.toml",))
     monkeypatch.undo()
     monkeypatch.setattr(os, "access", lambda place, mode: Path(place) != path)
     with pytest.raises(InputError, match="out: cannot be written: no permission to write in it"):
-        check_replaceable(path, "run.toml")
+        check_replaceable(path, ("run.toml",))
 
 
 def test_a_link_stays_a_link(tmp_path) -> None:
     """The result is where the link leads to."""
     path = result(tmp_path / "disk" / "out")
     (tmp_path / "out").symlink_to(path)
-    check_replaceable(tmp_path / "out", "run.toml")
+    check_replaceable(tmp_path / "out", ("run.toml",))
     write(tmp_path / "out")
     assert (tmp_path / "out").is_symlink()
     assert (path / "shape.csv").read_text() == "new"
