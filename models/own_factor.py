@@ -108,6 +108,8 @@ class OwnFactor:
                 f"{self.where}: {self.plug_in}: expected residual (frames, rows), jacobian (frames, rows, 3 nodes) and "
                 f"sigma (frames, rows) of {lead} frames, got arrays of {got}"
             )
+        if not np.isfinite(rows.jacobian[np.isfinite(rows.residual)]).all():
+            raise InputError(f"{self.where}: {self.plug_in}: expected a finite jacobian of each finite residual")
         if (rows.sigma <= 0).any():
             raise InputError(f"{self.where}: {self.plug_in}: expected sigmas above 0, got {np.nanmin(rows.sigma):g}")
         self._check_needs_no_base(node_position_m, rows)

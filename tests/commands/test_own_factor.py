@@ -189,6 +189,10 @@ HEIGHT = "jacobian = np.zeros((*lead, 1, 36)); jacobian[..., 26] = 1; residual =
             "expected residual (frames, rows), jacobian (frames, rows, 3 nodes) and sigma (frames, rows) of () frames",
         ),
         (f"{HEIGHT}; return FactorRows(residual, jacobian, 0 * residual)", "expected sigmas above 0, got 0"),
+        (
+            f"{HEIGHT}; return FactorRows(residual, np.nan * jacobian, 1e-3 + 0 * residual)",
+            "expected a finite jacobian of each finite residual",
+        ),
         ("return 3", "AttributeError: 'int' object has no attribute 'residual'"),
     ],
 )
