@@ -288,8 +288,8 @@ class Run:
             yield f"worse, and {two}", f"{frames_text(hidden)}: {two.advice}"
         for reason, frames in Counter(filter(None, r.doubts)).items():
             yield f"doubt {reason}", f"{frames_text(frames)}: {reason.advice}"
-        if pipeline.rest.wrong:
-            yield "geometry", wrong_geometry(pipeline.rest.wrong)
+        for part in pipeline.rest.wrong:
+            yield "geometry", wrong_geometry(part)
         yield from (("flagged", line) for line in flagged_sensors(r))
         if pipeline.misfits_at_rest:
             yield "rest in doubt", "sensors do not fit the rest shape: was it still, are anchors and columns right?"
@@ -310,7 +310,7 @@ class Run:
             "trial_path": relative_path(path, self.trial.path),
             "method": self.method,
             "rest_shape": self.pipeline.rest.source,
-            "wrong_geometry": self.pipeline.rest.wrong or "none",
+            "wrong_geometry": ", ".join(self.pipeline.rest.wrong) or "none",
             "frames": len(self.reconstruction),
             "versions": versions(),
             "inputs": inputs,

@@ -13,18 +13,19 @@ all k does not change the balance; the prior determines it, and it has little ef
 balance at rest, in contrast, would shift the shape in every frame.
 
 What was told of the geometry may be wrong. The minimum is therefore also computed with each part of it less certain
-(rods, anchors, the measured shape or its axes, the ends of the tendons), and the evidence, which is the Laplace
-approximation of the probability of all that is known, decides:
+(rods, anchors, the measured shape or its axes, the ends of the tendons), or several, and the evidence, which is the
+Laplace approximation of the probability of all that is known, decides:
 
     log p = -1/2 (minimum) - 1/2 log |H| - sum log sigma,    H = half the second derivative at the minimum
 
 Rods and anchors keep, in all frames, the lengths and positions that they have in the estimated rest shape. Anchors that
 are told too high or too low cannot be told from a rest shape that was measured in tilted axes: where neither is much
-more probable, the axes are doubted. Where some error is larger than `LARGEST_SIGMA`, whatever part is taken as wrong,
-more is wrong than one part.
+more probable, the axes are doubted. Where some error is larger than `LARGEST_SIGMA`, whatever parts are taken as wrong,
+more is wrong.
 """
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,15 @@ from ..models.structure.floor import UP, Floor
 from ..models.structure.form_finding import find_rest_shape
 from ..models.structure.lengths import length_jacobian, member_length_m
 from ..models.structure.mechanics import Mechanics
-from ..models.structure.rest_shape import MENDED, GeometrySigma, RestSettings, RestShape, RestSource, WrongPart
+from ..models.structure.rest_shape import (
+    MENDED,
+    GeometrySigma,
+    RestSettings,
+    RestShape,
+    RestSource,
+    UncertainPart,
+    WrongPart,
+)
 from ..models.structure.rigidity import rigid_motions
 from ..models.structure.structure import Structure
 from ..models.trial_description import TrialDescription
@@ -111,16 +120,18 @@ def rest_step(
     root_m = _root_m(known_m, sigma_m, settings.measured_sigma_m if is_body else sigma_m)
     told = _RestProblem(structure, mechanics, known_m, root_m, geometry, settings, support, lengths)
     source: RestSource = "measured" if measured_position_m is not None else "found" if lengths is None else "lengths"
-    problem, minimum, wrong = _most_probable(told, source)
+    problem, minimum, parts = _most_probable(told, source)
     position_m = problem.position_m(minimum.z)
     coordinates = problem.coordinates
     covariance = np.linalg.inv(minimum.information)[:coordinates, :coordinates]
-    if wrong in MENDED and minimum.largest_error > LARGEST_SIGMA:
-        wrong = "several"
-    if wrong is None and floor is not None and floor.normal_sigma_rad == 0 and _is_off(floor, position_m):
-        wrong = "floor"
-    if wrong in MENDED and measured_position_m is None and near_position_m is None and not structure.is_held:
-        wrong = "mirror"
+    wrong: tuple[WrongPart, ...] = parts
+    is_mended = MENDED.issuperset(parts)
+    if is_mended and minimum.largest_error > LARGEST_SIGMA:
+        wrong = ("several",)
+    elif not wrong and floor is not None and floor.normal_sigma_rad == 0 and _is_off(floor, position_m):
+        wrong = ("floor",)
+    elif is_mended and measured_position_m is None and near_position_m is None and not structure.is_held:
+        wrong = ("mirror",)
     found = RestShape(
         structure=replace(
             structure,
@@ -251,6 +262,33 @@ class _RestProblem:
         natural_length_m = nominal.natural_length_m + self.settings.natural_length_sigma_m * by_length
         return replace(nominal, stiffness_n_per_m=stiffness, natural_length_m=natural_length_m)
 
+    def less_certain(self, wrong: tuple[UncertainPart, ...]) -> "_RestProblem":
+        """Return the problem in which some parts of the geometry may be as far off as they are where told wrongly."""
+        problem = self
+        for part in wrong:
+            problem = problem._less_certain(part)
+        return problem
+
+    def _less_certain(self, part: UncertainPart) -> "_RestProblem":
+        geometry, settings = self.geometry, self.settings
+        measured_m = settings.measured_sigma_m
+        match part:
+            case "rods":
+                rod_length_m = max(geometry.rod_length_m, WRONG_ROD_M)
+                return replace(self, geometry=replace(geometry, rod_length_m=rod_length_m))
+            case "anchors":
+                return replace(self, geometry=replace(geometry, anchor_m=max(geometry.anchor_m, WRONG_ANCHOR_M)))
+            case "rest shape":
+                return replace(self, root_m=max(measured_m, WRONG_SHAPE_M) * np.eye(self.coordinates))
+            case "axes":
+                moved_m = float(np.hypot(measured_m, WRONG_AXES_M * np.sqrt(self.structure.node_count)))
+                return replace(self, root_m=_root_m(self.known_m, measured_m, moved_m))
+            case "hubs":
+                return replace(self, geometry=replace(geometry, hub_radius_m=WRONG_HUB_M))
+            case "natural lengths":
+                natural_m = max(settings.natural_length_sigma_m, WRONG_NATURAL_M)
+                return replace(self, settings=replace(settings, natural_length_sigma_m=natural_m))
+
     def minimum(self) -> _Minimum:
         """Return the z that minimises |rows(z)|^2 + |z|^2."""
         size = self.coordinates + (2 * len(self.structure.tendons) + 3 * len(self._carried) if self.nominal else 0)
@@ -376,56 +414,57 @@ class _RestProblem:
         return r / self._force_sigma_n, np.concatenate(parts, axis=1) / self._force_sigma_n
 
 
-def _most_probable(told: _RestProblem, source: RestSource) -> tuple[_RestProblem, _Minimum, WrongPart | None]:
-    """Return the problem of most evidence, its minimum, and the part of the geometry that it takes as told wrongly.
+def _most_probable(told: _RestProblem, source: RestSource) -> tuple[_RestProblem, _Minimum, tuple[UncertainPart, ...]]:
+    """Return the problem of most evidence, its minimum, and the parts of the geometry that it takes as told wrongly.
 
-    Lengths whose sensors are wrong are less certain in it.
+    Several parts are asked for together only where one is wrong, and the shape was measured: lengths alone, of which
+    some may be wrong, do not tell them apart. Lengths whose sensors are wrong are less certain.
 
     Raises:
         IndeterminateError: when none of them has a minimum.
     """
-    sigma = told.geometry
-    less_certain: dict[WrongPart, _RestProblem] = {
-        "rods": replace(told, geometry=replace(sigma, rod_length_m=max(sigma.rod_length_m, WRONG_ROD_M))),
-        "anchors": replace(told, geometry=replace(sigma, anchor_m=max(sigma.anchor_m, WRONG_ANCHOR_M))),
-    }
-    if source == "measured":
-        sigma_m = max(told.settings.measured_sigma_m, WRONG_SHAPE_M)
-        less_certain["rest shape"] = replace(told, root_m=sigma_m * np.eye(told.coordinates))
-    if told.nominal is not None and sigma.hub_radius_m == 0:
-        less_certain["hubs"] = replace(told, geometry=replace(sigma, hub_radius_m=WRONG_HUB_M))
-    if told.nominal is not None and source == "lengths":
-        sigma_m = max(told.settings.natural_length_sigma_m, WRONG_NATURAL_M)
-        settings = replace(told.settings, natural_length_sigma_m=sigma_m)
-        less_certain["natural lengths"] = replace(told, settings=settings)
-    minima = {part: problem.minimum() for part, problem in less_certain.items()}
+    parts = _uncertain_parts(told, source)
+    minima = {wrong: told.less_certain(wrong).minimum() for wrong in [(), *((part,) for part in parts)]}
     anchors = told.structure.anchors
-    aside_m = less_certain["anchors"].position_m(minima["anchors"].z)[anchors] - told.structure.anchor_position_m
+    aside_m = told.position_m(minima["anchors",].z)[anchors] - told.structure.anchor_position_m
     if source == "measured" and told.structure.is_held and np.abs(aside_m).max() >= ASIDE_M:
-        sigma_m = told.settings.measured_sigma_m
-        moved_m = float(np.hypot(sigma_m, WRONG_AXES_M * np.sqrt(len(told.known_m))))
-        less_certain["axes"] = replace(told, root_m=_root_m(told.known_m, sigma_m, moved_m))
-        minima["axes"] = less_certain["axes"].minimum()
-    chosen: tuple[_RestProblem, _Minimum, WrongPart | None] = (told, told.minimum(), None)
-    if "natural lengths" in minima and "hubs" in minima:  # both put the forces right; tendons rarely end beside rods
-        hubs = minima["hubs"]
-        minima["hubs"] = replace(hubs, log_evidence=hubs.log_evidence - LOG_PRIOR_ODDS)
-    likeliest = max(minima, key=lambda part: minima[part].log_evidence)
-    least_evidence = chosen[1].log_evidence + LOG_PRIOR_ODDS
-    wrong_lengths, evidence = _with_wrong_lengths(told, chosen[1])
-    if wrong_lengths is not told and evidence > max(minima[likeliest].log_evidence, least_evidence):
+        parts.append("axes")
+        minima["axes",] = told.less_certain(("axes",)).minimum()
+
+    def log_odds(wrong: tuple[UncertainPart, ...]) -> float:
+        less = len(wrong) + ("hubs" in wrong and "natural lengths" in parts)  # tendons rarely end beside rods
+        return minima[wrong].log_evidence - LOG_PRIOR_ODDS * less
+
+    likeliest = max(minima, key=log_odds)
+    wrong_lengths, evidence = _with_wrong_lengths(told, minima[()])
+    if wrong_lengths is not told and evidence - LOG_PRIOR_ODDS > log_odds(likeliest):
         return _most_probable(wrong_lengths, source)
-    if minima[likeliest].log_evidence > least_evidence:
-        if likeliest == "anchors" and "axes" in minima:
-            less_probable = minima["anchors"].log_evidence - minima["axes"].log_evidence
-            likeliest = "axes" if less_probable < ALIKE_LOG_ODDS else likeliest
-        chosen = (less_certain[likeliest], minima[likeliest], likeliest)
-    if np.isinf(chosen[1].log_evidence):
+    if likeliest and source == "measured":
+        together = [wrong for count in range(2, len(parts) + 1) for wrong in combinations(parts, count)]
+        together = [wrong for wrong in together if not ("axes" in wrong and {"anchors", "rest shape"} & {*wrong})]
+        minima |= {wrong: told.less_certain(wrong).minimum() for wrong in together}
+        likeliest = max(minima, key=log_odds)
+        by_axes = tuple(part for part in (*likeliest, "axes") if part != "anchors")
+        if "anchors" in likeliest and by_axes in minima and log_odds(likeliest) - log_odds(by_axes) < ALIKE_LOG_ODDS:
+            likeliest = by_axes
+    if np.isinf(minima[likeliest].log_evidence):
         raise IndeterminateError(
             f"no forces of the tendons balance at rest, in {MOST_STEPS} steps: are all lengths in m, the stiffnesses "
             "in N/m and the masses in kg?"
         )
-    return chosen
+    return told.less_certain(likeliest), minima[likeliest], likeliest
+
+
+def _uncertain_parts(told: _RestProblem, source: RestSource) -> list[UncertainPart]:
+    """Return the parts of the geometry that may have been told wrongly, without the axes of a measured shape."""
+    parts: list[UncertainPart] = ["rods", "anchors"]
+    if source == "measured":
+        parts.append("rest shape")
+    if told.nominal is not None and told.geometry.hub_radius_m == 0:
+        parts.append("hubs")
+    if told.nominal is not None and source == "lengths":
+        parts.append("natural lengths")
+    return parts
 
 
 def _with_wrong_lengths(told: _RestProblem, minimum: _Minimum) -> tuple[_RestProblem, float]:

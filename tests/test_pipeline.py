@@ -305,7 +305,7 @@ def test_anchors_that_are_not_where_lengths_between_them_say_are_in_doubt(moved_
     read = rows_of(true_m + noise_m, 0.001)
     resting = Pipeline(trial, Settings(), read_sensor_model())
     assert not any(shape.doubt for shape in resting.shapes(read, "frame"))
-    assert (resting.rest.wrong == "anchors") is expected
+    assert (resting.rest.wrong == ("anchors",)) is expected
     moving = replace(trial, rest_seconds=0.0)
     assert all((shape.doubt is Reason.GEOMETRY) is expected for shape in stream(read, moving, "frame"))
 
@@ -329,7 +329,7 @@ def test_lengths_at_rest_tell_a_rest_shape_that_nobody_measured(method, told, ex
     read = rows_of(trial.structure.tendon_length_m(truth.node_position_m), 0.0005, truth.t_s)[:65]
     pipeline = Pipeline(trial, Settings(), read_sensor_model())
     shapes = Reconstruction.of(trial.structure, pipeline.shapes(read, method))
-    assert (pipeline.rest.source, pipeline.rest.wrong) == ("lengths", None)
+    assert (pipeline.rest.source, pipeline.rest.wrong) == ("lengths", ())
     np.testing.assert_allclose(shapes.node_position_m, truth.node_position_m[:65], atol=0.0015)
     assert np.nanmax(np.abs(shapes.loads.force_n)) < 0.15
     assert set(shapes.status) == {Status.OK}
@@ -457,7 +457,7 @@ def test_geometry_that_contradicts_the_forces_at_rest_is_doubted_by_every_method
     """Live and batch doubt it themselves; the other methods know no doubt of their own."""
     trial = open_trial(trial_copy(rows=100))
     pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
-    pipeline.rest = replace(pipeline.rest, wrong="hubs")
+    pipeline.rest = replace(pipeline.rest, wrong=("hubs",))
     shapes = list(pipeline.estimate(trial.readings(), method))
     assert {shape.doubt for shape in shapes} == {Reason.GEOMETRY}
     assert {shape.status for shape in shapes} == {Status.DOUBT}

@@ -31,12 +31,14 @@ class RestSettings:
     """Standard deviation of the balance of forces at rest: sway, creep and hysteresis of the rubber."""
 
 
-WrongPart = Literal["rods", "anchors", "natural lengths", "rest shape", "axes", "hubs", "floor", "mirror", "several"]
+UncertainPart = Literal["rods", "anchors", "natural lengths", "rest shape", "axes", "hubs"]
 """A part of the geometry that may have been told wrongly: `axes` are those in which the rest shape was measured, and
-`hubs` means that tendons end beside the ends of the rods. With `mirror`, nothing was told that tells the shape from its
-mirror image; with `several`, no one part explains the rest."""
-MENDED: tuple[WrongPart | None, ...] = (None, "rods", "anchors", "natural lengths")
-"""The parts whose estimates are used in place of what was told; None where nothing is wrong."""
+`hubs` means that tendons end beside the ends of the rods."""
+WrongPart = UncertainPart | Literal["floor", "mirror", "several"]
+"""What is wrong of the geometry. With `mirror`, nothing was told that tells the shape from its mirror image; with
+`several`, no parts explain the rest."""
+MENDED: frozenset[WrongPart] = frozenset(["rods", "anchors", "natural lengths"])
+"""The parts whose estimates are as good as what was told, where it is one of them alone that was told wrongly."""
 RestSource = Literal["measured", "lengths", "found"]
 """What tells the rest shape: its measured positions, or the lengths at rest; it is found from natural lengths and
 stiffness alone where neither was measured."""
@@ -72,8 +74,8 @@ class RestShape:
     given this shape: the error of the shape is the same in every frame."""
     at_start: bool = True
     """Whether the structure stands at its rest shape in the first frame."""
-    wrong: WrongPart | None = None
-    """The part of the geometry that was told wrongly by the evidence at rest; None where all agrees."""
+    wrong: tuple[WrongPart, ...] = ()
+    """The parts of the geometry that were told wrongly by the evidence at rest; none where all agrees."""
     hub_force_n: float = 0.0
     """Standard deviation of the balance of forces at a node, because its tendons end on a hub."""
     unbalanced_n: tuple[float, float] = (float("nan"), float("nan"))
@@ -81,8 +83,8 @@ class RestShape:
 
     @property
     def is_doubted(self) -> bool:
-        """Whether what is wrong of the geometry was not mended, so that every shape is in doubt."""
-        return self.wrong not in MENDED
+        """Whether what is wrong of the geometry is not mended, or is more than one part: all shapes are in doubt."""
+        return len(self.wrong) > 1 or not MENDED.issuperset(self.wrong)
 
     @property
     def largest_sigma_m(self) -> float:
