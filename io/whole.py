@@ -41,7 +41,8 @@ DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
     """Give a temporary path of the same name for each path; all are moved into place if the block succeeds.
 
-    If moving one of them fails, everything that stood at the paths before is moved back.
+    If moving one of them fails, everything that stood at the paths before is moved back. Directories above them that
+    were made for them are removed again where nothing is written.
 
     Args:
         paths: of files or directories in one parent directory, in the order in which they are moved into place. What
@@ -55,6 +56,7 @@ def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
     aside = places[0].with_name(f".{places[0].name}-{secrets.token_hex(4)}")
     with _cannot_be_written(paths[-1]):
         _remove_left_over(places)
+        missing = [parent for parent in aside.parents if not parent.exists()]
         aside.parent.mkdir(parents=True, exist_ok=True)
         aside.mkdir(mode=0o700)
     lock = _locked(aside)
@@ -74,6 +76,9 @@ def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
     finally:
         try:
             remove_directory(aside)
+            for parent in missing:
+                with suppress(OSError):  # it holds what was written
+                    parent.rmdir()
         finally:
             if lock is not None:
                 os.close(lock)

@@ -174,6 +174,13 @@ def test_what_cannot_be_moved_away_is_refused_before_any_work(tmp_path, monkeypa
         check_replaceable(path, ("run.toml",))
 
 
+def test_directories_that_were_made_for_nothing_are_removed(tmp_path) -> None:
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(InputError), written_whole(tmp_path / "mine" / "a" / "b" / "out"):
+        raise InputError("refused")
+    assert not any((tmp_path / "mine").iterdir())
+
+
 def test_a_link_stays_a_link(tmp_path) -> None:
     """The result is where the link leads to."""
     path = result(tmp_path / "disk" / "out")
