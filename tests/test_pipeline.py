@@ -348,6 +348,16 @@ def test_lengths_that_are_told_again_and_again_are_in_doubt(plain, told) -> None
     assert all(shape.doubt == Reason.SENSORS for shape in shapes[-9:])
 
 
+@pytest.mark.parametrize("method", ["live", "frame", "least-squares", "ukf"])
+def test_a_length_that_is_wrong_from_the_rest_on_is_left_out_or_in_doubt(method, plain, told) -> None:
+    """Methods without memory use it."""
+    off_m = np.where(np.arange(24) == 20, 0.05, 0.0)
+    shapes = list(stream(rows_of(plain.length_m + off_m, plain.sigma_m, plain.t_s), told, method))[50:]
+    assert not any(shape.lengths.usable[20] and shape.status is Status.OK for shape in shapes)
+    if method != "live":
+        assert {shape.doubt for shape in shapes} == {Reason.SENSORS}
+
+
 @pytest.mark.parametrize("rate_hz", [2.0, 200.0])
 def test_a_rate_of_frames_that_the_sensor_model_was_not_trained_at_is_refused(example, told, rate_hz: float) -> None:
     settings = replace(Settings(), frames=FrameSettings(rate_hz=rate_hz))

@@ -101,6 +101,11 @@ class RestWatch:
         self.in_doubt = False
         """Whether at least half of the tendons do not fit, all together do not, or two fit that are exchanged."""
 
+    @property
+    def others(self) -> NDArray[np.bool_]:
+        """(tendons,) which lengths were others than those of the rest shape."""
+        return self._mean.beyond
+
     def observe(self, lengths: TendonLengths) -> None:
         """Take on the lengths of one more frame while the structure rests."""
         self._rest_clock.count_frame(lengths.t_s)

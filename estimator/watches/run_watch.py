@@ -48,7 +48,13 @@ class RunWatch:
         if self._rest_in_doubt or self.misfits_at_rest:
             return shape.in_doubt(Reason.REST)
         anchors_are = self._anchor_watch is not None and self._anchor_watch.in_doubt
-        return shape.in_doubt(Reason.GEOMETRY) if self._is_rest_shape_doubted or anchors_are else shape
+        if self._is_rest_shape_doubted or anchors_are:
+            return shape.in_doubt(Reason.GEOMETRY)
+        return shape.in_doubt(Reason.SENSORS) if self._is_wrong_length_used(shape.lengths) else shape
+
+    def _is_wrong_length_used(self, lengths: TendonLengths) -> bool:
+        """Return whether a length is used that was none of the rest shape; methods with memory leave it out."""
+        return self._rest_watch is not None and bool((self._rest_watch.others & lengths.usable).any())
 
     @property
     def misfits_at_rest(self) -> bool:
