@@ -51,6 +51,22 @@ class OtherBranch:
             self._search = None
         return shape.beside(self._other_shape)
 
+    def with_other_at_once(self, shape: Shape, error: float) -> Shape:
+        """Return the shape beside another shape that explains its frame about equally well, if there is one.
+
+        One is searched for only where the shape hardly explains its frame, or no forces tell the two apart.
+
+        Args:
+            shape: of a single frame.
+            error: of the frame's own factors at the shape.
+        """
+        structure = self._builder.structure
+        self._other_shape = None
+        if structure.is_square and (self._builder.statics is None or is_unlikely(structure, error)):
+            for _ in self._iterations(shape.node_position_m, weigh(shape.lengths, self._builder.noise)):
+                pass
+        return shape.beside(self._other_shape)
+
     def _iterations(self, position_m: NDArray[np.float64], measured: WeightedLengths) -> Iterator[bool]:
         """Search the other minimum of a frame's own factors, and keep it if it is not much less probable.
 

@@ -8,6 +8,7 @@ from ..models.structure.rest_shape import RestShape
 from ..models.structure.shape import Shape, Status
 from ..models.structure.structure import Structure
 from ..models.values.readings import TendonLengths
+from .branches import OtherBranch
 from .graph import GraphBuilder, status_of
 from .linear_frame import linearised
 from .uncertainty import FrameEvidence
@@ -19,6 +20,7 @@ class FrameEstimator:
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self._builder = GraphBuilder(structure, rest, settings.noise)
         self._evidence = FrameEvidence(self._builder, settings.doubt)
+        self._branch = OtherBranch(self._builder, settings.branch)
 
     def estimate(self, frames: Iterable[TendonLengths]) -> Iterator[Shape]:
         """Yield a shape for each frame."""
@@ -35,5 +37,5 @@ class FrameEstimator:
         position = minimum.node_position_m
         assessment = self._evidence.assess(linearised(self._builder, position, measured), position)
         status = status_of(lengths, self._builder.structure) if minimum.converged else Status.NOT_CONVERGED
-        shape = assessment.shape(lengths, status)
+        shape = self._branch.with_other_at_once(assessment.shape(lengths, status), minimum.error)
         return shape.farther(self._builder.structure.free_coordinates, assessment.apart_m)

@@ -18,6 +18,7 @@ from tensegraph.estimator.whole_trial.trial_factors import TrialFactors
 from tensegraph.factors.noise import weigh
 from tensegraph.models.estimation import BranchSettings, NoiseSettings
 from tensegraph.models.structure.rest_shape import GeometrySigma, RestSettings
+from tensegraph.models.structure.shape import Status
 
 COUNT = 20
 FIRST = np.zeros(1, dtype=np.int64)
@@ -59,7 +60,7 @@ def test_the_other_shape_of_the_same_lengths_is_found(frames) -> None:
 
 
 def test_where_the_shape_is_unlikely_the_far_one_is_told_too(frames, monkeypatch) -> None:
-    """Live and batch tell it, where the search across det J = 0 finds nothing."""
+    """Live, batch and single frames tell it, where the search across det J = 0 finds nothing."""
     far_m, error = far_minima(frames.structure, frames.factors, FIRST, frames.first_m)
     monkeypatch.setattr(far_minima_module, "LIKELY", 0.0)
     for module in (branches, second_shapes):
@@ -67,9 +68,12 @@ def test_where_the_shape_is_unlikely_the_far_one_is_told_too(frames, monkeypatch
     first_m = np.repeat(frames.first_m, COUNT, axis=0)
     found = second_shapes.second_shapes(frames.structure, BranchSettings(), frames.factors, first_m)
     shape = FrameEstimator(frames.structure, frames.rest, Settings()).update(frames.measured[0].lengths)
+    shape = replace(shape, node_position_m=frames.first_m[0], covariance_m2=1e-6 * np.eye(36))
     live = branches.OtherBranch(frames.builder, BranchSettings())
     for _ in range(2 * MAX_FRAME_ITERATIONS):
-        told = live.with_other(replace(shape, node_position_m=frames.first_m[0], covariance_m2=1e-6 * np.eye(36)))
-    for other in (found[0], told.other):
+        told = live.with_other(shape)
+    at_once = live.with_other_at_once(shape, frames.error)
+    assert at_once.status is Status.TWO_SHAPES
+    for other in (found[0], told.other, at_once.other):
         np.testing.assert_allclose(other.node_position_m, far_m[0], atol=1e-3)
         assert other.log_ratio == pytest.approx(error[0] - frames.error, abs=0.02)
