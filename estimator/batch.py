@@ -224,7 +224,8 @@ class BatchOptimizer:
         self, frames: list[TendonLengths], live: LiveSmoother, shapes: list[Shape], doubts: list[Doubt]
     ) -> list[WeightedLengths]:
         """Return the lengths with mode, drift, health and sigma as the live pass and later frames tell them."""
-        admitted = _admitted(live.modes.smoothed(frames), shapes, smoothed(live.drift.kept or []))
+        frames = _without_stuck(live.modes.smoothed(frames), self._settings.gate.stuck_s)
+        admitted = _admitted(frames, shapes, smoothed(live.drift.kept or []))
         for lengths in admitted:
             self._builder.check_determined(lengths)
         return [
@@ -383,6 +384,24 @@ def _admitted(frames: list[TendonLengths], shapes: list[Shape], drift: list[Drif
             corrected = replace(corrected, sigma_m=sigma_m, flags=corrected.flags | implausible)
         admitted.append(corrected)
     return admitted
+
+
+def _without_stuck(frames: list[TendonLengths], stuck_s: float) -> list[TendonLengths]:
+    """Return the frames without the lengths of sensors that were stuck for some seconds before they were found so."""
+    t_s = np.array([lengths.t_s for lengths in frames])
+    stuck = np.array([lengths.flags & int(Flag.STUCK) for lengths in frames])
+    found_until = np.concatenate([np.zeros_like(stuck[:1]), np.cumsum(stuck > 0, axis=0)])
+    soon = found_until[np.searchsorted(t_s, t_s + stuck_s)] > found_until[:-1]
+    return [
+        replace(
+            lengths,
+            sigma_m=np.where(found, np.inf, lengths.sigma_m),
+            flags=lengths.flags | np.where(found, int(Flag.STUCK | Flag.MISSING), 0),
+        )
+        if found.any()
+        else lengths
+        for lengths, found in zip(frames, soon, strict=True)
+    ]
 
 
 def without_lag(frames: list[TendonLengths]) -> list[TendonLengths]:
