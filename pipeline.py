@@ -14,7 +14,7 @@ from .estimator.batch import BatchOptimizer
 from .estimator.frame import FrameEstimator
 from .estimator.free_standing.estimators import FreeStandingOptimizer, FreeStandingSmoother
 from .estimator.hanging.hanging_estimators import HangingOptimizer, HangingSmoother
-from .estimator.rest_step import rest_shape_of
+from .estimator.rest.rest_step import rest_shape_of
 from .estimator.smoother import LiveSmoother
 from .estimator.watches.moving_base import MovingBase
 from .estimator.watches.run_watch import RunWatch

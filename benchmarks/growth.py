@@ -21,7 +21,7 @@ from scipy.linalg import null_space
 
 from tensegraph import Settings, Structure, prism_tower
 from tensegraph.estimator.batch import BatchOptimizer
-from tensegraph.estimator.rest_step import rest_step
+from tensegraph.estimator.rest.rest_step import rest_step
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.io.figures.style import BLACK, BLUE, GREY, ORANGE, add_grid, save_figure
 from tensegraph.models.structure.lengths import length_jacobian, member_length_m

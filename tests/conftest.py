@@ -21,7 +21,7 @@ from emulated_board import EmulatedBoard
 from plan_edits import PLANS, SHORT, replaced
 from pty_board import PtyBoard
 from tensegraph import Reconstruction, Status, Structure, Trial, open_trial, simulate, six_strut
-from tensegraph.estimator.rest_step import rest_step
+from tensegraph.estimator.rest.rest_step import rest_step
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.sensor.sensor_model import SensorModel
 from tensegraph.models.structure.external_loads import ExternalLoads

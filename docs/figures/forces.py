@@ -5,7 +5,7 @@ from drawing import BLACK, BLUE, GREY, ORANGE, TRIAL, save
 from matplotlib.figure import Figure
 
 from tensegraph import Settings, open_trial, reconstruct
-from tensegraph.estimator.rest_step import rest_shape_of
+from tensegraph.estimator.rest.rest_step import rest_shape_of
 from tensegraph.models.balance.observable_loads import observable_part
 from tensegraph.models.balance.statics import Statics
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tensegraph import Settings, Structure, open_trial, reconstruct
-from tensegraph.estimator.rest_step import rest_shape_of
+from tensegraph.estimator.rest.rest_step import rest_shape_of
 from tensegraph.models.balance.statics import Statics
 from tensegraph.models.structure.lengths import member_length_m
 from tensegraph.models.structure.rigidity import free_length_jacobian, rigidity

@@ -8,7 +8,7 @@ from tensegraph import Settings, Status
 from tensegraph.estimator.branches import OtherBranch
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.graph import MAX_FRAME_ITERATIONS, GraphBuilder
-from tensegraph.estimator.rest_step import rest_step
+from tensegraph.estimator.rest.rest_step import rest_step
 from tensegraph.models.estimation import BranchSettings, NoiseSettings
 from tensegraph.models.structure.rest_shape import GeometrySigma, RestSettings
 from tensegraph.models.structure.rigidity import branch

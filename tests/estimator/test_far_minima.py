@@ -9,7 +9,7 @@ from tensegraph import Settings
 from tensegraph.estimator import branches
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.graph import MAX_FRAME_ITERATIONS, GraphBuilder
-from tensegraph.estimator.rest_step import rest_step
+from tensegraph.estimator.rest.rest_step import rest_step
 from tensegraph.estimator.whole_trial import far_minima as far_minima_module
 from tensegraph.estimator.whole_trial import second_shapes
 from tensegraph.estimator.whole_trial.far_minima import far_minima, is_unlikely

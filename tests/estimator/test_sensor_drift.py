@@ -11,7 +11,7 @@ from tensegraph import Settings, reconstruct, save
 from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.graph import FrameSearch, GraphBuilder
 from tensegraph.estimator.linear_frame import linearised
-from tensegraph.estimator.rest_step import rest_step
+from tensegraph.estimator.rest.rest_step import rest_step
 from tensegraph.estimator.sensor_drift import DriftState, DriftUpdate, is_of_a_board, length_evidence, smoothed
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.estimator.uncertainty import FrameEvidence

@@ -8,7 +8,7 @@ import pytest
 from plan_edits import replaced
 from roll import ROLL, soon_tipped
 from tensegraph import Settings, Status, open_trial, reconstruct
-from tensegraph.estimator.rest_step import rest_shape_of
+from tensegraph.estimator.rest.rest_step import rest_shape_of
 from tensegraph.estimator.watches.moving_base import MovingBase
 from tensegraph.models.structure.shape import Reason, Shape
 from tensegraph.models.values.aids import ImuReading

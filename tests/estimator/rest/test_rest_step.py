@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from balance import K, nominal
 from roll import ROLL
 from tensegraph import Structure, open_trial
-from tensegraph.estimator.rest_step import rest_step
+from tensegraph.estimator.rest.rest_step import rest_step
 from tensegraph.models.balance.statics import Statics
 from tensegraph.models.structure.floor import UP, Floor
 from tensegraph.models.structure.lengths import length_jacobian, member_length_m

@@ -1,0 +1,1 @@
+"""The rest step: the rest shape, and what of the geometry was told wrongly, before the first frame."""
