@@ -288,8 +288,7 @@ class Run:
             yield f"worse, and {two}", f"{frames_text(hidden)}: {two.advice}"
         for reason, frames in Counter(filter(None, r.doubts)).items():
             yield f"doubt {reason}", f"{frames_text(frames)}: {reason.advice}"
-        for part in pipeline.rest.wrong:
-            yield "geometry", wrong_geometry(part)
+        yield from (("geometry", line) for line in wrong_geometry(pipeline.rest.wrong))
         yield from (("flagged", line) for line in flagged_sensors(r))
         if pipeline.misfits_at_rest:
             yield "rest in doubt", "sensors do not fit the rest shape: was it still, are anchors and columns right?"

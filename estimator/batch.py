@@ -387,7 +387,10 @@ def _admitted(frames: list[TendonLengths], shapes: list[Shape], drift: list[Drif
 
 
 def _without_stuck(frames: list[TendonLengths], stuck_s: float) -> list[TendonLengths]:
-    """Return the frames without the lengths of sensors that were stuck for some seconds before they were found so."""
+    """Return the frames without the lengths of stuck sensors in the seconds before they were found.
+
+    They are found after `GateSettings.stuck_s` at the soonest, later where the sensor often repeats itself.
+    """
     t_s = np.array([lengths.t_s for lengths in frames])
     stuck = np.array([lengths.flags & int(Flag.STUCK) for lengths in frames])
     found_until = np.concatenate([np.zeros_like(stuck[:1]), np.cumsum(stuck > 0, axis=0)])

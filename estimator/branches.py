@@ -27,7 +27,7 @@ from .whole_trial.trial_factors import TrialFactors
 
 
 class OtherBranch:
-    """Searches at regular times for another shape that explains a frame about equally well.
+    """Searches at regular times, or when asked, for another shape that explains a frame about equally well.
 
     A search takes about as long as the estimates of two frames. It is spread over the frames that follow, one iteration
     in each, so that no frame waits for it. Only where the shape hardly explains its frame, another one is also searched

@@ -26,9 +26,9 @@ from .whole import check_replaceable, written_whole
 
 RUN_FILE = "run.toml"
 SHAPE_FILE = "shape.csv"
+"""A table that every result has, and nothing else that we write."""
 RESULT_FILES = (SHAPE_FILE, RUN_FILE)
 """Files that every result contains."""
-"""A table that every result has, and nothing else that we write."""
 LOADS_FILE = "estimated_loads.csv"
 DRIFT_FILE = "sensor_drift.csv"
 CONTACTS_FILE = "contacts.csv"

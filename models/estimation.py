@@ -115,7 +115,8 @@ class BranchSettings:
 
     look_every_s: Positive = 0.5
     """Shortest time between the starts of two searches. A search does one iteration in each frame, ten or so in all,
-    and its result is reported until that of the next."""
+    and its result is reported until that of the next. The method `frame` searches by itself in each frame that the
+    shape hardly explains."""
     log_ratio: Positive = 3.0
     """Log likelihood ratio of the estimated shape to the other one below which the other is reported; 3 means a ratio
     of 20."""

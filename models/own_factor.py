@@ -94,7 +94,8 @@ class OwnFactor:
         """Return the rows of the factor, see `NodeFactor`.
 
         Raises:
-            InputError: when it fails, or returns something else than rows of one form.
+            InputError: when it fails, or returns something else than rows of one form, or a row that was read without
+                its derivative.
         """
         with errors_of_plug_in(lambda: f"{self.where}: {self.plug_in}"):
             told = self.part.rows(t_s, node_position_m)
@@ -108,8 +109,8 @@ class OwnFactor:
                 f"{self.where}: {self.plug_in}: expected residual (frames, rows), jacobian (frames, rows, 3 nodes) and "
                 f"sigma (frames, rows) of {lead} frames, got arrays of {got}"
             )
-        if not np.isfinite(rows.jacobian[np.isfinite(rows.residual)]).all():
-            raise InputError(f"{self.where}: {self.plug_in}: expected a finite jacobian of each finite residual")
+        if not np.isfinite(rows.jacobian[np.isfinite(rows.residual) & np.isfinite(rows.sigma)]).all():
+            raise InputError(f"{self.where}: {self.plug_in}: expected a finite jacobian of each row that was read")
         if (rows.sigma <= 0).any():
             raise InputError(f"{self.where}: {self.plug_in}: expected sigmas above 0, got {np.nanmin(rows.sigma):g}")
         self._check_needs_no_base(node_position_m, rows)

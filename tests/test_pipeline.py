@@ -350,7 +350,7 @@ def test_lengths_that_are_told_again_and_again_are_in_doubt(plain, told) -> None
 
 @pytest.mark.parametrize("method", ["live", "frame", "least-squares", "ukf"])
 def test_a_length_that_is_wrong_from_the_rest_on_is_left_out_or_in_doubt(method, plain, told) -> None:
-    """Methods without memory use it."""
+    """The live estimate leaves it out; the others use it."""
     off_m = np.where(np.arange(24) == 20, 0.05, 0.0)
     shapes = list(stream(rows_of(plain.length_m + off_m, plain.sigma_m, plain.t_s), told, method))[50:]
     assert not any(shape.lengths.usable[20] and shape.status is Status.OK for shape in shapes)

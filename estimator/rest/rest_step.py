@@ -20,8 +20,8 @@ Laplace approximation of the probability of all that is known, decides:
 
 Rods and anchors keep, in all frames, the lengths and positions that they have in the estimated rest shape. Anchors that
 are told too high or too low cannot be told from a rest shape that was measured in tilted axes: where neither is much
-more probable, the axes are doubted. Where some error is larger than `LARGEST_SIGMA`, whatever parts are taken as wrong,
-more is wrong.
+more probable, the axes are doubted. Several parts are tried where one is wrong and the shape was measured. Where some
+error is larger than `LARGEST_SIGMA`, although rods, anchors or natural lengths may be wrong, more is wrong.
 """
 
 from dataclasses import replace

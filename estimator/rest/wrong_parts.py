@@ -28,35 +28,42 @@ def most_probable(told: RestProblem, source: RestSource) -> tuple[RestProblem, M
         IndeterminateError: when none of them has a minimum.
     """
     parts = _uncertain_parts(told, source)
-    minima = {wrong: told.less_certain(wrong).minimum() for wrong in [(), *((part,) for part in parts)]}
+    minima = {wrong: _minimum(told, wrong) for wrong in [(), *((part,) for part in parts)]}
     anchors = told.structure.anchors
-    aside_m = told.position_m(minima["anchors",].z)[anchors] - told.structure.anchor_position_m
+    aside_m = told.position_m(minima["anchors",][1].z)[anchors] - told.structure.anchor_position_m
     if source == "measured" and told.structure.is_held and np.abs(aside_m).max() >= ASIDE_M:
         parts.append("axes")
-        minima["axes",] = told.less_certain(("axes",)).minimum()
+        minima["axes",] = _minimum(told, ("axes",))
 
     def log_odds(wrong: tuple[UncertainPart, ...]) -> float:
-        less = len(wrong) + ("hubs" in wrong and "natural lengths" in parts)  # tendons rarely end beside rods
-        return minima[wrong].log_evidence - LOG_PRIOR_ODDS * less
+        improbable = len(wrong) + ("hubs" in wrong and "natural lengths" in parts)  # tendons rarely end beside rods
+        return minima[wrong][1].log_evidence - LOG_PRIOR_ODDS * improbable
 
     likeliest = max(minima, key=log_odds)
-    wrong_lengths, evidence = _with_wrong_lengths(told, minima[()])
+    wrong_lengths, evidence = _with_wrong_lengths(told, minima[()][1])
     if wrong_lengths is not told and evidence - LOG_PRIOR_ODDS > log_odds(likeliest):
         return most_probable(wrong_lengths, source)
     if likeliest and source == "measured":
         together = [wrong for count in range(2, len(parts) + 1) for wrong in combinations(parts, count)]
         together = [wrong for wrong in together if not ("axes" in wrong and {"anchors", "rest shape"} & {*wrong})]
-        minima |= {wrong: told.less_certain(wrong).minimum() for wrong in together}
+        minima |= {wrong: _minimum(told, wrong) for wrong in together}
         likeliest = max(minima, key=log_odds)
         by_axes = tuple(part for part in (*likeliest, "axes") if part != "anchors")
         if "anchors" in likeliest and by_axes in minima and log_odds(likeliest) - log_odds(by_axes) < ALIKE_LOG_ODDS:
             likeliest = by_axes
-    if np.isinf(minima[likeliest].log_evidence):
+    problem, minimum = minima[likeliest]
+    if np.isinf(minimum.log_evidence):
         raise IndeterminateError(
             f"no forces of the tendons balance at rest, in {MOST_STEPS} steps: are all lengths in m, the stiffnesses "
             "in N/m and the masses in kg?"
         )
-    return told.less_certain(likeliest), minima[likeliest], likeliest
+    return problem, minimum, likeliest
+
+
+def _minimum(told: RestProblem, wrong: tuple[UncertainPart, ...]) -> tuple[RestProblem, Minimum]:
+    """Return the problem in which some parts are wrong, and its minimum; of several ones that of most evidence."""
+    tried = [(problem, problem.minimum()) for problem in told.less_certain(wrong)]
+    return max(tried, key=lambda one: one[1].log_evidence)
 
 
 def _uncertain_parts(told: RestProblem, source: RestSource) -> list[UncertainPart]:

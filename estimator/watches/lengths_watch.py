@@ -102,8 +102,8 @@ class RestWatch:
         """Whether at least half of the tendons do not fit, all together do not, or two fit that are exchanged."""
 
     @property
-    def others(self) -> NDArray[np.bool_]:
-        """(tendons,) which lengths were others than those of the rest shape."""
+    def differs(self) -> NDArray[np.bool_]:
+        """(tendons,) which lengths were not those of the rest shape."""
         return self._mean.beyond
 
     def observe(self, lengths: TendonLengths) -> None:

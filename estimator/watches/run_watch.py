@@ -53,8 +53,8 @@ class RunWatch:
         return shape.in_doubt(Reason.SENSORS) if self._is_wrong_length_used(shape.lengths) else shape
 
     def _is_wrong_length_used(self, lengths: TendonLengths) -> bool:
-        """Return whether a length is used that was none of the rest shape; methods with memory leave it out."""
-        return self._rest_watch is not None and bool((self._rest_watch.others & lengths.usable).any())
+        """Return whether a length is used that was not that of the rest shape; `live` and `batch` leave it out."""
+        return self._rest_watch is not None and bool((self._rest_watch.differs & lengths.usable).any())
 
     @property
     def misfits_at_rest(self) -> bool:

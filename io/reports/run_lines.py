@@ -39,8 +39,8 @@ def exchanged(pairs: Sequence[tuple[int, int]]) -> list[str]:
     return [f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel" for a, b in pairs]
 
 
-def wrong_geometry(wrong: WrongPart) -> str:
-    """Return what the evidence at rest says of the geometry that was told, and what to do."""
+def wrong_geometry(wrong: Sequence[WrongPart]) -> list[str]:
+    """Return what the evidence at rest says of each part of the geometry that was told wrongly, and what to do."""
     told = {
         "rods": "the rods have other lengths than trial.toml tells; those estimated are used",
         "anchors": "the anchors are elsewhere than trial.toml tells; those estimated are used",
@@ -54,7 +54,8 @@ def wrong_geometry(wrong: WrongPart) -> str:
         "them is wrong: check each",
         "floor": "the lowest nodes at rest are off the floor: are height_m, normal and the rest shape right?",
     }
-    return told[wrong]
+    together = ["several parts are wrong at once, so that all frames are in doubt: measure them again"]
+    return [told[part] for part in wrong] + (together if len(wrong) > 1 else [])
 
 
 def rest_source(rest: RestShape, trial: TrialDescription) -> str:

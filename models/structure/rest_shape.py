@@ -36,9 +36,9 @@ UncertainPart = Literal["rods", "anchors", "natural lengths", "rest shape", "axe
 `hubs` means that tendons end beside the ends of the rods."""
 WrongPart = UncertainPart | Literal["floor", "mirror", "several"]
 """What is wrong of the geometry. With `mirror`, nothing was told that tells the shape from its mirror image; with
-`several`, no parts explain the rest."""
+`several`, rods, anchors or natural lengths that are wrong do not explain the rest."""
 MENDED: frozenset[WrongPart] = frozenset(["rods", "anchors", "natural lengths"])
-"""The parts whose estimates are as good as what was told, where it is one of them alone that was told wrongly."""
+"""The parts whose estimates replace what was told, without doubt if only one was told wrongly."""
 RestSource = Literal["measured", "lengths", "found"]
 """What tells the rest shape: its measured positions, or the lengths at rest; it is found from natural lengths and
 stiffness alone where neither was measured."""

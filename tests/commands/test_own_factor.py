@@ -191,7 +191,7 @@ HEIGHT = "jacobian = np.zeros((*lead, 1, 36)); jacobian[..., 26] = 1; residual =
         (f"{HEIGHT}; return FactorRows(residual, jacobian, 0 * residual)", "expected sigmas above 0, got 0"),
         (
             f"{HEIGHT}; return FactorRows(residual, np.nan * jacobian, 1e-3 + 0 * residual)",
-            "expected a finite jacobian of each finite residual",
+            "expected a finite jacobian of each row that was read",
         ),
         ("return 3", "AttributeError: 'int' object has no attribute 'residual'"),
     ],

@@ -46,8 +46,8 @@ def test_a_fault_of_all_frames_is_left_out_in_the_first_one_too(balanced, length
         assert np.abs(shape.node_position_m - balanced.node_position_m).max() < 0.003
 
 
-def test_a_stuck_sensor_is_left_out_from_where_it_got_stuck(balanced, lengths_of) -> None:
-    """It is found a second later; until then it reads 6 mm too much, which no check of single frames finds."""
+def test_a_stuck_sensor_is_left_out_for_the_second_before_it_is_found(balanced, lengths_of) -> None:
+    """Meanwhile it reads 6 mm too much, which no check of single frames finds. It was found as soon as may be."""
     structure, rng = balanced.structure, np.random.default_rng(3)
     stuck_from, found_from = 20, 70
     frames = []

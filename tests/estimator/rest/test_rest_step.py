@@ -241,7 +241,7 @@ class TestWrongGeometry:
         assert squared < chi2.ppf(0.99, 36)
 
     def test_measured_shape(self, structure, balanced, measured) -> None:
-        off = measured + 0.002 * np.random.default_rng(9).standard_normal((12, 3))
+        off = measured + 0.003 * np.random.default_rng(9).standard_normal((12, 3))
         found = self.found(structure, off)
         assert found.wrong == ("rest shape",)
         assert np.linalg.norm(found.node_position_m - balanced.node_position_m) < 0.7 * np.linalg.norm(
