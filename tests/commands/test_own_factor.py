@@ -12,7 +12,9 @@ from command_line import run
 from installed import install
 from roll import roll
 from tensegraph.io.trial_directory import open_trial
+from tensegraph.models.own_factor import OwnFactor
 from tensegraph.models.structure.reconstruction import Reconstruction
+from tensegraph.models.values.readings import FactorRows
 from trial_edits import replaced
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -233,3 +235,15 @@ def test_a_rig_has_none(tmp_path) -> None:
     refused = run("live", "--rig", "rig.toml", cwd=tmp_path)
     assert refused.returncode == 2
     assert refused.stderr == "tensegraph: rig.toml: [[factor]]: comes from no board: expected a rig without it\n"
+
+
+def test_a_row_that_was_not_read_needs_no_jacobian(structure) -> None:
+    """Its residual is nan, or its sigma inf."""
+
+    class Silent:
+        def rows(self, t_s, node_position_m):
+            unknown = np.full((2, 3 * structure.node_count), np.nan)
+            return FactorRows(np.array([0.0, np.nan]), unknown, np.array([np.inf, 0.001]))
+
+    factor = OwnFactor(None, "trial.toml: factor 0", Silent(), structure)
+    assert np.isnan(factor.rows(np.array(0.0), np.zeros((structure.node_count, 3))).jacobian).all()
