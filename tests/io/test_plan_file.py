@@ -212,7 +212,7 @@ def test_a_structure_that_nothing_holds_is_refused(tmp_path) -> None:
 
 
 def test_the_causes_are_plans_that_add_to_the_healthy_one() -> None:
-    assert len(CAUSES) == 15
+    assert len(CAUSES) == 16
     for name, path in CAUSES.items():
         plan = read_plan(path)
         assert plan.name == name
