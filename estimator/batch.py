@@ -20,7 +20,7 @@ from ..models.structure.shape import OtherShape, Reason, Shape, Status
 from ..models.structure.structure import Structure
 from ..models.values.errors import UNDETERMINED, IndeterminateError
 from ..models.values.readings import Flag, TendonLengths
-from ..models.values.time_series import interpolated, parts
+from ..models.values.time_series import any_before, interpolated, parts
 from .changes.change_watch import Change
 from .doubt import Doubt
 from .graph import GraphBuilder, status_of
@@ -392,9 +392,8 @@ def _without_stuck(frames: list[TendonLengths], stuck_s: float) -> list[TendonLe
     They are found after `GateSettings.stuck_s` at the soonest, later where the sensor often repeats itself.
     """
     t_s = np.array([lengths.t_s for lengths in frames])
-    stuck = np.array([lengths.flags & int(Flag.STUCK) for lengths in frames])
-    found_until = np.concatenate([np.zeros_like(stuck[:1]), np.cumsum(stuck > 0, axis=0)])
-    soon = found_until[np.searchsorted(t_s, t_s + stuck_s)] > found_until[:-1]
+    stuck = np.array([lengths.flags & int(Flag.STUCK) for lengths in frames]) > 0
+    soon = any_before(stuck, np.searchsorted(t_s, t_s + stuck_s))
     return [
         replace(
             lengths,

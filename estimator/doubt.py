@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ..models.estimation import DoubtSettings
 from ..models.structure.shape import Reason
 from ..models.values.readings import Flag, TendonLengths
-from ..models.values.time_series import Regimes
+from ..models.values.time_series import Regimes, any_before
 from .graph import GraphBuilder
 from .linear_frame import LinearFrame
 
@@ -138,8 +138,7 @@ class ModelDoubt:
     def _shaken_in(self, frames: Sequence[TendonLengths], times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return whether the robot is shaken in each frame, as the frames until `SEEN_AFTER_S` later tell."""
         seen = list(accumulate(frames, lambda before, lengths: self._is_shaken(lengths, before), initial=False))
-        seen_until = np.cumsum(seen)
-        return seen_until[np.searchsorted(times_s, times_s + SEEN_AFTER_S, side="right")] > seen_until[:-1]
+        return any_before(np.array(seen[1:]), np.searchsorted(times_s, times_s + SEEN_AFTER_S, side="right"))
 
     def _is_shaken(self, lengths: TendonLengths, before: bool) -> bool:
         swings = lengths.flags[self._builder.structure.free_tendons] & SHAKEN

@@ -137,7 +137,7 @@ def _known_shape(
     return found_m, settings.found_sigma_m if mechanics is None else float(structure.rod_length_m.mean())
 
 
-def _balanced(found: RestShape, problem: "RestProblem", minimum: "Minimum", nominal: Mechanics) -> RestShape:
+def _balanced(found: RestShape, problem: RestProblem, minimum: Minimum, nominal: Mechanics) -> RestShape:
     """Return the rest shape with the mechanics whose forces balance there, and their covariance."""
     structure, settings = problem.structure, problem.settings
     tared = problem.tared(nominal, minimum.z)

@@ -19,6 +19,17 @@ def parts(count: int, size: int) -> Iterator[slice]:
     return (slice(first, min(first + size, count)) for first in range(0, count, size))
 
 
+def any_before(holds: NDArray[np.bool_], end: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return (samples, ...) whether something holds at each sample or a later one, before the sample of number `end`.
+
+    Args:
+        holds: (samples, ...)
+        end: (samples,) later than the sample itself, and at most the number of samples.
+    """
+    until = np.concatenate([np.zeros_like(holds[:1], dtype=np.int64), np.cumsum(holds, axis=0)])
+    return np.asarray(until[end] > until[:-1])
+
+
 def low_pass_weight(step_s: Floats, time_constant_s: Floats) -> NDArray[np.float64]:
     """Return w = 1 - exp(-dt / tau), the share of the distance to its input by which the filter moves in one step."""
     return np.asarray(1 - np.exp(-(step_s / time_constant_s)))

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from tensegraph.models.values.time_series import (
     Regimes,
     SmoothedRate,
+    any_before,
     autocorrelation_of,
     correlation_samples,
     last_seen,
@@ -15,6 +16,13 @@ from tensegraph.models.values.time_series import (
     start_or_first,
     value_before,
 )
+
+
+def test_what_holds_soon_by_hand() -> None:
+    """Of the second signal the last sample holds, which only the last two ends are behind."""
+    holds = np.array([[True, False], [False, False], [False, False], [False, True]])
+    expected = [[True, False], [False, False], [False, True], [False, True]]
+    np.testing.assert_array_equal(any_before(holds, np.array([2, 3, 4, 4])), expected)
 
 
 def test_filters_by_hand() -> None:
