@@ -39,6 +39,7 @@ from .models.structure.rest_shape import RestShape
 from .models.structure.shape import Shape
 from .models.structure.structure import Structure
 from .models.told_lengths import ToldLengths, lengths_at_rest
+from .models.told_readings import check_other, check_resistance
 from .models.trial_description import TrialDescription
 from .models.values.aids import AidReading
 from .models.values.errors import IndeterminateError, InputError
@@ -137,7 +138,7 @@ def estimator_of(method: str) -> EstimatorFactory:
 
 
 def _estimated(estimator: Any, frames: Iterable[TendonLengths], progress: Progress | None) -> Iterator[Shape]:
-    """Return an estimator's shapes; its progress, if it optimises over all frames and so has any."""
+    """Return an estimator's shapes; `progress` is passed on to estimators that take it."""
     tells = progress is not None and "progress" in signature(estimator.estimate).parameters
     shapes: Iterator[Shape] = estimator.estimate(frames, progress=progress) if tells else estimator.estimate(frames)
     return shapes
@@ -159,7 +160,7 @@ class Pipeline:
     def __init__(self, trial: TrialDescription, settings: Settings, model: AnySensorModel) -> None:
         self.trial = trial
         self.settings = settings = settings.of_size(*sizes_of(trial.structure, trial.mechanics))
-        """Those that were given, of the size of the robot."""
+        """The settings that were given, scaled to the size of the robot."""
         self._described_rest = rest_shape_of(trial, settings.rest)
         self.rest = self._described_rest
         """The rest shape: that of the description, or of the lengths at rest of the latest run, see `after_rest`."""
@@ -240,7 +241,7 @@ class Pipeline:
         return self.shapes(self.lengths(readings), method)
 
     def shapes(self, frames: Iterable[TendonLengths], method: str, progress: Progress | None = None) -> Iterator[Shape]:
-        """Yield the shape in every frame of lengths.
+        """Yield the shape in every frame of lengths, from the first of the trial on.
 
         Args:
             frames: lengths, in order of time.
@@ -248,9 +249,18 @@ class Pipeline:
             progress: called by methods that optimise over all frames.
 
         Raises:
-            InputError: see `estimator_of` and `shapes_by`.
+            InputError: for a method that is none, or is not for such a structure, or such readings.
         """
-        return self.shapes_by(estimator_of(method), method, frames, progress)
+        factory = estimator_of(method)
+        self._check_method(method)
+        return self._shapes_from_rest(frames, method, factory, progress)
+
+    def _shapes_from_rest(
+        self, frames: Iterable[TendonLengths], method: str, factory: EstimatorFactory, progress: Progress | None
+    ) -> Iterator[Shape]:
+        with one_thread():
+            frames = self.after_rest(frames)
+        yield from self.shapes_by(factory, method, frames, progress)
 
     def shapes_by(
         self,
@@ -259,11 +269,16 @@ class Pipeline:
         frames: Iterable[TendonLengths],
         progress: Progress | None = None,
     ) -> Iterator[Shape]:
-        """Yield the shape in every frame of lengths, by a method of which it is known what makes its estimator.
+        """Yield the shape in every frame of lengths that `after_rest` returns, by a method whose factory is known.
 
         Raises:
             InputError: for a method that is not for such a structure, or such readings.
         """
+        self._check_method(method)
+        return self._watched(frames, method, factory, progress)
+
+    def _check_method(self, method: str) -> None:
+        """Raise InputError for a method that is not for such a structure, or such readings."""
         if self.trial.factors and method not in WITH_FACTORS:
             raise InputError(
                 f"method '{method}': expected one of {', '.join(WITH_FACTORS)}, which use the trial's [[factor]]"
@@ -272,7 +287,6 @@ class Pipeline:
         if not structure.is_held and method not in FREE_STANDING:
             fewer = "without anchors" if structure.is_free_standing else "with one or two anchors"
             raise InputError(f"method '{method}': expected one of {', '.join(FREE_STANDING)} for a structure {fewer}")
-        return self._watched(frames, method, factory, progress)
 
     @property
     def _lengths_tell_rest(self) -> bool:
@@ -315,7 +329,6 @@ class Pipeline:
     ) -> Iterator[Shape]:
         """Yield shapes, which are estimated in one thread, see `one_thread`, and what looks wrong of each."""
         with one_thread():
-            frames = self.after_rest(frames)
             self.watch = watch = RunWatch(self.trial, self.rest, self.settings.gate)
             shapes = map(watch.observe, self._shapes(map(watch.take, frames), method, factory, progress))
             shapes = map(self.aids.use.observe, shapes)
@@ -414,7 +427,10 @@ class Pipeline:
             if isinstance(reading, BoardReading | ResistanceReading):
                 resistance = self._resistance(reading)  # eq. (1), at its time on the host clock
                 yield from self._frames.add(resistance) if resistance else ()  # all sensors at one instant
-            elif isinstance(reading, TendonLengths | OtherReading):
+            elif isinstance(reading, OtherReading):
+                check_other(reading, self.trial)
+                yield reading
+            elif isinstance(reading, TendonLengths):
                 yield reading
             else:
                 raise InputError(f"readings: expected those of `open_trial(path).readings()`, got {reading!r:.60}")
@@ -427,14 +443,16 @@ class Pipeline:
 
     def _resistance(self, reading: BoardReading | ResistanceReading) -> ResistanceReading | None:
         if isinstance(reading, ResistanceReading):
+            check_resistance(reading, self.trial)
             return reading
-        assert self.boards is not None, "rows of counts need a trial with boards"
+        if self.boards is None:
+            raise InputError(f"row of board {reading.board}: the trial has {self.trial.source} in place of boards")
         return self.boards.reading(reading)
 
     def _completed(self, lengths: TendonLengths) -> TendonLengths:
         """Return lengths of strips as a frame: with the strings that motors wind, what else was read, and factors."""
         lengths = self.aids.given_to(self.winding.applied(lengths))
-        return replace(lengths, factors=self.factors) if self.factors else lengths
+        return replace(lengths, factors=(*self.factors, *lengths.factors)) if self.factors else lengths
 
 
 def reconstruct(
@@ -498,7 +516,11 @@ def rest_shape_of_trial(trial: Trial, settings: Settings) -> RestShape:
     Raises:
         InputError: see `reconstruct`.
     """
-    pipeline = _pipeline_of(trial.description, settings, None)
+    description = trial.description
+    if description.source != "lengths":  # no lengths tell it, and the sensor model may be another one than ours
+        size = sizes_of(description.structure, description.mechanics)
+        return rest_shape_of(description, settings.of_size(*size).rest)
+    pipeline = _pipeline_of(description, settings, None)
     pipeline.after_rest(pipeline.lengths(trial.readings()))
     return pipeline.rest
 

@@ -79,7 +79,7 @@ def compare(
     with_settings, with_model = checked_settings(settings), sensor_model_of(model)
     estimators, terminal = estimators_of(methods), Terminal(quiet=True)
     measured = [one for trial in opened for one in measure(trial, with_settings, with_model, terminal, estimators)]
-    return comparison_rows(measured)
+    return comparison_rows(by_method(measured))
 
 
 def estimators_of(methods: Sequence[str] | None) -> dict[str, EstimatorFactory]:
@@ -172,8 +172,23 @@ def rest_shape_held(pipeline: Pipeline, frames: Sequence[TendonLengths]) -> Reco
     )
 
 
-def comparison_rows(measured: Sequence[Measured]) -> list[ComparisonRow]:
-    """Return one row for each method on all trials, then one row for each trial and method."""
-    methods = dict.fromkeys(m.method for m in measured)
-    together = [comparison_row(ALL, [m for m in measured if m.method == method]) for method in methods]
-    return together + [comparison_row(m.trial, [m]) for m in measured]
+def by_method(measured: Iterable[Measured]) -> list[list[Measured]]:
+    """Return the results of each method, on one trial after the other, in the order in which methods come first."""
+    of_method: dict[str, list[Measured]] = {}
+    for one in measured:
+        of_method.setdefault(one.method, []).append(one)
+    return list(of_method.values())
+
+
+def comparison_rows(of_methods: Iterable[Sequence[Measured]]) -> list[ComparisonRow]:
+    """Return one row for each method on all trials, then one row for each trial and method.
+
+    Args:
+        of_methods: the results of each method, see `by_method`; those of one are needed at a time.
+    """
+    together, single = [], []
+    for measured in of_methods:
+        together.append(comparison_row(ALL, measured))
+        single += [comparison_row(one.trial, [one]) for one in measured]
+    order = {trial: number for number, trial in enumerate(dict.fromkeys(row.trial for row in single))}
+    return together + sorted(single, key=lambda row: order[row.trial])

@@ -10,12 +10,13 @@ import tomlkit
 
 from roll import soon_tipped
 from tensegraph import Flag, InputError, Reconstruction, Settings, Status, open_trial
+from tensegraph.factors.tendon import TautCables
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.sensor.frames import FrameSettings
 from tensegraph.models.structure.shape import Reason
 from tensegraph.models.trial_description import TrialDescription
-from tensegraph.pipeline import Pipeline, reconstruct, stream
+from tensegraph.pipeline import Pipeline, estimator_of, reconstruct, stream
 from told_rows import rows_of
 from trial_edits import cell, lines
 
@@ -356,6 +357,34 @@ def test_a_length_that_is_wrong_from_the_rest_on_is_left_out_or_in_doubt(method,
     assert not any(shape.lengths.usable[20] and shape.status is Status.OK for shape in shapes)
     if method != "live":
         assert {shape.doubt for shape in shapes} == {Reason.SENSORS}
+
+
+def test_the_rest_is_read_once_for_several_methods(plain, told) -> None:
+    """As `compare` does it: the frames after the rest are given to one method after the other."""
+    pipeline = Pipeline(replace(told, rest_position_m=None), Settings(), read_sensor_model())
+    read = rows_of(plain.length_m, plain.sigma_m, plain.t_s)
+    whole = Reconstruction.of(told.structure, pipeline.shapes(read, "frame"))
+    frames = list(pipeline.after_rest(read))
+    rest = pipeline.rest
+    again = Reconstruction.of(told.structure, pipeline.shapes_by(estimator_of("frame"), "frame", frames))
+    np.testing.assert_array_equal(again.node_position_m, whole.node_position_m)
+    assert pipeline.rest is rest
+
+
+def test_factors_of_a_frame_stand_beside_those_of_its_trial(plain, told) -> None:
+    """Those of stiff cables: the trial's replaced the frame's, about which nothing was said."""
+
+    class Tape:
+        def rows(self, t_s, node_position_m):
+            raise NotImplementedError
+
+    tape = Tape()
+    cables = replace(told.mechanics, stiff_cables=np.array([9]))
+    pipeline = Pipeline(replace(told, mechanics=cables), Settings(), read_sensor_model())
+    read = [replace(one, factors=(tape,)) for one in rows_of(plain.length_m)[:3]]
+    for frame in pipeline.lengths(read):
+        assert frame.factors == (*pipeline.factors, tape)
+    assert [type(factor) for factor in pipeline.factors] == [TautCables]
 
 
 @pytest.mark.parametrize("rate_hz", [2.0, 200.0])

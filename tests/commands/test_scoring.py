@@ -3,6 +3,7 @@
 import json
 import shutil
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -37,6 +38,14 @@ def test_evaluate_with_another_truth_and_offset(done, tmp_path) -> None:
     moved = tg.evaluate(result, folder / "press", tmp_path / "moved.csv", offset_s=1.0)
     difference_m = moved.compared.true_m - plain.compared.true_m
     np.testing.assert_allclose(difference_m, np.broadcast_to([0, 0, 0.003], difference_m.shape), atol=1e-9)
+
+
+def test_a_run_with_another_sensor_model_is_evaluated(done) -> None:
+    """At a rate of frames that the model of this package was not trained at: the rest shape needs no model."""
+    folder, *_ = done
+    settings = tg.Settings(frames=replace(tg.Settings().frames, rate_hz=200.0))
+    evaluation = tg.evaluate(tg.load(folder / "results" / "press"), folder / "press", settings=settings)
+    assert evaluation.absolute.nodes.rmse_m < 0.003
 
 
 def test_what_does_not_match_is_said(done, loaded) -> None:
