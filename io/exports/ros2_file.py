@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...models.structure.reconstruction import Reconstruction
 from ...models.structure.shape import Shape
+from ...models.structure.structure import Structure
 from ...models.values.errors import InputError, needs_extra
 from .solids import Solid, axes_along, solids_of
 
@@ -36,14 +37,14 @@ def write_ros2(result: Reconstruction, probability: float, path: Path) -> None:
         from rosbags.rosbag2 import StoragePlugin, Writer
     if result.t_s[0] < 0:
         raise InputError(f"{path.name}: expected times from 0 on, got {result.t_s[0]:.4f} s")
-    messages = Messages(result.coordinate_frame)
+    messages = Messages(result.structure, result.coordinate_frame)
     with TemporaryDirectory(dir=path.parent) as folder:
         bag = Path(folder) / path.stem
         with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             topics: dict[str, Any] = {}
             for shape in result:
                 stamp_ns = round(1e9 * shape.t_s)
-                for topic, message in messages.of(result, shape, probability, stamp_ns):
+                for topic, message in messages.of(shape, probability, stamp_ns):
                     if topic not in topics:
                         kind = message.__msgtype__
                         topics[topic] = writer.add_connection(topic, kind, typestore=messages.types)
@@ -53,25 +54,30 @@ def write_ros2(result: Reconstruction, probability: float, path: Path) -> None:
 
 
 class Messages:
-    """Makes the messages of a frame."""
+    """Makes the messages of one frame after the other.
 
-    def __init__(self, frame_id: str) -> None:
+    rosbags compiles what serialises a kind of message when it first meets it, and keeps it: that takes ten times as
+    long as all messages of a frame.
+    """
+
+    def __init__(self, structure: Structure, frame_id: str) -> None:
         from rosbags.typesys import Stores, get_typestore
 
         self.types = get_typestore(Stores.ROS2_HUMBLE)
+        self._structure = structure
         self._frame_id = frame_id
 
-    def of(self, result: Reconstruction, shape: Shape, probability: float, stamp_ns: int) -> Iterator[tuple[str, Any]]:
+    def of(self, shape: Shape, probability: float, stamp_ns: int) -> Iterator[tuple[str, Any]]:
         """Yield the topic and the message of each node, of the transforms, and of the markers."""
         header = self._make(
             "std_msgs/msg/Header",
             stamp=self._make("builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9),
             frame_id=self._frame_id,
         )
-        for node in range(result.structure.node_count):
+        for node in range(self._structure.node_count):
             yield f"/tensegraph/node_{node}/pose", self._node_pose(header, shape, node)
-        yield "/tf", self._rod_transforms(header, result.structure.rods, shape.node_position_m)
-        yield "/tensegraph/markers", self._markers(header, list(solids_of(result.structure, shape, probability)))
+        yield "/tf", self._rod_transforms(header, self._structure.rods, shape.node_position_m)
+        yield "/tensegraph/markers", self._markers(header, list(solids_of(self._structure, shape, probability)))
 
     def _make(self, kind: str, **values: Any) -> Any:
         return self.types.types[kind](**values)

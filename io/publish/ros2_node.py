@@ -5,7 +5,7 @@ from importlib import import_module
 from multiprocessing.queues import Queue
 from typing import Any
 
-from ...models.structure.reconstruction import Reconstruction
+from ...models.structure.reconstruction import coordinate_frame_of
 from ...models.structure.shape import Shape
 from ...models.structure.structure import Structure
 from ...models.values.errors import InputError, needs_extra
@@ -74,17 +74,19 @@ class Ros2Node:
         self._node = node
         self._structure = structure
         self._probability = probability
+        self._messages: Messages | None = None
         self._publishers: dict[str, Any] = {}
 
     def add(self, shape: Shape) -> None:
         """Publish the messages of a shape."""
-        run = Reconstruction.of(self._structure, [shape])
-        messages = Messages(run.coordinate_frame)
+        if self._messages is None:  # only a shape tells whether there is a floor
+            frame_id = coordinate_frame_of(self._structure, has_floor=shape.contacts is not None)
+            self._messages = Messages(self._structure, frame_id)
         stamp_ns = self._node.get_clock().now().nanoseconds
-        for topic, message in messages.of(run, shape, self._probability, stamp_ns):
+        for topic, message in self._messages.of(shape, self._probability, stamp_ns):
             kind = message.__msgtype__
             if topic not in self._publishers:
                 package, _, name = kind.split("/")
                 message_class = getattr(import_module(f"{package}.msg"), name)
                 self._publishers[topic] = self._node.create_publisher(message_class, topic, QUEUE_DEPTH)
-            self._publishers[topic].publish(bytes(messages.types.serialize_cdr(message, kind)))
+            self._publishers[topic].publish(bytes(self._messages.types.serialize_cdr(message, kind)))

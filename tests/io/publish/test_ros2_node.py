@@ -62,6 +62,17 @@ def test_the_messages_are_those_of_the_export(short_run, ros2) -> None:
     assert [marker.ns for marker in markers.markers] == ["rod", "tendon", *["ellipsoid"] * 9]
 
 
+def test_messages_are_compiled_once(short_run, ros2, monkeypatch) -> None:
+    """That of each shape took ten times as long as all the rest of it."""
+    typesys = pytest.importorskip("rosbags.typesys")
+    made, make = [], typesys.get_typestore
+    monkeypatch.setattr(typesys, "get_typestore", lambda store: made.append(store) or make(store))
+    publisher = Ros2Node(StandInNode(), short_run.structure, 0.5)
+    for shape in short_run[0.0:0.02]:
+        publisher.add(shape)
+    assert len(made) == 1
+
+
 def test_without_rclpy_one_line_says_what_to_do(monkeypatch) -> None:
     pytest.importorskip("rosbags")
     monkeypatch.setitem(sys.modules, "rclpy", None)
