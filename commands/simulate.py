@@ -12,7 +12,7 @@ from ..io.boards.recorder import Recorder
 from ..io.plan_file import read_plan
 from ..io.provenance import FINGERPRINT, fingerprint, is_up_to_date, simulation_provenance, versions
 from ..io.trial_directory import Trial, open_trial
-from ..io.whole import check_vacant, written_whole
+from ..io.whole import SIMULATION_FILE, check_vacant, written_whole
 from ..models.trial_description import describe_trial
 from ..models.twin.plan import Plan
 from ..models.twin.virtual_trial import simulate as simulate_plan
@@ -23,9 +23,6 @@ from .paths import result_paths
 if TYPE_CHECKING:  # rich is not needed by `simulate` from Python
     from ..io.reports.terminal import Terminal
     from .many import Workers
-
-SIMULATION_FILE = "simulation.toml"
-"""File in a trial directory that tells what it was simulated from; a trial without it is never replaced."""
 
 
 def simulate(plan: str | Path, out: str | Path, seed: int | None = None) -> Trial:

@@ -26,13 +26,19 @@ WRITTEN_NAMES = frozenset(
     [
         *("run.toml", "shape.csv", "ellipsoids.csv", "lengths.csv", "status.csv", "other_shape.csv"),
         *("sensor_drift.csv", "estimated_loads.csv", "contacts.csv", "track.csv", "slips.csv", "latency.csv"),
-        *("evaluation.json", "comparison.csv", "comparison.png"),
+        "evaluation.json",
         *("lengths.png", "shape.png", "sensor_drift.png", "track.png", "heights.png", "errors.png", "loads.png"),
         *("lengths.pdf", "shape.pdf", "sensor_drift.pdf", "track.pdf"),
         *("curves.png", "losses.png", "predictions.png", "sweep.png"),
     ]
 )
-"""Names of the files that commands write into directories; others in them are the user's, and stay there."""
+"""Names of the files that commands write into directories of results; others in them are the user's, and stay there."""
+SIMULATION_FILE = "simulation.toml"
+"""File in a trial directory that tells what it was simulated from; a trial without it is never replaced."""
+SIMULATED = re.compile(
+    r"(trial|simulation)\.toml|(truth|loads|contacts)\.csv|(board|imu|ranges|positions|natural_length)\d+\.csv"
+)
+"""The same of simulated trials."""
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of the system that only writing can cause."""
 
@@ -224,8 +230,12 @@ def _move(written: Sequence[Path], places: Sequence[Path]) -> None:
 
 def _keep_others(earlier: Path, place: Path) -> None:
     """Move what no command has written from an earlier directory, if it is one, into the one that replaces it."""
-    for path in earlier.iterdir() if earlier.is_dir() else ():
-        if path.name not in WRITTEN_NAMES and not (place / path.name).exists():
+    if not earlier.is_dir():
+        return
+    is_simulated = (earlier / SIMULATION_FILE).is_file()
+    for path in sorted(earlier.iterdir()):
+        is_ours = SIMULATED.fullmatch(path.name) if is_simulated else path.name in WRITTEN_NAMES
+        if not is_ours and not (place / path.name).exists():
             path.rename(place / path.name)
 
 

@@ -181,6 +181,20 @@ def test_directories_that_were_made_for_nothing_are_removed(tmp_path) -> None:
     assert not any((tmp_path / "mine").iterdir())
 
 
+def test_a_simulated_trial_is_replaced_whole(tmp_path) -> None:
+    """A plan that has fewer boards by now; what the user has put beside them stays."""
+    (tmp_path / "out").mkdir()
+    for file in ("simulation.toml", "board0.csv", "board1.csv", "imu0.csv", "truth.csv", "notes.txt"):
+        (tmp_path / "out" / file).write_text("old")
+    with written_whole(tmp_path / "out") as (inside,):
+        inside.mkdir()
+        (inside / "board0.csv").write_text("new")
+    assert {path.name: path.read_text() for path in (tmp_path / "out").iterdir()} == {
+        "board0.csv": "new",
+        "notes.txt": "old",
+    }
+
+
 def test_a_link_stays_a_link(tmp_path) -> None:
     """The result is where the link leads to."""
     path = result(tmp_path / "disk" / "out")
