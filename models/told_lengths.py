@@ -203,7 +203,8 @@ class ToldLengths:
         A row that is not `SHORTEST_STEP_S` later than the one before is left out, and None is returned.
 
         Raises:
-            InputError: for a row without a length and a sigma above 0, or nan, of each tendon, or without a stamp.
+            InputError: for a row without a length, a sigma above 0, or nan, a mode and flags of each tendon, or without
+                a stamp.
         """
         check_stamp("t_s of lengths", lengths.t_s)
         if not is_later(lengths.t_s, self._last_s):
@@ -246,6 +247,10 @@ class ToldLengths:
         if shapes != [tendons, tendons]:
             got = f"shapes {shapes[0]} and {shapes[1]}"
             raise InputError(f"lengths at {lengths.t_s:g} s: expected {tendons[0]} lengths and sigmas, got {got}")
+        for name, value in (("modes", lengths.mode), ("flags", lengths.flags)):
+            if getattr(value, "shape", "no array") != tendons or not np.issubdtype(value.dtype, np.integer):
+                got = f"{value.dtype} of shape {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
+                raise InputError(f"lengths at {lengths.t_s:g} s: expected {tendons[0]} {name}, integers, got {got}")
         if (lengths.sigma_m <= 0).any():
             raise InputError(f"lengths at {lengths.t_s:g} s: expected sigmas above 0, got {lengths.sigma_m.min():g}")
 

@@ -47,6 +47,7 @@ MODELS_MAY_IMPORT = {
     "models.plug_ins": {"models.values"},
     "models.strain_front_end": BASIS,
     "models.told_lengths": BASIS,
+    "models.told_readings": BASIS | {"models.trial_description"},
     "models.ready_structures": BASIS,
     "models.twin": RUNNING,
     "models.evaluation": RUNNING,
