@@ -4,7 +4,7 @@ import hashlib
 import heapq
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -85,21 +85,23 @@ class Trial:
     toml: dict[str, Any]
     """Contents of trial.toml as parsed."""
     dropped_rows: int = field(default=0, init=False)
-    """Number of rows of resistance or lengths that were left out because their stamp was not later than the last."""
+    """Number of rows of resistance or lengths that were left out because their stamp was not later than the last,
+    in the latest `readings`."""
     _opened: list[CsvFile] = field(default_factory=list, init=False)
 
     @property
     def half_lines(self) -> int:
-        """Number of last lines that were left out, of all files read so far, because they had no line end."""
+        """Number of last lines that had no line end and were left out, of the files of the latest `readings`."""
         return sum(file.half_lines for file in self._opened)
 
     def readings(self) -> Iterator[Reading]:
-        """Yield the measurements in order of arrival; can be iterated only once.
+        """Yield the measurements in order of arrival; each call reads the files from the start.
 
         Raises:
             InputError: at the first row that cannot be read, or when there is none.
         """
         self.dropped_rows = 0
+        self._opened.clear()
         sources: dict[str, Callable[[], Iterator[Reading]]]
         sources = {"counts": self._rows, "resistance": self._resistances, "lengths": self._lengths}
         tendons = _counted(sources[self.description.source](), self)
@@ -211,11 +213,12 @@ class Trial:
     def truth_of(self, positions: StampedPositions, loads: TrueLoads | None = None) -> Truth:
         """Return true positions and loads, with the rest and the faults of the trial. Evaluation only."""
         positions = positions.without_coinciding()
+        read_again = replace(self)  # with counts of its own
         return Truth(
             t_s=positions.t_s,
             node_position_m=positions.node_position_m,
             rest_seconds=self.description.rest_seconds,
-            start_s=next((arrival_s(reading) for reading in self.readings()), None),
+            start_s=next((arrival_s(reading) for reading in read_again.readings()), None),
             faults=self.faults(),
             loads=loads,
             contacts=self.true_contacts(),

@@ -86,6 +86,17 @@ def test_half_a_line_at_the_end_is_left_out_and_counted(trial_copy) -> None:
     assert sum(row.board == 0 for row in rows) == 60
 
 
+def test_each_look_at_the_readings_reads_the_files_from_the_start(trial_copy) -> None:
+    """What was left out counts once, and that it is evaluated changes no count."""
+    path = trial_copy(rows=60, board0=lambda text: text + "1.2345,60,43")
+    trial = open_trial(path)
+    first, second = list(trial.readings()), list(trial.readings())
+    assert [row.host_s for row in first] == [row.host_s for row in second]
+    trial.dropped_rows = 3
+    assert trial.truth_of(trial.truth()).start_s == first[0].host_s
+    assert (trial.half_lines, trial.dropped_rows) == (1, 3)
+
+
 def test_a_name_is_printable(trial_copy) -> None:
     """A sign that would colour the terminal is escaped; letters of any language stay."""
     path = trial_copy(rows=5, trial=replaced('name = "press_01"', r'name = "\u001b[31mgr\u00fcn"'))
