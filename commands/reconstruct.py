@@ -15,7 +15,6 @@ from rich.table import Column, Table
 from ..io.provenance import FINGERPRINT, fingerprint, is_up_to_date, relative_path, versions
 from ..io.reports.progress import StageBar
 from ..io.reports.run_lines import (
-    exchanged,
     flagged_sensors,
     frames_text,
     load_rows,
@@ -23,9 +22,9 @@ from ..io.reports.run_lines import (
     pauses,
     position_counts,
     rest_balance,
+    rest_complaints,
     rest_source,
     slip_line,
-    wrong_geometry,
 )
 from ..io.reports.terminal import Terminal
 from ..io.result import RESULT_FILES, RUN_FILE, FigureFormat, write_result
@@ -288,13 +287,13 @@ class Run:
             yield f"worse, and {two}", f"{frames_text(hidden)}: {two.advice}"
         for reason, frames in Counter(filter(None, r.doubts)).items():
             yield f"doubt {reason}", f"{frames_text(frames)}: {reason.advice}"
-        yield from (("geometry", line) for line in wrong_geometry(pipeline.rest.wrong))
+        yield from rest_complaints(
+            pipeline.rest.wrong,
+            pipeline.front_end.exchanged,
+            misfits=pipeline.misfits_at_rest,
+            moved=pipeline.moved_at_rest,
+        )
         yield from (("flagged", line) for line in flagged_sensors(r))
-        if pipeline.misfits_at_rest:
-            yield "rest in doubt", "sensors do not fit the rest shape: was it still, are anchors and columns right?"
-        if pipeline.moved_at_rest:
-            yield "moved at rest", "the structure moved while it was to stand still, sigmas are widened: rest it again"
-        yield from (("wiring", line) for line in exchanged(pipeline.front_end.exchanged))
         yield from self._against_truth().items()
 
     def as_table(self, path: Path, inputs: Mapping[str, str]) -> dict[str, Any]:
@@ -308,8 +307,7 @@ class Run:
             "trial": self.trial.name,
             "trial_path": relative_path(path, self.trial.path),
             "method": self.method,
-            "rest_shape": self.pipeline.rest.source,
-            "wrong_geometry": ", ".join(self.pipeline.rest.wrong) or "none",
+            **self.pipeline.rest.as_table(),
             "frames": len(self.reconstruction),
             "versions": versions(),
             "inputs": inputs,

@@ -66,8 +66,6 @@ class Activity:
     """Of each inertial sensor's samples."""
     started_s: float = field(default_factory=time.perf_counter)
     """Time at which the session started, on the clock of `time.perf_counter` like all times here."""
-    rows: int = 0
-    """Number of readings, of all boards and sensors together."""
     frames: int = 0
     skipped_frames: int = 0
     latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES))
@@ -89,7 +87,6 @@ class Activity:
 
     def count(self, reading: Reading, late_s: float) -> None:
         """Count a reading that arrived `late_s` ago."""
-        self.rows += 1
         if isinstance(reading, BoardReading):
             self.boards[reading.board].add(time.perf_counter() - late_s)
         elif isinstance(reading, ImuReading):

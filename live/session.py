@@ -189,7 +189,7 @@ class Session:
             **({"trial_path": relative_path(path, self._feed.trial)} if self._feed.trial else {}),
             "source": self._feed.origin,
             "method": "live",
-            "rest_shape": self.pipeline.rest.source,
+            **self.pipeline.rest.as_table(),
             "frames": p.frames,
             "skipped_frames": p.skipped_frames,
             "skipped_rows": state.skipped_rows,

@@ -1,7 +1,7 @@
 """What the table of a run says of its rest, loads, slips, pauses and sensors, in one line each."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,12 +34,27 @@ def position_counts(contradicted: Sequence[Sequence[int]]) -> dict[str, int]:
     return {f"position of node {node}: contradicted": nodes[node] for node in sorted(nodes)}
 
 
-def exchanged(pairs: Sequence[tuple[int, int]]) -> list[str]:
-    """Return which tendons' sensors seem to be exchanged, of pairs of tendons."""
-    return [f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel" for a, b in pairs]
+def rest_complaints(
+    wrong: Sequence[WrongPart], exchanged: Sequence[tuple[int, int]], *, misfits: bool, moved: bool
+) -> Iterator[tuple[str, str]]:
+    """Yield what looks wrong at rest, and what to do: the name of a row of the table and its text.
+
+    Args:
+        wrong: the parts of the geometry that were told wrongly.
+        exchanged: pairs of tendons whose sensors seem to be exchanged.
+        misfits: whether sensors do not fit the rest shape.
+        moved: whether the structure moved while it was to stand still.
+    """
+    yield from (("geometry", line) for line in _wrong_geometry(wrong))
+    if misfits:
+        yield "rest in doubt", "sensors do not fit the rest shape: was it still, are anchors and columns right?"
+    if moved:
+        yield "moved at rest", "the structure moved while it was to stand still, sigmas are widened: rest it again"
+    for a, b in exchanged:
+        yield "wiring", f"the sensors of tendons {a} and {b} look exchanged: see tendon_of_channel"
 
 
-def wrong_geometry(wrong: Sequence[WrongPart]) -> list[str]:
+def _wrong_geometry(wrong: Sequence[WrongPart]) -> list[str]:
     """Return what the evidence at rest says of each part of the geometry that was told wrongly, and what to do."""
     told = {
         "rods": "the rods have other lengths than trial.toml tells; those estimated are used",

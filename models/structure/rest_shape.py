@@ -86,6 +86,10 @@ class RestShape:
         """Whether what is wrong of the geometry is not mended, or is more than one part: all shapes are in doubt."""
         return len(self.wrong) > 1 or not MENDED.issuperset(self.wrong)
 
+    def as_table(self) -> dict[str, str]:
+        """Return what run.toml tells of it: its source, and the parts of the geometry that were told wrongly."""
+        return {"rest_shape": self.source, "wrong_geometry": ", ".join(self.wrong) or "none"}
+
     @property
     def largest_sigma_m(self) -> float:
         """Largest standard deviation of a coordinate."""

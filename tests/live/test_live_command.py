@@ -577,8 +577,9 @@ def test_exchanged_wires_and_inputs_are_told_live(tmp_path, trial_copy, typed) -
     code, said, error = typed("live", "--replay", swapped, "--speed", 1000, "--out", "live", cwd=tmp_path)
     assert code == 0, error
     assert "the sensors of tendons 0 and 3 look exchanged: see tendon_of_channel" in said
-    inputs = tomllib.loads((tmp_path / "live" / "run.toml").read_text())["inputs"]
-    assert inputs == open_trial(swapped).hashes()
+    written = tomllib.loads((tmp_path / "live" / "run.toml").read_text())
+    assert written["inputs"] == open_trial(swapped).hashes()
+    assert written["wrong_geometry"] == "none"
     with (swapped / "board0.csv").open("a") as file:
         file.write("\n")
     code, _, error = typed("evaluate", "live", cwd=tmp_path)

@@ -30,6 +30,14 @@ def test_recordings_of_which_nothing_is_used_are_named(example, model, loaded) -
     assert "range 0: no reading used: anchors hold the structure" in shown(Activity.of(0, 0), pipeline)
 
 
+def test_geometry_that_was_told_wrongly_is_named(example, model) -> None:
+    """Anchors that are elsewhere; the same text as in the table of a recorded trial."""
+    pipeline = Pipeline(open_trial(example).description, Settings(), model)
+    assert "geometry" not in shown(Activity.of(0, 0), pipeline)
+    pipeline.rest = replace(pipeline.rest, wrong=("anchors",))
+    assert "geometry: the anchors are elsewhere than trial.toml tells" in shown(Activity.of(0, 0), pipeline)
+
+
 def test_a_tendon_without_a_sensor_is_not_flagged(example, model, loaded) -> None:
     loaded.flags[0, [5, 7, 11]] = int(Flag.MISSING)
     activity = Activity.of(0, 0)
