@@ -44,12 +44,14 @@ LEARN_EVERY_M = 0.0015
 start too far from their shapes, and fall into mirrored ones. With the time alone, a slack trial of the twin comes to
 17.7 mm in place of 6.7."""
 DOUBT_EVERY_S = 0.2
-"""Time between two comparisons of explanations in it: their evidence is counted by time, and changes in seconds."""
+"""Time between two comparisons of explanations in the live pass: their evidence is counted by time, and changes in
+seconds."""
 FOUND_AFTER_S = 0.4
-"""Time after which a fault that is found at once is left out in it: batch leaves it out in the frames before, too, and
-with it some readings before a fault that begins later."""
+"""Time in which the live pass leaves out a sensor whose fault is found at once. Batch leaves it out for as long before
+that, too, and with it some readings before a fault that begins later."""
 DRIFT_EVERY_S = 0.5
-"""Time between two updates of the drift in it, which a smoother keeps: in this time a length drifts by 0.02 mm."""
+"""Time between two updates of the drift in the live pass, which a smoother keeps: in this time a length drifts by
+0.02 mm."""
 SOFT = 3.0
 """Factor of the standard deviation of forces in the first steps. Between two frames of the live pass a node that is
 pressed may start with the weight of a free one, and the kernel would keep it so: on `fault_01` without these steps the
@@ -285,7 +287,7 @@ class BatchOptimizer:
         lengths, reason = trial.measured[k].lengths, trial.doubts[k].reason
         status = status_of(lengths, self._builder.structure, reason) if converged else Status.NOT_CONVERGED
         shape = assessment.shape(lengths, status, reason)
-        return shape.farther(self._builder.structure.free_coordinates, assessment.apart_m)
+        return shape.widened_by_step(self._builder.structure.free_coordinates, assessment.apart_m)
 
     def _assessed(self, trial: _Problem, position_m: NDArray[np.float64], window: slice) -> Assessment:
         """Return the shapes of a window of frames, with their covariances and the loads averaged over `PUSH_S`."""

@@ -38,4 +38,4 @@ class FrameEstimator:
         assessment = self._evidence.assess(linearised(self._builder, position, measured), position)
         status = status_of(lengths, self._builder.structure) if minimum.converged else Status.NOT_CONVERGED
         shape = self._branch.with_other_at_once(assessment.shape(lengths, status), minimum.error)
-        return shape.farther(self._builder.structure.free_coordinates, assessment.apart_m)
+        return shape.widened_by_step(self._builder.structure.free_coordinates, assessment.apart_m)

@@ -12,6 +12,7 @@ from ..factors.equilibrium import equilibrium_rows, squared_norms
 from ..factors.keys import NodeRows, factor_on_nodes, frame_keys
 from ..factors.motion import constant_velocity_factors, still_factors
 from ..factors.noise import WeightedLengths
+from ..factors.own import own_graph_rows, own_rows
 from ..factors.rod import rod_factors
 from ..factors.shape_prior import shape_prior_factors
 from ..factors.tendon import correlated_tendon_rows, tendon_factors
@@ -26,7 +27,6 @@ from ..models.structure.structure import Structure
 from ..models.values.chi_squared import are_improbable
 from ..models.values.errors import IndeterminateError
 from ..models.values.readings import NaturalLengths, TendonLengths
-from .own_evidence import own_graph_rows, own_rows
 
 MAX_FRAME_ITERATIONS = 100
 ERROR_TOLERANCE = 1e-2

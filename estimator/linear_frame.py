@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from ..factors.body_frame import BODY_FRAME_M
 from ..factors.equilibrium import cauchy_weight
 from ..factors.noise import WeightedLengths, independent_rows, robust_loss, stacked_shared
+from ..factors.own import own_rows, own_weight
 from ..models.balance.statics import Statics
 from ..models.structure.lengths import length_and_jacobian
 from ..models.values.readings import NodeFactor
 from .graph import GraphBuilder
-from .own_evidence import own_rows, own_weight
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -34,7 +34,7 @@ SETTLED_M = 0.001
 """Change of a position below which a frame is not updated again. After a second without frames, as when live is behind,
 nodes of a robot that was pressed meanwhile have moved by centimetres, and one update leaves a fifth of it."""
 MOST_UPDATES = 6
-"""Number of updates after which it is left as it is. Where all frames are optimised later on, one is better: frames
+"""Largest number of iSAM2 updates for one frame. Where all frames are optimised later on, one is better: frames
 that had settled were worse starts on seven of eight slack trials of the twin, by 1 to 6 % of the error."""
 LONGEST_AHEAD = 10.0
 """Ratio of a time step to the one before it above which that was too short to tell a velocity: of two frames that are
@@ -137,7 +137,7 @@ class LiveSmoother:
         self.drift.observe(shape)
         self.builder.approach(position)
         self.modes.observe(shape, admitted)
-        shape = shape.farther(self.builder.structure.free_coordinates, assessment.apart_m)
+        shape = shape.widened_by_step(self.builder.structure.free_coordinates, assessment.apart_m)
         shape = self.changes.doubted(shape)
         if is_of_a_board(shape.lengths.drift):
             shape = shape.in_doubt(Reason.BOARD)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from ...factors.own import own_rows
 from ...factors.tendon import TautCables
 from ...models.balance.statics import Statics
 from ...models.balance.support import Support
@@ -17,7 +18,6 @@ from ...models.structure.rest_shape import GeometrySigma, RestSettings, Uncertai
 from ...models.structure.rigidity import rigid_motions
 from ...models.structure.structure import Structure
 from ...models.values.readings import RestLengths
-from ..own_evidence import own_rows
 
 WRONG_ROD_M = 0.001
 """Standard deviation of a rod's length, if the rods are what was told wrongly."""

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from ...factors.body_frame import BODY_FRAME_M
 from ...factors.equilibrium import cauchy_error, cauchy_weight
 from ...factors.noise import WeightedLengths, robust_loss, rounded_sigma_m, stacked_shared
+from ...factors.own import own_error, own_rows, own_weight
 from ...models.structure.lengths import length_and_jacobian, member_length_m
 from ..graph import GraphBuilder
-from ..own_evidence import own_error, own_rows, own_weight
 from .parts import Frames
 from .trial_balance import TrialBalance
 

@@ -194,7 +194,7 @@ class Shape:
         covariance_m2[coordinates[:, None], coordinates] += added_m2
         return replace(self, covariance_m2=covariance_m2)
 
-    def farther(self, coordinates: NDArray[np.int64], step_m: NDArray[np.float64]) -> "Shape":
+    def widened_by_step(self, coordinates: NDArray[np.int64], step_m: NDArray[np.float64]) -> "Shape":
         """Return this shape, which may be wrong by a step of some coordinates: with its square in the covariance."""
         return self.widened(coordinates, np.outer(step_m, step_m))
 

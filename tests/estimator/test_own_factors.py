@@ -13,10 +13,10 @@ from tensegraph.estimator.doubt import log_evidence
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.estimator.graph import GraphBuilder
 from tensegraph.estimator.linear_frame import linearised
-from tensegraph.estimator.own_evidence import own_error, own_graph_rows, own_rows, own_weight
 from tensegraph.estimator.watches.factor_watch import FactorWatch
 from tensegraph.factors.keys import factor_on_nodes
 from tensegraph.factors.noise import weigh
+from tensegraph.factors.own import own_error, own_graph_rows, own_rows, own_weight
 from tensegraph.models.settings import NoiseSettings
 from tensegraph.models.structure.lengths import length_jacobian, member_length_m
 from tensegraph.models.structure.shape import Reason

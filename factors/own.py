@@ -13,10 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..factors.keys import NodeRows
-from ..factors.noise import robust_loss
 from ..models.values.readings import NodeFactor
 from ..models.values.tables import SMALLEST_SIGMA
+from .keys import NodeRows
+from .noise import robust_loss
 
 OWN_KERNEL = "cauchy"
 
