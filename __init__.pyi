@@ -2,6 +2,8 @@ from . import pipeline as pipeline
 from . import plot as plot
 from .commands.simulate import simulate as simulate
 from .io.exports.formats import export as export
+from .io.model_file import read_sensor_model as read_sensor_model
+from .io.model_file import write_sensor_model as write_sensor_model
 from .io.result import save as save
 from .io.stored_result import load as load
 from .io.structures.structure_file import read_structure as read_structure

@@ -8,7 +8,7 @@ from tensegraph import Settings, open_trial
 from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.reports.comparison_tables import as_markdown
 from tensegraph.io.reports.terminal import Terminal
-from tensegraph.scoring.method_scores import comparison_rows, measure
+from tensegraph.scoring.method_scores import by_method, comparison_rows, measure
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -18,7 +18,7 @@ def tables(trials: Sequence[Path]) -> str:
     model = read_sensor_model()
     terminal = Terminal(quiet=True)
     measured = [one for path in trials for one in measure(open_trial(path), Settings(), model, terminal)]
-    return as_markdown(comparison_rows(measured), "tensegraph compare TRIAL...")
+    return as_markdown(comparison_rows(by_method(measured)), "tensegraph compare TRIAL...")
 
 
 if __name__ == "__main__":

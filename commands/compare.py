@@ -14,11 +14,11 @@ from ..io.reports.terminal import Terminal
 from ..io.toml import read_settings
 from ..io.trial_directory import Trial, open_trial
 from ..io.whole import check_replaceable, check_writable, written_whole
-from ..models.evaluation.comparison import ALL, PUBLISHED, ComparisonRow, comparison_row
+from ..models.evaluation.comparison import PUBLISHED, ComparisonRow
 from ..models.settings import Settings
 from ..models.values.errors import InputError
 from ..pipeline import EstimatorFactory, estimator_plug_ins
-from ..scoring.method_scores import estimators_of, measure
+from ..scoring.method_scores import comparison_rows, estimators_of, measure
 from .many import Many, Workers
 from .origin import chosen_model, made_with, placed_model
 from .paths import distinct_names
@@ -109,7 +109,8 @@ def compare_trials(
     if done:
         parts = [job.part for name, job in jobs.items() if name in done]
         with terminal.stage("table and figure"):
-            rows = rows_of_parts(parts)
+            measured = dict.fromkeys(method for part in parts for method in measured_methods(part))
+            rows = comparison_rows(list(measured_by(method, parts)) for method in measured)
             write_comparison(rows, comparison_command(trials), out)
         with_trials = len(parts) <= MOST_TRIALS
         terminal.news.print(Markdown(as_markdown(rows, comparison_command(trials), with_trials=with_trials)))
@@ -153,15 +154,6 @@ def comparison_command(trials: Sequence[Path]) -> str:
     """Return the command in short, without the names of many trials."""
     named = " ".join(trial.as_posix() for trial in trials)
     return f"tensegraph compare {named if len(trials) <= MOST_TRIALS else f'({len(trials)} trials)'}"
-
-
-def rows_of_parts(parts: Sequence[Path]) -> list[ComparisonRow]:
-    """Return the same rows from the files of the trials, of which one method is in memory at a time."""
-    methods = dict.fromkeys(method for part in parts for method in measured_methods(part))
-    together = [comparison_row(ALL, list(measured_by(method, parts))) for method in methods]
-    return together + [
-        comparison_row(m.trial, [m]) for part in parts for method in methods for m in measured_by(method, [part])
-    ]
 
 
 def write_comparison(rows: Sequence[ComparisonRow], command: str, path: Path) -> None:

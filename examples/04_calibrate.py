@@ -12,7 +12,6 @@ from pathlib import Path
 
 import tensegraph as tg
 from tensegraph.io.calibration.recording_files import read_recording
-from tensegraph.io.model_file import read_sensor_model, write_sensor_model
 from tensegraph.models.calibration.calibrated_model import calibrate_model
 from tensegraph.models.calibration.recipe import TrainingSettings
 from tensegraph.models.calibration.recordings import Split
@@ -41,8 +40,8 @@ for name, runs in calibration.runs.items():
     print(f"{name:22}{score.rmse:8.4f}{score.coverage_95:15.0%}{score.median_sigma:15.4f}")
 
 # A model file serves `reconstruct`, `stream`, and the command line's --model.
-write_sensor_model(calibration.model, Path("own_sensor.safetensors"))
-model = read_sensor_model(Path("own_sensor.safetensors"))
+tg.write_sensor_model(calibration.model, "own_sensor.safetensors")
+model = tg.read_sensor_model("own_sensor.safetensors")
 trial = tg.open_trial(HERE / "press_01")
 readings = takewhile(lambda row: row.host_s < 4.0, trial.readings())
 shapes = list(tg.stream(readings, trial.description, model=model))

@@ -14,7 +14,6 @@ import numpy as np
 
 import tensegraph as tg
 from tensegraph.estimator.frame import FrameEstimator
-from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.values.readings import FactorRows
 from tensegraph.pipeline import Pipeline
@@ -38,7 +37,7 @@ class Laser:
 
 
 trial = tg.open_trial(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "press_01")
-pipeline = Pipeline(trial.description, tg.Settings(), read_sensor_model())
+pipeline = Pipeline(trial.description, tg.Settings(), tg.read_sensor_model())
 readings = takewhile(lambda row: row.host_s < 1.5, trial.readings())
 *_, lengths = pipeline.lengths(readings)  # the last frame at rest, where the laser reads the height at rest
 

@@ -87,11 +87,12 @@ class _Metadata:
     unified: bool = False
 
 
-def write_sensor_model(model: SensorModel, path: Path) -> None:
-    """Write a model file."""
+def write_sensor_model(model: SensorModel, path: str | Path) -> None:
+    """Write a model file; one that stands there is replaced."""
     tensors = {name: np.ascontiguousarray(tensor) for name, tensor in _tensors(model).items()}
     metadata = {METADATA_KEY: json.dumps(_metadata(model), sort_keys=True)}
-    path.write_bytes(save(tensors, metadata))  # safetensors' own writer makes files that only their owner can read
+    # safetensors' own writer makes files that only their owner can read
+    Path(path).write_bytes(save(tensors, metadata))
 
 
 def model_path(path: Path | None = None) -> Path:
@@ -99,13 +100,13 @@ def model_path(path: Path | None = None) -> Path:
     return Path(str(files("tensegraph.models.data").joinpath("stretching.safetensors"))) if path is None else path
 
 
-def read_sensor_model(path: Path | None = None) -> SensorModel:
+def read_sensor_model(path: str | Path | None = None) -> SensorModel:
     """Return the model in a file, or the one that ships with the package.
 
     Raises:
         InputError: when the file is missing or is no sound model.
     """
-    path = model_path(path)
+    path = model_path(None if path is None else Path(path))
     check_regular(path, LARGEST_BYTES)
     try:
         with safe_open(path, framework="numpy") as file:

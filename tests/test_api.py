@@ -41,6 +41,7 @@ PUBLIC = [
     "open_trial",
     "plot",
     "prism_tower",
+    "read_sensor_model",
     "read_structure",
     "reconstruct",
     "saddle_tower",
@@ -49,6 +50,7 @@ PUBLIC = [
     "six_strut",
     "stream",
     "three_strut",
+    "write_sensor_model",
 ]
 
 

@@ -237,7 +237,11 @@ class Decoder:
 
     @property
     def counts(self) -> LinkCounts:
-        """How many messages were intact or damaged so far; before the first, as what most bytes look damaged."""
+        """How many messages were intact or damaged so far.
+
+        Before the first intact one, it is not known which kind they are: the counts are those of the kind as which
+        most bytes are damaged.
+        """
         return max((decoder.counts for decoder in self._candidates), key=lambda counts: counts.garbage)
 
     def feed(self, data: bytes) -> list[Message]:

@@ -144,7 +144,7 @@ def simulate(plan: Plan, provenance: str, progress: Callable[[float], None] = la
         node_position_m=motion.node_position_m[::every],
         load_n=motion.load_n[::every],
         carried=_carried(plan, structure, motion, told["structure"]["natural_length_m"], streams),
-        standing=_standing(plan, motion)[::every] if plan.ground else None,
+        standing=_standing(motion)[::every] if plan.ground else None,
     )
 
 
@@ -202,7 +202,7 @@ def _carried(
     return list(heapq.merge(*motors, *readings, key=lambda reading: reading.t_s))
 
 
-def _standing(plan: Plan, motion: TwinMotion) -> NDArray[np.bool_]:
+def _standing(motion: TwinMotion) -> NDArray[np.bool_]:
     """Return (steps, nodes) which nodes touch the ground, which is below the lowest node at the start."""
     height_m = motion.node_position_m[0, :, 2].min()
     return np.asarray(motion.node_position_m[..., 2] < height_m + TOUCHING_M)

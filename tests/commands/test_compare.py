@@ -14,7 +14,7 @@ from roll import roll
 from tensegraph.io.reports.comparison_tables import as_markdown, write_comparison_csv
 from tensegraph.models.evaluation.comparison import FrameErrors, Measured
 from tensegraph.models.evaluation.metrics import evaluate
-from tensegraph.scoring.method_scores import comparison_rows
+from tensegraph.scoring.method_scores import by_method, comparison_rows
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -119,7 +119,7 @@ class TestComparison:
 
     def test_all_frames_of_all_trials_count_alike(self) -> None:
         """Two frames of 3 mm and six of 6 mm: (2 * 9 + 6 * 36) / 8; 2 and 6 frames in 0.2 and 0.6 s."""
-        rows = comparison_rows(self.measured()[:2])
+        rows = comparison_rows(by_method(self.measured()[:2]))
         together = rows[0]
         assert (together.trial, together.trials, together.frames) == ("all", 2, 8)
         assert together.errors.nodes.rmse_m == pytest.approx(np.sqrt(234 / 8) / 1e3)
@@ -129,7 +129,7 @@ class TestComparison:
         assert [row.trial for row in rows[1:]] == ["one", "two"]
 
     def test_a_method_that_gave_up_shows(self, tmp_path) -> None:
-        rows = comparison_rows(self.measured())
+        rows = comparison_rows(by_method(self.measured()))
         assert rows[0].trials == 2
         text = as_markdown(rows, "tensegraph compare one two three")
         assert "| three | - |" in text
