@@ -9,6 +9,7 @@ from .io.stored_result import load as load
 from .io.structures.structure_file import read_structure as read_structure
 from .io.trial_directory import Trial as Trial
 from .io.trial_directory import open_trial as open_trial
+from .io.trial_directory import read_description as read_description
 from .live.boards import Boards as Boards
 from .models.ready_structures import prism_tower as prism_tower
 from .models.ready_structures import saddle_tower as saddle_tower

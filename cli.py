@@ -226,7 +226,7 @@ def reconstruct(
         Path | None,
         typer.Option(
             help="Result directory; for several trials, the directory in which each gets its own.",
-            show_default="results/TRIAL",
+            show_default="results/TRIAL, or results/TRIAL_METHOD of another method than batch",
         ),
     ] = None,
     config: Config = None,
@@ -504,7 +504,7 @@ def live(
     twin: Annotated[Path | None, typer.Option(help="Show the shape from the simulation of a plan.")] = None,
     speed: Annotated[float, typer.Option(min=1e-3, help="Speed of a replay or a simulation; 1 is real time.")] = 1.0,
     record: Annotated[Path | None, typer.Option(help="Trial directory to record into; must not exist.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Result directory.", show_default="results/NAME")] = None,
+    out: Annotated[Path | None, typer.Option(help="Result directory.", show_default="results/NAME_live")] = None,
     config: Config = None,
     view: Annotated[bool, typer.Option("--view", help="Show the shape in a window of matplotlib.")] = False,
     viewer: Annotated[

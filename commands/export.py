@@ -1,5 +1,6 @@
 """`export`: writes a result in the format of another program."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -42,8 +43,8 @@ def _destination(path: Path, to: str | None, out: Path | None) -> Path:
     if to is not None and to not in suffixes:
         raise InputError(f"--to {to}: expected one of {', '.join(suffixes)}")
     if out is None:
-        place = path.resolve()
-        return path.parent / f"{place.name}{suffixes[str(to)]}"
+        beside = path.parent if path.name not in ("", "..") else Path(os.path.abspath(path)).parent
+        return beside / f"{path.resolve().name}{suffixes[str(to)]}"
     if to is not None and format_of(out) != to:
         raise InputError(f"--out {out}: expected a name that ends in {suffixes[to]} for --to {to}")
     return out

@@ -1,5 +1,6 @@
 """`live`: shows and writes the shape while it moves, from boards, a recorded trial or the twin."""
 
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
@@ -55,9 +56,9 @@ class LiveSource:
 
     @property
     def name(self) -> str:
-        """Name for the result."""
+        """Name for the result, which no other method has; a session at the rig that is not recorded has its time."""
         named = self.record or self.replay or (self.twin and self.twin.parent / self.twin.stem)
-        return real_path(named).name if named else "live"
+        return f"{real_path(named).name}_live" if named else time.strftime("live_%Y%m%d_%H%M%S")
 
     @contextmanager
     def feed(self, settings: Settings, model: AnySensorModel, terminal: Terminal) -> Iterator[Feed]:
@@ -160,7 +161,7 @@ def show_live(
 
     Args:
         source: source of the readings.
-        out: result directory; named after the source if None.
+        out: result directory; in `results`, named after the source if None.
         config: file of settings; defaults if None.
         model: file or name of the sensor model; the one in the package if None.
         outputs: where shapes go beside the result.

@@ -8,7 +8,9 @@ from ..io.whole import check_replaceable
 from ..models.values.errors import TensegraphError
 
 
-def result_paths(sources: Sequence[Path], out: Path | None, default: Path, markers: tuple[str, ...]) -> list[Path]:
+def result_paths(
+    sources: Sequence[Path], out: Path | None, default: Path, markers: tuple[str, ...], suffix: str = ""
+) -> list[Path]:
     """Return the output directory of each source, after a check, before any work, that it can be written.
 
     Args:
@@ -16,12 +18,16 @@ def result_paths(sources: Sequence[Path], out: Path | None, default: Path, marke
         out: for one source, its output directory; for several, the directory in which each gets its own.
         default: the directory in which each gets its own if `out` is None.
         markers: see `check_replaceable`.
+        suffix: added to each name in `default`, so that one result does not replace another.
 
     Raises:
         TensegraphError: see `distinct_names` and `check_replaceable`.
     """
     names = distinct_names(sources)
-    paths = [out] if out and len(sources) == 1 else [(out or default) / name for name in names]
+    if out is None:
+        paths = [default / f"{name}{suffix}" for name in names]
+    else:
+        paths = [out] if len(sources) == 1 else [out / name for name in names]
     for path in paths:
         check_replaceable(path, markers)
     return paths

@@ -75,7 +75,7 @@ class Span:
             last_s = kept[-1].t_s if kept else first.t_s
             from_s = first.t_s if self.from_s is None else self.from_s
             whole = f"a span within {first.t_s:.2f} to {last_s:.2f} s"
-            raise InputError(f"--from and --to: expected {whole}, got {from_s:g} to {to_s:g}")
+            raise InputError(f"--from and --to: expected {whole}, got {from_s:.2f} to {to_s:.2f}")
         return kept
 
     def as_table(self) -> dict[str, float]:
@@ -168,7 +168,7 @@ def reconstruct_trials(
     settings = read_settings(config)
     estimator_of(method)  # refused here if it is none, not by every worker
     options = RunOptions(method, settings, placed_model(model, workers), figures, span)
-    paths = result_paths(trials, out, Path("results"), RESULT_FILES)
+    paths = result_paths(trials, out, Path("results"), RESULT_FILES, "" if method == "batch" else f"_{method}")
     places = {str(trial): path for trial, path in zip(trials, paths, strict=True)}
     jobs = {name: TrialJob(workers.place(Path(name)), workers.place(path), options) for name, path in places.items()}
     many = Many(workers, terminal)
@@ -191,7 +191,7 @@ def reconstruct_trial(job: TrialJob, terminal: Terminal) -> Table | None:
     trial = open_trial(job.trial)
     inputs, parts = trial.hashes(), made_with(options.method, options.model, trial.plug_ins)
     made_from = options.fingerprint(inputs, parts)
-    if is_up_to_date(job.out / RUN_FILE, made_from):
+    if is_up_to_date(job.out / RUN_FILE, made_from, relative_path(job.out, trial.path)):
         return None
     with rare_collections(), terminal.stages(trial.name, options.stages()) as bar:
         run = run_trial(trial, options, terminal, bar)
@@ -235,6 +235,7 @@ def run_trial(trial: Trial, options: RunOptions, terminal: Terminal, bar: StageB
         method=options.method,
         pipeline=pipeline,
         reconstruction=reconstruction,
+        frames=count,
         seconds=seconds,
     )
 
@@ -247,6 +248,8 @@ class Run:
     method: str
     pipeline: Pipeline
     reconstruction: Reconstruction
+    frames: int
+    """Number of frames that were estimated, those before the span of the reconstruction, too."""
     seconds: float
     """Computing time from the first reading to the last shape."""
 
@@ -266,8 +269,10 @@ class Run:
         free = r.structure.free_nodes
         yield "frames", f"{len(r)}"
         yield "duration", f"{r.t_s[-1] - r.t_s[0]:.2f} s"
-        yield "time", f"{1e3 * self.seconds / len(r):.2f} ms per frame"
+        yield "time", f"{1e3 * self.seconds / self.frames:.2f} ms per frame"
         yield "rest shape", rest_source(pipeline.rest, self.trial.description)
+        if self.trial.description.source != "lengths" and self.trial.description.rest_seconds <= 0:
+            yield "taring", "none: tell rest.seconds, for which it stands at rest at the start"
         yield "mean sigma of a node", f"{1e3 * r.node_sigma_m[:, free].mean():.2f} mm"
         yield from rest_balance(pipeline.rest)
         yield from load_rows(r, pipeline.settings.load_threshold_n)

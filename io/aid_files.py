@@ -123,7 +123,8 @@ def aid_row(reading: OtherReading) -> str:
             cells = [str(reading.tendon), f"{reading.natural_length_m:.5f}", f"{reading.sigma_m:.6g}"]
         case PositionReading():
             cells = [str(reading.node), *(f"{value:.5f}" for value in reading.position_m)]
-    return ",".join([f"{reading.t_s:.{DECIMALS}f}", *cells])
+    stamp = f"{reading.t_s:.6f}".removesuffix("00")  # as it is told, to a microsecond: two stamps stay two
+    return ",".join([stamp, *cells])
 
 
 def _forward(file: CsvFile, *, strictly: bool = True) -> Iterator[tuple[int, list[float]]]:

@@ -10,6 +10,8 @@ from ..models.values.errors import InputError, reason_of
 from ..models.values.units import beyond, largest
 from .input_files import check_regular, lines_of
 
+NO_VALUE = ("", "nan", "inf")
+"""What a cell that may be blank says of no value; MATLAB writes the resistance of an open circuit as Inf."""
 LONGEST_SHOWN = 60
 """Number of characters of a cell that an error shows."""
 LONGEST_READING_STEP_S = 0.5
@@ -130,13 +132,15 @@ class CsvFile:
             if abs(value) <= limit or not math.isfinite(value):
                 return value
             raise InputError(f"{self.path}: row {row}, column {column}: {beyond(value, limit)}")
+        if may_be_blank and cell.strip().lower().lstrip("+-") in NO_VALUE:
+            return math.nan
         try:
-            value = float(cell) if cell.strip() or not may_be_blank else math.nan
+            value = float(cell)
         except ValueError:
             value = math.inf
         if "_" in cell:  # 1_000 is a number to Python alone
             value = math.inf
-        if abs(value) <= limit or (may_be_blank and math.isnan(value)):
+        if abs(value) <= limit:
             return value
         if math.isfinite(value):
             raise InputError(f"{self.path}: row {row}, column {column}: {beyond(value, limit)}")

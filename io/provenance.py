@@ -100,9 +100,20 @@ def fingerprint(made_from: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(everything, sort_keys=True).encode()).hexdigest()
 
 
-def is_up_to_date(file: Path, expected: str) -> bool:
-    """Return whether a result's TOML file exists and has the expected fingerprint."""
-    return file.is_file() and read_toml(file).get(FINGERPRINT) == expected
+def is_up_to_date(file: Path, expected: str, trial_path: str | None = None) -> bool:
+    """Return whether the same result stands already.
+
+    Args:
+        file: TOML file of the result, which has to have the fingerprint, and all tables that it names beside it.
+        expected: the fingerprint.
+        trial_path: where the trial has to be that the file names; anywhere if None.
+    """
+    if not file.is_file():
+        return False
+    made = read_toml(file)
+    is_there = trial_path is None or made.get("trial_path") == trial_path
+    whole = all((file.parent / str(name)).is_file() for name in made.get("tables", ()))
+    return made.get(FINGERPRINT) == expected and is_there and whole
 
 
 def file_hashes(directory: Path) -> dict[str, str]:

@@ -402,6 +402,16 @@ def _counted(readings: Iterator[Reading], trial: Trial) -> Iterator[Reading]:
         raise InputError(f"{trial.path}: holds no readings: expected at least one row in {', '.join(trial.files())}")
 
 
+def read_description(path: str | Path) -> TrialDescription:
+    """Return what trial.toml, or rig.toml, tells of a trial before its first reading: for `stream`.
+
+    Raises:
+        InputError: when it cannot be read, or does not describe a trial.
+    """
+    path = Path(path)
+    return describe_trial(with_structure_file(read_toml(path), path), str(path))[1]
+
+
 def open_trial(path: str | Path) -> Trial:
     """Open a trial directory; its measurements are read when they are iterated.
 

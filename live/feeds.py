@@ -134,7 +134,7 @@ def boards_feed(
             name=name,
             origin=f"the boards of {rig.path}",
             state=lambda: link.state,
-            inputs={rig.path.name: sha256_of(rig.path)},
+            inputs={f"rig {rig.path.name}": sha256_of(rig.path)},
             trial=record,
             taring=str(taring.motion or ""),
         )
@@ -201,7 +201,7 @@ def twin_feed(
         name=plan.stem,
         origin=f"the twin of {plan}",
         state=LinkState,
-        inputs={file.name: sha256_of(file) for file in plan_files(plan)},
+        inputs={f"plan {file.name}": sha256_of(file) for file in plan_files(plan)},
         trial=record,
     )
     with _recorded(feed, trial.metadata, record) as recorded:

@@ -85,7 +85,7 @@ class OperatorAtTerminal:
     def ask_for_rest(self, seconds: float) -> None:
         """Wait until Enter is pressed, if standard input is a terminal."""
         if sys.stdin.isatty():
-            self._terminal.results.input("Leave the structure alone, standing at its rest shape, and press Enter: ")
+            self._terminal.questions.input("Leave the structure alone, standing at its rest shape, and press Enter: ")
         self.say(f"taring for {seconds:g} s: it has to stand still ...")
 
 

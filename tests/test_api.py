@@ -41,6 +41,7 @@ PUBLIC = [
     "open_trial",
     "plot",
     "prism_tower",
+    "read_description",
     "read_sensor_model",
     "read_structure",
     "reconstruct",

@@ -17,7 +17,7 @@ from tensegraph.pipeline import ESTIMATORS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted({*ROOT.glob("CONTRIBUTING.md"), *(ROOT / "docs").rglob("*.md")})]
-NOT_RUN = {"", "csv", "ini", "json", "text", "toml"}
+NOT_RUN = {"", "csv", "ini", "json", "matlab", "text", "toml"}
 """Languages of blocks that show something; any other than these, `python` and `sh` would escape the tests."""
 
 

@@ -39,11 +39,15 @@ _ROW = struct.Struct("<HIB")
 _HELLO = struct.Struct("<IHB")
 _SAMPLE = struct.Struct("<HIBff3h3h")
 _CRC = struct.Struct("<H")
-LONGEST = 254
-"""Bytes between two delimiters: COBS adds one byte up to this length, and no message of the protocol is longer."""
+LONGEST_FRAME = 254
+"""Bytes of a frame between two delimiters: COBS adds one byte up to this length, and no message of ours is longer."""
+LONGEST_LINE = 4096
+"""Bytes of a line: more than 255 channels of 24 bits need."""
+LARGEST_CODE = (1 << 24) - 1
+"""Of a line; frames carry 16 bits."""
 LARGEST_RATE_UNIT, LARGEST_FORCE_UNIT = (LARGEST[unit] / (1 << 15) for unit in ("rad_per_s", "m_per_s2"))
 """What one digit of a sample may stand for at most: any digits are in the range of a file then."""
-LINE = re.compile(rb"(\d{1,3}),(\d{1,5}),(\d{1,10})((?:,\d{1,5})+)(?:\*([0-9A-Fa-f]{4}))?")
+LINE = re.compile(rb"(\d{1,3}),(\d{1,5}),(\d{1,10})((?:,\d{1,8})+)(?:\*([0-9A-Fa-f]{4}))?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,17 +176,22 @@ def parse_line(text: bytes, needs_checksum: bool) -> Row:
         raise DamagedError(bad_crc=True)
     board_id, seq, device_us = (int(match[k]) for k in (1, 2, 3))
     codes = tuple(int(code) for code in match[4][1:].split(b","))
-    if board_id > 0xFF or seq > 0xFFFF or device_us > 0xFFFFFFFF or max(codes) > 0xFFFF:
+    if board_id > 0xFF or seq > 0xFFFF or device_us > 0xFFFFFFFF or max(codes) > LARGEST_CODE:
         raise DamagedError(bad_crc=False)
     return Row(board_id, 0, seq, device_us, codes)
 
 
 class _Pieces:
-    """Decodes messages separated by delimiters; bytes before the first delimiter may be part of a message."""
+    """Decodes messages separated by delimiters; bytes before the first delimiter may be part of a message.
 
-    def __init__(self, delimiter: bytes, parse: Callable[[bytes], Message | None]) -> None:
+    What is longer than any message is garbage up to the next delimiter.
+    """
+
+    def __init__(self, delimiter: bytes, longest: int, parse: Callable[[bytes], Message | None]) -> None:
         self._delimiter = delimiter
+        self._longest = longest
         self._parse = parse
+        self._is_too_long = False
         self._rest = b""
         self._begun = False
         self.counts = LinkCounts()
@@ -193,6 +202,9 @@ class _Pieces:
         messages = []
         for piece in pieces:
             try:
+                if self._is_too_long:
+                    self._is_too_long = False
+                    raise DamagedError(bad_crc=False)
                 message = self._parse(piece) if piece else None
             except DamagedError as error:
                 if self._begun:
@@ -201,8 +213,8 @@ class _Pieces:
                 if message is not None:
                     messages.append(message)
             self._begun = True
-        if len(self._rest) > LONGEST:
-            self._rest = self._rest[-LONGEST:]  # longer than any message, so it cannot become one
+        if len(self._rest) > self._longest:
+            self._rest, self._is_too_long = b"", True
         self.counts += LinkCounts(messages=len(messages))
         return messages
 
@@ -211,14 +223,14 @@ class FrameDecoder(_Pieces):
     """Decodes frames; after damaged bytes it continues at the next delimiter."""
 
     def __init__(self) -> None:
-        super().__init__(b"\0", parse_frame)
+        super().__init__(b"\0", LONGEST_FRAME, parse_frame)
 
 
 class LineDecoder(_Pieces):
     """Decodes lines; a line that begins with `#` is a comment."""
 
     def __init__(self) -> None:
-        super().__init__(b"\n", self._line)
+        super().__init__(b"\n", LONGEST_LINE, self._line)
         self._checked = False
 
     def _line(self, text: bytes) -> Row | None:

@@ -65,7 +65,7 @@ def read_recordings(folder: Path, rig: StripRig) -> RecordingFolder:
     Raises:
         InputError: when the folder has no usable recording.
     """
-    paths = sorted(folder.glob("*.csv"))
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() == ".csv") if folder.is_dir() else []
     if not paths:
         raise InputError(f"{folder}: holds no recordings: expected files *.csv")
     found = RecordingFolder([], {}, [])

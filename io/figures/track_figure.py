@@ -15,6 +15,10 @@ from .style import BLACK, BLUE, GREY, RED, add_grid, add_legend_below, color_of,
 
 ELLIPSES = 12
 """Number of ellipses along a track."""
+MOST_COLUMNS = 4000
+"""Largest number of instants at which contacts are drawn."""
+FAR_FRAMES = 2.0
+"""Number of usual steps from an instant to the nearest frame, from which nothing is drawn there."""
 
 
 def write_track_figure(r: Reconstruction, probability: float, title: str, path: Path) -> None:
@@ -104,15 +108,20 @@ def _draw_ellipses(
 def _draw_bars(
     axis: Axes, t_s: NDArray[np.float64], contacts: NDArray[np.float64], bottom: float, height: float, color: str
 ) -> None:
-    """Draw a row for each node, whose darkness at each time is the probability."""
+    """Draw a row for each node, whose darkness at each time is the probability; none where frames are far apart."""
     nodes = contacts.shape[1]
-    half_s = 0.5 * float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.01
+    frame_s = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.02
+    span_s = float(t_s[-1] - t_s[0])
+    columns_s = np.linspace(t_s[0], t_s[-1], min(round(span_s / frame_s) + 1, MOST_COLUMNS))
+    half_s = 0.5 * span_s / max(len(columns_s) - 1, 1) or 0.5 * frame_s
+    nearest = np.searchsorted(0.5 * (t_s[1:] + t_s[:-1]), columns_s)
+    is_near = np.abs(t_s[nearest] - columns_s) < FAR_FRAMES * max(frame_s, 2 * half_s)
     for node in range(nodes):
         low = node - 0.45 + bottom
         extent = (float(t_s[0]) - half_s, float(t_s[-1]) + half_s, low, low + height)
-        shade = np.zeros((1, len(t_s), 4))
+        shade = np.zeros((1, len(columns_s), 4))
         shade[:] = color_of(color)
-        shade[0, :, 3] = contacts[:, node]
+        shade[0, :, 3] = np.where(is_near, contacts[nearest, node], 0.0)
         axis.imshow(shade, extent=extent, aspect="auto", interpolation="nearest", origin="lower")
         axis.axhline(node - 0.5, color=GREY, lw=0.3)
     axis.set_ylim(-0.5, nodes - 0.5)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ...models.structure.floor import EstimatedNormal
 from ...models.structure.reconstruction import Reconstruction
 from ...models.structure.rest_shape import RestShape, WrongPart
+from ...models.structure.shape import Reason
 from ...models.trial_description import TrialDescription
 from ...models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag
 from ...models.values.slip import Slip
@@ -47,7 +48,7 @@ def rest_complaints(
     """
     yield from (("geometry", line) for line in _wrong_geometry(wrong))
     if misfits:
-        yield "rest in doubt", "sensors do not fit the rest shape: was it still, are anchors and columns right?"
+        yield "rest in doubt", Reason.REST.advice
     if moved:
         yield "moved at rest", "the structure moved while it was to stand still, sigmas are widened: rest it again"
     for a, b in exchanged:

@@ -28,6 +28,8 @@ class Terminal:
         """Console for requested output and for paths of written files; always shown."""
         self.news = Console(quiet=quiet, markup=False)
         """Console for tables, progress and messages; not shown with --quiet."""
+        self.questions = Console(stderr=True, markup=False)
+        """Console for questions: shown also where what the command prints goes into a file."""
         self._timing = Console(stderr=True, quiet=not verbose, markup=False)
         self._shown: Progress | None = None
 

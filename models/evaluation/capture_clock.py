@@ -137,7 +137,7 @@ class OffsetSearch:
 
     def _left_over(self, explained_m2: float) -> float:
         motion_m2 = self.explained_m2 + self.unexplained_m2
-        return 1 - max(explained_m2, 0.0) / motion_m2 if motion_m2 > 0 else 1.0
+        return max(1 - max(explained_m2, 0.0) / motion_m2, 0.0) if motion_m2 > 0 else 1.0
 
     @property
     def is_clear(self) -> bool:

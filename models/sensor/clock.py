@@ -30,6 +30,10 @@ SLOWEST_CLOCK = 0.1
 """Ratio of one clock to the other below which one of them counts in another unit."""
 
 
+UNCOUNTED_ROWS = 100
+"""Number of rows, of which none follows the first, that no board sends: its counters do not count."""
+
+
 @dataclass(frozen=True, slots=True)
 class ClockSettings:
     """What is known of the boards' clocks and of the transmission to the host."""
@@ -124,12 +128,18 @@ class BoardClock:
                 self._compared_s += np.clip(steps_s, 0.0, HOST_TOLERANCE_S)
         self._heard = row
 
-    def check_unit(self, board: int) -> None:
-        """Check that the clock of the board with this number counts microseconds, and that of the host seconds.
+    def check_counters(self, board: int) -> None:
+        """Check that the board with this number counts its rows and microseconds, and the host's clock seconds.
 
         Raises:
-            InputError: when one is much slower, as where one of them counts milliseconds.
+            InputError: when none of many rows follows the first, or one clock is much slower, as where it counts
+                milliseconds.
         """
+        if self.counts.rows == UNCOUNTED_ROWS == self.counts.dropped_rows + 1:
+            raise InputError(
+                f"board {board}: none of the first {UNCOUNTED_ROWS} rows follows the one before: expected seq to count "
+                "the rows, and device_us the microseconds"
+            )
         board_s, host_s = self._compared_s
         if board_s > UNIT_SPAN_S and host_s < SLOWEST_CLOCK * board_s:
             raise InputError(
@@ -139,7 +149,7 @@ class BoardClock:
         if host_s > UNIT_SPAN_S and board_s < SLOWEST_CLOCK * host_s:
             raise InputError(
                 f"board {board}: device_us: went on by {board_s:.3g} s in {host_s:.3g} s on the host's clock: "
-                "is the unit right?"
+                "are the units of both right?"
             )
 
     def time_of_stamp_s(self, device_us: int, boot: int) -> float | None:

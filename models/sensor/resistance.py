@@ -31,18 +31,21 @@ class CountConverter:
         """Return the reading of a row; None for a row that came late or twice or does not follow the one before.
 
         Raises:
-            InputError: when there is no such board, it has another number of channels, its clock does not count
-                microseconds, or the host's tells no time.
+            InputError: when there is no such board, it has another number of channels, counts are no integers, its
+                counters do not count rows and microseconds, or the host's clock tells no time.
         """
         if row.board not in range(len(self._tendons)):
             raise InputError(f"board {row.board!r}: expected one from 0 to {len(self._tendons) - 1}")
         if np.shape(row.counts) != self._tendons[row.board].shape:
             channels = len(self._tendons[row.board])
             raise InputError(f"board {row.board}: expected counts of {channels} channels, got {np.shape(row.counts)}")
+        if not (isinstance(row.counts, np.ndarray) and np.issubdtype(row.counts.dtype, np.integer)):
+            got = row.counts.dtype if isinstance(row.counts, np.ndarray) else type(row.counts).__name__
+            raise InputError(f"board {row.board}: expected counts as an array of integers, got {got}")
         check_stamp(f"board {row.board}: host_s", row.host_s)
         clock = self._clocks[row.board]
         t_s = clock.time_s(row)
-        clock.check_unit(row.board)
+        clock.check_counters(row.board)
         if t_s is None:
             return None
         possible = (row.counts >= 0) & (row.counts < self._divider.codes)

@@ -321,6 +321,7 @@ class Reconstruction:
 
     def _arrays_of_frames(self) -> dict[str, NDArray[Any]]:
         others = self.others or (None,) * len(self)
+        covariance_m2 = self.centroid_covariance_m2  # of a run that was read, it is that of track.csv
         return {
             "t_s": self.t_s,
             "status": np.array([str(status) for status in self.status]),
@@ -330,8 +331,7 @@ class Reconstruction:
             "branch": self.branch,
             "other_log_ratio": np.array([other.log_ratio if other else np.nan for other in others]),
             "centroid_m": self.centroid_m,
-            "centroid_covariance_m2": self.centroid_covariance_m2,
-        }
+        } | ({"centroid_covariance_m2": covariance_m2} if np.isfinite(covariance_m2).any() else {})
 
     def _arrays_of_nodes(self, probability: float) -> dict[str, NDArray[Any]]:
         regions = self.ellipsoids(probability)

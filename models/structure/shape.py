@@ -86,7 +86,7 @@ REASON_ADVICE = {
     Reason.GEOMETRY: "the geometry in trial.toml contradicts itself, or the forces at rest: measure it again",
     Reason.CHANGE: "a rod or a tendon is not as long as at rest: did a clamp slip, a rod bow, a tendon catch?",
     Reason.BOARD: "the sensors of one board are off alike: check its supply, reference and plug, and tare again",
-    Reason.REST: "sensors do not fit the rest shape: was it still, are structure, anchors, boards and columns right?",
+    Reason.REST: "sensors do not fit the rest shape: was it still, are R0, anchors, boards and columns right?",
     Reason.BASE: "the rods turn otherwise than the anchors allow: fix the base, or describe it as free-standing",
     Reason.IMU: "an inertial sensor contradicts gravity, rod, itself, another, or is cut off: check axis, units, range",
     Reason.HANGING: "it is turned otherwise than weight and hands can hold it: fix sensors on rods of other directions",
@@ -125,13 +125,16 @@ class Ellipsoids:
 def ellipsoids(covariance_m2: NDArray[np.float64], probability: float) -> Ellipsoids:
     """Return the regions (x - mean)^T C^-1 (x - mean) <= chi2_3(probability) of (..., 3, 3) covariances.
 
+    Where a covariance is not known, the semi-axes are nan, and their axes those of the coordinates.
+
     Raises:
         InputError: for what is no probability between 0 and 1.
     """
     if not 0 < probability < 1:
         raise InputError(f"probability: expected a number between 0 and 1, got {probability}")
-    variance, axes = np.linalg.eigh(covariance_m2)
-    variance = np.maximum(variance[..., ::-1], 0.0)
+    is_known = np.asarray(np.isfinite(covariance_m2).all(axis=(-2, -1)))
+    variance, axes = np.linalg.eigh(np.where(is_known[..., None, None], covariance_m2, np.eye(3)))
+    variance = np.where(is_known[..., None], np.maximum(variance[..., ::-1], 0.0), np.nan)
     axes = axes[..., ::-1].copy()
     axes[..., 2] *= np.sign(np.linalg.det(axes))[..., None]
     return Ellipsoids(probability, np.sqrt(chi_squared_quantile(probability, 3) * variance), axes)

@@ -45,7 +45,7 @@ def test_compare_runs_every_method(trial_copy) -> None:
     assert len(rows) == 3 + 2 * 7
     assert float(rows["seen", "UKF"]["ms_per_frame"]) > 0
     assert "(ukf)" in run("reconstruct", seen, "--method", "ukf", "--figures", "none", cwd=seen.parent).stdout
-    (alone,) = json.loads(run("evaluate", "results/seen", "--json", cwd=seen.parent).stdout)
+    (alone,) = json.loads(run("evaluate", "results/seen_ukf", "--json", cwd=seen.parent).stdout)
     assert float(rows["seen", "UKF"]["nodes_rmse_m"]) == pytest.approx(alone["absolute"]["nodes"]["rmse_m"], rel=1e-3)
     assert float(rows["seen", "UKF"]["coverage_95"]) == pytest.approx(alone["consistency"]["coverage_95"], abs=0.02)
 

@@ -29,6 +29,9 @@ def test_a_result_beside_itself_or_anywhere(done, tmp_path) -> None:
     np.testing.assert_array_equal(read["node_position_m"].reshape(len(shape), -1), shape[:, 1:])
     assert (read["about"]["trial"], read["about"]["method"]) == ("press_01", "batch")
     assert read["about"]["tensegraph"] == tg.__version__
+    within = run("export", ".", "--to", "npz", cwd=tmp_path / "press")
+    assert (within.returncode, within.stderr) == (0, "")
+    assert (tmp_path / "press.npz").exists()
     anywhere = run("export", "press", "--out", "new/scene.glb", "--at", "1", "--quiet", cwd=tmp_path)
     assert (anywhere.returncode, anywhere.stderr) == (0, "")
     assert (tmp_path / "new" / "scene.glb").read_bytes()[:4] == b"glTF"

@@ -45,12 +45,12 @@ def test_an_estimator_is_a_method_whose_result_is_evaluated(own_parts, trial_cop
     trial_copy(rows=60, name="press")
     done = run_process("reconstruct", "press", "--method", "rest-held", "--figures", "none", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    made = tomllib.loads((tmp_path / "results" / "press" / "run.toml").read_text())
+    made = tomllib.loads((tmp_path / "results" / "press_rest-held" / "run.toml").read_text())
     digest = hashlib.sha256(b"own_parts.py" + (own_parts / "own_parts.py").read_bytes()).hexdigest()
     told = {"package": "own-parts", "version": "1.0", "sha256": digest}
     assert made["method"] == "rest-held"
     assert made["plug_ins"] == {"estimators": {"rest-held": told}}
-    (scores,) = json.loads(run("evaluate", "results/press", "--json", cwd=tmp_path).stdout)
+    (scores,) = json.loads(run("evaluate", "results/press_rest-held", "--json", cwd=tmp_path).stdout)
     assert (scores["method"], scores["absolute"]["nodes"]["rmse_m"] > 0) == ("rest-held", True)
     again = run("reconstruct", "press", "--method", "rest-held", "--figures", "none", cwd=tmp_path)
     assert "up to date" in again.stdout
@@ -105,12 +105,12 @@ def test_a_reader_is_chosen_by_the_suffix(own_parts, trial_copy, tmp_path) -> No
     for name in ("plain", "other"):
         done = run("reconstruct", name, "--method", "frame", "--figures", "none", cwd=tmp_path)
         assert (done.returncode, done.stderr) == (0, "")
-    shapes = [(tmp_path / "results" / name / "shape.csv").read_bytes() for name in ("plain", "other")]
+    shapes = [(tmp_path / "results" / f"{name}_frame" / "shape.csv").read_bytes() for name in ("plain", "other")]
     assert shapes[0] == shapes[1]
-    made = tomllib.loads((tmp_path / "results" / "other" / "run.toml").read_text())
+    made = tomllib.loads((tmp_path / "results" / "other_frame" / "run.toml").read_text())
     assert made["plug_ins"]["readers"]["mm"]["package"] == "own-parts"
     assert "lengths.mm" in made["inputs"]
-    plain = tomllib.loads((tmp_path / "results" / "plain" / "run.toml").read_text())
+    plain = tomllib.loads((tmp_path / "results" / "plain_frame" / "run.toml").read_text())
     assert "plug_ins" not in plain
 
 
@@ -136,10 +136,10 @@ def test_a_sensor_model_is_a_model(own_parts, trial_copy, tmp_path) -> None:
     trial_copy(rows=60, name="press")
     done = run("reconstruct", "press", "--model", "straight", "--method", "frame", "--figures", "none", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    made = tomllib.loads((tmp_path / "results" / "press" / "run.toml").read_text())
+    made = tomllib.loads((tmp_path / "results" / "press_frame" / "run.toml").read_text())
     assert made["plug_ins"]["sensor_models"]["straight"]["version"] == "1.0"
     assert "model" not in made
-    shape = np.genfromtxt(tmp_path / "results" / "press" / "shape.csv", delimiter=",", skip_header=1)
+    shape = np.genfromtxt(tmp_path / "results" / "press_frame" / "shape.csv", delimiter=",", skip_header=1)
     again = tg.reconstruct(tmp_path / "press", "frame", model="straight")
     np.testing.assert_allclose(again.node_position_m.reshape(len(shape), -1), shape[:, 1:], atol=1e-6)
     refused = run("reconstruct", "press", "--model", "crooked", cwd=tmp_path)

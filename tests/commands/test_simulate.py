@@ -24,6 +24,9 @@ def test_a_simulated_trial_is_reconstructed(tmp_path) -> None:
     assert "written to prism_01" in result.stdout
     again = run("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path)
     assert (again.returncode, again.stdout) == (0, "up to date: prism_01\n")
+    (tmp_path / "prism_01" / "board0.csv").unlink()
+    assert "written to prism_01" in run("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path).stdout
+    assert (tmp_path / "prism_01" / "board0.csv").exists()
     (tmp_path / "prism_01" / "simulation.toml").rename(tmp_path / "elsewhere.toml")
     refused = run("simulate", "prism.toml", "--out", "prism_01", cwd=tmp_path)
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)

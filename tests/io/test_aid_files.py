@@ -3,10 +3,12 @@
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from roll import roll
 from tensegraph import InputError, open_trial
+from tensegraph.io.aid_files import aid_row
 from tensegraph.models.trial_description import describe_trial
 from tensegraph.models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
 
@@ -41,6 +43,12 @@ def test_readings_of_all_sensors_are_merged_by_time(trial) -> None:
     far = next(reading for reading in read if isinstance(reading, RangeReading) and reading.t_s > 0)
     assert far.pair == (0, 1, 4)
     assert far.beacon_position_m.tolist() == [2, 0, 2]
+
+
+def test_stamps_that_are_close_together_stay_two() -> None:
+    """As of USB bursts, 0.03 ms apart; others have four decimals, as before."""
+    stamps = [aid_row(ImuReading(0, t_s, np.zeros(3), np.zeros(3))).split(",")[0] for t_s in (0.02151, 0.02154, 0.5)]
+    assert stamps == ["0.021510", "0.021540", "0.5000"]
 
 
 def test_stamps_of_an_inertial_sensor_in_milliseconds_are_refused(trial) -> None:

@@ -35,6 +35,8 @@ def resistance(source: int = 0, t_s: float = 0.0, tendons: int = 24, **changed) 
         (PositionReading(0.0, 4, THREE), "position: expected none"),
         (NaturalLengthReading(0.0, 3, 0.17, 0.0), "natural length: tendon: expected none"),
         (rows_of(np.full((1, 24), 0.17))[0].flags, "readings: expected those of"),
+        (BoardReading(0, 0.0, 0, 0, [512] * 12), "board 0: expected counts as an array of integers, got list"),
+        (BoardReading(0, 0.0, 0, 0, np.full(12, 512.0)), "expected counts as an array of integers, got float64"),
     ],
 )
 def test_what_is_of_no_sensor_is_refused(example, reading, message) -> None:

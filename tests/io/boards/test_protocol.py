@@ -153,6 +153,25 @@ def test_lines_of_a_simple_sketch() -> None:
     assert decoder.counts == LinkCounts(messages=2, garbage=1)
 
 
+@pytest.mark.parametrize("size", [1, 16, 5000])
+def test_long_lines_of_many_channels_and_24_bits(size: int) -> None:
+    """Of 60 channels: 491 pieces of garbage were told, or rows of other boards, where 254 bytes were kept."""
+    codes = tuple(8_388_608 + k for k in range(60))
+    text = b"".join(b"0,%d,%d,%s\n" % (k, 20_000 * k, ",".join(map(str, codes)).encode()) for k in range(30))
+    decoder = Decoder()
+    found = [row for k in range(0, len(text), size) for row in decoder.feed(text[k : k + size])]
+    assert found == [Row(0, 0, k, 20_000 * k, codes) for k in range(30)]
+    assert decoder.counts == LinkCounts(messages=30)
+
+
+def test_a_line_without_end_is_garbage_to_its_end() -> None:
+    """Its last bytes look like a row."""
+    decoder = LineDecoder()
+    assert not decoder.feed(b"\n" + 5000 * b"7")
+    assert [row.seq for row in decoder.feed(b",1,100,5,6\n0,2,300,5,6\n")] == [2]
+    assert decoder.counts == LinkCounts(messages=1, garbage=1)
+
+
 def test_from_the_first_checksum_on_lines_need_one() -> None:
     decoder = LineDecoder()
     cut = line(row(1)).partition(b"*")[0] + b"\n"

@@ -44,11 +44,11 @@ class TestClock:
         silent[1000:] = [replace(row, host_s=row.host_s + 3600) for row in silent[1000:]]
         for row in silent:
             clocks[0].time_s(row)
-            clocks[0].check_unit(0)
+            clocks[0].check_counters(0)
         for row in rows(600)[0]:
             clocks[1].time_s(replace(row, device_us=row.device_us // 1000))
-        with pytest.raises(InputError, match=r"board 1: device_us: went on by 0\.01\d* s in 1\d s .* unit right"):
-            clocks[1].check_unit(1)
+        with pytest.raises(InputError, match=r"board 1: device_us: went on by 0\.01\d* s in 1\d s .* units of both"):
+            clocks[1].check_counters(1)
 
     @pytest.mark.parametrize("digits", [-6, 0.001])
     def test_host_stamps_that_hardly_go_on_are_refused(self, digits) -> None:
@@ -59,14 +59,26 @@ class TestClock:
             clock.time_s(replace(row, host_s=host_s))
         told = r"board 3: host_s: went on by 0(\.01\d*)? s in 1\d s on the board's clock: .* with all digits"
         with pytest.raises(InputError, match=told):
-            clock.check_unit(3)
+            clock.check_counters(3)
 
     def test_the_host_counts_seconds(self) -> None:
         clock = BoardClock(ClockSettings())
         for row in rows(20)[0]:
             clock.time_s(replace(row, host_s=1000 * row.host_s))
-        with pytest.raises(InputError, match=r"board 0: device_us: went on by 0\.38 s in 19 s .* unit right"):
-            clock.check_unit(0)
+        with pytest.raises(InputError, match=r"board 0: device_us: went on by 0\.38 s in 19 s .* units of both right"):
+            clock.check_counters(0)
+
+    @pytest.mark.parametrize("changed", [{"seq": 7}, {"device_us": 7}])
+    def test_counters_that_do_not_count_are_refused(self, changed) -> None:
+        """After the first row all others look like it, sent again; one frame was the whole result."""
+        clock = BoardClock(ClockSettings())
+        told = "board 2: none of the first 100 rows follows the one before: expected seq to count the rows"
+        for row in rows(99)[0]:
+            clock.time_s(replace(row, **changed))
+            clock.check_counters(2)
+        clock.time_s(replace(rows(100)[0][99], **changed))
+        with pytest.raises(InputError, match=told):
+            clock.check_counters(2)
 
     def test_is_causal(self) -> None:
         """The time of a row does not depend on later rows."""

@@ -33,6 +33,13 @@ class TestEllipsoids:
         rebuilt = np.einsum("nij,nj,nkj->nik", region.axes, region.semi_axis_m**2 / scale, region.axes)
         np.testing.assert_allclose(rebuilt, covariance, atol=1e-12)
 
+    def test_of_an_unknown_covariance_are_unknown(self) -> None:
+        """An estimator of one's own need not know it; such shapes can be saved and drawn as others."""
+        region = ellipsoids(np.stack([np.full((3, 3), np.nan), np.diag([9.0, 4.0, 1.0])]), 0.95)
+        assert np.isnan(region.semi_axis_m[0]).all()
+        np.testing.assert_allclose(region.semi_axis_m[1], 2.7954834829 * np.array([3, 2, 1]))
+        assert np.isfinite(region.quaternion).all()
+
     def test_hold_their_share(self) -> None:
         rng = np.random.default_rng(0)
         covariance = np.diag([4.0, 1.0, 0.25])
