@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..factors.noise import WeightedLengths, tendon_sigma_m
-from ..models.sensor.reference_drift import DriftSettings, drift_transition
+from ..models.sensor.reference_drift import DriftSettings, drift_noise, drift_transition
 from ..models.structure.external_loads import LOAD_THRESHOLD_N
 from ..models.structure.shape import Shape
 from ..models.values.readings import SensorDrift, TendonLengths
@@ -204,9 +204,10 @@ class OwnDrift:
     def _predicted(self, t_s: float, rate_variance: float, references: int) -> tuple[DriftState, NDArray[np.float64]]:
         assert self._state is not None
         n = self._count
-        transition, keep = drift_transition(n, t_s - self._state.t_s, self._settings.memory_s)
+        step_s, memory_s = t_s - self._state.t_s, self._settings.memory_s
+        transition = drift_transition(n, step_s, memory_s)
         covariance = transition @ self._state.covariance @ transition.T
-        covariance[n:, n:] += (1 - keep**2) * rate_variance * _between_sensors(n, references)
+        covariance += rate_variance * np.kron(drift_noise(step_s, memory_s), _between_sensors(n, references))
         return DriftState(t_s, transition @ self._state.mean, covariance), transition
 
     def _evidence(self, shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -61,7 +61,8 @@ class LiveSmoother:
         self.modes = ModeChoice(self.builder, settings.front_end.ambiguous_probability)
         self.drift = OwnDrift(self.builder, settings.drift)
         self._branches = OtherBranch(self.builder, settings.branch)
-        self._lag = settings.smoother.lag
+        of_update = structure.node_count + len(structure.free_nodes)  # nodes of one, which are gtsam's places of frames
+        self._lag = max(min(settings.smoother.lag, of_update - 1), 2)
         self._most_updates = MOST_UPDATES
         self._isam = gtsam.ISAM2(_isam2_parameters(settings.smoother.relinearize_m))
         self._isam.update(*_bystanders(structure.node_count))

@@ -83,7 +83,7 @@ def tendon_sigma_m(lengths: TendonLengths, settings: NoiseSettings) -> NDArray[n
     return np.where(lengths.usable, np.sqrt(mode_sigma_m**2 + lengths.sigma_m**2 - lengths.rest_sigma_m**2), np.inf)
 
 
-@cache
+@lru_cache(maxsize=4096)  # where rows come at uneven times, each has its own
 def isotropic(dimension: int, sigma: float) -> gtsam.noiseModel.Isotropic:
     """Return the Gaussian noise model with one sigma for all dimensions."""
     return gtsam.noiseModel.Isotropic.Sigma(dimension, sigma)

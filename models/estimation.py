@@ -50,7 +50,7 @@ class SmootherSettings:
     lag: Annotated[int, Interval(ge=2, le=10)] = 2
     """Number of frames in the window; older frames are marginalised into a prior. The motion prior needs at least
     two. More give hardly another estimate (five: the RMSE of six trials changes by less than 1 %), and gtsam's ordering
-    allows no more places than an update has nodes, which are at least twelve."""
+    allows no more places than an update has nodes, so that small structures have fewer."""
     relinearize_m: Positive = 0.003
     """Distance by which a node moves before its factors are linearised again. Over 3 mm the linearised length is wrong
     by 0.03 mm, far less than its sigma."""

@@ -35,6 +35,8 @@ ROD_M = 0.3
 """Length of its rods."""
 MOST_DOUBLINGS = 8
 """Power of two up to which sigmas grow: beyond it they would be as of another unit."""
+MOST_HALVINGS = 4
+"""The same of forces that are smaller: below, weight and touch are no smaller any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,34 +72,37 @@ class Settings:
     def of_size(self, force: float, length: float) -> "Settings":
         """Return the settings of a robot whose forces and lengths are so many times those of the defaults.
 
-        The standard deviations of forces and of the shape prior grow with them, but for those that are not at their
-        defaults.
+        The standard deviations of forces, of the shape prior, of a shape that was found, and of a pose grow with them,
+        but for those that are not at their defaults; told at its default, one grows, too.
         """
+        of_pose = ("motion_m_per_s", "floor_m", "lifted_m", "creep_m_per_s05", "slip_m_per_rad05")
         return replace(
             self,
-            rest=_grown(self.rest, force, "force_sigma_n"),
+            rest=_grown(_grown(self.rest, force, "force_sigma_n"), length, "found_sigma_m"),
             noise=_grown(_grown(self.noise, force, "force_n"), length, "shape_prior_m"),
             doubt=_grown(self.doubt, force, "load_n", "quiet_n", "many_loads_n", "shaken_n"),
+            pose=_grown(self.pose, length, *of_pose),
         )
 
 
 def sizes_of(structure: Structure, mechanics: Mechanics | None) -> tuple[float, float]:
-    """Return how many times as large forces and lengths are as those of the defaults, in powers of two from 1 on.
+    """Return how many times as large forces and lengths are as those of the defaults, in powers of two.
 
     The force is that of a tendon that is stretched by its own length, k L0, in the median; the length is that of a rod.
-    A robot that is softer or smaller keeps the defaults: its sigmas are then too large, which is no harm.
+    A robot that is smaller keeps the defaults. One of a sixteenth of the stiffness would be 3.7 mm off with those of
+    forces, and is 1.1 mm off with its own.
     """
     force = 1.0
     if mechanics is not None:
         elastic = np.setdiff1d(np.arange(len(structure.tendons)), mechanics.stiff_cables)
         if len(elastic):
             of_tendon_n = mechanics.stiffness_n_per_m * mechanics.natural_length_m
-            force = _power_of_two(float(np.median(of_tendon_n[elastic])) / STRETCHED_N)
+            force = _power_of_two(float(np.median(of_tendon_n[elastic])) / STRETCHED_N, MOST_HALVINGS)
     return force, _power_of_two(float(structure.rod_length_m.mean()) / ROD_M)
 
 
-def _power_of_two(ratio: float) -> float:
-    return float(2.0 ** np.clip(np.round(np.log2(ratio)), 0, MOST_DOUBLINGS))
+def _power_of_two(ratio: float, most_halvings: int = 0) -> float:
+    return float(2.0 ** np.clip(np.round(np.log2(ratio)), -most_halvings, MOST_DOUBLINGS))
 
 
 def _grown(part: Any, factor: float, *names: str) -> Any:

@@ -41,7 +41,7 @@ _SAMPLE = struct.Struct("<HIBff3h3h")
 _CRC = struct.Struct("<H")
 LONGEST_FRAME = 254
 """Bytes of a frame between two delimiters: COBS adds one byte up to this length, and no message of ours is longer."""
-LONGEST_LINE = 4096
+LONGEST_TEXT = 4096
 """Bytes of a line: more than 255 channels of 24 bits need."""
 LARGEST_CODE = (1 << 24) - 1
 """Of a line; frames carry 16 bits."""
@@ -230,7 +230,7 @@ class LineDecoder(_Pieces):
     """Decodes lines; a line that begins with `#` is a comment."""
 
     def __init__(self) -> None:
-        super().__init__(b"\n", LONGEST_LINE, self._line)
+        super().__init__(b"\n", LONGEST_TEXT, self._line)
         self._checked = False
 
     def _line(self, text: bytes) -> Row | None:

@@ -174,13 +174,15 @@ class ReferenceTendons:
 
     def _predict(self, step_s: float) -> None:
         parts = self._rate_variance.shape[1]
-        transition, keep = drift_transition(parts, step_s, self._settings.memory_s)
+        transition = drift_transition(parts, step_s, self._settings.memory_s)
         self._mean = self._mean @ transition.T
         self._covariance = transition @ self._covariance @ transition.T
         level = np.arange(parts)
         rate = level + parts
         self._covariance[:, level[1:], level[1:]] += self._settings.walk_per_sqrt_s**2 * step_s
-        self._covariance[:, rate, rate] += (1 - keep**2) * self._rate_variance
+        added = drift_noise(step_s, self._settings.memory_s)
+        for (a, b), share in np.ndenumerate(added):
+            self._covariance[:, (level, rate)[a], (level, rate)[b]] += share * self._rate_variance
         stay = np.exp(-step_s / self._settings.regime_s)
         self._weight = stay * self._weight + (1 - stay) * self._prior
 
@@ -251,13 +253,27 @@ def without_drift(frame: ResistanceFrame, common: float) -> ResistanceFrame:
     return replace(frame, resistance_ohm=frame.resistance_ohm * np.exp(-common))
 
 
-def drift_transition(parts: int, step_s: float, memory_s: float) -> tuple[NDArray[np.float64], float]:
-    """Return the (2 parts, 2 parts) transition of drifts and then rates over a step, and the share of a rate left."""
-    keep = float(np.exp(-step_s / memory_s))
+def drift_transition(parts: int, step_s: float, memory_s: float) -> NDArray[np.float64]:
+    """Return the (2 parts, 2 parts) transition of drifts and then rates over a step, which keeps a share of a rate."""
+    keep = np.exp(-step_s / memory_s)
     transition = np.eye(2 * parts)
     transition[parts:, parts:] *= keep
     transition[:parts, parts:] = np.eye(parts) * memory_s * (1 - keep)
-    return transition, keep
+    return transition
+
+
+def drift_noise(step_s: float, memory_s: float) -> NDArray[np.float64]:
+    """Return (2, 2) the covariance that a step adds to a drift and its rate, over the variance of the rate.
+
+    The rate forgets itself within T, the memory, and has the same variance at all times; with x = t / T and
+    k = exp(-x), what it adds within t is
+
+        Q = [[T^2 (2 x - 3 + 4 k - k^2), T (1 - k)^2], [T (1 - k)^2, 1 - k^2]]
+    """
+    x = step_s / memory_s
+    keep = np.exp(-x)
+    level, both = memory_s**2 * (2 * x - 3 + 4 * keep - keep**2), memory_s * (1 - keep) ** 2
+    return np.array([[max(level, 0.0), both], [both, 1 - keep**2]])
 
 
 def _prior(rate: NDArray[np.float64], probability: float) -> NDArray[np.float64]:

@@ -27,8 +27,12 @@ PER_CHANGE_M = 0.14
 
 def test_smoother_agrees_with_least_squares_of_all_times() -> None:
     """One sensor's level and rate, measured at five times: the smoother's means solve the joint problem."""
-    transition, keep = drift_transition(1, 1.0, 30.0)
-    start, noise, readings = np.diag([1e-12, 1.0]), np.diag([0.05, 1 - keep**2]), [0.3, 1.1, 1.4, 2.9, 3.1]
+    transition = drift_transition(1, 1.0, 30.0)
+    start, noise, readings = (
+        np.diag([1e-12, 1.0]),
+        np.diag([0.05, 1 - transition[1, 1] ** 2]),
+        [0.3, 1.1, 1.4, 2.9, 3.1],
+    )
     mean, covariance, updates = np.zeros(2), start, []
     for k, reading in enumerate(readings):
         mean, covariance = transition @ mean, transition @ covariance @ transition.T + noise

@@ -7,12 +7,23 @@ import pytest
 
 from balance import pressed
 from noise_settings import with_noise
-from tensegraph import IndeterminateError, Settings, Status
+from tensegraph import IndeterminateError, Settings, Status, prism_tower
 from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.models.balance.statics import Statics
 from tensegraph.models.estimation import SmootherSettings
+from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.values.stamps import SHORTEST_STEP_S
+
+
+def test_a_long_lag_of_a_small_structure_is_shortened(lengths_of) -> None:
+    """With more places than an update has nodes, gtsam wrote beyond its memory: the interpreter ended."""
+    structure, position_m = prism_tower(1, 0.3, 0.15)
+    at_rest = RestShape(structure, position_m, 1e-8 * np.eye(3 * structure.node_count), "measured")
+    settings = replace(Settings(), smoother=SmootherSettings(lag=10))
+    frames = [lengths_of(structure, position_m, 0.02 * k) for k in range(30)]
+    shapes = list(LiveSmoother(structure, at_rest, settings).estimate(frames))
+    np.testing.assert_allclose(shapes[-1].node_position_m, position_m, atol=1e-3)
 
 
 def test_live_with_a_long_lag_ends_where_batch_ends(structure, rest, lengths_of) -> None:

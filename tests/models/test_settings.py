@@ -18,12 +18,13 @@ from tensegraph.models.settings import sizes_of
         (1.4, 1.0, (1, 1)),
         (10.0, 1.0, (8, 1)),
         (1.0, 10.0, (8, 8)),
-        (0.1, 0.5, (1, 1)),
+        (0.1, 0.5, (1 / 16, 1)),
+        (1e-3, 1.0, (1 / 16, 1)),
         (1e6, 1, (256, 1)),
     ],
 )
-def test_sizes_are_powers_of_two_from_one_on(structure, stiffer, longer, expected) -> None:
-    """By hand: 10 times is nearest to 8; the force of a tendon grows with its length, too."""
+def test_sizes_are_powers_of_two(structure, stiffer, longer, expected) -> None:
+    """By hand: 10 times is nearest to 8; the force of a tendon grows with its length, too, and shrinks to a 16th."""
     told = replace(
         structure,
         natural_length_m=longer * structure.natural_length_m,
@@ -41,6 +42,7 @@ def test_what_was_set_stays() -> None:
     assert grown.noise.force_n == 0.3
     assert (grown.noise.shape_prior_m, grown.doubt.load_n, grown.doubt.quiet_n) == (0.24, 12.0, 0.24)
     assert (grown.doubt.many_loads_n, grown.doubt.shaken_n, grown.rest.force_sigma_n) == (8.0, 40.0, 0.16)
+    assert (grown.rest.found_sigma_m, grown.pose.floor_m, grown.pose.slip_m_per_rad05) == (0.012, 0.002, 0.028)
     assert grown.of_size(8.0, 4.0) == grown
     assert told.of_size(1.0, 1.0) == told
 

@@ -9,6 +9,7 @@ from tensegraph.models.sensor.reference_drift import (
     DriftSettings,
     ReferenceDrift,
     ReferenceTendons,
+    drift_noise,
     drift_transition,
     without_drift,
 )
@@ -33,9 +34,18 @@ def reference_readings(
 
 def test_transition_by_hand() -> None:
     """After ln 2 of the memory half of a rate is left, and the level has moved by rate memory / 2."""
-    transition, keep = drift_transition(1, 30 * np.log(2), 30.0)
-    assert keep == pytest.approx(0.5)
+    transition = drift_transition(1, 30 * np.log(2), 30.0)
     np.testing.assert_allclose(transition, [[1, 15], [0, 0.5]])
+
+
+@pytest.mark.parametrize("step_s", [0.02, 10.0, 600.0])
+def test_noise_of_two_steps_is_that_of_both(step_s: float) -> None:
+    """However long sensors were silent; and a rate that was known has forgotten itself after many memories."""
+    once, twice = drift_noise(step_s, 30.0), drift_noise(2 * step_s, 30.0)
+    transition = drift_transition(1, step_s, 30.0)
+    np.testing.assert_allclose(transition @ once @ transition.T + once, twice, rtol=1e-6, atol=1e-15)
+    if step_s == 600.0:  # by hand: 2 T t - 3 T^2
+        np.testing.assert_allclose(once, [[2 * 30 * 600 - 3 * 900, 30], [30, 1]], rtol=1e-6)
 
 
 def test_common_drift_is_taken_off_by_hand() -> None:
