@@ -204,8 +204,8 @@ def tensegraph(
 @app.command(
     epilog=_examples(
         "tensegraph reconstruct examples/press_01",
-        "tensegraph reconstruct examples/press_01 --live --out results/live",
-        "tensegraph reconstruct examples/press_01 --method ukf --out results/ukf",
+        "tensegraph reconstruct examples/press_01 --live",
+        "tensegraph reconstruct examples/press_01 --method ukf",
         "tensegraph reconstruct trials/* --jobs 4",
     )
 )
@@ -352,7 +352,7 @@ def export(
 @app.command(
     epilog=_examples(
         "tensegraph view results/press_01",
-        "tensegraph view results/press_01 results/live",
+        "tensegraph view results/press_01 results/press_01_live",
     )
 )
 def view(
@@ -504,7 +504,10 @@ def live(
     twin: Annotated[Path | None, typer.Option(help="Show the shape from the simulation of a plan.")] = None,
     speed: Annotated[float, typer.Option(min=1e-3, help="Speed of a replay or a simulation; 1 is real time.")] = 1.0,
     record: Annotated[Path | None, typer.Option(help="Trial directory to record into; must not exist.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Result directory.", show_default="results/NAME_live")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Result directory.", show_default="results/NAME_session, or results/TRIAL_replayed"),
+    ] = None,
     config: Config = None,
     view: Annotated[bool, typer.Option("--view", help="Show the shape in a window of matplotlib.")] = False,
     viewer: Annotated[

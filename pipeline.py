@@ -258,9 +258,7 @@ class Pipeline:
     def _shapes_from_rest(
         self, frames: Iterable[TendonLengths], method: str, factory: EstimatorFactory, progress: Progress | None
     ) -> Iterator[Shape]:
-        with one_thread():
-            frames = self.after_rest(frames)
-        yield from self.shapes_by(factory, method, frames, progress)
+        yield from self._watched(self.after_rest(frames), method, factory, progress)
 
     def shapes_by(
         self,
@@ -315,7 +313,8 @@ class Pipeline:
             return chain(taken, later)
         at_rest, moved = lengths_at_rest(resting, self.trial.rest_seconds)
         try:
-            rest = rest_shape_of(self.trial, self.settings.rest, at_rest)
+            with one_thread():
+                rest = rest_shape_of(self.trial, self.settings.rest, at_rest)
             misfit = rest.misfits(at_rest)
         except IndeterminateError:  # no shape with such lengths is in balance
             misfit = True

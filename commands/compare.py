@@ -109,8 +109,8 @@ def compare_trials(
     if done:
         parts = [job.part for name, job in jobs.items() if name in done]
         with terminal.stage("table and figure"):
-            measured = dict.fromkeys(method for part in parts for method in measured_methods(part))
-            rows = comparison_rows(list(measured_by(method, parts)) for method in measured)
+            of_parts = dict.fromkeys(method for part in parts for method in measured_methods(part))
+            rows = comparison_rows(list(measured_by(method, parts)) for method in of_parts)
             write_comparison(rows, comparison_command(trials), out)
         with_trials = len(parts) <= MOST_TRIALS
         terminal.news.print(Markdown(as_markdown(rows, comparison_command(trials), with_trials=with_trials)))

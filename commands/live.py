@@ -56,9 +56,11 @@ class LiveSource:
 
     @property
     def name(self) -> str:
-        """Name for the result, which no other method has; a session at the rig that is not recorded has its time."""
+        """Name for the result, which replaces no other one; a session at the rig that is not recorded has its time."""
+        if self.replay is not None and self.record is None:
+            return f"{real_path(self.replay).name}_replayed"
         named = self.record or self.replay or (self.twin and self.twin.parent / self.twin.stem)
-        return f"{real_path(named).name}_live" if named else time.strftime("live_%Y%m%d_%H%M%S")
+        return f"{real_path(named).name}_session" if named else time.strftime("session_%Y%m%d_%H%M%S")
 
     @contextmanager
     def feed(self, settings: Settings, model: AnySensorModel, terminal: Terminal) -> Iterator[Feed]:

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,7 @@ from ..io.whole import SIMULATION_FILE, check_vacant, written_whole
 from ..models.trial_description import describe_trial
 from ..models.twin.plan import Plan
 from ..models.twin.virtual_trial import simulate as simulate_plan
-from ..models.values.errors import InputError, TensegraphError, naming, needs_extra
+from ..models.values.errors import InputError, naming, needs_extra
 from ..models.values.tracks import StampedPositions
 from .paths import result_paths
 
@@ -69,6 +68,7 @@ def _simulated(
                 recorder.add(carried)
             recorder.add_truth(StampedPositions(trial.t_s, trial.node_position_m), trial.load_n, trial.standing)
         if simulation:
+            simulation = {**simulation, "tables": sorted(path.name for path in inside.iterdir())}
             (inside / SIMULATION_FILE).write_text(tomli_w.dumps(simulation), encoding="utf-8")
     return open_trial(out)
 
@@ -125,9 +125,7 @@ def simulate_trial(job: SimulationJob, terminal: "Terminal") -> str | None:
         software = versions("mujoco")
     made_from = fingerprint({"plan": asdict(plan), "name": job.plan.name, "mujoco": software["mujoco"]})
     if is_up_to_date(job.out / SIMULATION_FILE, made_from):
-        with suppress(TensegraphError):  # a file of it is gone: it is made again
-            open_trial(job.out)
-            return None
+        return None
     start_s = time.perf_counter()
     about = {"plan": job.plan.name, "seed": plan.seed, FINGERPRINT: made_from, "versions": software}
     with terminal.stages(job.plan.stem, {"motion": 0.6, "sensors and files": 0.4}) as bar:

@@ -47,8 +47,8 @@ DOUBT_EVERY_S = 0.2
 """Time between two comparisons of explanations in the live pass: their evidence is counted by time, and changes in
 seconds."""
 FOUND_AFTER_S = 0.4
-"""Time in which the live pass leaves out a sensor whose fault is found at once. Batch leaves it out for as long before
-that, too, and with it some readings before a fault that begins later."""
+"""Time after which the live pass leaves out a sensor whose fault is found at once. Batch leaves it out in the frames
+before, too, and with it some readings before a fault that begins later."""
 DRIFT_EVERY_S = 0.5
 """Time between two updates of the drift in the live pass, which a smoother keeps: in this time a length drifts by
 0.02 mm."""

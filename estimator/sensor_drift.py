@@ -28,12 +28,13 @@ from numpy.typing import NDArray
 
 from ..factors.noise import WeightedLengths, tendon_sigma_m
 from ..models.sensor.reference_drift import DriftSettings, drift_noise, drift_transition
-from ..models.structure.external_loads import LOAD_THRESHOLD_N
 from ..models.structure.shape import Shape
 from ..models.values.readings import SensorDrift, TendonLengths
 from .graph import GraphBuilder
 from .linear_frame import linearised
 
+LOADED = 2.0
+"""Load over the standard deviation of the balance of forces above which a node is loaded, if that is certain."""
 CONTRADICTED_RATE_PER_S = 5e-4
 """Sigma of the sensors' own rates when their lengths contradict each other: 1.8 % in a minute."""
 BOARD_SIGMA = 5.0
@@ -168,7 +169,7 @@ class OwnDrift:
         if self._prediction is None:
             return
         predicted, transition = self._prediction
-        loaded = shape.loads is not None and bool(shape.loads.is_certain(LOAD_THRESHOLD_N).any())
+        loaded = shape.loads is not None and bool(shape.loads.is_certain(LOADED * self._builder.noise.force_n).any())
         self._state = predicted if loaded else self._updated(predicted, shape)
         self._updated_s = shape.t_s
         if self.kept is not None:

@@ -61,7 +61,8 @@ class LiveSmoother:
         self.modes = ModeChoice(self.builder, settings.front_end.ambiguous_probability)
         self.drift = OwnDrift(self.builder, settings.drift)
         self._branches = OtherBranch(self.builder, settings.branch)
-        of_update = structure.node_count + len(structure.free_nodes)  # nodes of one, which are gtsam's places of frames
+        # gtsam orders the nodes of an update by the age of their frames, and has no more ages than the update has nodes
+        of_update = structure.node_count + len(structure.free_nodes)
         self._lag = max(min(settings.smoother.lag, of_update - 1), 2)
         self._most_updates = MOST_UPDATES
         self._isam = gtsam.ISAM2(_isam2_parameters(settings.smoother.relinearize_m))

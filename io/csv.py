@@ -10,8 +10,8 @@ from ..models.values.errors import InputError, reason_of
 from ..models.values.units import beyond, largest
 from .input_files import check_regular, lines_of
 
-NO_VALUE = ("", "nan", "inf")
-"""What a cell that may be blank says of no value; MATLAB writes the resistance of an open circuit as Inf."""
+INFINITE = ("inf", "+inf", "-inf")
+"""Cells of an infinite value, as which MATLAB writes the resistance of an open circuit."""
 LONGEST_SHOWN = 60
 """Number of characters of a cell that an error shows."""
 LONGEST_READING_STEP_S = 0.5
@@ -58,6 +58,8 @@ class CsvFile:
     words: Mapping[str, Callable[[str], float]] = field(default_factory=dict)
     """Columns whose cells are not finite numbers, each with a function that converts a cell to a number, or raises a
     ValueError."""
+    infinite: Sequence[str] = ()
+    """Columns in which an infinite value is a missing one."""
     numbered: bool = False
     """Whether the file has no header; its columns are then named 1, 2, ..."""
     half_lines: int = field(default=0, init=False)
@@ -132,18 +134,18 @@ class CsvFile:
             if abs(value) <= limit or not math.isfinite(value):
                 return value
             raise InputError(f"{self.path}: row {row}, column {column}: {beyond(value, limit)}")
-        if may_be_blank and cell.strip().lower().lstrip("+-") in NO_VALUE:
-            return math.nan
         try:
-            value = float(cell)
+            value = float(cell) if cell.strip() or not may_be_blank else math.nan
         except ValueError:
             value = math.inf
         if "_" in cell:  # 1_000 is a number to Python alone
             value = math.inf
-        if abs(value) <= limit:
+        if abs(value) <= limit or (may_be_blank and math.isnan(value)):
             return value
         if math.isfinite(value):
             raise InputError(f"{self.path}: row {row}, column {column}: {beyond(value, limit)}")
+        if column in self.infinite and cell.strip().lower() in INFINITE:
+            return math.nan
         raise InputError(f"{self.path}: row {row}, column {column}: expected a finite number, got '{_shown(cell)}'")
 
 

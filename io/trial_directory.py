@@ -237,10 +237,16 @@ class Trial:
         ]
 
     def _csv(
-        self, name: str, columns: Sequence[str], *, optional: Sequence[str] = (), blank: Sequence[str] = ()
+        self,
+        name: str,
+        columns: Sequence[str],
+        *,
+        optional: Sequence[str] = (),
+        blank: Sequence[str] = (),
+        infinite: Sequence[str] = (),
     ) -> CsvFile:
         """Return a file of measurements, whose half lines count."""
-        file = CsvFile(self.path / name, columns, optional, blank)
+        file = CsvFile(self.path / name, columns, optional, blank, infinite=infinite)
         self._opened.append(file)
         return file
 
@@ -278,7 +284,7 @@ class Trial:
         assert self.table.resistance is not None
         tendons = self.description.structure.sensed_tendons
         columns = [f"r{e}_ohm" for e in tendons]
-        file = self._csv(self.table.resistance.file, ["t_s", *columns], blank=columns)
+        file = self._csv(self.table.resistance.file, ["t_s", *columns], blank=columns, infinite=columns)
         for row in in_seconds(self._forward(file), file.path):
             resistance_ohm = np.array(row[1:])
             possible = ~(resistance_ohm <= 0)

@@ -134,7 +134,7 @@ def boards_feed(
             name=name,
             origin=f"the boards of {rig.path}",
             state=lambda: link.state,
-            inputs={f"rig {rig.path.name}": sha256_of(rig.path)},
+            inputs={f"rig {rig.path.name}": sha256_of(rig.path)},  # no file of a trial has such a name
             trial=record,
             taring=str(taring.motion or ""),
         )

@@ -36,7 +36,7 @@ ROD_M = 0.3
 MOST_DOUBLINGS = 8
 """Power of two up to which sigmas grow: beyond it they would be as of another unit."""
 MOST_HALVINGS = 4
-"""The same of forces that are smaller: below, weight and touch are no smaller any more."""
+"""Power of two down to which sigmas of forces shrink: weight and touch do not get smaller with the stiffness."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +89,8 @@ def sizes_of(structure: Structure, mechanics: Mechanics | None) -> tuple[float, 
     """Return how many times as large forces and lengths are as those of the defaults, in powers of two.
 
     The force is that of a tendon that is stretched by its own length, k L0, in the median; the length is that of a rod.
-    A robot that is smaller keeps the defaults. One of a sixteenth of the stiffness would be 3.7 mm off with those of
-    forces, and is 1.1 mm off with its own.
+    Sigmas of lengths keep their defaults for a smaller robot. One of a sixteenth of the stiffness would be 3.2 mm off
+    with the defaults of forces, and is 0.9 mm off with its own.
     """
     force = 1.0
     if mechanics is not None:

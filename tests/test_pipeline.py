@@ -55,7 +55,7 @@ def test_one_board_alone_is_enough(trial_copy) -> None:
         (1, 0.0, 0.05, None),
         (4, 0.0, 0.05, "a row each 0.08 s: 12.5 frames a second, and not 50"),
         (8, 0.0, 0.05, "a row each 0.16 s: 10 frames a second, and not 50"),
-        (16, 0.6, 0.8, "a row each 0.32 s: frames between have no reading, raise frames.max_gap_s"),
+        (16, 0.6, 0.8, "a row each 0.32 s: frames between them have no reading: send them faster"),
     ],
 )
 def test_a_slow_board_is_named(trial_copy, every, least, most, text) -> None:

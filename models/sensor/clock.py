@@ -28,10 +28,8 @@ UNIT_SPAN_S = 10.0
 """Time on either clock after which a board's clock is compared with the host's."""
 SLOWEST_CLOCK = 0.1
 """Ratio of one clock to the other below which one of them counts in another unit."""
-
-
 UNCOUNTED_ROWS = 100
-"""Number of rows, of which none follows the first, that no board sends: its counters do not count."""
+"""Number of rows after which a board is refused of which none followed the first."""
 
 
 @dataclass(frozen=True, slots=True)

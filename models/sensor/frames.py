@@ -243,7 +243,7 @@ class FrameAssembler:
         texts = {}
         for number, period_s in enumerate(self._period_s):
             if period_s > self._max_gap_s:
-                texts[number] = f"a row each {period_s:.3g} s: frames between have no reading, raise frames.max_gap_s"
+                texts[number] = f"a row each {period_s:.3g} s: frames between them have no reading: send them faster"
             elif self._frames_in(period_s) > 1 and self.rate_hz < self._settings.rate_hz:
                 rates = f"{self.rate_hz:.3g} frames a second, and not {self._settings.rate_hz:g}"
                 texts[number] = f"a row each {period_s:.3g} s: {rates}"

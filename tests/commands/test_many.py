@@ -3,6 +3,7 @@
 import filecmp
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -84,7 +85,7 @@ def test_a_killed_worker_loses_nothing_and_again_does_what_is_missing(one_by_one
     assert {path: path.stat().st_mtime_ns for path in finished} == kept
     made = {name: (folder / "two" / name / "run.toml").stat().st_mtime_ns for name in "abd"}
     (folder / "d" / "board0.csv").write_bytes((folder / "d" / "board0.csv").read_bytes().rstrip()[:-20])
-    (folder / "two" / "b" / "lengths.csv").unlink()
+    shutil.rmtree(folder / "two" / "b")
     again = run(*words[:-2], cwd=folder)
     assert again.returncode == 0, again.stderr
     assert [line for line in again.stdout.splitlines() if "two/" in line] == [
@@ -94,6 +95,8 @@ def test_a_killed_worker_loses_nothing_and_again_does_what_is_missing(one_by_one
     ]
     assert (folder / "two" / "a" / "run.toml").stat().st_mtime_ns == made["a"]
     assert (folder / "two" / "d" / "run.toml").stat().st_mtime_ns != made["d"]
+    (folder / "two" / "a" / "lengths.csv").unlink()
+    assert "written to two/a" in run(*words[:-2], cwd=folder).stdout  # a table of it was gone
 
 
 def test_a_cluster_gives_the_same_files(one_by_one, tmp_path) -> None:

@@ -55,6 +55,15 @@ def test_a_number_that_may_be_infinite_has_a_range_too(tmp_path) -> None:
         next(rows)
 
 
+def test_an_infinite_value_is_a_missing_one_only_where_that_is_told(tmp_path) -> None:
+    """A resistance of an open circuit, as MATLAB writes it; an infinite sigma of a length would be none told."""
+    (tmp_path / "table.csv").write_text("r,s\nInf,1\n2,-inf\n")
+    file = CsvFile(tmp_path / "table.csv", ["r"], blank=["r", "s"], infinite=["r"])
+    np.testing.assert_array_equal(list(file), [[np.nan], [2]])
+    with pytest.raises(InputError, match="row 3, column s: expected a finite number, got '-inf'"):
+        list(CsvFile(tmp_path / "table.csv", ["r", "s"], blank=["r", "s"], infinite=["r"]))
+
+
 def test_only_a_last_line_without_its_end_is_half(tmp_path) -> None:
     """A carriage return alone ends a line, too: rows after it are not lost."""
     (tmp_path / "mac.csv").write_bytes(b"a,b\r1,2\r3,4\r5,")

@@ -23,6 +23,7 @@ from command_line import start
 from plan_edits import PLANS, SHORT_REST, replaced
 from tensegraph import BoardReading, open_trial
 from tensegraph.cli import main
+from tensegraph.commands.live import LiveSource
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.io.boards.protocol import frame
 from tensegraph.io.model_file import read_sensor_model
@@ -387,6 +388,25 @@ def test_a_silent_inertial_sensor_is_named_and_the_shapes_go_on(tmp_path, with_s
     assert live["frames"] + live["skipped_frames"] > 60
     offline = tensegraph.reconstruct(tmp_path / "first", "live")
     assert live["frames"] + live["skipped_frames"] == len(offline)
+
+
+@pytest.mark.parametrize(
+    ("given", "name"),
+    [
+        ({"replay": "trials/press_01"}, "press_01_replayed"),
+        ({"twin": "plans/prism.toml"}, "prism_session"),
+        ({"rig": "rig.toml", "record": "trials/first"}, "first_session"),
+    ],
+)
+def test_a_session_replaces_no_other_result(given, name) -> None:
+    """`results/press_01` is that of batch, `results/press_01_live` that of `reconstruct --live`."""
+    paths = {key: Path(given[key]) if key in given else None for key in ("rig", "replay", "twin", "record")}
+    assert LiveSource(**paths, speed=1.0, ports=(), seconds=np.inf).name == name
+
+
+def test_a_session_that_nobody_records_has_its_time_in_its_name() -> None:
+    source = LiveSource(rig=Path("rig.toml"), replay=None, twin=None, record=None, speed=1.0, ports=(), seconds=np.inf)
+    assert re.fullmatch(r"session_\d{8}_\d{6}", source.name)
 
 
 REFUSED = [

@@ -68,7 +68,9 @@ def test_messages_are_compiled_once(short_run, ros2, monkeypatch) -> None:
     made, make = [], typesys.get_typestore
     monkeypatch.setattr(typesys, "get_typestore", lambda store: made.append(store) or make(store))
     publisher = Ros2Node(StandInNode(), short_run.structure, 0.5)
-    for shape in short_run[0.0:0.02]:
+    shapes = short_run[0.0:0.1]
+    assert len(shapes) > 1
+    for shape in shapes:
         publisher.add(shape)
     assert len(made) == 1
 

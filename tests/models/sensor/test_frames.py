@@ -92,7 +92,7 @@ class TestFrames:
         frames = assembler()
         got = [f for k in range(40) for f in frames.add(reading(0.5 * k, 1.0 + 0.01 * (k % 2)))]
         assert np.mean([np.isnan(f.resistance_ohm[0]) for f in got]) > 0.5
-        assert frames.slow_sources() == {0: "a row each 0.5 s: frames between have no reading, raise frames.max_gap_s"}
+        assert frames.slow_sources() == {0: "a row each 0.5 s: frames between them have no reading: send them faster"}
 
     def test_the_longest_step_of_a_sensor_model(self) -> None:
         frames = FrameAssembler(np.ones(2), 1, FrameSettings(), GateSettings(max_rate_per_s=1e9), 0.1)
@@ -163,7 +163,7 @@ def test_slow_rows_after_a_long_silence_are_as_slow_as_before() -> None:
     times = [*np.arange(0, 20, 1.5), *np.arange(100, 120, 1.5)]
     made = [frame for t_s in times for frame in frames.add(reading(t_s, 1.0))]
     assert frames.rate_hz == pytest.approx(50 / 75)
-    assert frames.slow_sources() == {0: "a row each 1.5 s: frames between have no reading, raise frames.max_gap_s"}
+    assert frames.slow_sources() == {0: "a row each 1.5 s: frames between them have no reading: send them faster"}
     assert sum(frame.t_s > 90 for frame in made) >= 12
 
 
