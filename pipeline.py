@@ -29,7 +29,7 @@ from .models.sensor.frames import FrameAssembler, LengthPauses
 from .models.sensor.front_end import FrontEnd
 from .models.sensor.reference_drift import ReferenceTendons
 from .models.sensor.sensor_model import SensorModel
-from .models.settings import Settings, checked_settings, sizes_of
+from .models.settings import Settings, checked_settings
 from .models.strain_front_end import StrainFrontEnd, StrainModelFactory
 from .models.structure.mechanics import Mechanics
 from .models.structure.natural_lengths import Winding, strip_length_m
@@ -159,8 +159,8 @@ class Pipeline:
 
     def __init__(self, trial: TrialDescription, settings: Settings, model: AnySensorModel) -> None:
         self.trial = trial
-        self.settings = settings = settings.of_size(*sizes_of(trial.structure, trial.mechanics))
-        """The settings that were given, scaled to the size of the robot."""
+        self.settings = settings = settings.for_robot(trial.structure, trial.mechanics)
+        """The settings that were given, for this robot."""
         self._described_rest = rest_shape_of(trial, settings.rest)
         self.rest = self._described_rest
         """The rest shape: that of the description, or of the lengths at rest of the latest run, see `after_rest`."""
@@ -517,8 +517,7 @@ def rest_shape_of_trial(trial: Trial, settings: Settings) -> RestShape:
     """
     description = trial.description
     if description.source != "lengths":  # no lengths tell it, and the sensor model may be another one than ours
-        size = sizes_of(description.structure, description.mechanics)
-        return rest_shape_of(description, settings.of_size(*size).rest)
+        return rest_shape_of(description, settings.for_robot(description.structure, description.mechanics).rest)
     pipeline = _pipeline_of(description, settings, None)
     pipeline.after_rest(pipeline.lengths(trial.readings()))
     return pipeline.rest

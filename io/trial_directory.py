@@ -411,11 +411,20 @@ def _counted(readings: Iterator[Reading], trial: Trial) -> Iterator[Reading]:
 def read_description(path: str | Path) -> TrialDescription:
     """Return what trial.toml, or rig.toml, tells of a trial before its first reading: for `stream`.
 
+    Args:
+        path: of the file, or of a trial directory.
+
     Raises:
         InputError: when it cannot be read, or does not describe a trial.
     """
     path = Path(path)
-    return describe_trial(with_structure_file(read_toml(path), path), str(path))[1]
+    return _described(path / "trial.toml" if path.is_dir() else path)[2]
+
+
+def _described(path: Path) -> tuple[dict[str, Any], TrialTable, TrialDescription]:
+    """Return the contents of trial.toml as parsed, and validated, and the description that they give."""
+    toml = with_structure_file(read_toml(path), path)
+    return toml, *describe_trial(toml, str(path))
 
 
 def open_trial(path: str | Path) -> Trial:
@@ -429,8 +438,7 @@ def open_trial(path: str | Path) -> Trial:
         raise InputError(f"{path}: expected a trial directory, got a file")
     if (path / RUN_FILE).is_file() and not (path / "trial.toml").exists():
         raise InputError(f"{path}: expected a trial directory, got a result")
-    toml = with_structure_file(read_toml(path / "trial.toml"), path / "trial.toml")
-    table, description = describe_trial(toml, str(path / "trial.toml"))
+    toml, table, description = _described(path / "trial.toml")
     name = printable(table.name or path.resolve().name)
     trial = Trial(path=path, name=name, description=description, table=table, toml=toml)
     for name in trial.files():

@@ -69,6 +69,10 @@ class Settings:
                 )
             _check_scale(part.name, value, default() if is_dataclass(default) else part.default)
 
+    def for_robot(self, structure: Structure, mechanics: Mechanics | None) -> "Settings":
+        """Return the settings of a robot, see `sizes_of` and `of_size`."""
+        return self.of_size(*sizes_of(structure, mechanics))
+
     def of_size(self, force: float, length: float) -> "Settings":
         """Return the settings of a robot whose forces and lengths are so many times those of the defaults.
 

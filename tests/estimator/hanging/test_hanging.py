@@ -97,10 +97,10 @@ def test_it_is_reconstructed_and_evaluated(hinge) -> None:
     """At rest the tilt is that of the weight, anchors stay in place, and ellipsoids in the world hold the nodes."""
     result = run("reconstruct", "hinge_01", "--live", "--figures", "none", cwd=hinge)
     assert result.returncode == 0, result.stderr
-    shape = np.loadtxt(hinge / "results" / "hinge_01" / "shape.csv", delimiter=",", skiprows=1)
+    shape = np.loadtxt(hinge / "results" / "hinge_01_live" / "shape.csv", delimiter=",", skiprows=1)
     assert shape[:, 1:7] == pytest.approx(np.tile([0, 0, 0.5, 0.18371, 0, 0.5], (len(shape), 1)), abs=0.002)
-    assert not (hinge / "results" / "hinge_01" / "contacts.csv").exists()
-    result = run("evaluate", "results/hinge_01", "--json", cwd=hinge)
+    assert not (hinge / "results" / "hinge_01_live" / "contacts.csv").exists()
+    result = run("evaluate", "results/hinge_01_live", "--json", cwd=hinge)
     assert result.returncode == 0, result.stderr
     scores = json.loads(result.stdout)
     score = scores[0] if isinstance(scores, list) else scores
