@@ -178,14 +178,15 @@ def lengths_of(message: Any, tendons: Sequence[int], where: str) -> NDArray[np.f
 def _named_tendons(names: Sequence[str], tendons: Sequence[int], where: str) -> list[int]:
     """Return the place of each name among the tendons: the number at its end, as in `tendon_7`."""
     known = {number: place for place, number in enumerate(tendons)}
+    numbers = f"from {tendons[0]} to {tendons[-1]}" if len(tendons) else "of which there is none"
     found: list[int] = []
     for name in names:
         digits = re.search(r"[0-9]+$", name)
         place = known.get(int(digits[0])) if digits else None
         if place is None or place in found:
             raise InputError(
-                f"{where}: name: expected names that end in the number of a tendon with a sensor, from {tendons[0]} to "
-                f"{tendons[-1]}, each once, or no names, got '{name}'"
+                f"{where}: name: expected names that end in the number of a tendon with a sensor, {numbers}, each "
+                f"once, or no names, got '{name}'"
             )
         found.append(place)
     return found

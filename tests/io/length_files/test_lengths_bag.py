@@ -154,6 +154,7 @@ def test_what_does_not_fit_is_one_line(ros, tmp_path) -> None:
     for names in (["a", "b"], ["t0", "t2"], ["t1", "t1"]):
         write_bag(ros, tmp_path / names[1] / names[0], {"/l": [joint_state(ros, EPOCH_NS, [1, 2], names)]})
         assert "expected names that end in the number of a tendon" in refused(tmp_path / names[1] / names[0], "/l", 2)
+    assert "a tendon with a sensor, of which there is none" in refused(tmp_path / "t1" / "t1", "/l", 0)
     assert refused(tmp_path / "no.mcap", None, 2) == "no such file"
 
 
