@@ -33,12 +33,12 @@ WRITTEN_NAMES = frozenset(
     ]
 )
 """Names of the files that commands write into directories of results; others in them are the user's, and stay there."""
-SIMULATION_FILE = "simulation.toml"
-"""File in a trial directory that tells what it was simulated from; a trial without it is never replaced."""
 SIMULATED = re.compile(
     r"(trial|simulation)\.toml|(truth|loads|contacts)\.csv|(board|imu|ranges|positions|natural_length)\d+\.csv"
 )
-"""The same of simulated trials."""
+"""Names of the files that `simulate` writes into the directory of a trial; others in it are the user's, too."""
+SIMULATION_FILE = "simulation.toml"
+"""File in a trial directory that tells what it was simulated from; a trial without it is never replaced."""
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of the system that only writing can cause."""
 

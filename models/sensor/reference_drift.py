@@ -180,9 +180,11 @@ class ReferenceTendons:
         level = np.arange(parts)
         rate = level + parts
         self._covariance[:, level[1:], level[1:]] += self._settings.walk_per_sqrt_s**2 * step_s
-        added = drift_noise(step_s, self._settings.memory_s)
-        for (a, b), share in np.ndenumerate(added):
-            self._covariance[:, (level, rate)[a], (level, rate)[b]] += share * self._rate_variance
+        (of_level, of_both), (_, of_rate) = drift_noise(step_s, self._settings.memory_s)
+        self._covariance[:, level, level] += of_level * self._rate_variance
+        self._covariance[:, level, rate] += of_both * self._rate_variance
+        self._covariance[:, rate, level] += of_both * self._rate_variance
+        self._covariance[:, rate, rate] += of_rate * self._rate_variance
         stay = np.exp(-step_s / self._settings.regime_s)
         self._weight = stay * self._weight + (1 - stay) * self._prior
 
