@@ -85,6 +85,8 @@ def _layers(path: Path) -> list[_Layer]:
             raise InputError(f"{place}: {EXTENDS}: leads back to {following}: expected a plan that does not")
         table = with_structure_file(read_toml(following), following, ("body", "mechanics"))
         base = _base_path(following, table)
+        if base is not None and not base.exists():
+            raise InputError(f"{_place(following, EXTENDS)}: {EXTENDS}: {base}: no such file")
         table.pop(EXTENDS, None)
         seen.add(real_path(following))
         layers.append(_Layer(following, table))

@@ -118,9 +118,7 @@ def boards_feed(
     plan = rig.plan(ports, settings.clock)
     with SerialLink(plan) as link:
         operator.say("looking for boards ...")
-        heard = wait_for_boards(link, len(plan.board_ids), ", ".join(plan.ports) or "any USB serial port")
-        if heard < len(plan.board_ids):
-            operator.say(f"{heard} of {len(plan.board_ids)} boards answered: going on, the others may come later")
+        wait_for_boards(link, len(plan.board_ids), ", ".join(plan.ports) or "any USB serial port", operator.say)
         if rig.description.rest_seconds > 0:
             operator.ask_for_rest(rig.description.rest_seconds)
         taring = tare(link, rig, settings, model, operator.say)

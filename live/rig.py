@@ -115,8 +115,8 @@ def _check_sources(table: TrialTable, path: Path) -> None:
             raise InputError(f"{path}: [[{kind}]]: comes from no board: expected a rig without it")
 
 
-def wait_for_boards(link: SerialLink, count: int, ports: str) -> int:
-    """Wait until all boards have answered, at most for `PATIENCE_S`; return how many did.
+def wait_for_boards(link: SerialLink, count: int, ports: str, say: Callable[[str], None]) -> None:
+    """Wait until all boards have answered, at most for `PATIENCE_S`; tell how many did, and why others did not.
 
     Raises:
         TensegraphError: when no board answers.
@@ -128,10 +128,14 @@ def wait_for_boards(link: SerialLink, count: int, ports: str) -> int:
         time.sleep(0.05)
         link.receive()
         heard = {port.board for port in link.state.ports if port.board is not None}
+    silent = [port for port in link.state.ports if port.board is None]
+    reasons = "; ".join(f"{port.port or 'a port without a name'}: {_reason_of_silence(port)}" for port in silent)
     if not heard:
-        reasons = [f"{port.port or 'a port without a name'}: {_reason_of_silence(port)}" for port in link.state.ports]
-        raise TensegraphError(f"no board answers on {'; '.join(reasons) or ports}: see tensegraph ports")
-    return len(heard)
+        raise TensegraphError(f"no board answers on {reasons or ports}: see tensegraph ports")
+    if len(heard) < count:
+        say(
+            f"{len(heard)} of {count} boards answered{f' ({reasons})' * bool(reasons)}: going on, others may come later"
+        )
 
 
 def _reason_of_silence(port: PortState) -> str:

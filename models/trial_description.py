@@ -143,6 +143,9 @@ def _describe(table: TrialTable, ignored_keys: tuple[str, ...], path: Path) -> T
     source: Literal["counts", "resistance", "lengths"] = "counts"
     if table.resistance or table.lengths:
         source = "resistance" if table.resistance else "lengths"
+    if structure.is_held:  # its anchors tell where it is
+        unused = (kind for kind in ("range", "position") if getattr(table, kind))
+        ignored_keys += tuple(f"{kind}: anchors hold the structure" for kind in unused)
     imus = tuple(_imu(number, imu, structure) for number, imu in enumerate(table.imu))
     _check_files(table)
     _check_boards_of_imus(table)

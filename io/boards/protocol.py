@@ -11,9 +11,10 @@ damage the next one:
     crc u16                                                         CRC-16, x^16 + x^12 + x^5 + 1, from 0xFFFF
 
 A sample holds the integers of the sensor's registers and what one digit of them stands for, in rad/s and m/s^2, so that
-it is complete by itself: no other message has to arrive for it to be read. Each sensor has a counter seq of its own.
-Boards without inertial sensors send no frames of kind 3; a host that does not know a kind counts its frames as garbage
-and reads the others.
+it is complete by itself: no other message has to arrive for it to be read. It is the mean of the time since the sample
+before, and device_us is the end of that time; device_us of a row is the middle of its readings. Each sensor has a
+counter seq of its own. Boards without inertial sensors send no frames of kind 3; a host that does not know a kind
+counts its frames as garbage and reads the others.
 
 Lines, for a lab's own sketch, hold rows alone: `board,seq,device_us,adc0,adc1,...\n`, optionally with `*` and the same
 CRC of all before it in four hex digits. From the first line with a checksum on, every line needs one.
@@ -39,8 +40,8 @@ _ROW = struct.Struct("<HIB")
 _HELLO = struct.Struct("<IHB")
 _SAMPLE = struct.Struct("<HIBff3h3h")
 _CRC = struct.Struct("<H")
-LONGEST_FRAME = 254
-"""Bytes of a frame between two delimiters: COBS adds one byte up to this length, and no message of ours is longer."""
+LONGEST_FRAME = _HEAD.size + _ROW.size + 2 * 255 + _CRC.size + 3
+"""Bytes of a frame between two delimiters: a row of 255 channels, and one byte that COBS adds to each 254."""
 LONGEST_TEXT = 4096
 """Bytes of a line: more than 255 channels of 24 bits need."""
 LARGEST_CODE = (1 << 24) - 1

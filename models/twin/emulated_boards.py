@@ -82,13 +82,13 @@ PlannedFault = SensorFault | Spikes | ResistanceDrift | Unplugged
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """`[fault]` of a plan: lists of each kind, none if not named."""
+    """`[fault]` of a plan: lists of each kind, none if not named. Those of one sensor act in this order."""
 
+    resistance_drift: Sequence[ResistanceDrift] = ()
     open_circuit: Sequence[SensorFault] = ()
     short_circuit: Sequence[SensorFault] = ()
     stuck: Sequence[SensorFault] = ()
     spikes: Sequence[Spikes] = ()
-    resistance_drift: Sequence[ResistanceDrift] = ()
     unplugged: Sequence[Unplugged] = ()
 
     def each(self) -> list[tuple[str, int, PlannedFault]]:
@@ -104,15 +104,18 @@ class Faults:
             if not isinstance(fault, Unplugged) and fault.tendon in channel
         ]
 
-    def as_truth(self) -> list[dict[str, Any]]:
-        """Return `[[truth.fault]]` of trial.toml, in order of time."""
+    def as_truth(self, duration_s: float) -> list[dict[str, Any]]:
+        """Return `[[truth.fault]]` of trial.toml, in order of time; a resistance that drifted stays wrong to the end."""
         named = [
             {"kind": kind, "board": fault.board}
             if isinstance(fault, Unplugged)
             else {"kind": kind, "tendon": fault.tendon}
             for kind, _, fault in self.each()
         ]
-        times = [{"from_s": fault.from_s, "until_s": fault.until_s} for _, _, fault in self.each()]
+        times = [
+            {"from_s": fault.from_s, "until_s": duration_s if isinstance(fault, ResistanceDrift) else fault.until_s}
+            for _, _, fault in self.each()
+        ]
         return sorted((name | time for name, time in zip(named, times, strict=True)), key=lambda row: row["from_s"])
 
 

@@ -17,7 +17,7 @@ and lags behind it by a time constant of its own for rising and falling, stretch
 times, which are to 90 %, are 2.303 time constants):
 
     dy/dt = (y* - y) / tau
-    R = R0 (1 + y + drift + noise)
+    R = R0 (1 + y + drift) (1 + noise)
 
 Drift is an Ornstein-Uhlenbeck process, noise white from row to row.
 """
@@ -74,7 +74,7 @@ class SensorPhysics:
     drift_time_s: Positive
     """Its correlation time."""
     noise_sigma: NotNegative
-    """White noise of dR/R."""
+    """White noise, relative to R."""
     noise_share: NotNegative
     """White noise in proportion to |y|, on top."""
 

@@ -152,7 +152,7 @@ def _adc(plan: Plan) -> dict[str, Any]:
 
 def _truth(plan: Plan) -> dict[str, Any]:
     """Return what only a twin knows."""
-    faults = plan.fault.as_truth()
+    faults = plan.fault.as_truth(plan.duration_s)
     contacts = {"contacts": "contacts.csv"} if plan.ground and not plan.structure.anchors else {}
     return {"file": "truth.csv", "loads": "loads.csv", **contacts, **({"fault": faults} if faults else {})}
 

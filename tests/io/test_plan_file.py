@@ -266,7 +266,7 @@ def test_a_problem_is_told_of_the_file_it_stands_in(below, added, message) -> No
     [
         ("3", r"below.toml: line 1: extends: expected the path of a plan, got 3"),
         (r'"a\u0000.toml"', r"below.toml: line 1: extends: expected the path of a plan, got 'a\\x00.toml'"),
-        ("'nothing.toml'", r"nothing.toml: no such file"),
+        ("'nothing.toml'", r"below.toml: line 1: extends: .*nothing.toml: no such file"),
         (
             "'above.toml'",
             r"below.toml: line 1: extends: leads back to .*above.toml: expected a plan that does not",

@@ -231,7 +231,7 @@ def test_one_board_and_no_disk_are_enough_to_go_on_with(tmp_path, rig, pty_board
     code, said, error = typed("live", "--rig", rig, *arguments, cwd=tmp_path)
     assert code == 2
     assert error == "tensegraph: gone: the recording ended: its files are gone\n"
-    assert "1 of 2 boards answered" in said
+    assert "1 of 2 boards answered: going on" in said
     status = (tmp_path / "out" / "status.csv").read_text().splitlines()[1:]
     assert float(status[-1].split(",")[0]) > 1.5
     assert len(status) > 5  # however busy the machine is
@@ -241,6 +241,15 @@ def test_one_board_and_no_disk_are_enough_to_go_on_with(tmp_path, rig, pty_board
     assert all("missing" in flags for _, tendon, _, _, _, flags, *_ in lengths if int(tendon) >= 12)
     assert not all("missing" in flags for _, tendon, _, _, _, flags, *_ in lengths if int(tendon) < 12)
     assert not any(",ok," in line for line in status)
+
+
+def test_why_a_board_is_missing_is_said_before_the_taring(tmp_path, rig, pty_boards, typed) -> None:
+    rig.write_text(rig.read_text().replace("seconds = 2.0", "seconds = 0.0"))
+    ports = [str(pty_boards(name, 0).port) for name in ("one", "other")]
+    given = [part for port in ports for part in ("--port", port)]
+    code, said, _ = typed("live", "--rig", rig, *given, "--out", "out", "--seconds", 1.0, cwd=tmp_path)
+    assert code == 0
+    assert re.search(r"1 of 2 boards answered \(.*: board 0 is on .* too: flash one with another BOARD_ID\)", said)
 
 
 def test_record_and_ports(tmp_path, rig, two_boards, typed) -> None:

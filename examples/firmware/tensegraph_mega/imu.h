@@ -17,11 +17,11 @@ const uint32_t IMU_PERIOD_US = 1000000 / IMU_RATE_HZ;
 const uint16_t IMU_US = 900; // longest time that it takes to read a sample, or to send it
 const uint16_t IMU_TICKS = IMU_US / 4;
 const uint32_t IMU_TIMEOUT_US = 700; // a transfer takes 0.5 ms: a bus that hangs is given up
-const uint16_t IMU_DELAY_US = 4900;  // of its low-pass filter: a sample is that old when it is read
+const uint16_t IMU_DELAY_US = 4900;  // of its low-pass filter: the middle of a sample is that old when it is read
 
 const uint8_t ACCELERATIONS = 0x3B; // seven big-endian integers: three accelerations, temperature, three rates
-const uint8_t POWER = 0x6B, POWER_ON = 0x01; // awake, by the clock of a gyroscope; after power-up it sleeps
-const uint8_t FILTER = 0x1A, FILTER_44_HZ = 3;
+const uint8_t POWER = 0x6B, POWER_ON = 0x01; // awake, by the clock of a gyroscope; some sensors sleep after power-up
+const uint8_t FILTER = 0x1A, FORCE_FILTER = 0x1D, FILTER_44_HZ = 3; // an MPU-6050 has the first alone, for both
 const uint8_t RATE_RANGE = 0x1B, RATE_1000_DEG_PER_S = 0x10;
 const uint8_t FORCE_RANGE = 0x1C, FORCE_8_G = 0x10;
 const float RATE_UNIT_RAD_PER_S = 1000.0 / 32768 * DEG_TO_RAD;
@@ -45,11 +45,17 @@ bool request_imu(uint8_t address, uint8_t count) {
   return Wire.requestFrom((uint8_t)IMU_ADDRESS, count, (uint32_t)address, (uint8_t)1, (uint8_t)true) == count;
 }
 
-// Once a second: a sensor that lost its power, for however short a time, sleeps and has other ranges.
+// Once a second: a sensor that lost its power, for however short a time, may sleep and has other ranges. The range of
+// its forces, which is written last, is the only value that none has by itself.
 void wake_imu() {
-  imu_is_awake = (request_imu(POWER, 1) && Wire.read() == POWER_ON) ||
-                 (write_imu(FILTER, FILTER_44_HZ) && write_imu(RATE_RANGE, RATE_1000_DEG_PER_S) &&
-                  write_imu(FORCE_RANGE, FORCE_8_G) && write_imu(POWER, POWER_ON));
+  const bool was_awake = imu_is_awake;
+  imu_is_awake = (request_imu(FORCE_RANGE, 1) && Wire.read() == FORCE_8_G) ||
+                 (write_imu(POWER, POWER_ON) && write_imu(FILTER, FILTER_44_HZ) &&
+                  write_imu(FORCE_FILTER, FILTER_44_HZ) && write_imu(RATE_RANGE, RATE_1000_DEG_PER_S) &&
+                  write_imu(FORCE_RANGE, FORCE_8_G));
+  if (imu_is_awake && !was_awake) {
+    imu_due_us = micros(); // it stood still, and micros() may have wrapped meanwhile
+  }
 }
 
 void begin_imu() {
@@ -76,7 +82,7 @@ void read_imu() {
 void send_sample() {
   Frame frame(SAMPLE);
   frame.put16(imu_seq++);
-  frame.put32(imu_read_us - IMU_DELAY_US);
+  frame.put32(imu_read_us - IMU_DELAY_US + IMU_PERIOD_US / 2); // the end of the time of which it is the mean
   frame.put(IMU_SENSOR);
   frame.put_float(RATE_UNIT_RAD_PER_S);
   frame.put_float(FORCE_UNIT_M_PER_S2);

@@ -164,6 +164,15 @@ def test_long_lines_of_many_channels_and_24_bits(size: int) -> None:
     assert decoder.counts == LinkCounts(messages=30)
 
 
+@pytest.mark.parametrize("size", [1, 64, 300, 20_000])
+def test_long_frames_of_many_channels(size: int) -> None:
+    """Of 255 channels: all were lost in pieces of 64 bytes, where 254 bytes were kept."""
+    rows = [Row(0, 0, k, 20_000 * k, tuple(range(257 + k, 512 + k))) for k in range(20)]
+    data, decoder = b"".join(map(frame, rows)), FrameDecoder()
+    assert [row for k in range(0, len(data), size) for row in decoder.feed(data[k : k + size])] == rows
+    assert decoder.counts == LinkCounts(messages=20)
+
+
 def test_a_line_without_end_is_garbage_to_its_end() -> None:
     """Its last bytes look like a row."""
     decoder = LineDecoder()

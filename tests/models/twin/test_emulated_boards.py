@@ -111,6 +111,29 @@ def test_each_fault_is_what_it_says(signal) -> None:
     assert not ((host_s > 7.01) & (host_s < 9)).any()
     assert max(b.seq - a.seq for a, b in pairwise(rows)) == 101
     np.testing.assert_array_equal(counts[host_s > 20.1, 0], DIVIDER.counts(np.array(2.9e6 * 1.1)))
-    assert [row["kind"] for row in faults.as_truth()] == [
-        "open_circuit", "short_circuit", "spikes", "unplugged", "stuck", "resistance_drift",
+    truth = faults.as_truth(60.0)
+    assert [row["kind"] for row in truth] == [
+        "open_circuit", "short_circuit", "spikes", "unplugged", "resistance_drift", "stuck",
     ]  # fmt: skip
+    assert [row["until_s"] for row in truth] == [2.0, 4.0, 29.0, 9.0, 60.0, 30.0]  # a drifted resistance stays wrong
+
+
+def test_an_open_circuit_stays_open_however_the_resistance_drifts(signal) -> None:
+    """Infinity times zero, where the resistance has fallen to nothing, would be no code at all."""
+    faults = Faults(open_circuit=[SensorFault(0, 1.0, 3.0)], resistance_drift=[ResistanceDrift(0, 0.5, 5.0, -0.9)])
+    host_s, counts, _ = counts_of(signal, faults)
+    t_s = host_s - 0.002
+    np.testing.assert_array_equal(counts[(t_s > 1.01) & (t_s < 2.99), 0], 1023)
+    np.testing.assert_array_equal(counts[t_s > 3.01, 0], 0)
+
+
+@pytest.mark.parametrize("change", [0.0, 1.0])
+def test_noise_is_relative_to_the_resistance_and_that_of_codes_is_on_top(change) -> None:
+    t_s = np.array([0.0, 40.0])
+    signal = Signal(t_s, np.full((2, 3), 5.8e6 * (1 + change)), np.full((2, 3), 0.02))
+    _, counts, _ = counts_of(signal)
+    share = DIVIDER.resistance_ohm(counts) / (5.8e6 * (1 + change))
+    assert share.std() == pytest.approx(0.02, rel=0.05)
+    still = Signal(t_s, signal.resistance_ohm, np.zeros((2, 3)))
+    _, counts, _ = counts_of(still, physics=replace(QUIET, noise_codes=5.0))
+    assert counts.std(axis=0).mean() == pytest.approx(5.0, rel=0.05)
