@@ -105,7 +105,7 @@ class Faults:
         ]
 
     def as_truth(self, duration_s: float) -> list[dict[str, Any]]:
-        """Return `[[truth.fault]]` of trial.toml, in order of time; a resistance that drifted stays wrong to the end."""
+        """Return `[[truth.fault]]` of trial.toml, in order of time; a resistance that drifted stays wrong."""
         named = [
             {"kind": kind, "board": fault.board}
             if isinstance(fault, Unplugged)
