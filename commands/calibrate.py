@@ -57,8 +57,7 @@ def calibrate_folder(
     start_s = time.perf_counter()
     try:
         with terminal.stage("recordings and bending"):
-            data = training_data(folder, strip_rig, hold_out)
-            data.split.scored(settings.unified)  # what cannot be scored is refused before the training
+            data = training_data(folder, strip_rig, hold_out, settings.unified)
             for line in data.folder.left_out:
                 terminal.error(f"left out: {line}")
         losses = _sweep(data, settings, paths, workers, terminal) if sweep else {}

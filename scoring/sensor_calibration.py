@@ -24,7 +24,7 @@ def calibrate(
     folder: str | Path,
     *,
     rig: str | Path | None = None,
-    hold_out: Sequence[str] = (),
+    hold_out: str | Sequence[str] = (),
     hold_out_tail: float | None = None,
     settings: TrainingSettings | None = None,
     progress: Callable[[int, float], None] = lambda epoch, loss: None,
@@ -36,7 +36,8 @@ def calibrate(
     Args:
         folder: folder of recordings.
         rig: file that describes the recordings; see `read_rig`.
-        hold_out: patterns of the names of the recordings that test the model; see `Split.by_recordings` for none.
+        hold_out: pattern, or patterns, of the names of the recordings that test the model; see `Split.by_recordings`
+            for none.
         hold_out_tail: share of each recording, at its end, that tests the model instead.
         settings: settings of the training; the defaults if None.
         progress: called after each epoch with its number and mean loss.
@@ -47,9 +48,10 @@ def calibrate(
     from ..models.calibration.training import train  # torch takes seconds to import
 
     start_s = time.perf_counter()
-    chosen, strip_rig = HoldOut(tuple(hold_out), hold_out_tail), read_rig(None if rig is None else Path(rig))
+    names = (hold_out,) if isinstance(hold_out, str) else tuple(hold_out)
+    chosen, strip_rig = HoldOut(names, hold_out_tail), read_rig(None if rig is None else Path(rig))
     checked = parse_table(TrainingSettings, asdict(settings or TrainingSettings()), "settings")
-    data = training_data(Path(folder), strip_rig, chosen)
+    data = training_data(Path(folder), strip_rig, chosen, checked.unified)
     trained = train(data.split, data.curve, checked, progress)
     return report_of(data, trained, checked, strip_rig, chosen, start_s)
 
@@ -98,10 +100,15 @@ class TrainingData:
         return self.bending.curve() if self.bending else BendingCurve()
 
 
-def training_data(folder: Path, rig: StripRig, hold_out: HoldOut) -> TrainingData:
-    """Return the recordings of a folder, split, and the fit of bending; see `calibrate_folder`."""
+def training_data(folder: Path, rig: StripRig, hold_out: HoldOut, unified: bool) -> TrainingData:
+    """Return the recordings of a folder, split, and the fit of bending; see `calibrate`.
+
+    Raises:
+        InputError: when there is nothing to train on, or nothing that can be scored.
+    """
     found = read_recordings(folder, rig)
     split = hold_out.split(found.recordings)
+    split.scored(unified)  # before the training
     return TrainingData(found, split, fit_bending([*split.training, *split.validation], split.held_out))
 
 

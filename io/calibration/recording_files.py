@@ -12,6 +12,7 @@ from ...models.calibration.strip_rig import RESISTANCE_OHM, TIME_S, StripRig
 from ...models.sensor.stretching import SETTLING_S
 from ...models.values.errors import InputError
 from ...models.values.tables import parse_table, unknown_keys
+from ...models.values.units import OTHER_UNIT
 from ..csv import CsvFile
 from ..provenance import sha256_of
 from ..toml import read_toml
@@ -20,6 +21,9 @@ MOST_STRAIN = 5.0
 """Strain beyond that of every rubber strip, as of one that is told in per cent."""
 FEWEST_ROWS = 5
 """Least number of rows in the first 10 s of a recording, in which its strip is tared."""
+LONGEST_PAUSE_S = 60.0
+"""Longest time between two rows, over which strain is interpolated: pauses of 30 s change nothing, one of half an hour
+made the curve of rates twice as wrong."""
 BURST_SHARE = 0.1
 """Share of the steps between stamps that are short in a recording whose stamps come in bursts."""
 BURST_RATIO = 0.1
@@ -119,6 +123,12 @@ def read_recording(path: Path, rig: StripRig) -> Recording:
     if natural_ohm == "start":
         natural_ohm = float(np.mean(resistance_ohm[t_s - t_s[0] <= 1.0]))
     assert not isinstance(natural_ohm, str)
+    times = float(np.median(resistance_ohm)) / natural_ohm
+    if not 1 / OTHER_UNIT < times < OTHER_UNIT:
+        raise InputError(
+            f"{path}: column {file.columns[1]}: expected about the natural resistance of {natural_ohm:g} ohm, got "
+            f"{times:.3g} times that: is the unit right?"
+        )
     change = resistance_ohm / natural_ohm - 1
     return Recording(path.stem, t_s, np.abs(strain) if rig.magnitude else strain, change)
 
@@ -149,6 +159,11 @@ def _check_stamps(path: Path, t_s: NDArray[np.float64]) -> None:
             "is the unit of time right?"
         )
     steps_s = np.diff(t_s)
+    for row in np.flatnonzero(steps_s > LONGEST_PAUSE_S)[:1]:
+        raise InputError(
+            f"{path}: expected at most {LONGEST_PAUSE_S:g} s between two rows, got {steps_s[row]:.3g} s after t = "
+            f"{t_s[row]:.6g} s: make two files of it"
+        )
     if np.quantile(steps_s, BURST_SHARE) < BURST_RATIO * steps_s.mean():
         raise InputError(
             f"{path}: expected stamps of when each resistance was measured, got bursts: a tenth of the steps is below "

@@ -1,6 +1,7 @@
 """The report of a calibration: table for the screen, model card, metadata of the model."""
 
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from rich.table import Table
@@ -53,7 +54,7 @@ class CalibrationReport:
         return groups
 
     def verdict(self) -> str:
-        """Return one sentence that says whether the network is better than both baselines."""
+        """Return whether the network is better than the baselines, and what the model uses if it is not the network."""
         if not self.calibration.runs[LSTM]:
             return "Nothing of stretching was held out: the network is not scored."
         everything = self.scores_by_speed()["all held out"]
@@ -64,9 +65,11 @@ class CalibrationReport:
         }
         wins = int(np.sum(rmse[LSTM] <= np.min([rmse[name] for name in rmse], axis=0)))
         counted = f"on {wins} of {len(names)} of them"
+        used = self.calibration.used
+        uses = "" if used == LSTM else f" The model uses the {used}, which is better on the recordings for validation."
         if best == LSTM:
-            return f"Over all held-out recordings the LSTM is better than both baselines; it is the best {counted}."
-        return f"Over all held-out recordings the {best} is better than the LSTM, which is the best {counted}."
+            return f"Over all held-out recordings the LSTM is better than all others; it is the best {counted}.{uses}"
+        return f"Over all held-out recordings the {best} is better than the LSTM, which is the best {counted}.{uses}"
 
     def _chosen_lines(self) -> list[str]:
         network, curve = self.calibration.validation_rmse
@@ -115,13 +118,13 @@ class CalibrationReport:
                 for name, score in estimators.items()
             ),
             "",
-            "Recording by recording, the LSTM:",
+            f"Recording by recording, the {self.calibration.used}:",
             "",
             "| recording | RMSE | R² | in 68 % band | in 95 % band | median sigma | correlation time | flagged |",
             "|---|---|---|---|---|---|---|---|",
             *(
                 f"| {run.name} | {' | '.join(_cells(score))} | {score.correlation_s:.1f} s | {score.beyond:.0%} |"
-                for run in self.calibration.runs[LSTM]
+                for run in self.calibration.runs[self.calibration.used]
                 for score in [StripScore.of([run])]
             ),
         ]
@@ -164,7 +167,7 @@ class CalibrationReport:
         ]
 
     def _use(self, file_name: str) -> str:
-        name = file_name.removesuffix(".csv")
+        name = Path(file_name).stem
         split = self.calibration.split
         groups = {"training": split.training, "validation": split.validation, "test": split.held_out}
         return ", ".join(use for use, recordings in groups.items() if any(r.name == name for r in recordings))

@@ -21,11 +21,12 @@ from ..sensor.sensor_model import (
     TrainedRanges,
 )
 from ..sensor.stretching import STRAIN_RATE_S
+from ..values.errors import TensegraphError
 from .bending_fit import BendingFit
 from .gauge_fit import LEAST_GAIN_SIGMA, fit_gauge
 from .mode_fit import fit_mode
 from .recipe import Trained, TrainingSettings
-from .recordings import Recording, Split
+from .recordings import Recording, Split, correlated_samples
 from .strain_estimators import NetworkEstimator, StrainEstimator
 from .strip_baselines import PolynomialEstimator, StaticEstimator, on_common_curve
 from .strip_gains import StripGain, tare_strips
@@ -70,7 +71,14 @@ def calibrate_model(
     """Return the sensor model from a training.
 
     Its sigma is scaled on the validation recordings, and it is run on the recordings held out.
+
+    Raises:
+        TensegraphError: when the training diverged.
     """
+    if not trained.history.best_epoch:
+        raise TensegraphError(
+            f"the training diverged: expected a smaller learning rate, got {settings.learning_rate:g}"
+        )
     unified = settings.unified
     mode_odds = _mode_odds(split, bending)
     trained = _with_spread(trained, bending, mode_odds, split, settings)
@@ -164,11 +172,12 @@ def fit_sigma_scale(runs: Sequence[StripRun]) -> SigmaScale:
     error = np.concatenate([run.error for run in runs])
     sigma = np.concatenate([run.unscaled_sigma for run in runs])
     log_spread = np.log(np.maximum(np.concatenate([run.spread for run in runs]), LEAST_SPREAD))
+    independent = sum(len(run.t_s) / correlated_samples(run.t_s) for run in runs)
 
     def negative_log_likelihood(parameters: NDArray[np.float64]) -> float:
         log_scale = parameters[0] + parameters[1] * log_spread
         of_errors = np.mean(0.5 * (error / (sigma * np.exp(log_scale))) ** 2 + log_scale)
-        return float(of_errors + 0.5 * parameters[1] ** 2 / len(error))
+        return float(of_errors + 0.5 * parameters[1] ** 2 / independent)
 
     log_b, p = minimize(negative_log_likelihood, [0.0, 0.0], method="Nelder-Mead").x
     if p < 0:

@@ -9,7 +9,7 @@ from scipy.optimize import nnls
 from ..sensor.bending import BendingCurve
 from ..sensor.gauge import StaticGauge, common_change
 from ..values.errors import InputError
-from .recordings import Recording
+from .recordings import Recording, correlated_samples
 
 KNOTS = (0.0, 0.03, 0.07, 0.12, 0.2, 0.35, 0.5, 0.8, 1.2, 2.0, 3.0)
 """Strains between which the gauge curve is linear. They are close together at the strains of the tendons of a
@@ -24,9 +24,6 @@ LEAST_OFFSET_SIGMA = 0.001
 none, and a strip at rest drifts by this in 24 s."""
 LEAST_RANGE = 0.01
 """Least range of the strain to which a curve is fitted; tendons of a structure are stretched by several times it."""
-INDEPENDENT = 100
-"""Number of samples that count as one independent sample, because errors of the static curve are correlated over
-seconds."""
 
 
 def fit_gauge(
@@ -67,7 +64,9 @@ def fit_gauge(
         strain = np.concatenate([settled[name][0] for name in stretched])
         change = np.concatenate([common_change(settled[name][1], *gains[name]) for name in stretched])
         gauge = StaticGauge(knots, _rising_curve(strain, change, knots), gain_sigma, offset_sigma)
-        gains = {name: _gain_and_offset(*settled[name], gauge, bending) for name in settled}
+        gains = {
+            r.name: _gain_and_offset(*settled[r.name], correlated_samples(r.t_s), gauge, bending) for r in recordings
+        }
         gain_sigma = max(float(np.std([gain for gain, _ in gains.values()])), LEAST_GAIN_SIGMA)
     return StaticGauge(knots, gauge.change_knots, gain_sigma, offset_sigma), gains
 
@@ -94,10 +93,22 @@ def _weight(strain: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _gain_and_offset(
-    strain: NDArray[np.float64], change: NDArray[np.float64], gauge: StaticGauge, bending: BendingCurve
+    strain: NDArray[np.float64],
+    change: NDArray[np.float64],
+    correlated: float,
+    gauge: StaticGauge,
+    bending: BendingCurve,
 ) -> NDArray[np.float64]:
-    """Return (2,) gain and offset of one recording by least squares, with their spread over strips as prior."""
-    weight = _weight(strain) / np.sqrt(INDEPENDENT)
+    """Return (2,) gain and offset of one recording by least squares, with their spread over strips as prior.
+
+    Args:
+        strain: (samples,)
+        change: (samples,) dR/R.
+        correlated: see `correlated_samples`.
+        gauge: the gauge curve.
+        bending: the curve of bending.
+    """
+    weight = _weight(strain) / np.sqrt(correlated)
     expected = gauge.change(strain, bending)
     rows = np.stack([expected * weight, weight], axis=1)
     prior = np.diag([1 / gauge.gain_sigma, 1 / gauge.offset_sigma])

@@ -21,7 +21,8 @@ def fit_mode(recordings: Sequence[Recording]) -> ModeOdds:
     """Return the log likelihood ratio of the modes as a function of dR/R, from smoothed histograms.
 
     Near zero strain bent and stretched strips have the same dR/R, because eq. (9) has a fold there. So the ratio is
-    counted and not derived, from samples with almost no lag. Outside of the bins that of the nearest bin applies.
+    counted and not derived, from samples with almost no lag. Outside of the bins that were seen, that of the nearest
+    applies.
     Without recordings of both modes the ratio follows the sign of dR/R.
     """
     edges = np.arange(*CHANGE_RANGE, CHANGE_STEP)
@@ -38,4 +39,6 @@ def fit_mode(recordings: Sequence[Recording]) -> ModeOdds:
         return ModeOdds(middle, np.where(middle < 0, 5.0, -5.0))
     density = gaussian_filter1d(counts / counts.sum(axis=1, keepdims=True), KERNEL / CHANGE_STEP, mode="nearest")
     floor = 1e-6
-    return ModeOdds(middle, np.log((density[1] + floor) / (density[0] + floor)))
+    seen = np.flatnonzero(counts.sum(axis=0))
+    bins = slice(seen[0], seen[-1] + 1)
+    return ModeOdds(middle[bins], np.log((density[1] + floor) / (density[0] + floor))[bins])

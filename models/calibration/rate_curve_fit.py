@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from ..sensor.gauge import StaticGauge
 from ..sensor.rate_curve import RateCurve, curve_terms, rate_inputs
-from .gauge_fit import INDEPENDENT
-from .recordings import Recording
+from .recordings import Recording, correlated_samples
 
 RIDGE = 1e-4
 """Damping as a share of the mean square of a term, because some terms are nearly equal on a slow recording."""
@@ -30,7 +29,8 @@ def fit_rate_curve(
     input_range = np.stack([inputs.min(axis=0), inputs.max(axis=0)])
     terms = curve_terms(inputs, scale, gauge)
     coefficients, normal = ridge(terms, strain)
-    residual_sigma = np.sqrt(INDEPENDENT) * np.std(strain - terms @ coefficients)
+    independent = sum(r.counted(unified).sum() / correlated_samples(r.t_s) for r in recordings)
+    residual_sigma = np.sqrt(len(strain) / independent) * np.std(strain - terms @ coefficients)
     factor = residual_sigma * np.linalg.inv(np.linalg.cholesky(normal)).T
     return RateCurve(
         gauge=gauge, memory_s=memory_s, scale=scale, range=input_range, coefficients=coefficients, factor=factor

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from ..sensor.gauge import StaticGauge
 from ..sensor.lstm import LstmWeights, Scaling
 from ..sensor.rate_curve import RateCurve
-from ..values.tables import AtLeastOne, NotNegative, Positive, Probability
+from ..values.errors import InputError
+from ..values.tables import AtLeastOne, NotNegative, Positive, Probability, ZeroOrMore
 
 CHECK_EVERY = 5
 """Number of epochs from one validation and checkpoint to the next."""
@@ -35,22 +36,30 @@ class TrainingSettings:
     """Time steps per sequence."""
     chunk: AtLeastOne = 200
     """Steps of truncated back-propagation; the state is carried from chunk to chunk."""
-    burn_in: int = 20
+    burn_in: ZeroOrMore = 20
     """First steps of a sequence that are not in the loss, because the sensor's past is unknown there."""
     squared_error_share: Probability = 0.3
     """First share of the training in which the loss is the squared error instead of the Gaussian likelihood, so that
     sigma is learned last."""
     patience: AtLeastOne = 100
     """Epochs without a better validation loss after which the training stops."""
-    relative_step: tuple[float, float] = (0.2, 2.0)
+    relative_step: tuple[Positive, Positive] = (0.2, 2.0)
     """Range of time steps relative to that of the recordings, drawn uniformly in their logarithm: for recordings of
     20 Hz this is 100 to 10 Hz. For others it is widened, so that it contains these rates of frames."""
-    noise: tuple[float, float] = (0.0, 0.002)
+    noise: tuple[NotNegative, NotNegative] = (0.0, 0.002)
     """Range of the standard deviation of the relative white noise that is added to the resistance: up to that of a
     10-bit divider."""
     unified: bool = False
     """One signed network for bending and stretching, instead of the paper's eq. (3)."""
-    seed: int = 0
+    seed: ZeroOrMore = 0
+
+    def __post_init__(self) -> None:
+        for name in ("relative_step", "noise"):
+            low, high = getattr(self, name)
+            if high < low:
+                raise InputError(f"{name}: expected [least, most], got [{low:g}, {high:g}]")
+        if self.burn_in >= self.steps:
+            raise InputError(f"burn_in: expected less than steps = {self.steps}, got {self.burn_in}")
 
 
 class Checkpoint(Protocol):

@@ -13,6 +13,8 @@ from ..values.errors import InputError
 
 STEADY_RATIO = 1.5
 """Ratio of the 90 % quantile to the 25 % quantile of the speed while moving, below which a recording has one speed."""
+NOISY_SPEED_S = 0.5
+"""Time over which the speed of a recording is taken where its strain is noisy."""
 STRETCHES_SHARE = 0.3
 """Share of the samples of a recording in which its strip is stretched, from which it tells of stretching."""
 BENDS_SHARE = 0.1
@@ -23,6 +25,13 @@ VALIDATION_TAIL = 0.15
 """Last share of each training recording that is for validation when there are too few whole recordings."""
 TEST_TAIL = 0.3
 """Last share of each recording that is for test when there are too few whole recordings."""
+CORRELATED_S = 5.0
+"""Time for which the errors of curves and network last: all samples in it count as one independent sample."""
+
+
+def correlated_samples(t_s: NDArray[np.float64]) -> float:
+    """Return how many samples of (samples,) stamps have the same error, and count as one; at least 1."""
+    return max(CORRELATED_S / float(np.median(np.diff(t_s))), 1.0) if len(t_s) > 1 else 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,8 +88,17 @@ class Recording:
 
     @property
     def speed_per_s(self) -> float:
-        """The speed at which the strip was moved, in strain per second; nan when it was not one constant speed."""
-        speed = np.abs(np.diff(self.strain) / np.diff(self.t_s))
+        """The speed at which the strip was moved, in strain per second; nan when it was not one constant speed.
+
+        It is that from sample to sample, or over `NOISY_SPEED_S` where the noise of strain hides it.
+        """
+        samples = max(round(NOISY_SPEED_S / float(np.median(np.diff(self.t_s)))), 1)
+        by_sample, smoothed = (self._steady_speed_per_s(apart) for apart in (1, min(samples, len(self.t_s) - 1)))
+        return by_sample if np.isfinite(by_sample) else smoothed
+
+    def _steady_speed_per_s(self, apart: int) -> float:
+        """Return the speed over so many samples; nan when it was not one constant speed."""
+        speed = np.abs((self.strain[apart:] - self.strain[:-apart]) / (self.t_s[apart:] - self.t_s[:-apart]))
         moving = speed[speed > 0.1 * np.quantile(speed, 0.95)]
         if len(moving) < 0.5 * len(speed):
             return float("nan")

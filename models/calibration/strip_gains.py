@@ -11,8 +11,7 @@ from ..sensor.front_end import FrontEndSettings
 from ..sensor.gauge import StaticGauge, common_change
 from ..sensor.stretching import SETTLING_S
 from ..values.chi_squared import squared_distance
-from .gauge_fit import INDEPENDENT
-from .recordings import Recording
+from .recordings import Recording, correlated_samples
 from .strain_estimators import StrainEstimator
 
 GAIN_TRIES = 6
@@ -57,9 +56,9 @@ def tare_strips(
 
     With p = (gain, offset) and P their covariance over strips, they minimise
 
-        (p - (1, 0))' P^-1 (p - (1, 0)) + sum_t (estimate_t(p) - strain_t)^2 / (INDEPENDENT sigma_t^2)
+        (p - (1, 0))' P^-1 (p - (1, 0)) + sum_t (estimate_t(p) - strain_t)^2 / (n sigma_t^2)
 
-    where sigma is that at the start of the search.
+    where sigma is that at the start of the search, and n samples have the same error.
 
     Args:
         estimator: the estimator of strain.
@@ -86,7 +85,7 @@ def tare_strips(
             strain = estimate.strain[: len(r.t_s), 3 * k : 3 * k + 3]
             sigma = estimate.sigma[: len(r.t_s), 3 * k]
             warm_up = front_end.warm_up_sigma * np.exp(-(r.t_s - r.t_s[0]) / front_end.warm_up_s)
-            variance = INDEPENDENT * (sigma**2 + warm_up**2)  # the strip's past is unknown at first
+            variance = correlated_samples(r.t_s) * (sigma**2 + warm_up**2)  # the strip's past is unknown at first
             weight = weights.setdefault(r.name, np.where(unified | (r.strain >= 0), 1 / variance, 0.0))
             error = strain[:, 0] - r.strain
             deviation = searches[k].next_try - prior

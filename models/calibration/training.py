@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from ..sensor.bending import BendingCurve
 from ..sensor.lstm import CURVE_MEMORIES, MEMORY_S, STRAIN_SCALE, Scaling
-from .gauge_fit import INDEPENDENT, fit_gauge
+from .gauge_fit import fit_gauge
 from .rate_curve_fit import fit_rate_curve
 from .recipe import CHECK_EVERY, Checkpoint, History, NoCheckpoint, Trained, TrainingSettings
-from .recordings import Recording, Split
+from .recordings import Recording, Split, correlated_samples
 from .strip_baselines import on_common_curve
 from .torch_network import (
     StretchingModule,
@@ -33,7 +33,8 @@ CHECKPOINT_VERSION = 3
 WARM_UP = 0.1
 """Share of the updates in which the learning rate rises, of the one-cycle schedule."""
 FRAME_STEP_S = (0.01, 0.1)
-"""Time steps at which every model is trained: those of frames at 100 to 10 Hz."""
+"""Time steps at which every model is trained: those of frames at 100 to 10 Hz; of a recording in which so many steps
+have no room, at shorter ones alone."""
 FEWEST_UPDATES = 20
 """Shortest one-cycle schedule: with half as many its rise has no length, and torch divides by it."""
 
@@ -149,8 +150,8 @@ class _Training:
         self.history = History(likelihood_from=int(settings.squared_error_share * settings.epochs))
         self._best = self._copy()
         self._validation = self._draw(split.validation, np.random.default_rng(settings.seed + 1))
-        samples = sum(len(r.t_s) for r in split.training)
-        self._prior_weight = 0.5 * INDEPENDENT / samples
+        independent = sum(len(r.t_s) / correlated_samples(r.t_s) for r in split.training)
+        self._prior_weight = 0.5 / independent
         self._fingerprint = _fingerprint(split, settings)
 
     def run(self, progress: Callable[[int, float], None], checkpoint: Checkpoint) -> None:

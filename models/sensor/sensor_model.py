@@ -108,7 +108,7 @@ class TrainedRanges:
     rate_per_s: Positive
     """Rate of dR/R, which 99.9 % of the training samples do not exceed."""
     strain: tuple[float, float]
-    """Least and largest strain."""
+    """Zero and the largest strain."""
     step_s: tuple[float, float]
     """Shortest and longest time step; frames at other rates are refused."""
     strain_rate_per_s: PositiveOrInfinite = float("inf")
@@ -126,7 +126,7 @@ class Provenance:
     split: str = ""
     """Description of the recordings that were held out."""
     held_out: Mapping[str, Any] = field(default_factory=dict)
-    """Scores of the network on each recording that was held out."""
+    """Scores of the model on each recording that was held out."""
     baselines: Mapping[str, Any] = field(default_factory=dict)
     """Scores of the estimators that the network is compared with, by estimator and recording."""
     data_sha256: Mapping[str, str] = field(default_factory=dict)

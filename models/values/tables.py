@@ -35,6 +35,8 @@ NotNegative = Annotated[float, Ge(0), AllowInfNan(False)]
 """Zero or a finite positive number."""
 Fraction = Annotated[float, Interval(ge=0, le=1)]
 """A number from 0 to 1."""
+ZeroOrMore = Annotated[int, Ge(0)]
+"""A whole number that is not negative."""
 AtLeastOne = Annotated[int, Ge(1)]
 """A whole number, 1 or greater."""
 Share = Annotated[float, Interval(ge=0, lt=1)]

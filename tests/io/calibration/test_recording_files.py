@@ -163,6 +163,29 @@ class TestCalibrationRecordings:
         with pytest.raises(InputError, match=message):
             read_recording(self.write(tmp_path, text), StripRig())
 
+    @pytest.mark.parametrize(
+        ("t_s", "ohm", "message"),
+        [
+            (
+                np.arange(0, 60, 0.05),
+                0.001,
+                "column resistance_ohm: expected about the natural resistance of 1e.06 ohm, ",
+            ),
+            (
+                np.r_[0:30:0.05, 1830:1860:0.05],
+                1.0,
+                r"expected at most 60 s between two rows, got 1.8e.03 s after t = 29.95",
+            ),
+        ],
+        ids=["kilo-ohm", "pause"],
+    )
+    def test_other_units_and_pauses_are_refused(self, tmp_path, t_s, ohm, message) -> None:
+        strain = 0.1 - 0.1 * np.cos(t_s)
+        rows = "".join(f"{t:.3f},{e:.5f},{1e6 * ohm * (1 + e):.6g}\n" for t, e in zip(t_s, strain, strict=True))
+        text = f"# natural_resistance_ohm = 1e6\nt_s,strain,resistance_ohm\n{rows}"
+        with pytest.raises(InputError, match=message):
+            read_recording(self.write(tmp_path, text), StripRig())
+
     def test_an_empty_folder_is_refused(self, tmp_path) -> None:
         with pytest.raises(InputError, match="holds no recordings"):
             read_recordings(tmp_path, StripRig())

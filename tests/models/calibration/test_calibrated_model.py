@@ -4,16 +4,18 @@ import numpy as np
 import pytest
 
 from tensegraph.models.calibration.calibrated_model import fit_sigma_scale
+from tensegraph.models.calibration.recordings import CORRELATED_S
 from tensegraph.models.calibration.strips import StripRun
 
 SAMPLES = 500
 
 
-def run(error: np.ndarray, spread: np.ndarray) -> StripRun:
-    """Return a run with these errors, and an unscaled sigma of 0.001."""
+def run(error: np.ndarray, spread: np.ndarray, correlated: float = 1.0) -> StripRun:
+    """Return a run with these errors, so many of which count as one, and an unscaled sigma of 0.001."""
     same = np.zeros(SAMPLES)
     sigma = np.full(SAMPLES, 0.001)
-    return StripRun("s0", np.nan, same, same, same, error, sigma, sigma, spread, same > 0)
+    t_s = CORRELATED_S * np.arange(SAMPLES) / correlated
+    return StripRun("s0", np.nan, t_s, same, same, error, sigma, sigma, spread, same > 0)
 
 
 def test_the_scale_follows_the_spread() -> None:
@@ -23,6 +25,15 @@ def test_the_scale_follows_the_spread() -> None:
     error = 0.01 * np.sqrt(spread) * rng.permutation(np.repeat([-1.0, 1.0], 250))
     scale = fit_sigma_scale([run(error, spread)])
     np.testing.assert_allclose([scale.factor, scale.power], [10.0, 0.5], rtol=0.01)
+
+
+def test_few_independent_errors_tell_little_of_the_power() -> None:
+    """Two errors weigh the slope of log sigma by 2 n ln(8)^2 / 4 = 4.3 against 1 of the prior: 0.81."""
+    spread = np.where(np.arange(SAMPLES) < 250, 0.02, 0.16)
+    rng = np.random.default_rng(3)
+    error = 0.01 * spread * rng.permutation(np.repeat([-1.0, 1.0], 250))
+    assert fit_sigma_scale([run(error, spread)]).power == pytest.approx(1.0, abs=0.01)
+    assert fit_sigma_scale([run(error, spread, correlated=250)]).power == pytest.approx(0.81, abs=0.02)
 
 
 def test_the_scale_does_not_grow_where_a_strip_rests() -> None:

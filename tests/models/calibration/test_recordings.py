@@ -1,5 +1,7 @@
 """Which recordings train, validate and test."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,6 +15,9 @@ from tensegraph.models.calibration.recordings import Recording, Split
 class TestSplit:
     def test_speed_of_a_recording(self) -> None:
         assert triangle("a", 0.05).speed_per_s == pytest.approx(0.05)
+        slow = triangle("a", 0.02)
+        noise = 5e-4 * np.random.default_rng(1).standard_normal(len(slow.strain))  # half as much as a step
+        assert replace(slow, strain=slow.strain + noise).speed_per_s == pytest.approx(0.02, rel=0.02)
         rng = np.random.default_rng(0)
         wandering = Recording("b", T_S, np.interp(T_S, np.arange(61), rng.uniform(0, 0.2, 61)), T_S)
         assert np.isnan(wandering.speed_per_s)

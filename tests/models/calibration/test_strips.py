@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from strips import triangle
+from tensegraph.models.calibration.recordings import Recording
 from tensegraph.models.calibration.strip_baselines import StaticEstimator
 from tensegraph.models.calibration.strip_gains import StripGain, StripGainSearch, tare_strips
 from tensegraph.models.calibration.strips import run_strips
@@ -28,6 +29,16 @@ class TestTare:
         sigma = np.sqrt(np.diag(tare.covariance))
         assert (sigma < [0.05, 0.003]).all()
         assert (np.abs(tare.gain_and_offset - [gain, offset]) < 3 * sigma).all()
+
+    def test_the_sampling_rate_tells_nothing_of_a_strip(self) -> None:
+        """The same motion at 20 and at 200 Hz: its errors last for seconds."""
+        estimator = StaticEstimator(np.array([-0.5, 0.5]), np.array([-0.5, 0.5]), 0.002)
+        slow = triangle("slow", 0.1)
+        t_s = np.arange(slow.t_s[0], slow.t_s[-1], 0.005)
+        parts = (np.interp(t_s, slow.t_s, values) for values in (slow.strain, slow.change))
+        tares = tare_strips(estimator, [slow, Recording("fast", t_s, *parts)], self.gauge)
+        sigma = np.sqrt([np.diag(tares[name].covariance) for name in ("slow", "fast")])
+        np.testing.assert_allclose(sigma[1], sigma[0], rtol=0.02)
 
     def test_a_step_that_makes_things_worse_is_halved(self) -> None:
         """atan(x) = 0 from x = 2: Newton's step leads to -3.5, and on to -13.9, 280, ..."""

@@ -25,6 +25,16 @@ class TestRateCurve:
         error = (curve.estimate(r.change, r.running_means(curve.memory_s))[0] - r.strain)[r.settled]
         assert np.std(error) < 0.2 * np.std((self.gauge.stretched_strain(r.change) - r.strain)[r.settled])
 
+    def test_its_sigma_does_not_depend_on_the_sampling_rate(self) -> None:
+        """The same motion, with errors that last, at 20 and at 200 Hz."""
+        sigma = []
+        for t_s in (T_S, np.arange(T_S[0], T_S[-1], 0.1 * (T_S[1] - T_S[0]))):
+            strain = 0.1 - 0.05 * np.cos(0.7 * t_s) - 0.05 * np.cos(1.9 * t_s)
+            r = Recording("a", t_s, strain, strain + 0.3 * np.gradient(strain, t_s) + 0.003 * np.sin(0.3 * t_s))
+            curve = fit_rate_curve([r], self.gauge, np.array([0.3, 2.0]), unified=False)
+            sigma.append(np.median(curve.estimate(r.change, r.running_means(curve.memory_s))[1][r.settled]))
+        assert sigma[1] == pytest.approx(sigma[0], rel=0.1)
+
     def test_one_coefficient_by_hand(self) -> None:
         """Of the products of 1, y and y - m, only the one of y - m counts: 0.5 (y - m) / 0.2; w = 1."""
         products = product_indices(2).tolist()
