@@ -57,7 +57,8 @@ def normalised_error_squared(error_m: NDArray[np.float64], covariance_m2: NDArra
 def whitened(error_m: NDArray[np.float64], covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (..., 3) errors L^-1 e, whose covariance is the identity where that of e is P = L L^T.
 
-    The square of their length is the NEES. They are nan where error or covariance is unknown, and where P has an eigenvalue that is not positive.
+    The square of their length is the NEES. They are nan where error or covariance is unknown, and where P has an
+    eigenvalue that is not positive.
 
     Args:
         error_m: (..., 3)
