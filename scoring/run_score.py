@@ -3,6 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from ..io.mocap.truth_file import read_truth
 from ..io.trial_directory import Trial, open_trial
 from ..models.evaluation.evaluation import Evaluation
@@ -11,9 +13,13 @@ from ..models.evaluation.motion_capture import lay_onto
 from ..models.evaluation.truth import Truth
 from ..models.settings import Settings, checked_settings
 from ..models.structure.reconstruction import Reconstruction
+from ..models.structure.structure import Structure
 from ..models.values.errors import InputError, naming
 from ..models.values.tracks import MarkerTracks, StampedPositions
 from ..pipeline import rest_shape_of_trial
+
+SAME_M = 1e-6
+"""Largest difference of lengths and positions that are told alike."""
 
 
 def evaluate(
@@ -39,10 +45,23 @@ def evaluate(
         InputError: when the trial or the truth cannot be read, or does not match the run.
     """
     opened = trial if isinstance(trial, Trial) else open_trial(trial)
-    if not opened.description.structure.joins_as(result.structure):
-        raise InputError(f"{opened.path}: expected the trial of the run: its nodes are joined otherwise, or anchored")
+    _check_same(opened, result.structure)
     path = None if truth is None else Path(truth)
     return evaluation_of(opened, result, checked_settings(settings), path, align=align, offset_s=offset_s)
+
+
+def _check_same(trial: Trial, of_run: Structure) -> None:
+    """Raise InputError for a trial whose structure is told otherwise than that of a run."""
+    told = trial.description.structure
+    if not told.joins_as(of_run):
+        raise InputError(f"{trial.path}: expected the trial of the run: its nodes are joined otherwise, or anchored")
+    for name in ("rod_length_m", "natural_length_m", "anchor_position_m"):
+        there, here = getattr(of_run, name), getattr(told, name)
+        if not np.allclose(here, there, rtol=0, atol=SAME_M, equal_nan=True):
+            apart_m = np.nanmax(np.abs(here - there))
+            raise InputError(
+                f"{trial.path}: expected the trial of the run: its {name} differs, by up to {1e3 * apart_m:.3g} mm"
+            )
 
 
 def evaluation_of(

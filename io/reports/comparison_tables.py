@@ -29,7 +29,7 @@ def as_markdown(rows: Sequence[ComparisonRow], command: str, *, with_trials: boo
         f"RMSE in millimetres by `{command}`; heights are those of nodes, faces and system. In italics: published for",
         "other robots under other conditions, as their authors define it (the paper's Table I).",
         "",
-        *_table(header, [*map(_published_cells, PUBLISHED), *map(_method_cells, together)]),
+        *_table(header, [*map(_published_cells, PUBLISHED), *(_method_cells(row, len(trials)) for row in together)]),
         "",
         "*In 95 %*: share of nodes within their ellipsoid of 95 %, *sigma*: its median size, *wrong branch*: share of",
         "frames.",
@@ -70,10 +70,11 @@ def _published_cells(p: Published) -> tuple[str, ...]:
     return (f"*{p.source}*", *errors, *["-"] * 5)
 
 
-def _method_cells(row: ComparisonRow) -> tuple[str, ...]:
+def _method_cells(row: ComparisonRow, trials: int) -> tuple[str, ...]:
+    """Return the cells of a method on all trials, which says so where it finished fewer than there are."""
     parts = (row.errors.nodes, row.errors.faces, row.errors.system)
     return (
-        row.method,
+        row.method if row.trials == trials else f"{row.method} ({row.trials} of {trials} trials)",
         *(or_dash(1e3 * part.rmse_m, "{:.1f}") for part in parts),
         " / ".join(or_dash(1e3 * part.height_rmse_m, "{:.1f}") for part in parts),
         or_dash(row.coverage_95, "{:.0%}"),

@@ -25,6 +25,7 @@ class ComparisonRow:
     trials: int
     """Number of trials that the method finished."""
     frames: int
+    """Number of frames of these trials."""
     errors: ShapeErrors
     coverage_95: float
     """Share of the pairs (frame, free node) in which the 95 % ellipsoid contains the true position."""
@@ -101,7 +102,7 @@ def comparison_row(trial: str, measured: Sequence[Measured]) -> ComparisonRow:
         trial=trial,
         method=measured[0].method,
         trials=len(compared),
-        frames=sum(m.frames for m in measured),
+        frames=sum(m.frames for m in measured if m.errors),
         errors=shape_errors(
             np.concatenate([none, *(c.node_error_m.reshape(-1, 3) for c in compared)]),
             np.concatenate([none, *(c.face_error_m.reshape(-1, 3) for c in compared)]),

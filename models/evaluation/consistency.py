@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from ..structure.reconstruction import Reconstruction
 from ..values.chi_squared import chi_squared_quantile, squared_distance
-from ..values.time_series import correlation_samples, mean_over_frames
+from ..values.time_series import autocorrelation_of, mean_over_frames
 from .evaluation import ComparedFrames, Consistency
 from .statistics import of_known
 
@@ -22,8 +22,10 @@ def consistency(estimate: Reconstruction, compared: ComparedFrames) -> Consisten
     innovation = innovation_m / np.maximum(innovation_sigma_m, 1e-9)
     sigma_m = estimate.sigma_m[:, tendons]
     checked = np.isfinite(sigma_m) & (innovation_sigma_m >= REDUNDANT * sigma_m)
-    nis = np.where(checked, innovation**2, np.nan)
-    count = np.array([independent_count(column) for column in compared.nees.T])
+    innovation = np.where(checked, innovation, np.nan)
+    covariance_m2 = estimate.node_covariance_m2[np.isin(estimate.t_s, compared.t_s)]
+    error = whitened(compared.node_error_m, covariance_m2[:, estimate.structure.free_nodes])
+    count = np.array([independent_count(of_node) for of_node in np.moveaxis(error, 1, 0)])
     return Consistency(
         nees=mean_over_frames(compared.nees),
         nees_band=np.array([mean_band(3, n) for n in count]),
@@ -32,8 +34,8 @@ def consistency(estimate: Reconstruction, compared: ComparedFrames) -> Consisten
         coverage_68=coverage(compared.nees, 0.68),
         coverage_95=coverage(compared.nees, 0.95),
         median_sigma_m=of_known(np.median, compared.node_sigma_m),
-        nis=of_known(np.mean, nis),
-        nis_band=mean_band(1, sum(independent_count(column) for column in nis.T)),
+        nis=of_known(np.mean, innovation**2),
+        nis_band=mean_band(1, sum(independent_count(of_tendon[:, None]) for of_tendon in innovation.T)),
     )
 
 
@@ -42,14 +44,39 @@ def normalised_error_squared(error_m: NDArray[np.float64], covariance_m2: NDArra
 
     It is inf where P has an eigenvalue that is not positive.
     """
-    known = np.isfinite(error_m).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-2, -1))
+    known = _known(error_m, covariance_m2)
     e = error_m[known]
     covariance = covariance_m2[known]
-    singular = np.linalg.eigvalsh(covariance)[:, 0] <= 0
+    singular = _singular(covariance)
     nees = np.full(known.shape, np.nan)
     regular = np.where(singular[:, None, None], np.eye(3), covariance)
     nees[known] = np.where(singular, np.inf, squared_distance(e, regular))
     return nees
+
+
+def whitened(error_m: NDArray[np.float64], covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., 3) errors L^-1 e, whose covariance is the identity where that of e is P = L L^T.
+
+    The square of their length is the NEES. They are nan where error or covariance is unknown, and where P has an
+    eigenvalue that is not positive.
+
+    Args:
+        error_m: (..., 3)
+        covariance_m2: (..., 3, 3)
+    """
+    regular = _known(error_m, covariance_m2)
+    regular[regular] = ~_singular(covariance_m2[regular])
+    error = np.full(error_m.shape, np.nan)
+    error[regular] = np.linalg.solve(np.linalg.cholesky(covariance_m2[regular]), error_m[regular][..., None])[..., 0]
+    return error
+
+
+def _known(error_m: NDArray[np.float64], covariance_m2: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(error_m).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-2, -1)))
+
+
+def _singular(covariance_m2: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.asarray(np.linalg.eigvalsh(covariance_m2)[:, 0] <= 0)
 
 
 def coverage(nees: NDArray[np.float64], probability: float) -> float:
@@ -63,13 +90,34 @@ def mean_band(degrees: int, count: float) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def independent_count(series: NDArray[np.float64]) -> float:
-    """Return the effective number of independent values in a series: n / (1 + 2 sum rho_k).
+def independent_count(error: NDArray[np.float64]) -> float:
+    """Return the effective number of independent values among the squared lengths of errors over time.
 
-    rho is the autocorrelation, summed up to its first value that is not positive (a similar bound is in Geyer,
-    Statistical Science 7, 1992). The number is 0 for an empty series and 1 for a constant one.
+    Of n normal errors with the autocorrelation r_k in each of three directions, which is 1 / 2 where a lasting error
+    makes half of their variance, the mean squared length is as uncertain as that of
+
+        N = n / (1 + 2 sum (1 - k / n) r_k^2)
+
+    independent ones, since squares have the square of the autocorrelation. It is that of the errors, about zero: that
+    of their squares, about their own mean, does not see an error that lasts for the whole series. They are summed up to
+    the first r_k that is not positive (a similar bound is in Geyer, Statistical Science 7, 1992).
+
+    Args:
+        error: (values, directions) errors, each divided by its standard deviation; rows with a nan are left out.
+
+    Returns:
+        0 of no errors, and 1 of those that never change.
     """
-    series = series[np.isfinite(series)]
-    if len(series) == 0 or np.ptp(series) == 0:
-        return float(min(len(series), 1))
-    return max(len(series) / correlation_samples(series - series.mean()), 1.0)
+    error = error[np.isfinite(error).all(axis=-1)]
+    if len(error) == 0:
+        return 0.0
+    return max(len(error) / float(np.mean([_correlated_squares(along) for along in error.T])), 1.0)
+
+
+def _correlated_squares(error: NDArray[np.float64]) -> float:
+    """Return 1 + 2 sum (1 - k / n) r_k^2 of (n,) errors, up to the first r_k that is not positive."""
+    with_share = autocorrelation_of(error)  # (1 - k / n) r_k
+    not_positive = np.flatnonzero(with_share <= 0)
+    end = int(not_positive[0]) if len(not_positive) else len(error)
+    share = 1 - np.arange(1, end) / len(error)
+    return float(1 + 2 * (with_share[1:end] ** 2 / share).sum())

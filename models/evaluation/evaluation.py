@@ -45,7 +45,8 @@ class Consistency:
     """(free nodes, 2) interval that contains 95 % of such means when they are consistent: chi-square with 3 N degrees
     of freedom, divided by N, see `independent_frames`."""
     independent_frames: NDArray[np.float64]
-    """(free nodes,) N, the effective number of independent frames, from the autocorrelation of the node's NEES."""
+    """(free nodes,) N, the effective number of independent frames, from the autocorrelation of the node's errors about
+    zero, so that an error that lasts for the whole run counts once."""
     coverage_50: float
     """Share of the pairs (frame, free node) in which the 50 % ellipsoid contains the true position."""
     coverage_68: float

@@ -130,12 +130,13 @@ class TestComparison:
 
     def test_a_method_that_gave_up_shows(self, tmp_path) -> None:
         rows = comparison_rows(by_method(self.measured()))
-        assert rows[0].trials == 2
+        assert (rows[0].trials, rows[0].frames) == (2, 8)
         text = as_markdown(rows, "tensegraph compare one two three")
         assert "| three | - |" in text
+        assert "| any (2 of 3 trials) | 5.4 |" in text
         assert "| *Mao et al.* | 21.2 | 35.8 | 39.4 |" in text
         write_comparison_csv(rows, tmp_path / "c.csv")
         lines = (tmp_path / "c.csv").read_text().splitlines()
         assert len({line.count(",") for line in lines}) == 1
         assert lines[1].startswith("published,,Caluwaerts et al.,,,0.0456,")
-        assert lines[-1].startswith("measured,three,any,0,4,,")
+        assert lines[-1].startswith("measured,three,any,0,0,,")

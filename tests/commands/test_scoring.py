@@ -56,6 +56,24 @@ def test_what_does_not_match_is_said(done, loaded) -> None:
         tg.compare([folder / "press"], ["best"])
 
 
+@pytest.mark.parametrize("name", ["rod_length_m", "natural_length_m", "anchor_position_m"])
+def test_a_run_against_the_trial_of_another_robot_is_refused(done, name) -> None:
+    """Joined alike, but 0.01 mm longer or elsewhere, as another one that was measured; what rounds off is the same."""
+    folder, *_ = done
+    result = tg.load(folder / "results" / "press")
+
+    def with_other(by_m):
+        value_m = getattr(result.structure, name).copy()
+        value_m.flat[-1] += by_m
+        return replace(result, structure=replace(result.structure, **{name: value_m}))
+
+    with pytest.raises(
+        tg.InputError, match=rf"press: expected the trial of the run: its {name} differs, by up to 0.01 mm"
+    ):
+        tg.evaluate(with_other(1e-5), folder / "press")
+    assert tg.evaluate(with_other(1e-7), folder / "press").frames > 0
+
+
 def test_compare_returns_rows(trial_copy) -> None:
     """One method and the rest shape; its row is what evaluate says of the same method."""
     press = trial_copy(rows=60, name="press")

@@ -14,14 +14,18 @@ from tensegraph.models.structure.shape import Covariances
 
 
 class TestConsistency:
-    def toy(self, structure, count=600, correlation=0.0, scale=1.0, seed=0):
-        """Errors drawn from the covariance, each `correlation` times the one before and a fresh part."""
+    def toy(self, structure, count=600, correlation=0.0, scale=1.0, seed=0, lasting=0.0):
+        """Errors drawn from the covariance, each `correlation` times the one before and a fresh part.
+
+        The share `lasting` of the variance is that of an error that never changes.
+        """
         rng = np.random.default_rng(seed)
         root = 1e-3 * np.array([[1.0, 0, 0], [0.5, 2.0, 0], [-0.3, 0.2, 0.7]])
         fresh, error = rng.standard_normal((count, 3)), np.empty((count, 3))
         error[0] = fresh[0]
         for k in range(1, count):
             error[k] = correlation * error[k - 1] + np.sqrt(1 - correlation**2) * fresh[k]
+        error = np.sqrt(lasting) * rng.standard_normal(3) + np.sqrt(1 - lasting) * error
         position = np.repeat(TRUE_M[None], count, axis=0)
         position[:, 3] += error @ root.T
         estimate = estimate_of(structure, position)
@@ -29,15 +33,26 @@ class TestConsistency:
         told = replace(estimate, covariances=Covariances.of_nodes(covariance))
         return evaluate(TRUE_M, told, truth_of(count)).consistency
 
+    def inside(self, **toy) -> float:
+        """The share of 40 toys whose NEES is in its band."""
+        scores = [self.toy(four_nodes(), seed=seed, **toy) for seed in range(40)]
+        return float(np.mean([c.nees_band[0, 0] <= c.nees[0] <= c.nees_band[0, 1] for c in scores]))
+
     @pytest.mark.parametrize("correlation", [0.0, 0.95])
     def test_nees_of_a_linear_gaussian_toy_is_in_its_band(self, correlation) -> None:
-        structure = four_nodes()
-        inside = [
-            band[0] <= nees <= band[1]
-            for c in (self.toy(structure, correlation=correlation, seed=seed) for seed in range(40))
-            for nees, band in zip(c.nees, c.nees_band, strict=True)
-        ]
-        assert np.mean(inside) > 0.8  # 0.95 of 40, less four of its sigmas
+        assert self.inside(correlation=correlation) > 0.8  # 0.95 of 40, less four of its sigmas
+
+    @pytest.mark.parametrize("lasting", [0.5, 0.9, 1.0])
+    def test_an_error_that_lasts_makes_the_band_wide(self, lasting) -> None:
+        """Of 200 toys each, 0.84 to 0.95 are in it: where a lasting error is small by chance, NEES seems too small.
+
+        With the autocorrelation of NEES about its own mean it was 0.1 of those with a lasting half.
+        """
+        assert self.inside(lasting=lasting) > 0.65  # less two sigmas
+
+    @pytest.mark.parametrize("correlation", [0.0, 0.95])
+    def test_ellipsoids_half_as_large_are_out_of_their_band_however_errors_last(self, correlation) -> None:
+        assert self.inside(correlation=correlation, scale=0.25) == 0
 
     def test_overconfidence_is_out_of_its_band(self) -> None:
         c = self.toy(four_nodes(), scale=0.5)
@@ -53,15 +68,20 @@ class TestConsistency:
         assert mean_band(3, 100) == pytest.approx((2.5391, 3.4987), abs=1e-4)
 
     def test_independent_count(self) -> None:
-        """White noise counts in full; squares of AR(1) have rho^2k, which sums to n (1 - rho^2) / (1 + rho^2)."""
+        """White noise counts in full; squares of AR(1) have rho^2k, which sums to n (1 - rho^2) / (1 + rho^2).
+
+        Errors that never change count once, and those of which half the variance never changes, 4 times: r^2 = 1 / 4.
+        """
         rng = np.random.default_rng(1)
-        assert independent_count(rng.standard_normal(4000)) == pytest.approx(4000, rel=0.25)
+        white = rng.standard_normal((4000, 3))
+        assert independent_count(white) == pytest.approx(4000, rel=0.05)
         x = np.zeros(40_000)
         for k in range(1, len(x)):
             x[k] = 0.9 * x[k - 1] + rng.standard_normal()
-        assert independent_count(x**2) == pytest.approx(len(x) * (1 - 0.81) / (1 + 0.81), rel=0.3)
-        assert independent_count(np.ones(5)) == 1
-        assert independent_count(np.array([])) == 0
+        assert independent_count(x[:, None]) == pytest.approx(len(x) * (1 - 0.81) / (1 + 0.81), rel=0.3)
+        assert independent_count(np.ones((5, 3))) == pytest.approx(1)
+        assert independent_count(white + np.array([1, -1, 1])) == pytest.approx(4, rel=0.1)
+        assert independent_count(np.array([[np.nan, 1.0]])) == 0
 
     @given(st.lists(st.floats(0, 50), min_size=1), st.floats(0.01, 0.98), st.floats(0.01, 0.98))
     def test_a_larger_ellipsoid_holds_no_less(self, nees, one, other) -> None:
