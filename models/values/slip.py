@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 SAME_SLIDE_S = 0.25
 """Time between two slips of a node below which they are parts of one slide."""
+TOLD_SIGMA = 2.0
+"""Length of a slide over its standard deviation from which it is told."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +33,9 @@ class Slip:
 def slides(slips: Sequence[Slip]) -> list[Slip]:
     """Return the slips with those of one slide added up, each with the time of its first; in order of time.
 
+    Left out are those whose sum is less than `TOLD_SIGMA` standard deviations: a foot whose foothold was given up with
+    those of others has not slipped.
+
     Args:
         slips: in order of time. A long slide is found piece by piece.
     """
@@ -47,4 +52,4 @@ def slides(slips: Sequence[Slip]) -> list[Slip]:
             place = len(found)
             found.append(slip)
         latest[slip.node] = place, slip.t_s
-    return found
+    return [slide for slide in found if slide.distance_m > TOLD_SIGMA * slide.sigma_m]

@@ -109,6 +109,19 @@ def test_an_exact_sensor_measures_rate_and_centripetal_force(structure, gravity)
         assert reading.rate_rad_per_s[2] == pytest.approx(2.0 * along, abs=1e-3)
 
 
+def test_a_sample_is_the_mean_until_its_stamp(structure) -> None:
+    """A structure that turns ever faster, w = 4 t: the mean of the 10 ms before a stamp is that of their middle."""
+    t_s = 0.001 * np.arange(1001)
+    turned = turning(structure, np.array([0.0, 0.0, 1.0]))
+    angle = 2.0 * t_s**2
+    turns = rotation(np.stack([0 * angle, 0 * angle, angle], axis=1))
+    first = turned.rod_turn[0]
+    motion = replace(turned, rod_turn=np.einsum("tij,rjk->trik", turns, first))
+    plan = ImuPlan(rod=2, fraction=0.5, rate_hz=100.0, range_m_per_s2=100.0, **EXACT)
+    for reading in plan.readings(0, motion, structure, 9.81, np.random.default_rng(2))[10:90:20]:
+        assert np.linalg.norm(reading.rate_rad_per_s) == pytest.approx(4.0 * (reading.t_s - 0.005), rel=1e-3)
+
+
 def test_the_error_in_proportion_to_the_rate_lasts(structure) -> None:
     """By hand: of each axis it is one number for all samples, whose standard deviation over many sensors is as told."""
     motion = turning(structure, np.array([0.0, 0.0, 2.0]))
@@ -130,6 +143,10 @@ def test_ranges_have_offsets_and_positions_gaps(structure) -> None:
     ranges = RangePlan([(2.0, 0, 0), (0, 2.0, 0)], 100.0, 0.0, 0.05, 0.0, 0.0).readings(0, motion, rng)
     off = [r.range_m - np.linalg.norm(_at(motion, r.t_s, r.node) - r.beacon_position_m) for r in ranges]
     assert 0.02 < np.std(off) < 0.1
+    often = RangePlan([(2.0, 0, 0), (0, 2.0, 0)], 100.0, 0.0, 0.0, 0.5, 0.2).readings(0, motion, rng)
+    outliers = [r.range_m - np.linalg.norm(_at(motion, r.t_s, r.node) - r.beacon_position_m) for r in often]
+    assert min(outliers) > -1e-9  # what is reflected goes a longer way
+    assert 0.05 < np.mean(outliers) < 0.2
     positions = PositionPlan([1, 4], 50.0, 0.0, 0.2, 0.2).readings(0, motion, rng)
     assert 10 < len(positions) < 90
     for reading in positions:
