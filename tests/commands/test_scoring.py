@@ -142,7 +142,7 @@ def test_calibrate_returns_a_model_that_reconstructs(rig_folder, tmp_path, trial
     epochs = []
     report = tg.calibrate(
         strips,
-        hold_out=["s2*"],
+        hold_out="s2*",
         settings=TrainingSettings(epochs=10, steps=400, sequences=8),
         progress=lambda epoch, loss: epochs.append(epoch),
     )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lagging_sensor import lagging_sensor
+from tensegraph import InputError, TensegraphError
 from tensegraph.models.calibration.calibrated_model import CURVE, LSTM, STATIC, calibrate_model
 from tensegraph.models.calibration.recipe import CHECK_EVERY, TrainingSettings
 from tensegraph.models.calibration.recordings import Recording, Split
@@ -67,6 +68,25 @@ def test_validation_chooses_between_the_network_and_the_curve(split, calibrated)
     assert good.used == LSTM
     assert poor.used == CURVE
     assert StripScore.of(poor.runs[CURVE]).rmse < StripScore.of(poor.runs[LSTM]).rmse
+
+
+def test_a_training_that_diverges_is_refused(split) -> None:
+    """All losses are nan: the weights would be those of the start."""
+    settings = replace(TINY, learning_rate=1e10)
+    with pytest.raises(TensegraphError, match=r"the training diverged: expected a smaller learning rate, got 1e\+10"):
+        calibrate_model(split, fit(split, settings), None, settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"noise": (0.1, 0.05)}, r"noise: expected \[least, most\], got \[0.1, 0.05\]"),
+        ({"steps": 20}, "burn_in: expected less than steps = 20, got 20"),
+    ],
+)
+def test_settings_that_make_no_training_are_refused(settings, message) -> None:
+    with pytest.raises(InputError, match=message):
+        TrainingSettings(**settings)
 
 
 def test_gains_are_found_along_with_the_network(calibrated) -> None:
