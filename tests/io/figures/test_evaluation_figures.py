@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
 from tensegraph.io.figures.evaluation_figures import _draw_load_pairs, write_errors_figure, write_heights_figure
+from tensegraph.io.figures.track_figure import write_followed_figure
 from tensegraph.models.evaluation.evaluation import FaultScore
 from tensegraph.models.evaluation.metrics import evaluate
 
@@ -48,6 +49,17 @@ def test_a_node_without_loads_is_not_drawn() -> None:
     axis = Figure().subplots()
     _draw_load_pairs(axis, np.array([4, 5, 6]), true_n, true_n, 0.2)
     assert [line.get_label() for line in axis.lines if str(line.get_label()).startswith("node")] == ["node 5"]
+
+
+@pytest.mark.parametrize(("carried", "panels", "words"), [(True, 2, "and nodes on the floor"), (False, 1, "above")])
+def test_the_track_of_a_robot_that_hangs_has_no_panel_of_the_floor(monkeypatch, carried, panels, words) -> None:
+    saved: list[Figure] = []
+    monkeypatch.setattr("tensegraph.io.figures.track_figure.save_figure", lambda figure, path: saved.append(figure))
+    position_m = moved([[0, 0, 0]] * 3)
+    contacts = (np.ones((3, 4)), np.ones((3, 4))) if carried else None
+    write_followed_figure(0.02 * np.arange(3), position_m, position_m, contacts, "trial", Path("track.png"))
+    assert len(saved[0].axes) == panels
+    assert saved[0].get_suptitle().endswith(words)
 
 
 def test_no_legend_of_the_errors_is_over_a_curve(monkeypatch) -> None:
