@@ -33,6 +33,8 @@ class ScoredResult:
     """Method that made the result."""
     evaluation: Evaluation
     """Evaluation of the result."""
+    skipped_frames: int = 0
+    """Number of frames that a live run left out because it was late; they are in no number of the evaluation."""
 
     def title(self) -> str:
         """Return trial and method, as a title."""
@@ -50,6 +52,8 @@ class ScoredResult:
             if regime.frames:
                 regimes.add_row(regime.name, str(regime.frames), *_regime_cells(regime))
         facts = Table(show_header=False)
+        if self.skipped_frames:
+            facts.add_row("skipped", f"{self.skipped_frames} frames, because the run was late")
         for name, text in _facts(e):
             facts.add_row(name, text)
         return Group(errors, *([regimes] if regimes.row_count else []), facts)
@@ -60,7 +64,7 @@ class ScoredResult:
         assert isinstance(numbers, dict)
         free_nodes = self.evaluation.structure.free_nodes.tolist()
         names = {"result": str(self.result), "trial": self.trial, "method": self.method, "free_nodes": free_nodes}
-        return names | numbers
+        return names | {"skipped_frames": self.skipped_frames} | numbers
 
 
 def as_text(numbers: object) -> str:

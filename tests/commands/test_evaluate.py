@@ -126,6 +126,22 @@ def test_a_result_finds_its_trial_when_both_are_moved(done, tmp_path) -> None:
     assert "board0.csv: is not what live was made from" in other.stderr
 
 
+def test_frames_that_a_live_run_skipped_are_told(done, tmp_path) -> None:
+    shutil.copytree(done[0] / "live", tmp_path / "live")
+    told = (tmp_path / "live/run.toml").read_text()
+
+    def evaluated(skipped: str):
+        (tmp_path / "live/run.toml").write_text(f"skipped_frames = {skipped}\n{told}")
+        return run("evaluate", "live", "--trial", done[0] / "press", "--out", "score", cwd=tmp_path)
+
+    assert "skipped" not in evaluated("0").stdout
+    assert "7 frames, because the run was late" in evaluated("7").stdout
+    assert json.loads((tmp_path / "score/evaluation.json").read_text())["skipped_frames"] == 7
+    refused = evaluated("'many'")
+    assert refused.returncode == 2
+    assert refused.stderr == "tensegraph: live/run.toml: skipped_frames: expected a whole number, got 'many'\n"
+
+
 def test_a_score_is_json_without_holes() -> None:
     """What is not known is null, what would be infinite too; frames stay out."""
     import json
