@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Group
 from rich.table import Table
 
@@ -84,7 +83,7 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
         rows.append(("truth laid onto each frame", "the shape is in body coordinates; errors are of the shape alone"))
     if e.rotation_deg is not None:
         rows.append(("truth aligned", f"turned by {e.rotation_deg:.2f} degrees"))
-    rows += _anchor_facts(e.anchors_apart_m, e.structure)
+    rows += _anchor_facts(e)
     rows += _capture_facts(e.capture, e.structure) if e.capture else []
     if np.isfinite(e.other_offset_s):
         rows.append(
@@ -100,12 +99,13 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
     return rows
 
 
-def _anchor_facts(apart_m: NDArray[np.float64], structure: Structure) -> list[tuple[str, str]]:
+def _anchor_facts(e: Evaluation) -> list[tuple[str, str]]:
     """Return what tells a truth in other axes, of other nodes or of another robot: anchors far from their places."""
+    question = "other axes, or nodes? See --align" if e.rotation_deg is None else "other nodes, or mirrored axes?"
     return [
-        (f"anchor {node} of the truth", f"{1e3 * m:.0f} mm from where it is told: other axes, or nodes? See --align")
-        for node, m in zip(structure.anchors, apart_m, strict=True)
-        if m > FAR_OFF * structure.rod_length_m.mean()
+        (f"anchor {node} of the truth", f"{1e3 * m:.0f} mm from where it is told: {question}")
+        for node, m in zip(e.structure.anchors, e.anchors_apart_m, strict=True)
+        if m > FAR_OFF * e.structure.rod_length_m.mean()
     ]
 
 

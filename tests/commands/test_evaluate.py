@@ -93,6 +93,13 @@ def test_evaluate_with_truth_from_elsewhere(done, tmp_path) -> None:
     assert plain["anchors_apart_m"][0] == pytest.approx(np.sqrt(3 * 0.5**2), abs=1e-3)  # it is at the origin
     table = run(*arguments[:4], "--out", tmp_path / "table", cwd=folder).stdout
     assert "anchor 0 of the truth" in table
+    assert "See --align" in table
+    mirrored = moved.copy()
+    mirrored[:, 1::3] *= -1
+    np.savetxt(tmp_path / "mocap.csv", mirrored, delimiter=",", header=names, comments="", fmt="%.6f")
+    table = run(*arguments[:4], "--align", "--out", tmp_path / "mirrored", cwd=folder).stdout
+    assert "mirrored axes?" in table
+    assert "See --align" not in table
     assert max(aligned["anchors_apart_m"]) < 0.001
     assert aligned["absolute"]["nodes"]["rmse_m"] < 1e-5
     assert aligned["rotation_deg"] == pytest.approx(120, abs=1e-3)
