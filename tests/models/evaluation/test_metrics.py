@@ -43,12 +43,17 @@ class TestFourNodes:
         assert nodes.rmse_m == pytest.approx(np.sqrt((18 + 1 + 180) / 3) / 1e3, rel=1e-9)
 
     def test_consistency(self, result) -> None:
-        """NEES 9/1 + 16/4 = 13, 0, 144/4 + 25/4 = 42.25; innovations of 1 mm at a sigma of 0.5 mm."""
+        """NEES 9/1 + 16/4 = 13, 0, 144/4 + 25/4 = 42.25; innovations of 1 mm at a sigma of 0.5 mm.
+
+        Those of the two tendons at the free node never change, so that N is 2: 2.5 % of chi-square with 2 degrees are
+        below 0.05064, 97.5 % below 7.3778.
+        """
         c = result.consistency
         assert c.nees == pytest.approx([(13 + 0 + 42.25) / 3], rel=1e-12)
         assert (c.coverage_50, c.coverage_68, c.coverage_95) == (1 / 3, 1 / 3, 1 / 3)
         assert c.median_sigma_m == pytest.approx(0.003, rel=1e-12)
         assert c.nis == pytest.approx(4, rel=1e-9)
+        assert c.nis_band == pytest.approx((0.05064 / 2, 7.3778 / 2), rel=1e-3)
 
     def test_frames(self, result) -> None:
         assert (result.frames, result.frames_without_truth) == (3, 0)
