@@ -120,7 +120,8 @@ class FaultScore:
     named: int
     """Number of these tendons that were flagged or left out while the fault lasted."""
     delay_s: float | None
-    """Time from the start of the fault until all of its tendons had been detected; None when one was not detected."""
+    """Time from the start of the fault until all of its tendons had been detected, 0 where they were before; None when
+    one was not detected. In batch it is that of hindsight."""
 
 
 @dataclass(frozen=True, slots=True)
