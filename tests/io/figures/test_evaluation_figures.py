@@ -34,6 +34,19 @@ def test_a_fault_beyond_the_frames_is_not_drawn(tmp_path) -> None:
     assert (tmp_path / "figure.png").stat().st_size > 10_000
 
 
+@pytest.mark.parametrize(("variance_m2", "is_cut"), [(1e-4, True), (1e-8, False)])
+def test_a_band_of_heights_that_leaves_the_axis_is_told(monkeypatch, variance_m2, is_cut) -> None:
+    saved: list[Figure] = []
+    monkeypatch.setattr(
+        "tensegraph.io.figures.evaluation_figures.save_figure", lambda figure, path: saved.append(figure)
+    )
+    estimate = estimate_of(four_nodes(), moved([[0, 0, 1]] * 3), variance_m2=(1e-6, 1e-6, variance_m2))
+    write_heights_figure(evaluate(TRUE_M, estimate, truth_of(3)), "trial", Path("heights.png"))
+    node, face = (axis.get_title() for axis in saved[0].axes[:2])
+    assert node == ("node 3; the band is cut at the axis" if is_cut else "node 3")
+    assert face == "face 1-2-3"
+
+
 def test_every_loaded_node_has_a_colour_and_a_marker_of_its_own() -> None:
     """Of 40 nodes with 1.0, 1.1, ... 4.9 N the 35 with the largest loads are drawn, in their order."""
     true_n = np.tile(1.0 + 0.1 * np.arange(40), (3, 1))
