@@ -180,6 +180,7 @@ def _consistency_facts(c: Consistency) -> list[tuple[str, str]]:
                 f"{c.coverage_50:.1%}, {c.coverage_68:.1%}, {c.coverage_95:.1%} "
                 f"at a median sigma of {1e3 * c.median_sigma_m:.2f} mm",
             ),
+            ("ok, and outside of 99.9 %", f"{c.ok_outside_999:.2%} of the frames and nodes"),
             (
                 "NEES of a node (3 is right)",
                 f"{np.nanmin(c.nees):.2f} to {np.nanmax(c.nees):.2f}; {inside} of {scored} in their 95 % band",

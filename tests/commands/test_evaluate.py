@@ -37,6 +37,7 @@ def test_evaluate_prints_tables_or_json(evaluated) -> None:
         "press_01, batch",
         "displacement of faces",
         "worst node",
+        "ok, and outside of 99.9 %",
         "NEES",
         "NIS",
         "false alarms",

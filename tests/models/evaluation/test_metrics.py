@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
-from tensegraph import Flag, InputError, Reconstruction, Settings, Structure
+from tensegraph import Flag, InputError, Reconstruction, Settings, Status, Structure
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.models.evaluation.metrics import branch, evaluate, node_rmse_m, slack_frames
 from tensegraph.models.evaluation.truth import Fault, TrueContacts, TrueLoads, Truth
@@ -146,6 +146,14 @@ class TestFrames:
         estimate = estimate_of(structure, moved([[3, 0, 4]] * 3), variance_m2=(np.nan,) * 3)
         c = evaluate(TRUE_M, estimate, truth_of(3)).consistency
         assert np.isnan([c.coverage_95, c.median_sigma_m, *c.nees]).all()
+
+    def test_ok_and_outside_of_the_ellipsoid_of_99_9_percent(self) -> None:
+        """At a sigma of 1 mm along x, NEES of 16, 16.81, 16.81, 0 against 16.27; the third frame is in doubt."""
+        estimate = estimate_of(four_nodes(), moved([[4, 0, 0], [4.1, 0, 0], [4.1, 0, 0], [0, 0, 0], [9, 0, 0]]))
+        doubted = replace(estimate, status=(Status.OK, Status.OK, Status.DOUBT, Status.OK, Status.OK))
+        assert evaluate(TRUE_M, doubted, truth_of(4)).consistency.ok_outside_999 == 1 / 4
+        unknown = estimate_of(four_nodes(), moved([[9, 0, 0]] * 3), variance_m2=(np.nan,) * 3)
+        assert np.isnan(evaluate(TRUE_M, unknown, truth_of(3)).consistency.ok_outside_999)
 
     def test_certainty_that_is_wrong_is_outside(self) -> None:
         structure = four_nodes()
