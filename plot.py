@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from .models.structure.reconstruction import Reconstruction
 from .models.values.errors import InputError
 
@@ -59,8 +61,8 @@ def length(result: Reconstruction, tendon: int, ax: "Axes | None" = None) -> "Ax
     from .io.figures.shape_figures import draw_length
 
     count = len(result.structure.tendons)
-    if tendon not in range(count):
-        raise InputError(f"tendon: expected a number from 0 to {count - 1}, got {tendon!r}")
+    if not isinstance(tendon, int | np.integer) or tendon not in range(count):
+        raise InputError(f"tendon: expected a whole number from 0 to {count - 1}, got {tendon!r}")
     if ax is None:
         import matplotlib.pyplot as plt
 

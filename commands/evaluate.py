@@ -169,7 +169,10 @@ def score_result(
         evaluation = evaluation_of(trial, result, settings, truth, align=align, offset_s=offset_s)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    return ScoredResult(path, trial.name, str(run.get("method", "method not stated")), evaluation)
+    skipped = run.get("skipped_frames", 0)
+    if not isinstance(skipped, int):
+        raise InputError(f"{path / RUN_FILE}: skipped_frames: expected a whole number, got {skipped!r:.60}")
+    return ScoredResult(path, trial.name, str(run.get("method", "method not stated")), evaluation, skipped)
 
 
 def trial_of(run: dict[str, Any], path: Path, trial: Path | None) -> Trial:

@@ -65,8 +65,8 @@ def compare(
         A row for each method on all trials together, and then one for each trial and method.
 
     Raises:
-        TensegraphError: for a trial that cannot be read or has no truth, two trials of one name, or a method that is
-            none.
+        TensegraphError: for a trial that cannot be read or has no truth, two trials of one name, a method that is none,
+            or no methods.
     """
     from ..io.reports.terminal import Terminal  # rich
 
@@ -86,9 +86,15 @@ def estimators_of(methods: Sequence[str] | None) -> dict[str, EstimatorFactory]:
     """Return what makes the estimator of each method; of all, those of other packages included, for None.
 
     Raises:
-        InputError: see `estimator_of`.
+        InputError: for one name in place of several, for none, and see `estimator_of`.
     """
-    return {method: estimator_of(method) for method in methods or [*ESTIMATORS, *estimator_plug_ins()]}
+    if methods is None:
+        methods = [*ESTIMATORS, *estimator_plug_ins()]
+    if isinstance(methods, str):
+        raise InputError(f"methods: expected a list of names, as [{methods!r}], got one")
+    if not methods:
+        raise InputError("methods: expected names, or None for all, got none")
+    return {method: estimator_of(method) for method in methods}
 
 
 def measure(

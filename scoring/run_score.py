@@ -18,7 +18,7 @@ from ..models.values.errors import InputError, naming
 from ..models.values.tracks import MarkerTracks, StampedPositions
 from ..pipeline import rest_shape_of_trial
 
-SAME_SIZE_M = 1e-6
+TOLD_ALIKE_M = 1e-6
 """Largest difference of lengths and positions that are told alike."""
 
 
@@ -57,7 +57,7 @@ def _check_same(trial: Trial, of_run: Structure) -> None:
         raise InputError(f"{trial.path}: expected the trial of the run: its nodes are joined otherwise, or anchored")
     for name in ("rod_length_m", "natural_length_m", "anchor_position_m"):
         there, here = getattr(of_run, name), getattr(told, name)
-        if not np.allclose(here, there, rtol=0, atol=SAME_SIZE_M, equal_nan=True):
+        if not np.allclose(here, there, rtol=0, atol=TOLD_ALIKE_M, equal_nan=True):
             apart_m = np.nanmax(np.abs(here - there))
             raise InputError(
                 f"{trial.path}: expected the trial of the run: its {name} differs, by up to {1e3 * apart_m:.3g} mm"

@@ -57,8 +57,9 @@ def test_on_axes_of_their_own(result) -> None:
     [
         (lambda result: tg.plot.shape(result, 9.0), "expected a time from 0.0000 to 1.9800 s"),
         (lambda result: tg.plot.shape(result, 1.0, Figure().add_subplot()), "ax: expected axes with projection='3d'"),
-        (lambda result: tg.plot.length(result, 24), "tendon: expected a number from 0 to 23, got 24"),
-        (lambda result: tg.plot.length(result, "0"), "tendon: expected a number from 0 to 23, got '0'"),
+        (lambda result: tg.plot.length(result, 24), "tendon: expected a whole number from 0 to 23, got 24"),
+        (lambda result: tg.plot.length(result, 4.0), "tendon: expected a whole number from 0 to 23, got 4.0"),
+        (lambda result: tg.plot.length(result, "0"), "tendon: expected a whole number from 0 to 23, got '0'"),
     ],
 )
 def test_what_is_refused(result, plot, message) -> None:

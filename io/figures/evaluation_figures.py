@@ -13,6 +13,7 @@ from ...models.evaluation.evaluation import Evaluation
 from ...models.values.chi_squared import chi_squared_quantile
 from .style import (
     BAND,
+    BAND_IS_CUT,
     BLACK,
     BLUE,
     GREEN,
@@ -23,6 +24,7 @@ from .style import (
     SKY_BLUE,
     add_grid,
     add_legend_below,
+    cuts,
     panels_over_time,
     save_figure,
 )
@@ -46,8 +48,8 @@ def write_heights_figure(e: Evaluation, title: str, path: Path) -> None:
     c = e.compared
     figure, axes = panels_over_time(len(free) + len(faces), 4, 1.75, "height [mm]")
     for axis, node in zip(axes, free, strict=False):
-        _draw_height(axis, c.t_s, c.estimated_m[:, node, 2], c.true_m[:, node, 2], c.height_sigma_m[:, node])
-        axis.set_title(f"node {node}", fontsize=8, pad=2, y=1)
+        is_cut = _draw_height(axis, c.t_s, c.estimated_m[:, node, 2], c.true_m[:, node, 2], c.height_sigma_m[:, node])
+        axis.set_title(f"node {node}{BAND_IS_CUT if is_cut else ''}", fontsize=8, pad=2, y=1)
     for axis, face in zip(axes[len(free) :], faces, strict=False):
         _draw_height(axis, c.t_s, c.estimated_m[:, face, 2].mean(axis=1), c.true_m[:, face, 2].mean(axis=1), None)
         axis.set_title(f"face {face[0]}-{face[1]}-{face[2]}", fontsize=8, pad=2, y=1)
@@ -148,9 +150,11 @@ def _draw_height(
     estimated_m: NDArray[np.float64],
     true_m: NDArray[np.float64],
     sigma_m: NDArray[np.float64] | None,
-) -> None:
+) -> bool:
+    """Draw a height, estimated with its band and true, and return whether the axis cuts the band."""
     estimated_mm = 1e3 * estimated_m
     true_mm = 1e3 * true_m
+    half_mm = np.zeros_like(estimated_mm)
     if sigma_m is not None:
         half_mm = 1e3 * BAND * sigma_m
         axis.fill_between(t_s, estimated_mm - half_mm, estimated_mm + half_mm, color=BLUE, alpha=0.25, lw=0)
@@ -162,6 +166,7 @@ def _draw_height(
     axis.tick_params(labelsize=7)
     add_grid(axis)
     axis.margins(x=0)
+    return cuts(axis, estimated_mm - half_mm, estimated_mm + half_mm)
 
 
 def _span_s(t_s: NDArray[np.float64]) -> tuple[float, float]:
@@ -186,7 +191,7 @@ def _draw_error_over_time(axis: Axes, e: Evaluation) -> None:
         height = (0.98 - 0.06 * (k % 4)) * top  # labels of faults that begin at similar times do not overlap
         axis.text(fault.from_s, height, f" {fault.kind}, {fault.where}", fontsize=7, color=RED, va="top")
     axis.set(xlim=(from_s, until_s), ylim=(0, top), xlabel="time [s]", ylabel="RMS over the free nodes [mm]")
-    axis.set_title("error over time" + ("; the band is cut at the axis" if highest_mm > top else ""), fontsize=10)
+    axis.set_title("error over time" + (BAND_IS_CUT if highest_mm > top else ""), fontsize=10)
     axis.legend(loc="upper left", bbox_to_anchor=(0, -0.09), fontsize=8, ncols=4, frameon=False)
     add_grid(axis)
 

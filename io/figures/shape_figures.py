@@ -16,6 +16,7 @@ from ...models.values.readings import LEFT_OUT, Mode
 from .structure_view import LoadArrows, Scale, draw_structure
 from .style import (
     BAND,
+    BAND_IS_CUT,
     BLACK,
     BLUE,
     GREEN,
@@ -26,6 +27,7 @@ from .style import (
     add_grid,
     add_legend_below,
     anchor_handle,
+    cuts,
     panels_over_time,
     save_figure,
     set_cube,
@@ -98,10 +100,11 @@ def draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
     missing = has_sensor & ((r.flags[:, e] & LEFT_OUT) != 0)
     bending = has_sensor & (r.mode[:, e] == Mode.BENDING) & ~missing
     if len(r) > LONG_FRAMES:
-        _draw_pieces(axis, r.t_s, length_mm, half_mm, predicted_mm)
+        band_mm = _draw_pieces(axis, r.t_s, length_mm, half_mm, predicted_mm)
         _draw_shares(axis, r.t_s, bending, missing)
     else:
-        axis.fill_between(r.t_s, length_mm - half_mm, length_mm + half_mm, color=BLUE, alpha=0.25, lw=0)
+        band_mm = length_mm - half_mm, length_mm + half_mm
+        axis.fill_between(r.t_s, *band_mm, color=BLUE, alpha=0.25, lw=0)
         axis.plot(r.t_s, length_mm, color=BLUE, lw=0.9)
         axis.plot(r.t_s, predicted_mm, color=BLACK, lw=0.6, ls="--")
         for where, color, alpha in ((bending, ORANGE, 0.3), (missing, GREY, 0.4)):
@@ -114,7 +117,8 @@ def draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
     margin = max(0.15 * (high - low), 1.5)
     axis.set_ylim(low - margin, high + margin)
     a, b = r.structure.tendons[e]
-    axis.set_title(f"tendon {e} ({a}-{b}){'' if has_sensor else ', no sensor'}", fontsize=8, pad=2, y=1)
+    told = "" if has_sensor else ", no sensor"
+    axis.set_title(f"tendon {e} ({a}-{b}){told}{BAND_IS_CUT if cuts(axis, *band_mm) else ''}", fontsize=8, pad=2, y=1)
     axis.tick_params(labelsize=7)
     add_grid(axis)
     axis.margins(x=0)
@@ -126,14 +130,16 @@ def _draw_pieces(
     length_mm: NDArray[np.float64],
     half_mm: NDArray[np.float64],
     predicted_mm: NDArray[np.float64],
-) -> None:
-    """Draw a length in pieces: mean with the mean 95 % band, range, and mean of the estimated shape."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Draw a length in pieces, mean and range, and the mean of the estimated shape; return the mean 95 % band drawn."""
     middle_s, mean_mm, mean_half_mm = (mean_of_pieces(values) for values in (t_s, length_mm, half_mm))
     low_mm, high_mm = (extreme.reduceat(length_mm, _piece_starts(len(t_s))) for extreme in (np.fmin, np.fmax))
     axis.fill_between(middle_s, low_mm, high_mm, color=BLUE, alpha=0.5, lw=0)
-    axis.fill_between(middle_s, mean_mm - mean_half_mm, mean_mm + mean_half_mm, color=BLUE, alpha=0.25, lw=0)
+    band_mm = mean_mm - mean_half_mm, mean_mm + mean_half_mm
+    axis.fill_between(middle_s, *band_mm, color=BLUE, alpha=0.25, lw=0)
     axis.plot(middle_s, mean_mm, color=BLUE, lw=0.9)
     axis.plot(middle_s, mean_of_pieces(predicted_mm), color=BLACK, lw=0.6, ls="--")
+    return band_mm
 
 
 def _draw_shares(axis: Axes, t_s: NDArray[np.float64], bending: NDArray[np.bool_], missing: NDArray[np.bool_]) -> None:

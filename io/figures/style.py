@@ -26,6 +26,8 @@ BLACK = "#000000"
 
 BAND = 1.96
 """Sigmas of a 95 % band."""
+BAND_IS_CUT = "; the band is cut at the axis"
+"""What a title says of a band that leaves its axis."""
 DPI = 110
 TICKS = 4
 """Largest number of steps between ticks of a small panel; ticks take most of the time of a figure of many panels."""
@@ -38,6 +40,12 @@ def add_grid(
 ) -> None:
     """Add the thin grid of all figures."""
     axis.grid(alpha=0.3, lw=0.4, axis=along, which=which)
+
+
+def cuts(axis: Axes, low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
+    """Return whether the vertical axis cuts a band from (n,) low to high values, nan where there is none."""
+    bottom, top = axis.get_ylim()
+    return bool((low < bottom).any() or (high > top).any())
 
 
 def add_legend_below(figure: Figure, handles: Sequence[Artist], columns: int) -> None:

@@ -59,7 +59,7 @@ def write_followed_figure(
     title: str,
     path: Path,
 ) -> None:
-    """Draw the estimated and the true track from above, and the estimated and the true contacts over time.
+    """Draw the estimated and the true track from above, and where they are known, both contacts over time.
 
     Args:
         t_s: (frames,)
@@ -69,13 +69,13 @@ def write_followed_figure(
         title: what was evaluated.
         path: of the PNG.
     """
-    figure, track, bars = _panels()
+    figure, track, *bars = _panels() if contacts is not None else _panel()
     track.plot(*(1e3 * true_m.mean(axis=1)[:, :2]).T, color=BLACK, lw=2.5, alpha=0.5)
     track.plot(*(1e3 * estimated_m.mean(axis=1)[:, :2]).T, color=BLUE, lw=1.2)
     if contacts is not None:
-        _draw_bars(bars, t_s, contacts[0], 0.05, 0.4, BLUE)
-        _draw_bars(bars, t_s, np.nan_to_num(contacts[1]), 0.45, 0.4, BLACK)
-    figure.suptitle(f"{title}: track of the centroid from above, and nodes on the floor")
+        _draw_bars(bars[0], t_s, contacts[0], 0.05, 0.4, BLUE)
+        _draw_bars(bars[0], t_s, np.nan_to_num(contacts[1]), 0.45, 0.4, BLACK)
+    figure.suptitle(f"{title}: track of the centroid from above{', and nodes on the floor' if bars else ''}")
     handles = [Line2D([], [], color=BLUE, lw=3, label="estimated"), Line2D([], [], color=BLACK, lw=3, label="true")]
     add_legend_below(figure, handles, 2)
     save_figure(figure, path)
@@ -84,13 +84,25 @@ def write_followed_figure(
 def _panels() -> tuple[Figure, Axes, Axes]:
     figure = Figure(figsize=(12, 5.5), layout="constrained")
     track, bars = figure.subplots(1, 2, width_ratios=[1, 1.3])
+    _label_track(track)
+    bars.set_xlabel("time [s]")
+    bars.set_ylabel("node")
+    return figure, track, bars
+
+
+def _panel() -> tuple[Figure, Axes]:
+    """Return the panel of the track alone, for a robot that no floor carries."""
+    figure = Figure(figsize=(7, 5.5), layout="constrained")
+    track = figure.subplots()
+    _label_track(track)
+    return figure, track
+
+
+def _label_track(track: Axes) -> None:
     track.set_xlabel("x [mm]")
     track.set_ylabel("y [mm]")
     track.set_aspect("equal", adjustable="datalim")
-    bars.set_xlabel("time [s]")
-    bars.set_ylabel("node")
     add_grid(track)
-    return figure, track, bars
 
 
 def _draw_ellipses(

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Group
 from rich.table import Table
 
@@ -33,6 +32,8 @@ class ScoredResult:
     """Method that made the result."""
     evaluation: Evaluation
     """Evaluation of the result."""
+    skipped_frames: int = 0
+    """Number of frames that a live run left out because it was late; they are in no number of the evaluation."""
 
     def title(self) -> str:
         """Return trial and method, as a title."""
@@ -50,6 +51,8 @@ class ScoredResult:
             if regime.frames:
                 regimes.add_row(regime.name, str(regime.frames), *_regime_cells(regime))
         facts = Table(show_header=False)
+        if self.skipped_frames:
+            facts.add_row("skipped", f"{self.skipped_frames} frames, because the run was late")
         for name, text in _facts(e):
             facts.add_row(name, text)
         return Group(errors, *([regimes] if regimes.row_count else []), facts)
@@ -60,7 +63,7 @@ class ScoredResult:
         assert isinstance(numbers, dict)
         free_nodes = self.evaluation.structure.free_nodes.tolist()
         names = {"result": str(self.result), "trial": self.trial, "method": self.method, "free_nodes": free_nodes}
-        return names | numbers
+        return names | {"skipped_frames": self.skipped_frames} | numbers
 
 
 def as_text(numbers: object) -> str:
@@ -80,7 +83,7 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
         rows.append(("truth laid onto each frame", "the shape is in body coordinates; errors are of the shape alone"))
     if e.rotation_deg is not None:
         rows.append(("truth aligned", f"turned by {e.rotation_deg:.2f} degrees"))
-    rows += _anchor_facts(e.anchors_apart_m, e.structure)
+    rows += _anchor_facts(e)
     rows += _capture_facts(e.capture, e.structure) if e.capture else []
     if np.isfinite(e.other_offset_s):
         rows.append(
@@ -96,12 +99,13 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
     return rows
 
 
-def _anchor_facts(apart_m: NDArray[np.float64], structure: Structure) -> list[tuple[str, str]]:
+def _anchor_facts(e: Evaluation) -> list[tuple[str, str]]:
     """Return what tells a truth in other axes, of other nodes or of another robot: anchors far from their places."""
+    question = "other axes, or nodes? See --align" if e.rotation_deg is None else "other nodes, or mirrored axes?"
     return [
-        (f"anchor {node} of the truth", f"{1e3 * m:.0f} mm from where it is told: other axes, or nodes? See --align")
-        for node, m in zip(structure.anchors, apart_m, strict=True)
-        if m > FAR_OFF * structure.rod_length_m.mean()
+        (f"anchor {node} of the truth", f"{1e3 * m:.0f} mm from where it is told: {question}")
+        for node, m in zip(e.structure.anchors, e.anchors_apart_m, strict=True)
+        if m > FAR_OFF * e.structure.rod_length_m.mean()
     ]
 
 
@@ -176,6 +180,7 @@ def _consistency_facts(c: Consistency) -> list[tuple[str, str]]:
                 f"{c.coverage_50:.1%}, {c.coverage_68:.1%}, {c.coverage_95:.1%} "
                 f"at a median sigma of {1e3 * c.median_sigma_m:.2f} mm",
             ),
+            ("ok, and outside of 99.9 %", f"{c.ok_outside_999:.2%} of the frames and nodes"),
             (
                 "NEES of a node (3 is right)",
                 f"{np.nanmin(c.nees):.2f} to {np.nanmax(c.nees):.2f}; {inside} of {scored} in their 95 % band",

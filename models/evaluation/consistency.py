@@ -4,10 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..structure.reconstruction import Reconstruction
+from ..structure.shape import Status
 from ..values.chi_squared import chi_squared_quantile, squared_distance
 from ..values.time_series import autocorrelation_of, mean_over_frames
 from .evaluation import ComparedFrames, Consistency
-from .statistics import of_known
+from .statistics import of_known, share_of_cases
 
 REDUNDANT = 0.5
 """Least ratio of the sigma of the innovation to the sigma of the length with which a length is in the NIS. Below it the
@@ -23,7 +24,10 @@ def consistency(estimate: Reconstruction, compared: ComparedFrames) -> Consisten
     sigma_m = estimate.sigma_m[:, tendons]
     checked = np.isfinite(sigma_m) & (innovation_sigma_m >= REDUNDANT * sigma_m)
     innovation = np.where(checked, innovation, np.nan)
-    covariance_m2 = estimate.node_covariance_m2[np.isin(estimate.t_s, compared.t_s)]
+    frames = np.isin(estimate.t_s, compared.t_s)
+    is_ok = np.array([status == Status.OK for status in estimate.status])[frames]
+    outside = compared.nees > chi_squared_quantile(0.999, 3)
+    covariance_m2 = estimate.node_covariance_m2[frames]
     error = whitened(compared.node_error_m, covariance_m2[:, estimate.structure.free_nodes])
     count = np.array([independent_count(of_node) for of_node in np.moveaxis(error, 1, 0)])
     return Consistency(
@@ -33,6 +37,7 @@ def consistency(estimate: Reconstruction, compared: ComparedFrames) -> Consisten
         coverage_50=coverage(compared.nees, 0.50),
         coverage_68=coverage(compared.nees, 0.68),
         coverage_95=coverage(compared.nees, 0.95),
+        ok_outside_999=share_of_cases((is_ok[:, None] & outside)[~np.isnan(compared.nees)]),
         median_sigma_m=of_known(np.median, compared.node_sigma_m),
         nis=of_known(np.mean, innovation**2),
         nis_band=mean_band(1, sum(independent_count(of_tendon[:, None]) for of_tendon in innovation.T)),

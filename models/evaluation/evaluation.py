@@ -53,6 +53,9 @@ class Consistency:
     """The same for the 68 % ellipsoid."""
     coverage_95: float
     """The same for the 95 % ellipsoid."""
+    ok_outside_999: float
+    """Share of the pairs (frame, free node) in which the status is `ok` and the 99.9 % ellipsoid does not contain the
+    true position: an estimate that is wrong without saying so. Up to 0.001 is consistent."""
     median_sigma_m: float
     """Median over frames and free nodes of the square root of the trace of the node's covariance. Coverage is only
     meaningful together with it."""
@@ -120,7 +123,8 @@ class FaultScore:
     named: int
     """Number of these tendons that were flagged or left out while the fault lasted."""
     delay_s: float | None
-    """Time from the start of the fault until all of its tendons had been detected; None when one was not detected."""
+    """Time from the start of the fault until all of its tendons had been detected, 0 where they were before; None when
+    one was not detected. In batch it is that of hindsight."""
 
 
 @dataclass(frozen=True, slots=True)

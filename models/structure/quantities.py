@@ -78,7 +78,12 @@ QUANTITIES = {
     "other_position_m": Quantity(
         (*NODES, "axis"), "m", "position in the other shape; nan without one", ("other_x_m", "other_y_m", "other_z_m")
     ),
-    "load_n": Quantity((*NODES, "axis"), "N", "external force; nan at anchors", ("fx_n", "fy_n", "fz_n")),
+    "load_n": Quantity(
+        (*NODES, "axis"),
+        "N",
+        "external force, the observable part: zero along a rod that stands on an anchor; nan at anchors",
+        ("fx_n", "fy_n", "fz_n"),
+    ),
     "load_sigma_n": Quantity(NODES, "N", "its standard deviation, rms over observable directions; inf at anchors"),
     "contact_probability": Quantity(NODES, "1", "probability that the floor carries the node"),
     "length_m": Quantity(TENDONS, "m", "measured length; nan where it was not measured"),

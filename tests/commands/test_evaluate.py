@@ -37,6 +37,7 @@ def test_evaluate_prints_tables_or_json(evaluated) -> None:
         "press_01, batch",
         "displacement of faces",
         "worst node",
+        "ok, and outside of 99.9 %",
         "NEES",
         "NIS",
         "false alarms",
@@ -93,6 +94,13 @@ def test_evaluate_with_truth_from_elsewhere(done, tmp_path) -> None:
     assert plain["anchors_apart_m"][0] == pytest.approx(np.sqrt(3 * 0.5**2), abs=1e-3)  # it is at the origin
     table = run(*arguments[:4], "--out", tmp_path / "table", cwd=folder).stdout
     assert "anchor 0 of the truth" in table
+    assert "See --align" in table
+    mirrored = moved.copy()
+    mirrored[:, 1::3] *= -1
+    np.savetxt(tmp_path / "mocap.csv", mirrored, delimiter=",", header=names, comments="", fmt="%.6f")
+    table = run(*arguments[:4], "--align", "--out", tmp_path / "mirrored", cwd=folder).stdout
+    assert "mirrored axes?" in table
+    assert "See --align" not in table
     assert max(aligned["anchors_apart_m"]) < 0.001
     assert aligned["absolute"]["nodes"]["rmse_m"] < 1e-5
     assert aligned["rotation_deg"] == pytest.approx(120, abs=1e-3)
@@ -124,6 +132,22 @@ def test_a_result_finds_its_trial_when_both_are_moved(done, tmp_path) -> None:
     other = run("evaluate", "live", "--trial", "elsewhere", cwd=tmp_path)
     assert other.returncode == 2
     assert "board0.csv: is not what live was made from" in other.stderr
+
+
+def test_frames_that_a_live_run_skipped_are_told(done, tmp_path) -> None:
+    shutil.copytree(done[0] / "live", tmp_path / "live")
+    told = (tmp_path / "live/run.toml").read_text()
+
+    def evaluated(skipped: str):
+        (tmp_path / "live/run.toml").write_text(f"skipped_frames = {skipped}\n{told}")
+        return run("evaluate", "live", "--trial", done[0] / "press", "--out", "score", cwd=tmp_path)
+
+    assert "skipped" not in evaluated("0").stdout
+    assert "7 frames, because the run was late" in evaluated("7").stdout
+    assert json.loads((tmp_path / "score/evaluation.json").read_text())["skipped_frames"] == 7
+    refused = evaluated("'many'")
+    assert refused.returncode == 2
+    assert refused.stderr == "tensegraph: live/run.toml: skipped_frames: expected a whole number, got 'many'\n"
 
 
 def test_a_score_is_json_without_holes() -> None:

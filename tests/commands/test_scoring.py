@@ -54,6 +54,10 @@ def test_what_does_not_match_is_said(done, loaded) -> None:
         tg.compare(str(folder / "press"))
     with pytest.raises(tg.InputError, match="method 'best': expected one of batch, live"):
         tg.compare([folder / "press"], ["best"])
+    with pytest.raises(tg.InputError, match=r"methods: expected a list of names, as \['batch'\], got one"):
+        tg.compare([folder / "press"], "batch")
+    with pytest.raises(tg.InputError, match="methods: expected names, or None for all, got none"):
+        tg.compare([folder / "press"], [])
 
 
 @pytest.mark.parametrize("name", ["rod_length_m", "natural_length_m", "anchor_position_m"])

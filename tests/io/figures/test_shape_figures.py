@@ -87,6 +87,20 @@ def test_a_long_run_is_drawn_in_pieces_by_hand(loaded, tmp_path, monkeypatch) ->
     assert (tmp_path / "lengths.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize("long_frames", [3000, 50], ids=["frames", "pieces"])
+def test_a_band_that_leaves_the_axis_is_told(loaded, monkeypatch, long_frames) -> None:
+    """A length that moves by 0.1 mm has an axis of 3 mm: a sigma of 2 mm leaves it, one of 0.5 mm does not."""
+    monkeypatch.setattr("tensegraph.io.figures.shape_figures.LONG_FRAMES", long_frames)
+    monkeypatch.setattr("tensegraph.io.figures.shape_figures.PIECES", 10)
+    loaded.sigma_m[:, 3], loaded.sigma_m[:, 4] = 0.002, 0.0005
+    loaded.sigma_m[7, 4] = np.inf
+    wide, narrow = Figure().subplots(1, 2)
+    draw_length(wide, loaded, 3)
+    draw_length(narrow, loaded, 4)
+    assert wide.get_title().endswith("; the band is cut at the axis")
+    assert "cut" not in narrow.get_title()
+
+
 def test_the_track_of_one_frame_is_drawn(loaded, tmp_path) -> None:
     """Its width in the rows of contacts is that of a frame, and not zero."""
     first = replace(loaded[0.0:0.01], contacts=np.full((1, loaded.structure.node_count), 0.5))

@@ -32,6 +32,13 @@ class TestLoads:
         assert score.quiet_false_alarm_share == 1 / 2  # the third frame: 0 and 0.3
         assert (score.clear_frames, score.most_loaded_share) == (2, 1 / 2)  # 1 N at the first: right; 0.5 N: not
 
+    def test_a_frame_with_one_loaded_node_is_not_quiet_at_the_others(self, result) -> None:
+        """True 0.5 0 | 0 0, estimated 0.5 0.3 | 0 0: the false detection is beside a load, and none is while quiet."""
+        true, estimated = np.zeros((2, 2, 3)), np.zeros((2, 2, 3))
+        true[0, :, 0], estimated[0, :, 0] = [0.5, 0], [0.5, 0.3]
+        score = score_loads(replace(result.compared, true_load_n=true, estimated_load_n=estimated), 0.2)
+        assert (score.false_alarm_share, score.quiet_false_alarm_share) == (1 / 3, 0)
+
     def test_without_loads_on_either_side_there_is_none(self, result) -> None:
         assert result.loads is None
         assert score_loads(replace(result.compared, true_load_n=np.zeros((3, 1, 3))), 0.2) is None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from four_nodes import TRUE_M, estimate_of, four_nodes, moved, truth_of
-from tensegraph import Flag, InputError, Reconstruction, Settings, Structure
+from tensegraph import Flag, InputError, Reconstruction, Settings, Status, Structure
 from tensegraph.estimator.frame import FrameEstimator
 from tensegraph.models.evaluation.metrics import branch, evaluate, node_rmse_m, slack_frames
 from tensegraph.models.evaluation.truth import Fault, TrueContacts, TrueLoads, Truth
@@ -43,12 +43,17 @@ class TestFourNodes:
         assert nodes.rmse_m == pytest.approx(np.sqrt((18 + 1 + 180) / 3) / 1e3, rel=1e-9)
 
     def test_consistency(self, result) -> None:
-        """NEES 9/1 + 16/4 = 13, 0, 144/4 + 25/4 = 42.25; innovations of 1 mm at a sigma of 0.5 mm."""
+        """NEES 9/1 + 16/4 = 13, 0, 144/4 + 25/4 = 42.25; innovations of 1 mm at a sigma of 0.5 mm.
+
+        Those of the two tendons at the free node never change, so that N is 2: 2.5 % of chi-square with 2 degrees are
+        below 0.05064, 97.5 % below 7.3778.
+        """
         c = result.consistency
         assert c.nees == pytest.approx([(13 + 0 + 42.25) / 3], rel=1e-12)
         assert (c.coverage_50, c.coverage_68, c.coverage_95) == (1 / 3, 1 / 3, 1 / 3)
         assert c.median_sigma_m == pytest.approx(0.003, rel=1e-12)
         assert c.nis == pytest.approx(4, rel=1e-9)
+        assert c.nis_band == pytest.approx((0.05064 / 2, 7.3778 / 2), rel=1e-3)
 
     def test_frames(self, result) -> None:
         assert (result.frames, result.frames_without_truth) == (3, 0)
@@ -141,6 +146,14 @@ class TestFrames:
         estimate = estimate_of(structure, moved([[3, 0, 4]] * 3), variance_m2=(np.nan,) * 3)
         c = evaluate(TRUE_M, estimate, truth_of(3)).consistency
         assert np.isnan([c.coverage_95, c.median_sigma_m, *c.nees]).all()
+
+    def test_ok_and_outside_of_the_ellipsoid_of_99_9_percent(self) -> None:
+        """At a sigma of 1 mm along x, NEES of 16, 16.81, 16.81, 0 against 16.27; the third frame is in doubt."""
+        estimate = estimate_of(four_nodes(), moved([[4, 0, 0], [4.1, 0, 0], [4.1, 0, 0], [0, 0, 0], [9, 0, 0]]))
+        doubted = replace(estimate, status=(Status.OK, Status.OK, Status.DOUBT, Status.OK, Status.OK))
+        assert evaluate(TRUE_M, doubted, truth_of(4)).consistency.ok_outside_999 == 1 / 4
+        unknown = estimate_of(four_nodes(), moved([[9, 0, 0]] * 3), variance_m2=(np.nan,) * 3)
+        assert np.isnan(evaluate(TRUE_M, unknown, truth_of(3)).consistency.ok_outside_999)
 
     def test_certainty_that_is_wrong_is_outside(self) -> None:
         structure = four_nodes()

@@ -39,7 +39,10 @@ def compared(estimated_m, true_m, contacts=None) -> ComparedFrames:
 
 
 def test_a_turn_and_a_shift_are_told_apart(rest_m) -> None:
-    """The truth walks 1 m along x; the estimate is tilted by 2 degrees, turned by 3, and ends 50 mm aside."""
+    """The truth walks 1 m along x; the estimate is tilted by 2 degrees about x, turned by 3, and ends 50 mm aside.
+
+    Without the turn each node is off by 2 sin(1 degree) times its distance from the axis through the centre along x.
+    """
     shift_m = np.linspace(0, 1, 51)[:, None, None] * [1.0, 0, 0]
     true_m = rest_m + shift_m
     turn = rotation(np.deg2rad([0, 0, 3.0])) @ rotation(np.deg2rad([2.0, 0, 0]))
@@ -51,8 +54,17 @@ def test_a_turn_and_a_shift_are_told_apart(rest_m) -> None:
     assert score.tilt_rms_deg == pytest.approx(2.0, abs=0.01)
     assert score.heading_error_deg == pytest.approx(3.0, abs=0.01)
     assert score.shape_rmse_m == pytest.approx(0.0, abs=1e-9)
-    assert 0.001 < score.level_rmse_m < 0.01
+    from_axis_m = np.linalg.norm((rest_m - centre)[:, 1:], axis=1)
+    tilted_m = 2 * np.sin(np.deg2rad(1.0)) * np.sqrt(np.mean(from_axis_m**2))
+    assert score.level_rmse_m == pytest.approx(tilted_m, rel=1e-3)
     assert np.isnan(score.still_tilt_rms_deg)
+
+
+def test_a_rest_shape_that_is_only_moved_is_held_exactly(rest_m) -> None:
+    """The truth tips by 40 degrees and goes 0.5 m, and nothing bends: all that holding the rest shape is to tell."""
+    turn = np.stack([rotation(np.deg2rad([angle, 0, 0])) for angle in np.linspace(0, 40, 21)])
+    true_m = rest_m @ np.swapaxes(turn, 1, 2) + np.linspace(0, 0.5, 21)[:, None, None]
+    assert score_pose(compared(true_m, true_m), rest_m).held_rmse_m == pytest.approx(0.0, abs=1e-9)
 
 
 def tipped(rest_m) -> ComparedFrames:
