@@ -52,7 +52,7 @@ def normalised_error_squared(error_m: NDArray[np.float64], covariance_m2: NDArra
     known = _known(error_m, covariance_m2)
     e = error_m[known]
     covariance = covariance_m2[known]
-    singular = _singular(covariance)
+    singular = np.linalg.eigvalsh(covariance)[:, 0] <= 0
     nees = np.full(known.shape, np.nan)
     regular = np.where(singular[:, None, None], np.eye(3), covariance)
     nees[known] = np.where(singular, np.inf, squared_distance(e, regular))
@@ -60,28 +60,27 @@ def normalised_error_squared(error_m: NDArray[np.float64], covariance_m2: NDArra
 
 
 def whitened(error_m: NDArray[np.float64], covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (..., 3) errors L^-1 e, whose covariance is the identity where that of e is P = L L^T.
+    """Return (..., 3) P^(-1/2) e, of errors e with covariances P, whose covariance is the identity if that of e is P.
 
-    The square of their length is the NEES. They are nan where error or covariance is unknown, and where P has an
-    eigenvalue that is not positive.
+    The square of their length is the NEES. The root is the symmetric one, so that directions stay what they are from
+    frame to frame. They are nan where error or covariance is unknown, and where P has an eigenvalue that is not
+    positive.
 
     Args:
         error_m: (..., 3)
         covariance_m2: (..., 3, 3)
     """
-    regular = _known(error_m, covariance_m2)
-    regular[regular] = ~_singular(covariance_m2[regular])
+    known = _known(error_m, covariance_m2)
+    variance_m2, axes = np.linalg.eigh(covariance_m2[known])
+    variance_m2[variance_m2[:, 0] <= 0] = np.nan
+    along = np.einsum("nji,nj->ni", axes, error_m[known]) / np.sqrt(variance_m2)
     error = np.full(error_m.shape, np.nan)
-    error[regular] = np.linalg.solve(np.linalg.cholesky(covariance_m2[regular]), error_m[regular][..., None])[..., 0]
+    error[known] = np.einsum("nij,nj->ni", axes, along)
     return error
 
 
 def _known(error_m: NDArray[np.float64], covariance_m2: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(error_m).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-2, -1)))
-
-
-def _singular(covariance_m2: NDArray[np.float64]) -> NDArray[np.bool_]:
-    return np.asarray(np.linalg.eigvalsh(covariance_m2)[:, 0] <= 0)
 
 
 def coverage(nees: NDArray[np.float64], probability: float) -> float:

@@ -8,7 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from four_nodes import TRUE_M, estimate_of, four_nodes, truth_of
-from tensegraph.models.evaluation.consistency import coverage, independent_count, mean_band
+from tensegraph.models.evaluation.consistency import (
+    coverage,
+    independent_count,
+    mean_band,
+    normalised_error_squared,
+    whitened,
+)
 from tensegraph.models.evaluation.metrics import evaluate
 from tensegraph.models.structure.shape import Covariances
 
@@ -66,6 +72,15 @@ class TestConsistency:
     def test_band_of_one_hundred_by_table(self) -> None:
         """Chi-square with 300 degrees: 2.5 % below 253.91, 97.5 % below 349.87."""
         assert mean_band(3, 100) == pytest.approx((2.5391, 3.4987), abs=1e-4)
+
+    def test_the_square_of_a_whitened_error_is_nees(self) -> None:
+        """It is not known where the covariance is singular."""
+        rng = np.random.default_rng(2)
+        root, error = rng.standard_normal((50, 3, 3)), rng.standard_normal((50, 3))
+        covariance = root @ np.swapaxes(root, 1, 2)
+        nees = normalised_error_squared(error, covariance)
+        np.testing.assert_allclose((whitened(error, covariance) ** 2).sum(axis=1), nees, rtol=1e-6)
+        assert np.isnan(whitened(error[:1], np.diag([1.0, 1.0, 0.0])[None])).all()
 
     def test_independent_count(self) -> None:
         """White noise counts in full; squares of AR(1) have rho^2k, which sums to n (1 - rho^2) / (1 + rho^2).
