@@ -61,7 +61,7 @@ def length(result: Reconstruction, tendon: int, ax: "Axes | None" = None) -> "Ax
     from .io.figures.shape_figures import draw_length
 
     count = len(result.structure.tendons)
-    if not isinstance(tendon, int | np.integer) or tendon not in range(count):
+    if isinstance(tendon, bool) or not isinstance(tendon, int | np.integer) or tendon not in range(count):
         raise InputError(f"tendon: expected a whole number from 0 to {count - 1}, got {tendon!r}")
     if ax is None:
         import matplotlib.pyplot as plt

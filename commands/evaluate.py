@@ -170,8 +170,8 @@ def score_result(
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     skipped = run.get("skipped_frames", 0)
-    if not isinstance(skipped, int):
-        raise InputError(f"{path / RUN_FILE}: skipped_frames: expected a whole number, got {skipped!r:.60}")
+    if type(skipped) is not int or skipped < 0:
+        raise InputError(f"{path / RUN_FILE}: skipped_frames: expected a number of frames, got {skipped!r:.60}")
     return ScoredResult(path, trial.name, str(run.get("method", "method not stated")), evaluation, skipped)
 
 

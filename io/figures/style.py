@@ -45,7 +45,7 @@ def add_grid(
 def cuts(axis: Axes, low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
     """Return whether the vertical axis cuts a band from (n,) low to high values, nan where there is none."""
     bottom, top = axis.get_ylim()
-    return bool((low < bottom).any() or (high > top).any())
+    return bool((np.isfinite(low) & (low < bottom)).any() or (np.isfinite(high) & (high > top)).any())
 
 
 def add_legend_below(figure: Figure, handles: Sequence[Artist], columns: int) -> None:

@@ -30,7 +30,7 @@ def write_track_figure(r: Reconstruction, probability: float, title: str, path: 
         title: what was reconstructed.
         path: of the PNG.
     """
-    figure, track, bars = _panels()
+    figure, track, bars = _track_and_contacts()
     centroid_mm = 1e3 * r.centroid_m
     _draw_ellipses(track, centroid_mm, 1e6 * r.centroid_covariance_m2[:, :2, :2], probability)
     track.plot(*centroid_mm[:, :2].T, color=BLUE, lw=1.2)
@@ -69,7 +69,7 @@ def write_followed_figure(
         title: what was evaluated.
         path: of the PNG.
     """
-    figure, track, *bars = _panels() if contacts is not None else _panel()
+    figure, track, *bars = _track_and_contacts() if contacts is not None else _track_alone()
     track.plot(*(1e3 * true_m.mean(axis=1)[:, :2]).T, color=BLACK, lw=2.5, alpha=0.5)
     track.plot(*(1e3 * estimated_m.mean(axis=1)[:, :2]).T, color=BLUE, lw=1.2)
     if contacts is not None:
@@ -81,7 +81,7 @@ def write_followed_figure(
     save_figure(figure, path)
 
 
-def _panels() -> tuple[Figure, Axes, Axes]:
+def _track_and_contacts() -> tuple[Figure, Axes, Axes]:
     figure = Figure(figsize=(12, 5.5), layout="constrained")
     track, bars = figure.subplots(1, 2, width_ratios=[1, 1.3])
     _label_track(track)
@@ -90,7 +90,7 @@ def _panels() -> tuple[Figure, Axes, Axes]:
     return figure, track, bars
 
 
-def _panel() -> tuple[Figure, Axes]:
+def _track_alone() -> tuple[Figure, Axes]:
     """Return the panel of the track alone, for a robot that no floor carries."""
     figure = Figure(figsize=(7, 5.5), layout="constrained")
     track = figure.subplots()

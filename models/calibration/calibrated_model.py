@@ -37,8 +37,6 @@ LSTM = "LSTM"
 STATIC = "static curve"
 POLYNOMIAL = "polynomial of rates"
 """Names of the three estimators that are scored."""
-USUAL_STEP_S = 0.02
-"""Time step of usual frames, over which the fastest change of a reading is taken: that of a faster rig is noise."""
 CURVE = "curve of rates alone"
 """Name of the model where the network's correction is off, which is scored as well then."""
 
@@ -217,15 +215,9 @@ def _network(trained: Trained) -> StretchingNetwork:
     return StretchingNetwork(trained.weights, trained.scaling, np.array(MEMORY_S), golden)
 
 
-def _rates_per_s(t_s: NDArray[np.float64], change: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rates of (samples,) dR/R over a sample, or over the step of usual frames where it is longer."""
-    apart = min(max(round(USUAL_STEP_S / float(np.median(np.diff(t_s)))), 1), len(t_s) - 1)
-    return np.asarray((change[apart:] - change[:-apart]) / (t_s[apart:] - t_s[:-apart]))
-
-
 def _ranges(common: Sequence[Recording], step_s: tuple[float, float]) -> TrainedRanges:
     change = np.concatenate([r.change for r in common])
-    rate = np.concatenate([_rates_per_s(r.t_s, r.change) for r in common])
+    rate = np.concatenate([np.diff(r.change) / np.diff(r.t_s) for r in common])
     return TrainedRanges(
         change=(float(change.min()), float(change.max())),
         rate_per_s=float(np.quantile(np.abs(rate), 0.999)),

@@ -55,9 +55,9 @@ class TrainingSettings:
 
     def __post_init__(self) -> None:
         for name in ("relative_step", "noise"):
-            low, high = getattr(self, name)
-            if high < low:
-                raise InputError(f"{name}: expected [least, most], got [{low:g}, {high:g}]")
+            ends = list(getattr(self, name))
+            if len(ends) != 2 or ends[1] < ends[0]:
+                raise InputError(f"{name}: expected [least, most], got {ends}")
         if self.burn_in >= self.steps:
             raise InputError(f"burn_in: expected less than steps = {self.steps}, got {self.burn_in}")
 

@@ -81,8 +81,8 @@ class StillnessWatch:
         whole = sorted(self._sum)[1:-1]
         if len(whole) < 2:
             raise TensegraphError(
-                f"too few readings to judge whether the structure stands still: expected at least {SHORTEST_S:g} s: "
-                "does device_us of all boards count microseconds?"
+                f"too few readings to judge whether the structure stands still: expected at least {SHORTEST_S:g} s. If "
+                "there were more, device_us of a board does not count microseconds"
             )
         blocks = np.array([self._sum[k] for k in whole])
         with np.errstate(invalid="ignore"):

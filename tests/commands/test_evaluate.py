@@ -147,7 +147,7 @@ def test_frames_that_a_live_run_skipped_are_told(done, tmp_path) -> None:
     assert json.loads((tmp_path / "score/evaluation.json").read_text())["skipped_frames"] == 7
     refused = evaluated("'many'")
     assert refused.returncode == 2
-    assert refused.stderr == "tensegraph: live/run.toml: skipped_frames: expected a whole number, got 'many'\n"
+    assert refused.stderr == "tensegraph: live/run.toml: skipped_frames: expected a number of frames, got 'many'\n"
 
 
 def test_a_score_is_json_without_holes() -> None:

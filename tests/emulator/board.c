@@ -1,14 +1,14 @@
 /* A Mega 2560 that runs real firmware in simavr, as a serial port: its UART is a pty, its analog inputs follow a file.
  *
- *   board FIRMWARE.elf LINK VOLTAGES.csv [RATE_PPM [EEPROM [LOG [SAMPLES.csv [POWER]]]]]
+ *   board FIRMWARE.elf LINK VOLTAGES.csv [RATE_PPM [EEPROM [LOG [SAMPLES.csv [POWER RATE_RANGE FORCE_RANGE]]]]]
  *
  * LINK becomes a symbolic link to the pty. VOLTAGES.csv holds t_s and one column of millivolts a channel, no header;
  * it is played by the board's own clock, again from the start at its end. RATE_PPM is how much too fast that clock
  * runs. EEPROM keeps the boot counter from one start to the next. LOG gets a line "sequence monotonic_s" whenever a
  * frame's last byte has left. SAMPLES.csv puts an MPU-6050 on the I2C bus: it holds t_s, three accelerations, a
- * temperature and three rates, as in the sensor's registers with the ranges of 8 g and 1000 degrees a second. POWER is
- * what its power register holds at its start: 64, asleep, if not given; 1 as that of an MPU-9250. SIGUSR1 takes the
- * sensor off the bus, and puts it back.
+ * temperature and three rates, as in the sensor's registers with the ranges of 8 g and 1000 degrees a second. POWER and
+ * the ranges are what these registers hold at its start: 64, asleep, and zeros if not given; 1 is the power register of
+ * an MPU-9250. SIGUSR1 takes the sensor off the bus, and puts it back.
  *
  * What simavr leaves out, and firmware for megaohm sources has to cope with, is added here: the hold capacitor and the
  * wire share their charge when a channel is chosen, and the wire recovers through the source.
@@ -138,7 +138,7 @@ static void on_uart(struct avr_irq_t *irq, uint32_t value, void *parameter) {
 /* The MPU-6050: its registers, as far as firmware needs them. Off the bus it forgets them, and starts when it is back. */
 enum { SENSOR_ADDRESS = 0x68, REGISTER_DATA = 0x3B, DATA_BYTES = 14, REGISTER_POWER = 0x6B, POWER_ASLEEP = 0x40,
        REGISTER_RATE_RANGE = 0x1B, REGISTER_FORCE_RANGE = 0x1C };
-static uint8_t sensor_register[128], power_at_start = POWER_ASLEEP;
+static uint8_t sensor_register[128], power_at_start = POWER_ASLEEP, rate_range_at_start, force_range_at_start;
 static uint8_t sensor_pointer;
 static int sensor_is_selected, sensor_expects_pointer;
 static struct avr_irq_t *twi_input;
@@ -146,6 +146,8 @@ static struct avr_irq_t *twi_input;
 static void start_sensor(void) {
   memset(sensor_register, 0, sizeof sensor_register);
   sensor_register[REGISTER_POWER] = power_at_start;
+  sensor_register[REGISTER_RATE_RANGE] = rate_range_at_start;
+  sensor_register[REGISTER_FORCE_RANGE] = force_range_at_start;
 }
 
 /* How many digits stand for one of the file: each step of a range, 2, 4, 8, 16 g or 250 .. 2000, halves them. */
@@ -231,7 +233,7 @@ static void eeprom(const char *path, int load) {
 
 int main(int argc, char **argv) {
   if (argc < 4) {
-    fprintf(stderr, "usage: board FIRMWARE.elf LINK VOLTAGES.csv [RATE_PPM [EEPROM [LOG [SAMPLES.csv [POWER]]]]]\n");
+    fprintf(stderr, "usage: board FIRMWARE.elf LINK VOLTAGES.csv [RATE_PPM [EEPROM [LOG [SAMPLES.csv [POWER RATE_RANGE FORCE_RANGE]]]]]\n");
     return 2;
   }
   const double speed = F_CPU_HZ * (1 + (argc > 4 ? atof(argv[4]) : 0) * 1e-6);
@@ -268,7 +270,11 @@ int main(int argc, char **argv) {
 
   if (argc > 7) {
     samples = read_table(argv[7]);
-    if (argc > 8) power_at_start = (uint8_t)atoi(argv[8]);
+    if (argc > 10) {
+      power_at_start = (uint8_t)atoi(argv[8]);
+      rate_range_at_start = (uint8_t)atoi(argv[9]);
+      force_range_at_start = (uint8_t)atoi(argv[10]);
+    }
     start_sensor();
     twi_input = avr_io_getirq(avr, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_INPUT);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_OUTPUT), on_twi, NULL);

@@ -108,10 +108,15 @@ def test_unknown_keys_of_a_trial_are_named_not_refused(trial_copy) -> None:
     assert open_trial(path).description.ignored_keys == ("rest.measured_by",)
 
 
-def test_positions_of_a_structure_on_anchors_are_named_as_not_used(trial_copy) -> None:
-    path = trial_copy(rows=5, trial=lambda text: text + '\n[[position]]\nfile = "positions.csv"\n')
-    (path / "positions.csv").write_text("t_s,node,x_m,y_m,z_m\n")
-    assert open_trial(path).description.ignored_keys == ("position: anchors hold the structure",)
+@pytest.mark.parametrize(
+    ("kind", "keys"),
+    [("position", ""), ("range", "beacon_position_m = [[1.0, 0.0, 0.0]]\n")],
+    ids=["position", "range"],
+)
+def test_what_tells_where_a_structure_on_anchors_is_is_named_as_not_used(trial_copy, kind, keys) -> None:
+    path = trial_copy(rows=5, trial=lambda text: f'{text}\n[[{kind}]]\nfile = "told.csv"\n{keys}')
+    (path / "told.csv").write_text("t_s,node,x_m,y_m,z_m\n")
+    assert open_trial(path).description.ignored_keys == (f"{kind}: anchors hold the structure",)
 
 
 def test_a_table_that_is_mistyped_is_named_with_the_one_that_is_meant(trial_copy) -> None:

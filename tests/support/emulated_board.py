@@ -13,8 +13,8 @@ class EmulatedBoard:
     """A Mega that runs the firmware, its pins at the voltages that gave a trial's codes; on a pty of its own.
 
     The trial's two seconds of rest come several times over, so that there is time to tare on them. With samples, an
-    inertial sensor is on its bus: (rows, 8) of t_s, three accelerations, a temperature and three rates, in digits. Its
-    power register has a value of its own after power-up, by which it sleeps or not.
+    inertial sensor is on its bus: (rows, 8) of t_s, three accelerations, a temperature and three rates, in digits. At
+    its start the registers of power, of the range of rates and of that of forces have values of its own.
     """
 
     def __init__(
@@ -26,7 +26,7 @@ class EmulatedBoard:
         rate_ppm: float = 0.0,
         rests: int = 1,
         samples: NDArray[np.float64] | None = None,
-        power_at_start: int = 0x40,
+        at_start: tuple[int, int, int] = (0x40, 0, 0),
     ) -> None:
         self.port = folder / f"board{number}"
         self.log = folder / f"board{number}.log"
@@ -34,8 +34,8 @@ class EmulatedBoard:
         self._command = [firmware / "board", firmware / f"{kind}{number}.elf", self.port, folder / f"mv{number}.csv"]
         self._command += [rate_ppm, folder / f"board{number}.eeprom", self.log]
         if samples is not None:
-            self._command += [folder / f"samples{number}.csv", power_at_start]
-            np.savetxt(self._command[-2], samples, delimiter=",", fmt="%.4f")
+            self._command += [folder / f"samples{number}.csv", *at_start]
+            np.savetxt(self._command[-4], samples, delimiter=",", fmt="%.4f")
         rows = np.loadtxt(trial / f"board{number}.csv", delimiter=",", skiprows=1)
         resting = rows[rows[:, 0] < 2.0]
         rows = np.concatenate([*[resting] * (rests - 1), rows])

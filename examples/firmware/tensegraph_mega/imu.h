@@ -45,14 +45,16 @@ bool request_imu(uint8_t address, uint8_t count) {
   return Wire.requestFrom((uint8_t)IMU_ADDRESS, count, (uint32_t)address, (uint8_t)1, (uint8_t)true) == count;
 }
 
-// Once a second: a sensor that lost its power, for however short a time, may sleep and has other ranges. The range of
-// its forces, which is written last, is the only value that none has by itself.
+bool imu_has(uint8_t address, uint8_t value) { return request_imu(address, 1) && Wire.read() == value; }
+
+// Once a second: a sensor that lost its power, for however short a time, may sleep and has other ranges and filters.
 void wake_imu() {
   const bool was_awake = imu_is_awake;
-  imu_is_awake = (request_imu(FORCE_RANGE, 1) && Wire.read() == FORCE_8_G) ||
-                 (write_imu(POWER, POWER_ON) && write_imu(FILTER, FILTER_44_HZ) &&
-                  write_imu(FORCE_FILTER, FILTER_44_HZ) && write_imu(RATE_RANGE, RATE_1000_DEG_PER_S) &&
-                  write_imu(FORCE_RANGE, FORCE_8_G));
+  const bool is_set_up = imu_has(POWER, POWER_ON) && imu_has(FILTER, FILTER_44_HZ) &&
+                         imu_has(RATE_RANGE, RATE_1000_DEG_PER_S) && imu_has(FORCE_RANGE, FORCE_8_G);
+  imu_is_awake = is_set_up || (write_imu(POWER, POWER_ON) && write_imu(FILTER, FILTER_44_HZ) &&
+                               write_imu(FORCE_FILTER, FILTER_44_HZ) && write_imu(RATE_RANGE, RATE_1000_DEG_PER_S) &&
+                               write_imu(FORCE_RANGE, FORCE_8_G));
   if (imu_is_awake && !was_awake) {
     imu_due_us = micros(); // it stood still, and micros() may have wrapped meanwhile
   }

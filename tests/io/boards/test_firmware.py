@@ -54,16 +54,20 @@ def test_a_restarted_board_counts_its_boots(emulated) -> None:
     assert min(m.seq for m in messages if isinstance(m, Row)) < 20
 
 
-@pytest.fixture(params=[0x40, 0x01], ids=["asleep", "awake"])
+@pytest.fixture(
+    params=[(0x40, 0, 0), (0x01, 0, 0), (0x01, 0x08, 0x10), (0x40, 0x10, 0x10)],
+    ids=["asleep", "awake", "of another sketch", "put to sleep"],
+)
 def with_sensor(request, firmware, example, tmp_path):
     """Board 0 with an inertial sensor, whose registers count in steps of 5 ms.
 
-    After power-up an MPU-6050 sleeps, and an MPU-9250 is awake with the ranges 2 g and 250 degrees a second.
+    After power-up an MPU-6050 sleeps, and an MPU-9250 is awake with the ranges 2 g and 250 degrees a second. One that
+    kept its power has the ranges of the sketch before, or sleeps.
     """
     count = np.arange(4000)
     steady = np.tile([-2, 4096, 77, 300, -300], (len(count), 1))
     samples = np.column_stack([0.005 * count, count, steady, -count])
-    board = EmulatedBoard(firmware, 0, example, tmp_path, rests=20, samples=samples, power_at_start=request.param)
+    board = EmulatedBoard(firmware, 0, example, tmp_path, rests=20, samples=samples, at_start=request.param)
     board.plug()
     yield board
     board.unplug()

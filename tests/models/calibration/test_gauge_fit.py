@@ -49,3 +49,15 @@ def test_recordings_that_start_at_their_natural_resistance_have_an_offset_still(
     gauge, own = fit_gauge([Recording(f"r{k}", t_s, strain, strain) for k in range(3)], BendingCurve())
     assert gauge.offset_sigma == LEAST_OFFSET_SIGMA
     np.testing.assert_allclose(own["r1"], [1.0, 0.0], atol=0.02)
+
+
+def test_the_sampling_rate_tells_nothing_of_a_gain() -> None:
+    """Of a strip that hardly moves, beside others: its gain stays as near to theirs at 200 Hz as at 20 Hz."""
+    found = []
+    for step_s in (0.05, 0.005):
+        t_s = np.arange(0, 60, step_s)
+        strain = 0.1 - 0.1 * np.cos(t_s)
+        recordings = [Recording(f"r{k}", t_s, strain, gain * strain) for k, gain in enumerate((0.95, 1.0, 1.05))]
+        recordings.append(Recording("still", t_s, 0.02 * strain, 1.3 * 0.02 * strain))
+        found.append(fit_gauge(recordings, BendingCurve())[1]["still"][0])
+    assert found[1] == pytest.approx(found[0], abs=0.003)

@@ -50,14 +50,14 @@ class TestConsistency:
 
     @pytest.mark.parametrize("lasting", [0.5, 0.9, 1.0])
     def test_an_error_that_lasts_makes_the_band_wide(self, lasting) -> None:
-        """Of 200 toys each, 0.84 to 0.95 are in it: where a lasting error is small by chance, NEES seems too small.
-
-        With the autocorrelation of NEES about its own mean it was 0.1 of those with a lasting half.
+        """Of many toys 0.8 are in it, and 0.95 of those in which all lasts: where a lasting error is small by chance,
+        NEES seems too small. With the autocorrelation of NEES about its own mean it was 0.1 of those with a lasting
+        half.
         """
-        assert self.inside(lasting=lasting) > 0.65  # less two sigmas
+        assert self.inside(lasting=lasting) > 0.65  # 0.8 of 40, less two and a half of its sigmas
 
     @pytest.mark.parametrize("correlation", [0.0, 0.95])
-    def test_ellipsoids_half_as_large_are_out_of_their_band_however_errors_last(self, correlation) -> None:
+    def test_ellipsoids_half_as_large_are_out_of_their_band_however_errors_are_correlated(self, correlation) -> None:
         assert self.inside(correlation=correlation, scale=0.25) == 0
 
     def test_overconfidence_is_out_of_its_band(self) -> None:
