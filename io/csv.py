@@ -15,8 +15,9 @@ INFINITE = ("inf", "+inf", "-inf")
 LONGEST_SHOWN = 60
 """Number of characters of a cell that an error shows."""
 LONGEST_READING_STEP_S = 0.5
-"""Time between all of the first rows of resistance, or of an inertial sensor, above which stamps are not in seconds, or
-tell nothing: strips would begin anew with each row, see `FrontEndSettings.settle_after_s`."""
+"""Time between all of the first rows of resistance, of an inertial sensor, or of the lengths of a robot that other
+sensors follow, above which stamps are not in seconds, or tell nothing: strips would begin anew with each row, see
+`FrontEndSettings.settle_after_s`."""
 FIRST_ROWS = 6
 """Number of these rows."""
 

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -40,16 +39,16 @@ def write_measured(measured: Sequence[Measured], made_from: str | None, path: Pa
 
 
 def read_measured(path: Path, made_from: str | None) -> list[Measured] | None:
-    """Return what was measured on a trial; None if that was something else, or nothing."""
+    """Return what was measured on a trial; None if that was something else, or nothing, or the file is damaged."""
     if made_from is None or not path.is_file():
         return None
     try:
         about = _about(path)
-    except (ValueError, KeyError, EOFError, BadZipFile):  # no file of ours, or none that was written to its end
+        if about[FINGERPRINT] != made_from:
+            return None
+        return [m for method in about["methods"] for m in measured_by(method, [path])]
+    except Exception:  # of many kinds, by zipfile, zlib and numpy, for another file, half of one, or a changed byte
         return None
-    if about[FINGERPRINT] != made_from:
-        return None
-    return [m for method in about["methods"] for m in measured_by(method, [path])]
 
 
 def measured_methods(path: Path) -> list[str]:
@@ -64,13 +63,13 @@ def measured_by(method: str, paths: Sequence[Path]) -> Iterator[Measured]:
         about = _about(path)["methods"].get(method)
         if about is None:
             continue
-        with np.load(path, allow_pickle=False) as arrays:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             values: dict[str, Any] = {name: arrays.get(f"{method}: {name}") for name in names}
         errors = FrameErrors(**values) if values["nees"] is not None else None
         yield Measured(method=method, errors=errors, **about)
 
 
 def _about(path: Path) -> dict[str, Any]:
-    with np.load(path, allow_pickle=False) as arrays:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
         about: dict[str, Any] = json.loads(str(arrays[ABOUT]))
     return about

@@ -303,8 +303,11 @@ class Trial:
         natural_m = self.description.structure.natural_length_m
         sensed = self.description.structure.sensed_tendons
         rows = self._bag() or self._read_lengths() or self._lengths_csv()
+        in_time = self._forward(rows)
+        if self.description.has_aids and not self.description.structure.is_held:  # there are frames between rows
+            in_time = in_seconds(in_time, self.path / self.table.lengths.file)
         is_checked = False
-        for index, row in enumerate(self._forward(rows)):
+        for index, row in enumerate(in_time):
             length_m, sigma_m = np.full((2, len(natural_m)), np.nan)
             length_m[sensed] = row[1 : 1 + len(sensed)]
             if len(row) > 1 + len(sensed):

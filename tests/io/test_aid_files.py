@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 
 from roll import roll
 from tensegraph import InputError, open_trial
@@ -49,6 +50,23 @@ def test_stamps_that_are_close_together_stay_two() -> None:
     """As of USB bursts, 0.03 ms apart; others have four decimals, as before."""
     stamps = [aid_row(ImuReading(0, t_s, np.zeros(3), np.zeros(3))).split(",")[0] for t_s in (0.02151, 0.02154, 0.5)]
     assert stamps == ["0.021510", "0.021540", "0.5000"]
+
+
+def test_lengths_in_milliseconds_of_a_robot_with_an_inertial_sensor_are_refused(trial) -> None:
+    """A thousand frames would be made between two rows."""
+    path = trial()
+    table = tomllib.loads((path / "trial.toml").read_text())
+    for key in ("board", "adc", "sensors"):
+        table.pop(key, None)
+    tendons = len(table["structure"]["tendons"])
+    header = ",".join(["t_s", *(f"l{k}_m" for k in range(tendons))])
+    rows = "\n".join(",".join([f"{20.0 * k}", *["0.184"] * tendons]) for k in range(10))
+    (path / "lengths.csv").write_text(f"{header}\n{rows}\n")
+    (path / "trial.toml").write_text(tomli_w.dumps(table | {"lengths": {"file": "lengths.csv"}}))
+    with pytest.raises(
+        InputError, match=r"lengths.csv: column t_s: expected rows at most 0.5 s apart, got 20 s and more"
+    ):
+        list(open_trial(path).readings())
 
 
 def test_stamps_of_an_inertial_sensor_in_milliseconds_are_refused(trial) -> None:
