@@ -1,5 +1,6 @@
 """The moving shape as a film: MP4, or GIF."""
 
+import errno
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -32,6 +33,7 @@ def write_film(result: Reconstruction, probability: float, path: Path) -> None:
 
     Raises:
         InputError: when MP4 is asked for, and imageio-ffmpeg is not installed.
+        OSError: when the film cannot be written whole.
     """
     if path.suffix == ".gif":
         pictures = (Image.fromarray(picture) for picture in _pictures(result, probability))
@@ -41,10 +43,15 @@ def write_film(result: Reconstruction, probability: float, path: Path) -> None:
     with needs_extra("MP4", "video"):
         import imageio_ffmpeg
     side = round(SIDE_INCH * DOTS_PER_INCH)
-    with closing(imageio_ffmpeg.write_frames(str(path), (side, side), fps=FRAMES_PER_S, quality=7)) as writer:
-        writer.send(None)  # starts it
-        for picture in _pictures(result, probability):
-            writer.send(picture.tobytes())
+    options = {"fps": FRAMES_PER_S, "quality": 7, "ffmpeg_log_level": "quiet"}
+    try:
+        with closing(imageio_ffmpeg.write_frames(str(path), (side, side), **options)) as writer:
+            writer.send(None)  # starts it
+            for picture in _pictures(result, probability):
+                writer.send(picture.tobytes())
+        imageio_ffmpeg.count_frames_and_secs(str(path))  # what writes it tells nobody that it could not end it
+    except (OSError, RuntimeError) as error:
+        raise OSError(errno.ENOSPC, "the film is not whole: is the disk full?") from error
 
 
 def film_times_s(t_s: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -95,7 +95,7 @@ def _facts(e: Evaluation) -> list[tuple[str, str]]:
     rows += _consistency_facts(e.consistency)
     rows += _load_facts(e)
     rows += [(f"fault: {fault.kind}, {fault.where}", _seen(fault)) for fault in e.faults]
-    rows.append(("false alarms", f"{e.false_alarm_share:.2%} of the healthy readings"))
+    rows.append(("false alarms", f"{or_dash(e.false_alarm_share, '{:.2%}')} of the healthy readings"))
     return rows
 
 

@@ -1,5 +1,6 @@
 """A recording for ROS 2, read by the reader of MCAP; one for Rerun; films, decoded by ffmpeg."""
 
+import resource
 import subprocess
 from dataclasses import replace
 from itertools import product
@@ -106,6 +107,21 @@ def test_a_film_has_a_picture_for_each_of_its_times(short_run, tmp_path, name) -
     assert len(pictures) == 7
     assert (pictures[0] > 200).mean() > 0.5  # a light ground
     assert np.abs(pictures[-1] - pictures[0]).max() > 50  # the time in the title, at least
+
+
+@pytest.mark.parametrize("kilobytes", [1, 8])
+def test_a_film_for_which_there_is_no_room_is_refused(short_run, tmp_path, kilobytes) -> None:
+    """At its end, or in the middle: a file that no player opens was told as written."""
+    pytest.importorskip("imageio_ffmpeg")
+    limit = (kilobytes << 10, resource.getrlimit(resource.RLIMIT_FSIZE)[1])
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    try:
+        with pytest.raises(tg.InputError, match=r"run\.mp4: cannot be written: the film is not whole"):
+            tg.export(short_run, tmp_path / "run.mp4")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_film_passes_over_a_long_silence() -> None:
