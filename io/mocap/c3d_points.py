@@ -4,6 +4,7 @@ ezc3d ends the process that reads some damaged files (signal 11), so that it get
 """
 
 import sys
+from itertools import count
 
 import numpy as np
 
@@ -18,11 +19,17 @@ def main(file: str, points: str) -> None:
     _limit_memory()
     read = ezc3d.c3d(file)
     about = read["parameters"]["POINT"]
+    labels = list(about["LABELS"]["value"])
+    for number in count(2):  # each holds 255 of them
+        more = about.get(f"LABELS{number}")
+        if more is None:
+            break
+        labels += more["value"]
     np.savez(
         points,
         point=read["data"]["points"],
         residual=read["data"]["meta_points"]["residuals"][0],
-        label=np.array(about["LABELS"]["value"], dtype=np.str_),
+        label=np.array(labels, dtype=np.str_),
         unit=np.array(about.get("UNITS", {"value": []})["value"], dtype=np.str_),
         rate_hz=np.array(about["RATE"]["value"], dtype=np.float64),
         first_frame=read["header"]["points"]["first_frame"],

@@ -140,10 +140,15 @@ def marker_tracks(
 ) -> MarkerTracks:
     """Return (times, markers, 3) positions of markers at increasing times, of whatever names.
 
+    Programs write a marker that was hidden as 0, 0, 0, too: it is nan where the marker is elsewhere in other frames.
+
     Raises:
         InputError: for times or positions that are in another unit.
     """
     check_frames(path, t_s)
+    at_zero = (position_m == 0).all(axis=-1)
+    is_elsewhere = (np.isfinite(position_m).all(axis=-1) & ~at_zero).any(axis=0)
+    position_m = np.where((at_zero & is_elsewhere)[..., None], np.nan, position_m)
     most_m = np.nanmax(np.abs(position_m), initial=0.0)
     if most_m > LARGEST["m"]:
         raise InputError(f"{path}: positions in metres: {beyond(float(most_m), LARGEST['m'])}")

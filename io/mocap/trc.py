@@ -16,6 +16,8 @@ def read_trc(path: Path) -> MarkerTracks:
         InputError: for a file that cannot be read or is no such file, see `MarkerRows.tracks`.
     """
     rows = read_cells(path, "\t")
+    if rows and len(rows[0]) == 1 and rows[0][0].startswith(FIRST_CELL_OF_TRC):
+        raise InputError(f"{path}: row 1: expected tabs between cells, got '{rows[0][0]:.40}'")
     if len(rows) < 5 or rows[0][:1] != [FIRST_CELL_OF_TRC]:
         raise InputError(f"{path}: row 1: expected {FIRST_CELL_OF_TRC}, and five rows of header")
     about = dict(zip(rows[1], rows[2], strict=False))

@@ -10,7 +10,7 @@ from .c3d_file import read_c3d
 from .marker_rows import check_frames
 from .motive_csv import FIRST_CELL, read_motive_csv
 from .trc import FIRST_CELL_OF_TRC, read_trc
-from .vicon_csv import SECTIONS, read_vicon_csv
+from .vicon_csv import is_vicon, read_vicon_csv
 
 HEAD_BYTES = 2000
 """Beginning of a file in which its format shows."""
@@ -29,7 +29,7 @@ def read_truth(path: Path, node_count: int) -> StampedPositions | MarkerTracks:
         return read_trc(path)
     if head.startswith(FIRST_CELL):
         return read_motive_csv(path)
-    if head.lstrip(" ,\r\n").partition("\n")[0].split(",")[0].strip() in SECTIONS:
+    if is_vicon(head):
         return read_vicon_csv(path)
     positions = read_positions(path, node_count)
     check_frames(path, positions.t_s)

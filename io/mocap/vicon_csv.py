@@ -1,4 +1,4 @@
-"""Vicon Nexus's CSV: its section Trajectories.
+"""Vicon Nexus's CSV, or its text with tabs: its section Trajectories.
 
 Below that word come the rate in Hz, the names of the markers over their first columns, `Frame, Sub Frame, X, Y, Z ...`,
 the units, and the values up to a blank line or the end. Other sections may stand before and behind.
@@ -11,8 +11,14 @@ from ...models.values.tracks import MarkerTracks
 from .marker_rows import MarkerRows, coordinate_columns, metres_per, positive_number, read_cells
 
 SECTION = "Trajectories"
-SECTIONS = (SECTION, "Devices", "Joints", "Segments", "Model Outputs")
-"""Words with which a file may begin."""
+SECTIONS = ("trajectories", "devices", "events", "joints", "segments", "model outputs")
+"""Words with which a file may begin, in lower case."""
+
+
+def is_vicon(head: str) -> bool:
+    """Return whether a file that begins like this is one of Vicon Nexus."""
+    first_line = head.lstrip(" ,\t\r\n").partition("\n")[0]
+    return first_line.replace("\t", ",").partition(",")[0].strip().lower() in SECTIONS
 
 
 def read_vicon_csv(path: Path) -> MarkerTracks:
@@ -22,6 +28,8 @@ def read_vicon_csv(path: Path) -> MarkerTracks:
         InputError: for a file that cannot be read or is no such file, see `MarkerRows.tracks`.
     """
     rows = read_cells(path, ",")
+    if any(row and row[0].startswith("Frame\tSub Frame") for row in rows):
+        rows = read_cells(path, "\t")
     head = next((index for index, row in enumerate(rows) if row[:1] == [SECTION]), None)
     if head is None or len(rows) < head + 5:
         raise InputError(f"{path}: expected a section {SECTION} with rate, names, axes and units")

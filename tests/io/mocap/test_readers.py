@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +70,41 @@ def test_vicon_after_another_section(path_of, tmp_path) -> None:
     assert read_truth(path, 4).names[0] == "Robot:Unlabeled 1000"
 
 
+@pytest.mark.parametrize("word", ["Events\n100", "EVENTS"])
+def test_vicon_after_its_events(path_of, word) -> None:
+    events = f"{word}\nSubject,Context,Name,Time (s),Description\nRobot,General,press,1.25,\n\n"
+    assert read_truth(path_of("vicon.csv", lambda text: events + text), 4).names[0] == "Robot:Unlabeled 1000"
+
+
+def test_vicon_with_tabs(path_of) -> None:
+    """As Nexus writes its .txt."""
+    tracks = read_truth(path_of("vicon.csv", lambda text: text.replace(",", "\t")), 4)
+    np.testing.assert_allclose(tracks.position_m, 1e-3 * TAKE.position_mm, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["vicon.csv", "take.trc", "take.c3d"])
+def test_a_hidden_marker_that_is_written_as_zeros(tmp_path, name) -> None:
+    """One that is at 0, 0, 0 whenever it is seen stands there, such as the corner of a simulated base."""
+    was_hidden = np.isnan(TAKE.position_mm)
+    position_mm = np.where(was_hidden, 0.0, TAKE.position_mm)
+    position_mm[:, 3] = 0.0
+    take = replace(TAKE, position_mm=position_mm)
+    path = tmp_path / name
+    write_c3d(take, path) if name == "take.c3d" else path.write_text(TEXTS[name](take))
+    read_m = read_truth(path, 4).position_m
+    assert was_hidden[:, :3].any()
+    np.testing.assert_array_equal(np.isnan(read_m[:, :3]), was_hidden[:, :3])
+    np.testing.assert_array_equal(read_m[:, 3], np.zeros_like(read_m[:, 3]))
+
+
+def test_c3d_of_more_points_than_its_first_labels_hold(tmp_path) -> None:
+    """The names of the 256th and later points are in LABELS2."""
+    names = [f"M{number}" for number in range(520)]
+    position_mm = np.random.default_rng(0).random((3, 520, 3))
+    write_c3d(replace(TAKE, t_s=TAKE.t_s[:3], names=names, position_mm=position_mm), tmp_path / "take.c3d")
+    assert list(read_truth(tmp_path / "take.c3d", 4).names) == names
+
+
 def test_positions_of_nodes_stay_what_they_are(tmp_path) -> None:
     (tmp_path / "truth.csv").write_text("t_s,n0_x_m\n0,1\n1,1\n")
     assert isinstance(read_truth(tmp_path / "truth.csv", 3), StampedPositions)
@@ -122,6 +158,11 @@ def shortened(row: int, delimiter: str = ","):
         ("vicon.csv", edited(5, 3, "deg"), "row 5: units: expected a unit of length, m, meters"),
         ("vicon.csv", edited(7, 4, "inf"), "row 7, column 4: expected a finite number, got 'inf'"),
         ("vicon.csv", edited(7, 1, ""), "row 7, column 1: expected a finite number, got ''"),
+        (
+            "take.trc",
+            lambda text: text.replace("\t", ","),
+            "row 1: expected tabs between cells, got 'PathFileType,4,(X/Y/Z),take.trc'",
+        ),
         ("take.trc", edited(3, 5, "deg", "\t"), "row 3: Units: expected a unit of length"),
         ("take.trc", edited(3, 4, "9", "\t"), "row 3: NumMarkers: expected 4 as in row 4, got 9"),
         ("take.trc", edited(4, 2, "When", "\t"), "row 4: expected Frame#, Time, got Frame#, When"),
