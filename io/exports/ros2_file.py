@@ -12,7 +12,7 @@ from ...models.structure.reconstruction import Reconstruction
 from ...models.structure.shape import Shape
 from ...models.structure.structure import Structure
 from ...models.values.errors import InputError, needs_extra
-from .solids import Solid, axes_along, solids_of
+from .solids import Solid, axes_along, carried_along, solids_of
 
 UNKNOWN_TURN_RAD2 = float(np.pi**2 / 3)
 """Variance of an angle of which nothing is known: a node has no orientation."""
@@ -66,6 +66,8 @@ class Messages:
         self.types = get_typestore(Stores.ROS2_HUMBLE)
         self._structure = structure
         self._frame_id = frame_id
+        self._rod_axes: list[NDArray[np.float64]] = []
+        """Those of the last frame."""
 
     def of(self, shape: Shape, probability: float, stamp_ns: int) -> Iterator[tuple[str, Any]]:
         """Yield the topic and the message of each node, of the transforms, and of the markers."""
@@ -108,7 +110,9 @@ class Messages:
         """Return the frame of each rod: at its middle, z towards its second node."""
         from scipy.spatial.transform import Rotation
 
-        turns = [axes_along(position_m[b] - position_m[a]) for a, b in rods]
+        along_m = position_m[rods[:, 1]] - position_m[rods[:, 0]]
+        before = self._rod_axes or [axes_along(rod_m) for rod_m in along_m]
+        self._rod_axes = [carried_along(axes, rod_m) for axes, rod_m in zip(before, along_m, strict=True)]
         middle_m = position_m[rods].mean(axis=1)
         transforms = [
             self._make(
@@ -121,7 +125,7 @@ class Messages:
                     rotation=self._vector("Quaternion", quaternion),
                 ),
             )
-            for k, quaternion in enumerate(Rotation.from_matrix(turns).as_quat())
+            for k, quaternion in enumerate(Rotation.from_matrix(self._rod_axes).as_quat())
         ]
         return self._make("tf2_msgs/msg/TFMessage", transforms=transforms)
 

@@ -17,6 +17,8 @@ TENDON_RADIUS = 0.003
 """The same for a tendon."""
 OPACITY = 0.4
 """Of an ellipsoid, through which its node is seen."""
+NEARLY_ALONG = 0.1
+"""Sine of the angle between a rod and an axis below which the axis does not tell a direction across the rod."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,6 +85,20 @@ def axes_along(direction: NDArray[np.float64]) -> NDArray[np.float64]:
     sign = np.copysign(1.0, z)
     a = -1 / (sign + z)
     return np.array([[1 + sign * x * x * a, x * y * a, x], [sign * x * y * a, sign + y * y * a, y], [-sign * x, -y, z]])
+
+
+def carried_along(axes: NDArray[np.float64], direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3) `axes_along` a direction that turn about it as little as they can from those of the instant before.
+
+    Those of `axes_along` alone turn by up to half a turn where a direction passes the horizontal.
+    """
+    length = np.linalg.norm(direction)
+    z = direction / length if length > 0 else axes[:, 2]
+    x = axes[:, 0] - (axes[:, 0] @ z) * z
+    across = np.linalg.norm(x)
+    if across < NEARLY_ALONG:
+        return axes_along(direction)
+    return np.column_stack([x / across, np.cross(z, x / across), z])
 
 
 def _member(name: str, end_m: NDArray[np.float64], radius_m: float, color: tuple[float, float, float, float]) -> Solid:

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 import tensegraph as tg
-from tensegraph.io.exports.solids import axes_along, unit_mesh
+from tensegraph.io.exports.solids import axes_along, carried_along, unit_mesh
 
 Y_UP = [0, 2, 1]
 """Our axes in the order of glTF's: its y is our z, its z our -y."""
@@ -19,6 +19,21 @@ def test_axes_along_a_direction(direction) -> None:
     np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1)
     np.testing.assert_allclose(axes[:, 2] * np.linalg.norm(direction), direction, atol=1e-12)
+
+
+def test_axes_carried_along_a_direction() -> None:
+    """Through the horizontal, once around, and where nothing is carried: right-handed, and no jump."""
+    turn = np.linspace(0, 2 * np.pi, 400)
+    directions = np.stack([0.3 * np.cos(turn), 0.1 + 0 * turn, 0.3 * np.sin(turn)], axis=1)
+    axes = [axes_along(directions[0])]
+    for direction in directions:
+        axes.append(carried_along(axes[-1], direction))
+        np.testing.assert_allclose(axes[-1].T @ axes[-1], np.eye(3), atol=1e-12)
+        assert np.linalg.det(axes[-1]) == pytest.approx(1)
+        np.testing.assert_allclose(axes[-1][:, 2] * np.linalg.norm(direction), direction, atol=1e-12)
+    assert np.abs(np.diff(axes, axis=0)).max() < 0.02
+    np.testing.assert_array_equal(carried_along(np.eye(3), np.zeros(3)), np.eye(3))
+    np.testing.assert_array_equal(carried_along(np.eye(3), np.array([2.0, 0, 0])), axes_along(np.array([1.0, 0, 0])))
 
 
 @pytest.mark.parametrize(("kind", "volume"), [("cylinder", 2 * np.pi), ("sphere", 4 / 3 * np.pi)])

@@ -52,6 +52,22 @@ def test_each_rod_has_a_frame_along_it(messages, short_run) -> None:
     np.testing.assert_allclose(middle_m + turn.apply([0, 0, half_m]), short_run.node_position_m[4, b], atol=1e-9)
 
 
+def test_the_frame_of_a_rod_does_not_jump_where_it_passes_the_horizontal(short_run, tmp_path) -> None:
+    """Viewers and tf2 turn a frame from one stamp to the next; it was turned by half a turn about the rod."""
+    pytest.importorskip("rosbags")
+    reader = pytest.importorskip("mcap_ros2.reader")
+    a, b = short_run.structure.rods[2]
+    position_m = np.repeat(short_run.node_position_m[:1], len(short_run), axis=0)
+    position_m[:, b] = position_m[:, a] + [0.3, 0, 0]
+    position_m[:, b, 2] += np.linspace(-0.01, 0.01, len(short_run))
+    (path,) = tg.export(replace(short_run, node_position_m=position_m), tmp_path / "run.mcap")
+    stored = reader.read_ros2_messages(path, topics=["/tf"])
+    rotations = [message.ros_msg.transforms[2].transform.rotation for message in stored]
+    turns = Rotation.from_quat([[getattr(rotation, axis) for axis in "xyzw"] for rotation in rotations])
+    assert len(turns) == len(short_run)
+    assert (turns[:-1].inv() * turns[1:]).magnitude().max() < 0.01
+
+
 def test_markers_are_lines_and_ellipsoids(messages, short_run) -> None:
     markers = messages["/tensegraph/markers"][2].ros_msg.markers
     assert [marker.ns for marker in markers] == ["rod", "tendon", *["ellipsoid"] * 9]
