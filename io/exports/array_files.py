@@ -12,6 +12,9 @@ from ...models.structure.labelled import as_dataset
 from ...models.structure.quantities import QUANTITIES
 from ...models.values.errors import needs_extra
 
+CF = {"Conventions": "CF-1.9"}
+"""By which programs know what units and flags mean; whole numbers of 64 bits are allowed from this version on."""
+
 
 def write_npz(arrays: Mapping[str, NDArray[Any]], about: Mapping[str, Any], path: Path) -> None:
     """Write a compressed NPZ, with one more array: `about`, a text of JSON with attributes, units, meanings and codes.
@@ -60,8 +63,11 @@ def write_netcdf(arrays: Mapping[str, NDArray[Any]], about: Mapping[str, Any], p
     with needs_extra("NetCDF", "tables"):
         import h5netcdf  # noqa: F401  (xarray imports the engine by its name, and the engine its library)
         import h5py  # noqa: F401
-    compressed = {name: {"zlib": True} for name, values in arrays.items() if values.dtype.kind in "fi"}
-    path.write_bytes(as_dataset(arrays, about).to_netcdf(engine="h5netcdf", encoding=compressed))
+    encoding: dict[str, dict[str, Any]] = {
+        n: {"zlib": True} for n, values in arrays.items() if values.dtype.kind in "fi"
+    }
+    encoding["t_s"]["_FillValue"] = None  # a coordinate may miss no value
+    path.write_bytes(as_dataset(arrays, {**CF, **about}).to_netcdf(engine="h5netcdf", encoding=encoding))
 
 
 def _described(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:

@@ -62,6 +62,8 @@ def test_a_netcdf_file(short_run, tmp_path) -> None:
         assert list(read["axis"][:]) == ["x", "y", "z"]
         assert read["doubt"][-1] == "many_loads"
         assert read.coordinate_frame == "anchors"
+        assert read.Conventions == "CF-1.9"
+        assert "_FillValue" not in read["t_s"].ncattrs()
         assert read.trial == r"nul \x00 in a name"
 
 
@@ -86,7 +88,7 @@ def test_xarray_finds_frames_and_components_by_their_labels(short_run, tmp_path)
     assert dataset.load_n.attrs["units"] == "N"
     tg.export(short_run, tmp_path / "run.nc")
     with xarray.open_dataset(tmp_path / "run.nc") as read:
-        xarray.testing.assert_identical(read.load(), dataset)
+        xarray.testing.assert_identical(read.load(), dataset.assign_attrs(Conventions="CF-1.9"))
 
 
 def test_parquet_files(short_run, tmp_path) -> None:
