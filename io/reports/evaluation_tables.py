@@ -121,7 +121,7 @@ def _capture_facts(c: CaptureFit, structure: Structure) -> list[tuple[str, str]]
     if c.found:
         fit = f"assigned by the best {fit}, the next {or_dash(1e3 * c.next_misfit_m, '{:.2f} mm')}"
     elif c.misfit_m > largest_reach_m(structure):
-        fit += ", far off: are they told rightly?"
+        fit += ", far off: are they told rightly, or its axes mirrored?"
     markers = ", ".join(f"{mark.marker} = {mark.node}" for mark in c.markers)
     ignored = f"; ignored: {', '.join(c.ignored)}" if c.ignored else ""
     rows = [("clock of the capture", told), ("markers = nodes", f"{fit}: {markers}{ignored}")]
