@@ -183,8 +183,8 @@ def show_live(
         if real_path(path) in (record, *record.parents) and not (path / SHAPE_FILE).exists():
             raise InputError(f"{path}: expected another place for the result than for the recording: add --out")
     with outputs.page(terminal) as server, source.feed(settings, sensor_model, terminal) as feed:
-        session = Session(feed, Pipeline(feed.description, settings, sensor_model))
-        with ExitStack() as stack:
+        with stopped_by_signals(feed.source), ExitStack() as stack:
+            session = Session(feed, Pipeline(feed.description, settings, sensor_model))
             sinks = [stack.enter_context(sink) for sink in outputs.sinks(session.pipeline, server)]
             try:
                 run_session(session, feed, path, sinks, terminal, made_with("live", model, feed.plug_ins))
@@ -223,7 +223,7 @@ def run_session(
         pipeline,
     )
     live_result = LiveResult(path, pipeline.trial.structure, pipeline.settings, terminal.error)
-    with stopped_by_signals(feed.source), live_result as result:
+    with live_result as result:
         with shown(panel, terminal.news):
             for shape in session.shapes():
                 if session.latency is not None:

@@ -193,13 +193,17 @@ def test_reading_for_a_recording_ends_with_it_though_the_boards_are_silent(tmp_p
         assert time.monotonic() - begun_s < 10.0
 
 
-def test_rows_before_the_process_was_killed_come_and_its_end_is_told(pty_boards) -> None:
-    """As by a system that is out of memory: what follows the rows, such as the result, is done before the error."""
+@pytest.mark.parametrize("end", ["kill", "terminate"])
+def test_rows_before_the_process_was_killed_come_and_its_end_is_told(pty_boards, end) -> None:
+    """As by a system that is out of memory, or by a termination of it alone.
+
+    What follows the rows, such as the result, is done before the error.
+    """
     plan = LinkPlan((0,), (12,), (str(pty_boards("a", 0).port),), 500_000)
     died = pytest.raises(TensegraphError, match=r"^the process that reads the boards ended by itself$")
     with died, SerialLink(plan) as link:
         rows = taken(link, lambda rows: len(rows) > 5)
-        link._process.kill()
+        getattr(link._process, end)()
         rows += list(link.rows())
         link.stop()
         done = True
