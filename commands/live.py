@@ -96,6 +96,7 @@ class LiveOutputs:
 
     Raises:
         InputError: for an address that is none, or of another machine, or without a library that publishing needs.
+        TensegraphError: where there is no display for the window.
     """
 
     window: bool = False
@@ -108,6 +109,10 @@ class LiveOutputs:
     """Whether these may be of other machines."""
 
     def __post_init__(self) -> None:
+        if self.window:
+            from ..io.figures.live_view import check_window  # pyplot takes a second to import
+
+            check_window()
         for address in self.publish:
             if address == "ros2":
                 check_ros2()
@@ -129,11 +134,7 @@ class LiveOutputs:
             yield server
 
     def sinks(self, pipeline: Pipeline, server: ViewerServer | None) -> Iterator[AbstractContextManager[ShapeSink]]:
-        """Yield what takes a pipeline's shapes, context managers.
-
-        Raises:
-            TensegraphError: where there is no display for the window.
-        """
+        """Yield what takes a pipeline's shapes, context managers."""
         structure, rest_m, settings = pipeline.trial.structure, pipeline.rest.node_position_m, pipeline.settings
         for address in self.publish:
             if address == "ros2":
@@ -145,7 +146,7 @@ class LiveOutputs:
 
             yield live_viewer(server, structure, rest_m, settings)
         if self.window:
-            from ..io.figures.live_view import live_window  # pyplot takes a second to import
+            from ..io.figures.live_view import live_window
 
             yield live_window(structure, rest_m, settings.probability)
 

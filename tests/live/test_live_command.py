@@ -427,7 +427,7 @@ REFUSED = [
     (["live", "--replay", "trial", "--record", "trial"], "trial: exists: expected a new name"),
     (["live", "--replay", "trial", "--record", "x/trial", "--out", "x"], "x: expected another place for the result"),
     (["live", "--replay", "trial", "--out", "trial"], "trial: exists and is no earlier result"),
-    (["live", "--replay", "trial", "--view", "--out", "x"], "no window can be opened"),
+    (["live", "--rig", "rig.toml", "--port", "nowhere", "--view", "--out", "x"], "no window can be opened"),
     (["record", "--rig", "rig.toml", "--out", "trial"], "trial: exists: expected a new name"),
     (
         ["record", "--rig", "twice.toml", "--out", "x"],
