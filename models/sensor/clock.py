@@ -240,11 +240,15 @@ class _LowerLine:
     def add(self, device_s: float, offset_s: float) -> None:
         """Add a point, so that the line does not lie above it.
 
-        Points far above the line are of rows that have waited, as in a port while the host was stopped, and none can be
-        far below it: both are ignored. If they go on for `offset_window_s` on the host's clock, one of the clocks has
-        been set, and the line begins anew.
+        Points far above the line are of rows that have waited, as in a port while the host was stopped: they are
+        ignored. If they go on for `offset_window_s` on the host's clock, one of the clocks has been set, and the line
+        begins anew. So it does at a point far below it, which no delay makes: the host's clock stood still, as it does
+        while a computer sleeps.
         """
-        if np.isfinite(self._offset_s) and abs(self.value(device_s) - offset_s) > HOST_TOLERANCE_S:
+        above_s = offset_s - self.value(device_s) if np.isfinite(self._offset_s) else 0.0
+        if above_s < -HOST_TOLERANCE_S:
+            self.clear()
+        elif above_s > HOST_TOLERANCE_S:
             host_s = device_s + offset_s
             if np.isnan(self._off_since_s):
                 self._off_since_s = host_s

@@ -37,6 +37,17 @@ class TestClock:
         error_s = np.array([clock.time_s(row) for row in readings]) - true_s
         assert np.abs(error_s[1000:]).max() < 0.002
 
+    def test_a_computer_that_slept(self) -> None:
+        """Its clock stood still for 20 s, the board's did not: no row is dropped, and none is timed in the future."""
+        readings, true_s = rows(5000)
+        awake = [k for k in range(5000) if not 40 < true_s[k] < 60]
+        clock = BoardClock(ClockSettings())
+        for k in awake:
+            slept_s = 20.0 if true_s[k] > 50 else 0.0
+            time_s = clock.time_s(replace(readings[k], host_s=readings[k].host_s - slept_s))
+            assert time_s == pytest.approx(true_s[k] - slept_s, abs=0.02)
+        assert clock.counts.dropped_rows == 0
+
     def test_a_clock_that_is_slower_than_its_rate_may_be_is_told(self) -> None:
         """As of an RC oscillator: the rows are timed too early, and right where the setting allows for it."""
         errors_s, clocks = [], [BoardClock(ClockSettings()), BoardClock(ClockSettings(max_rate_error=0.03))]
