@@ -345,7 +345,8 @@ class Pipeline:
 
     def warnings(self) -> dict[str, str]:
         """Return what looks wrong of boards, of lengths that are told, and of other sensors, by the board or sensor."""
-        return self._slow_sources() | self._told.warnings() | self.aids.warnings()
+        clocks = self.boards.warnings() if self.boards else {}
+        return self._slow_sources() | clocks | self._told.warnings() | self.aids.warnings()
 
     def _slow_sources(self) -> dict[str, str]:
         """Return of each board, or of a file of resistances, that is slower than the frames what that means."""

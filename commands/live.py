@@ -96,6 +96,7 @@ class LiveOutputs:
 
     Raises:
         InputError: for an address that is none, or of another machine, or without a library that publishing needs.
+        TensegraphError: where there is no display for the window.
     """
 
     window: bool = False
@@ -108,6 +109,10 @@ class LiveOutputs:
     """Whether these may be of other machines."""
 
     def __post_init__(self) -> None:
+        if self.window:
+            from ..io.figures.live_view import check_window  # pyplot takes a second to import
+
+            check_window()
         for address in self.publish:
             if address == "ros2":
                 check_ros2()
@@ -129,11 +134,7 @@ class LiveOutputs:
             yield server
 
     def sinks(self, pipeline: Pipeline, server: ViewerServer | None) -> Iterator[AbstractContextManager[ShapeSink]]:
-        """Yield what takes a pipeline's shapes, context managers.
-
-        Raises:
-            TensegraphError: where there is no display for the window.
-        """
+        """Yield what takes a pipeline's shapes, context managers."""
         structure, rest_m, settings = pipeline.trial.structure, pipeline.rest.node_position_m, pipeline.settings
         for address in self.publish:
             if address == "ros2":
@@ -145,7 +146,7 @@ class LiveOutputs:
 
             yield live_viewer(server, structure, rest_m, settings)
         if self.window:
-            from ..io.figures.live_view import live_window  # pyplot takes a second to import
+            from ..io.figures.live_view import live_window
 
             yield live_window(structure, rest_m, settings.probability)
 
@@ -183,8 +184,8 @@ def show_live(
         if real_path(path) in (record, *record.parents) and not (path / SHAPE_FILE).exists():
             raise InputError(f"{path}: expected another place for the result than for the recording: add --out")
     with outputs.page(terminal) as server, source.feed(settings, sensor_model, terminal) as feed:
-        session = Session(feed, Pipeline(feed.description, settings, sensor_model))
-        with ExitStack() as stack:
+        with stopped_by_signals(feed.source), ExitStack() as stack:
+            session = Session(feed, Pipeline(feed.description, settings, sensor_model))
             sinks = [stack.enter_context(sink) for sink in outputs.sinks(session.pipeline, server)]
             try:
                 run_session(session, feed, path, sinks, terminal, made_with("live", model, feed.plug_ins))
@@ -223,7 +224,7 @@ def run_session(
         pipeline,
     )
     live_result = LiveResult(path, pipeline.trial.structure, pipeline.settings, terminal.error)
-    with stopped_by_signals(feed.source), live_result as result:
+    with live_result as result:
         with shown(panel, terminal.news):
             for shape in session.shapes():
                 if session.latency is not None:

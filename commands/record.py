@@ -48,10 +48,10 @@ def record_boards(
     setup = Rig.read(rig)
     settings = read_settings(config)
     boards = setup.description.boards(settings.clock)
-    activity = Activity.of(len(setup.table.board), len(setup.table.imu))
     operator = OperatorAtTerminal(terminal)
     sensor_model = chosen_model(model)
     with boards_feed(setup, ports, out, settings, sensor_model, operator, seconds, only_records=True) as feed:
+        activity = Activity.of(len(setup.table.board), len(setup.table.imu))
         panel = Panel(f"recording {out}, Ctrl-C ends it", activity, feed.state, boards.counts)
         with stopped_by_signals(feed.source), shown(panel, terminal.news):
             for row in feed.rows:

@@ -62,6 +62,8 @@ class Boards:
         self._open = ExitStack()
         self._feed: Feed | None = None
         self._shapes: Iterator[Shape] | None = None
+        self.skipped_frames = 0
+        """Number of frames so far that no shape was estimated of, because the loop took longer than they did."""
 
     def __enter__(self) -> Self:
         from .feeds import boards_feed  # pyserial, which nothing else of the public names needs
@@ -83,11 +85,23 @@ class Boards:
             raise RecordingError(feed.state().recording_error)
 
     def __iter__(self) -> Iterator[Shape]:
-        """Yield the shape of every frame as soon as the frame is complete, until `stop`."""
+        """Yield the shape of every frame as soon as the frame is complete, until `stop`.
+
+        To a loop that falls behind by 0.1 s the newest is given next, as on the screen of `tensegraph live`.
+        """
         if self._shapes is None:
-            pipeline = Pipeline(self.description, self._settings, sensor_model_of(self._model))
-            self._shapes = pipeline.estimate(self.readings(), "live")
+            self._shapes = self._newest_shapes()
         return self._shapes
+
+    def _newest_shapes(self) -> Iterator[Shape]:
+        from .activity import Activity, NewestFrames
+
+        pipeline = Pipeline(self.description, self._settings, sensor_model_of(self._model))
+        activity = Activity.of(len(self.description.tendons_of_board), len(self.description.imus))
+        frames = NewestFrames(self._opened.source, activity).select(pipeline.lengths(self.readings()))
+        for shape in pipeline.shapes(frames, "live"):
+            self.skipped_frames = activity.skipped_frames
+            yield shape
 
     def readings(self) -> Iterator[Reading]:
         """Yield the rows of the boards and the samples of their inertial sensors instead, for `tensegraph.stream`."""

@@ -22,7 +22,10 @@ from .activity import Activity, Arrivals
 
 
 class Panel:
-    """The state of a session, evaluated whenever rich draws the panel; a recording has no pipeline."""
+    """The state of a session, evaluated whenever rich draws the panel; a recording has no pipeline.
+
+    What is wrong comes first, and then the estimate: a small terminal shows what fits in from the top.
+    """
 
     def __init__(
         self,
@@ -41,17 +44,12 @@ class Panel:
     def __rich__(self) -> RenderableType:
         activity = self._activity
         state = self._state()
-        parts: list[RenderableType] = [self._title]
-        if activity.boards:
-            parts.append(_boards(activity, self._clocks, state))
-        if activity.imus:
-            parts.append(_imus(activity, state))
         complaints, pipeline = [*_complaints(activity, state)], self._pipeline
         if pipeline is None:
-            parts.append(_summary(activity, state, {}, ()))
+            summary = _summary(activity, state, {}, ())
         else:
             unsensed = pipeline.trial.structure.unsensed.tolist()
-            parts.append(_summary(activity, state, pipeline.aid_counts(), unsensed))
+            summary = _summary(activity, state, pipeline.aid_counts(), unsensed)
             of_rest = rest_complaints(
                 pipeline.rest.wrong,
                 pipeline.front_end.exchanged,
@@ -60,7 +58,13 @@ class Panel:
             )
             complaints += [f"{name}: {text}" for name, text in of_rest]
             complaints += [f"{aid}: {warning}" for aid, warning in pipeline.warnings().items()]
-        return Group(*parts, *(Text(complaint, style="red") for complaint in complaints))
+        parts: list[RenderableType] = [Text(complaint, style="red") for complaint in complaints]
+        parts.append(summary)
+        if activity.boards:
+            parts.append(_boards(activity, self._clocks, state))
+        if activity.imus:
+            parts.append(_imus(activity, state))
+        return Group(self._title, *parts)
 
 
 @contextmanager
@@ -84,17 +88,20 @@ class OperatorAtTerminal:
 
     def ask_for_rest(self, seconds: float) -> None:
         """Wait until Enter is pressed, if standard input is a terminal."""
-        if sys.stdin.isatty():
+        if sys.stdin is not None and sys.stdin.isatty():  # it is None where it was closed
             self._terminal.questions.input("Leave the structure alone, standing at its rest shape, and press Enter: ")
         self.say(f"taring for {seconds:g} s: it has to stand still ...")
 
 
 def _complaints(activity: Activity, state: LinkState) -> list[str]:
-    """Return what is wrong with ports, inertial sensors and the recording."""
+    """Return what is wrong with ports, boards, inertial sensors and the recording."""
     complaints = [f"{port.port}: {port.complaint}" for port in state.ports if port.complaint]
     for port in state.ports:
         for sensor in port.unused_sensors:
             complaints.append(f"{port.port}: inertial sensor {sensor} is not in the rig: its samples are left out")
+    for board, arrivals in enumerate(activity.boards):
+        if arrivals.is_silent():
+            complaints.append(f"board {board}: no row {_since(arrivals)}: its sensors are missing")
     for imu, arrivals in enumerate(activity.imus):
         if arrivals.is_silent():
             complaints.append(f"imu {imu}: no sample {_since(arrivals)}: nothing is taken from it")

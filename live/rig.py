@@ -181,6 +181,9 @@ def tare(
         rows, motion = _rows_and_motion(link, origin_s, rig.description, settings, gauge)
         if motion.still:
             say(f"tared: {motion}")
+            heard = {row.board for row in rows if isinstance(row, BoardReading)}
+            for board in sorted(set(range(len(rig.table.board))) - heard):
+                say(f"board {board}: no row meanwhile: its sensors are not tared, and their lengths less certain")
             return TaringRows(origin_s, rows, motion)
         say(f"it moved: {motion}; once more")
     raise TensegraphError(f"the structure did not stand still for {rest_s:g} s: {motion}")

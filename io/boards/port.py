@@ -16,6 +16,8 @@ RETRY_S = 0.25
 """Time between two attempts to open a port."""
 UNREADABLE = "sends what cannot be read: are baud rate and form of its rows right?"
 """What is told of a port with bytes and no message."""
+UNREAD_S = 2.0
+"""Time without a message after which damaged bytes from a board are told, and not only counted."""
 POLL_S = 0.1
 """Longest time that a read waits for a byte before it checks whether it should stop."""
 
@@ -89,6 +91,8 @@ class PortReader(threading.Thread):
         self._stop_asked = stop
         self._counts = LinkCounts()
         self._decoder = Decoder()
+        self._understood = LinkCounts()
+        self._understood_s = 0.0
 
     @property
     def counts(self) -> LinkCounts:
@@ -102,10 +106,13 @@ class PortReader(threading.Thread):
                 with _opened(self.port, self._baud) as line:
                     self.connected = True
                     self.complaint = ""
+                    self._understood, self._understood_s = self.counts, time.perf_counter()
                     while not self._stop_asked.is_set():
                         if data := line.read(max(1, line.in_waiting)):
                             now_s = time.perf_counter()
-                            self._deliver(self, self._decoder.feed(data), now_s)
+                            messages = self._decoder.feed(data)
+                            self._judge(messages, now_s)
+                            self._deliver(self, messages, now_s)
             except _PORT_ERRORS as error:
                 self.complaint = _reason(error)
             if self._stop_asked.is_set():
@@ -114,6 +121,13 @@ class PortReader(threading.Thread):
             self._counts = self.counts
             self._decoder = Decoder()
             self._stop_asked.wait(RETRY_S)
+
+    def _judge(self, messages: list[Message], now_s: float) -> None:
+        """Complain where nothing has been understood for a while of what comes from a board; others are no boards."""
+        if messages:
+            self._understood, self._understood_s = self.counts, now_s
+        elif self._understood.messages and now_s - self._understood_s > UNREAD_S and self.counts != self._understood:
+            self.complaint = UNREADABLE
 
 
 def _opened(port: str, baud: int) -> serial.Serial:

@@ -150,7 +150,7 @@ class SerialLink:
                     if self._only_records and message.recording_error:
                         self.stop()
                 elif message is None:
-                    self._ended = True
+                    self._ended, self._died = True, not self._stopping
                 else:
                     self._rows.extend(message)
         except (EOFError, OSError):
@@ -172,7 +172,12 @@ def _terminal_ignored() -> Iterator[None]:
 
 
 def _serve(plan: LinkPlan, pipe: Connection) -> None:
-    """Read boards until the other process asks to stop or has ended."""
+    """Read boards until the other process asks to stop or has ended.
+
+    A termination ends it in order, too: `timeout` and service managers send one to all processes of a command.
+    """
+    terminated = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: terminated.set())
     for number in TERMINAL_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     sys.setswitchinterval(SWITCH_S)
@@ -182,7 +187,7 @@ def _serve(plan: LinkPlan, pipe: Connection) -> None:
         sender = threading.Thread(target=hub.send_all, args=(pipe,), daemon=True)
         sender.start()
         try:
-            while True:
+            while not terminated.is_set():
                 hub.look_for_ports()
                 if pipe.poll(STATE_S):
                     command = pipe.recv()

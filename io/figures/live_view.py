@@ -28,14 +28,18 @@ PAUSE_S = 0.05
 """Time between two drawings, in which the window handles its events."""
 
 
-def live_window(structure: Structure, rest_position_m: NDArray[np.float64], probability: float) -> ShapeProcess:
-    """Return a process that shows the newest shape in a window, a context manager that closes it at its end.
+def check_window() -> None:
+    """Check that a window can be opened.
 
     Raises:
-        TensegraphError: when there is no display to open a window on.
+        TensegraphError: when there is no display to open it on.
     """
     if plt.get_backend().lower() == "agg":  # the backend of matplotlib when no other works
         raise TensegraphError("no window can be opened: matplotlib finds no display, or no toolkit (Tk, Qt) for one")
+
+
+def live_window(structure: Structure, rest_position_m: NDArray[np.float64], probability: float) -> ShapeProcess:
+    """Return a process that shows the newest shape in a window, a context manager that closes it at its end."""
     return ShapeProcess(_show, structure, rest_position_m, probability)
 
 

@@ -30,6 +30,8 @@ HOST_SPAN_S = 2.0
 """Time on the host's clock after which a board's is compared with it, which goes on while rows wait."""
 SLOWEST_CLOCK = 0.1
 """Ratio of one clock to the other below which one of them counts in another unit."""
+RATE_SPAN_S = 20.0
+"""Time on a board's clock from which its rate is known well enough to be told."""
 UNCOUNTED_ROWS = 100
 """Number of rows after which a board is refused of which none followed the first."""
 
@@ -73,6 +75,7 @@ class BoardClock:
 
     def __init__(self, settings: ClockSettings) -> None:
         self._line = _LowerLine(settings)
+        self._settings = settings
         self._window_s = settings.window_s
         self._minimum_delay_s = settings.minimum_delay_s
         self._last: BoardReading | None = None
@@ -152,6 +155,20 @@ class BoardClock:
                 "are the units of both right?"
             )
 
+    def warning(self) -> str:
+        """Return what a clock means that is slower than its fitted rate may be; empty for others.
+
+        Rows of one that is faster have the right times: of each the delay is less than of those before.
+        """
+        slow, most = self._line.slope, self._settings.max_rate_error
+        if slow <= most:
+            return ""
+        early_s = (slow - most) * self._settings.offset_window_s
+        return (
+            f"is {100 * slow:.2g} % slow, which clock.max_rate_error ({most:g}) does not allow for: "
+            f"its rows are timed up to {early_s:.2g} s too early"
+        )
+
     def time_of_stamp_s(self, device_us: int, boot: int) -> float | None:
         """Return when something else was measured that the board stamped shortly before or after its newest row.
 
@@ -213,6 +230,8 @@ class _LowerLine:
     def clear(self) -> None:
         """Remove all points."""
         self._lowest.clear()
+        self.slope = 0.0
+        """That of the hull, which the line may have only in part; 0 while it is not known well."""
         self._rate = 0.0
         self._origin_s = 0.0
         self._offset_s = np.inf
@@ -221,11 +240,15 @@ class _LowerLine:
     def add(self, device_s: float, offset_s: float) -> None:
         """Add a point, so that the line does not lie above it.
 
-        Points far above the line are of rows that have waited, as in a port while the host was stopped, and none can be
-        far below it: both are ignored. If they go on for `offset_window_s` on the host's clock, one of the clocks has
-        been set, and the line begins anew.
+        Points far above the line are of rows that have waited, as in a port while the host was stopped: they are
+        ignored. If they go on for `offset_window_s` on the host's clock, one of the clocks has been set, and the line
+        begins anew. So it does at a point far below it, which no delay makes: the host's clock stood still, as it does
+        while a computer sleeps.
         """
-        if np.isfinite(self._offset_s) and abs(self.value(device_s) - offset_s) > HOST_TOLERANCE_S:
+        above_s = offset_s - self.value(device_s) if np.isfinite(self._offset_s) else 0.0
+        if above_s < -HOST_TOLERANCE_S:
+            self.clear()
+        elif above_s > HOST_TOLERANCE_S:
             host_s = device_s + offset_s
             if np.isnan(self._off_since_s):
                 self._off_since_s = host_s
@@ -259,6 +282,7 @@ class _LowerLine:
             weight = span_s**2 / (span_s**2 + self._settings.rate_prior_s**2)
             limit = self._settings.max_rate_error
             slope = (right_offset_s - left_offset_s) / (right_s - left_s)
+            self.slope = float(slope) if span_s > RATE_SPAN_S else 0.0
             self._rate = float(np.clip(slope, -limit, limit)) * weight
         self._origin_s = float(points[-1, 0])
         recent = points[points[:, 0] >= self._origin_s - self._settings.offset_window_s]

@@ -27,6 +27,11 @@ class CountConverter:
         """The numbers of rows and irregular events of each board so far."""
         return [clock.counts for clock in self._clocks]
 
+    def warnings(self) -> dict[str, str]:
+        """Return what looks wrong of the boards' clocks, by the clock."""
+        found = {f"clock of board {board}": clock.warning() for board, clock in enumerate(self._clocks)}
+        return {clock: text for clock, text in found.items() if text}
+
     def reading(self, row: BoardReading) -> ResistanceReading | None:
         """Return the reading of a row; None for a row that came late or twice or does not follow the one before.
 

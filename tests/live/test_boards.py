@@ -1,6 +1,7 @@
 """The boards of a rig from Python."""
 
 import shutil
+import time
 from itertools import islice, pairwise
 
 import pytest
@@ -27,7 +28,24 @@ def test_a_loop_that_was_left_goes_on(rig, two_boards) -> None:
         first = list(islice(boards, 10))
         second = list(islice(boards, 10))
         boards.stop()
-    assert second[0].t_s == pytest.approx(first[-1].t_s + 0.02)
+    assert first[-1].t_s < second[0].t_s < first[-1].t_s + 1.0
+
+
+def test_a_loop_that_takes_longer_than_the_frames_is_given_the_newest(rig, two_boards) -> None:
+    """Ten frames pass in each of its turns. All were given before, until none was left but those without readings."""
+    ports = [str(board.port) for board in two_boards]
+    shapes = []
+    with tg.Boards(rig, ports=ports, say=lambda said: None) as boards:
+        begun_s = time.perf_counter()
+        for shape in boards:
+            shapes.append(shape)
+            late_s = time.perf_counter() - begun_s - shape.t_s
+            if len(shapes) == 15:
+                boards.stop()
+                break
+            time.sleep(0.2)
+    assert late_s < 1.0
+    assert boards.skipped_frames > 70
 
 
 def test_a_recording_that_cannot_be_or_ends_early_is_told(tmp_path, rig, two_ports) -> None:
@@ -66,6 +84,18 @@ def test_boards_that_fall_silent_while_they_are_tared(tmp_path, rig, pty_boards,
     silent = r"the boards fell silent 0\.\d s after the start of the taring, which takes 1 s: see tensegraph ports"
     with pytest.raises(tg.TensegraphError, match=silent), boards:
         pass
+
+
+def test_a_board_whose_sensors_are_not_tared_is_named(rig, pty_boards, monkeypatch) -> None:
+    """Its cable is out; the sensors of the other stand still."""
+    monkeypatch.setattr("tensegraph.live.rig.PATIENCE_S", 0.5)
+    rig.write_text(rig.read_text().replace("seconds = 2.0", "seconds = 1.0"))
+    zero, said = pty_boards("zero", 0), []
+    zero.codes = lambda: (512,) * 12
+    with tg.Boards(rig, ports=[str(zero.port)], say=said.append):
+        pass
+    assert said[-2].startswith("tared: tendons changed by 0.0 mm on average")
+    assert said[-1].startswith("board 1: no row meanwhile: its sensors are not tared")
 
 
 def test_boards_are_entered_first(rig) -> None:

@@ -317,6 +317,7 @@ def test_a_run_ends_in_time_although_the_boards_are_silent(tmp_path, rig, two_bo
     code, said, error = typed(verb, "--rig", rig, *two_ports, *out, "--seconds", 3, cwd=tmp_path)
     assert code == 0, error
     assert re.search(r"newest reading +│ [12]\d{3} ms ago +│ [12]\d{3} ms ago", said)
+    assert re.search(r"board 0: no row for [1-3] s: its sensors are missing", said)
     rows = list(open_trial(tmp_path / "t").readings())
     assert f"{len(rows)} rows recorded in t" in said
     assert rows[-1].host_s < 2.5
@@ -426,7 +427,7 @@ REFUSED = [
     (["live", "--replay", "trial", "--record", "trial"], "trial: exists: expected a new name"),
     (["live", "--replay", "trial", "--record", "x/trial", "--out", "x"], "x: expected another place for the result"),
     (["live", "--replay", "trial", "--out", "trial"], "trial: exists and is no earlier result"),
-    (["live", "--replay", "trial", "--view", "--out", "x"], "no window can be opened"),
+    (["live", "--rig", "rig.toml", "--port", "nowhere", "--view", "--out", "x"], "no window can be opened"),
     (["record", "--rig", "rig.toml", "--out", "trial"], "trial: exists: expected a new name"),
     (
         ["record", "--rig", "twice.toml", "--out", "x"],
@@ -447,18 +448,33 @@ def test_what_can_not_be_is_one_line_and_exit_code_2(trial_copy, rig, typed, arg
     assert not (rig.parent / "x").exists()
 
 
-@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
-def test_a_closed_terminal_or_a_termination_leaves_a_whole_trial(tmp_path, rig, two_ports, number) -> None:
-    """Sent to all of the group, as a terminal that is closed does; settings are read from a file, too."""
+@pytest.mark.parametrize(
+    ("number", "send"), [(signal.SIGHUP, os.killpg), (signal.SIGTERM, os.kill), (signal.SIGTERM, os.killpg)]
+)
+def test_a_closed_terminal_or_a_termination_leaves_a_whole_trial(tmp_path, rig, two_ports, number, send) -> None:
+    """A terminal sends it to all of the group, and so does `timeout`; settings are read from a file, too."""
     (tmp_path / "settings.toml").write_text("[clock]\nwindow_s = 30.0\n")
     process = start("record", "--rig", rig, *two_ports, "--out", "t", "--config", "settings.toml", cwd=tmp_path)
     began(process, tmp_path / "t", rows=30)
-    (os.killpg if number == signal.SIGHUP else os.kill)(process.pid, number)
+    send(process.pid, number)
     out, error = process.communicate(timeout=30)
     assert process.returncode == 0, error
     rows = list(open_trial(tmp_path / "t").readings())
     assert f"{len(rows)} rows recorded in t" in out
     assert len(rows) > 50
+
+
+def test_ctrl_c_before_the_first_shape_ends_a_session_in_order(tmp_path, rig, two_ports) -> None:
+    """The recording has begun, and what estimates is still being made."""
+    process = start("live", "--rig", rig, *two_ports, "--record", "t", "--out", "out", cwd=tmp_path)
+    began(process, tmp_path / "t")
+    os.killpg(process.pid, signal.SIGINT)
+    out, error = process.communicate(timeout=60)
+    rows = list(open_trial(tmp_path / "t").readings())
+    assert f"{len(rows)} rows recorded in t" in out, error
+    live = tomllib.loads((tmp_path / "out" / "run.toml").read_text())
+    assert live["recorded_rows"] == len(rows)
+    assert process.returncode == 0
 
 
 @pytest.mark.parametrize("screen", ["terminal", "pipe"])

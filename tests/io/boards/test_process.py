@@ -1,7 +1,9 @@
 """Boards on real ptys, read in a process of its own, and everything that happens to cables."""
 
+import os
 import time
-from threading import Thread
+import tty
+from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -88,6 +90,33 @@ def test_a_stranger_a_double_and_a_wrong_number_of_channels(pty_boards) -> None:
     assert complaints[ports[2]] == "board 9 is not in the rig: expected 0, 1"
     assert complaints[ports[3]] == "board 1 sends 8 channels, the rig has 12"
     assert complaints[ports[0] + "-absent"] == "not there"
+
+
+def test_a_sketch_that_can_no_longer_be_read_is_told() -> None:
+    """It counts microseconds in a signed number, which is negative after 36 minutes, until it is reset."""
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    device_us, ended = [2**31 - 200_000], Event()
+
+    def send() -> None:
+        while not ended.wait(0.02):
+            device_us[0] += 20_000
+            signed_us = (device_us[0] + 2**31) % 2**32 - 2**31
+            os.write(ours, b"0,%d,%d,512,513\n" % (device_us[0] // 20_000 % 2**16, signed_us))
+
+    sketch = Thread(target=send, daemon=True)
+    with SerialLink(LinkPlan((0,), (2,), (os.ttyname(theirs),), 500_000)) as link:
+        link.wait_until_it_reads()
+        sketch.start()
+        taken(link, lambda rows: len(rows) > 3)
+        settled(link, lambda state: state.ports[0].complaint.startswith("sends what cannot be read"))
+        device_us[0] = 0
+        taken(link, lambda rows: len(rows) > 3)
+        settled(link, lambda state: not state.ports[0].complaint)
+    ended.set()
+    sketch.join()
+    os.close(ours)
+    os.close(theirs)
 
 
 def test_any_thread_may_read_boards(pty_boards) -> None:
@@ -193,13 +222,17 @@ def test_reading_for_a_recording_ends_with_it_though_the_boards_are_silent(tmp_p
         assert time.monotonic() - begun_s < 10.0
 
 
-def test_rows_before_the_process_was_killed_come_and_its_end_is_told(pty_boards) -> None:
-    """As by a system that is out of memory: what follows the rows, such as the result, is done before the error."""
+@pytest.mark.parametrize("end", ["kill", "terminate"])
+def test_rows_before_the_process_was_killed_come_and_its_end_is_told(pty_boards, end) -> None:
+    """As by a system that is out of memory, or by a termination of it alone.
+
+    What follows the rows, such as the result, is done before the error.
+    """
     plan = LinkPlan((0,), (12,), (str(pty_boards("a", 0).port),), 500_000)
     died = pytest.raises(TensegraphError, match=r"^the process that reads the boards ended by itself$")
     with died, SerialLink(plan) as link:
         rows = taken(link, lambda rows: len(rows) > 5)
-        link._process.kill()
+        getattr(link._process, end)()
         rows += list(link.rows())
         link.stop()
         done = True

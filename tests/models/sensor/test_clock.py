@@ -37,6 +37,38 @@ class TestClock:
         error_s = np.array([clock.time_s(row) for row in readings]) - true_s
         assert np.abs(error_s[1000:]).max() < 0.002
 
+    def test_a_computer_that_slept(self) -> None:
+        """Its clock stood still for 20 s, the board's did not: no row is dropped, and none is timed in the future."""
+        readings, true_s = rows(5000)
+        awake = [k for k in range(5000) if not 40 < true_s[k] < 60]
+        clock = BoardClock(ClockSettings())
+        for k in awake:
+            slept_s = 20.0 if true_s[k] > 50 else 0.0
+            time_s = clock.time_s(replace(readings[k], host_s=readings[k].host_s - slept_s))
+            assert time_s == pytest.approx(true_s[k] - slept_s, abs=0.02)
+        assert clock.counts.dropped_rows == 0
+
+    def test_a_clock_that_is_slower_than_its_rate_may_be_is_told(self) -> None:
+        """As of an RC oscillator: the rows are timed too early, and right where the setting allows for it."""
+        errors_s, clocks = [], [BoardClock(ClockSettings()), BoardClock(ClockSettings(max_rate_error=0.03))]
+        readings, true_s = rows(3000, rate_ppm=-20_000.0)
+        for clock in clocks:
+            errors_s.append(np.array([clock.time_s(row) for row in readings]) - true_s)
+        told = "is 2 % slow, which clock.max_rate_error (0.005) does not allow for: its rows are timed up to 0.077 s"
+        assert clocks[0].warning() == f"{told} too early"
+        assert errors_s[0][1000:].min() < -0.07
+        assert clocks[1].warning() == ""
+        assert np.abs(errors_s[1][2000:]).max() < 0.003
+
+    @pytest.mark.parametrize("rate_ppm", [-4500.0, 20_000.0])
+    def test_other_clocks_are_not(self, rate_ppm: float) -> None:
+        """With ten times the usual jitter; of a fast one the times are right."""
+        readings, true_s = rows(6000, rate_ppm=rate_ppm, jitter_s=0.03)
+        clock = BoardClock(ClockSettings())
+        for row, t_s in zip(readings, true_s, strict=True):
+            assert clock.time_s(row) == pytest.approx(t_s, abs=0.1)
+            assert clock.warning() == ""
+
     def test_milliseconds_are_no_microseconds(self) -> None:
         """Nor is a clock refused for a silent minute, or for a host whose clock is set an hour ahead."""
         clocks = BoardClock(ClockSettings()), BoardClock(ClockSettings())
