@@ -22,9 +22,9 @@ from ..live.rig import Rig
 from ..live.session import LiveResult, Session, stopped_by_signals
 from ..models.settings import Settings
 from ..models.structure.shape import Shape
-from ..models.values.errors import InputError, TensegraphError
+from ..models.values.errors import InputError, TensegraphError, naming
 from ..pipeline import AnySensorModel, Pipeline
-from .origin import chosen_model, made_with
+from .origin import chosen_model, made_with, trained_model
 from .record import report_recording
 
 
@@ -183,7 +183,9 @@ def show_live(
         if real_path(path) in (record, *record.parents) and not (path / SHAPE_FILE).exists():
             raise InputError(f"{path}: expected another place for the result than for the recording: add --out")
     with outputs.page(terminal) as server, source.feed(settings, sensor_model, terminal) as feed:
-        session = Session(feed, Pipeline(feed.description, settings, sensor_model))
+        sensor_model = trained_model(feed.description, settings, model, config)
+        with naming(feed.path):
+            session = Session(feed, Pipeline(feed.description, settings, sensor_model))
         with ExitStack() as stack:
             sinks = [stack.enter_context(sink) for sink in outputs.sinks(session.pipeline, server)]
             try:
@@ -231,5 +233,5 @@ def run_session(
                 for sink in (result, *sinks):
                     sink.add(shape)
         terminal.line(f"writing {path}: Ctrl-C once more gives it up")
-        with terminal.stage("figures"):
+        with naming(feed.path, path), terminal.stage("figures"):
             result.finish(f"{feed.name}, live", {**session.as_table(path), **parts})

@@ -62,6 +62,8 @@ class Feed:
     """Everything that is known of the trial before its first reading."""
     name: str
     """Name of the trial."""
+    path: Path
+    """The file or the directory of the source: that of a trial, the rig, or the plan."""
     origin: str
     """Description of the source, for the screen."""
     state: Callable[[], LinkState]
@@ -130,6 +132,7 @@ def boards_feed(
             rows=source.rows(),
             description=rig.description,
             name=name,
+            path=rig.path,
             origin=f"the boards of {rig.path}",
             state=lambda: link.state,
             inputs={f"rig {rig.path.name}": sha256_of(rig.path)},  # no file of a trial has such a name
@@ -154,6 +157,7 @@ def replay_feed(path: Path, speed: float, record: Path | None, seconds: float = 
         rows=source.rows(),
         description=trial.description,
         name=trial.name,
+        path=path,
         origin=f"{path}, replayed",
         state=LinkState,
         inputs=trial.hashes(),
@@ -197,6 +201,7 @@ def twin_feed(
         rows=source.rows(),
         description=description,
         name=plan.stem,
+        path=plan,
         origin=f"the twin of {plan}",
         state=LinkState,
         inputs={f"plan {file.name}": sha256_of(file) for file in plan_files(plan)},
@@ -213,9 +218,9 @@ def _recorded(feed: Feed, metadata: Mapping[str, Any], record: Path | None) -> I
         yield feed
         return
     if feed.description.source != "counts":
-        raise InputError(f"{feed.origin}: holds {feed.description.source}: only rows of boards can be recorded again")
+        raise InputError(f"{feed.path}: holds {feed.description.source}: only rows of boards can be recorded again")
     if feed.description.factors:
-        raise InputError(f"{feed.origin}: has [[factor]], whose readings cannot be recorded again")
+        raise InputError(f"{feed.path}: has [[factor]], whose readings cannot be recorded again")
     named = without_truth(metadata) | {"name": record.resolve().name}
     with RecorderThread(Recorder(record, named, with_boot=True)) as recorder:
 
