@@ -198,6 +198,10 @@ def show_live(
         for sink in sinks:
             if isinstance(sink, UdpPublisher) and sink.left_out:
                 terminal.line(f"{sink.address}: {sink.left_out} shapes could not be sent")
+    if skipped := session.activity.skipped_frames:
+        hint = ": a lower --speed skips fewer" if source.speed > 1 else ""
+        frames = skipped + session.activity.frames
+        terminal.line(f"{skipped} of {frames} frames were skipped, which came faster than they were estimated{hint}")
     for fit in session.pipeline.aids.own_frames.fits:
         terminal.line(f"frame of position {fit.recording}: {fit.text()}")
     for name, text in session.pipeline.warnings().items():

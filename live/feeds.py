@@ -17,11 +17,12 @@ from ..io.plan_file import plan_files, read_plan
 from ..io.provenance import sha256_of, simulation_provenance
 from ..io.replay import Replay
 from ..io.trial_directory import open_trial
+from ..io.whole import remove_directory
 from ..models.plug_ins import PlugIn
 from ..models.settings import Settings
 from ..models.trial_description import TrialDescription, describe_trial
 from ..models.twin.virtual_trial import simulate as simulate_plan
-from ..models.values.errors import InputError, naming
+from ..models.values.errors import InputError, TensegraphError, naming
 from ..models.values.link import LinkReading, LinkState, rebased
 from ..models.values.readings import BoardReading, Reading, RecordedReading, arrival_s
 from ..pipeline import AnySensorModel
@@ -213,7 +214,7 @@ def twin_feed(
 
 @contextmanager
 def _recorded(feed: Feed, metadata: Mapping[str, Any], record: Path | None) -> Iterator[Feed]:
-    """Give the same feed, whose rows are recorded if a path is given."""
+    """Give the same feed, whose rows are recorded if a path is given; half a recording is removed after a refusal."""
     if record is None:
         yield feed
         return
@@ -222,19 +223,35 @@ def _recorded(feed: Feed, metadata: Mapping[str, Any], record: Path | None) -> I
     if feed.description.factors:
         raise InputError(f"{feed.path}: has [[factor]], whose readings cannot be recorded again")
     named = without_truth(metadata) | {"name": record.resolve().name}
-    with RecorderThread(Recorder(record, named, with_boot=True)) as recorder:
+    recorder = RecorderThread(Recorder(record, named, with_boot=True))
+    rows = _RecordedRows(feed.rows, recorder)
+    try:
+        with recorder:
+            yield replace(
+                feed,
+                rows=iter(rows),
+                state=lambda: LinkState(recorded_rows=recorder.rows, recording_error=recorder.error),
+            )
+    except TensegraphError:
+        if not rows.have_ended:
+            remove_directory(record)
+        raise
 
-        def state() -> LinkState:
-            return LinkState(recorded_rows=recorder.rows, recording_error=recorder.error)
 
-        yield replace(feed, rows=_recorded_rows(feed.rows, recorder), state=state)
+class _RecordedRows:
+    """Readings that are recorded before they are yielded."""
 
+    def __init__(self, readings: Iterator[Reading], recorder: RecorderThread) -> None:
+        self._readings = readings
+        self._recorder = recorder
+        self.have_ended = False
 
-def _recorded_rows(readings: Iterator[Reading], recorder: RecorderThread) -> Iterator[Reading]:
-    for reading in readings:
-        assert isinstance(reading, RecordedReading), "the source is counts"
-        recorder.add(reading)
-        yield reading
+    def __iter__(self) -> Iterator[Reading]:
+        for reading in self._readings:
+            assert isinstance(reading, RecordedReading), "the source is counts"
+            self._recorder.add(reading)
+            yield reading
+        self.have_ended = True
 
 
 def _first(seconds: float, readings: Iterable[Reading]) -> Iterator[Reading]:
