@@ -3,6 +3,7 @@
 import logging
 import math
 import os
+import select
 import sys
 import warnings
 from collections.abc import Iterator
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from .commands.many import Workers
     from .io.reports.terminal import Terminal
 
+READER_GONE = 141
+"""Exit code of a command whose output goes into a pipe that nobody reads any more, as shells tell of one that SIGPIPE
+ends."""
 UsageError: Any = typer.BadParameter.__base__
 """What typer raises at options and arguments that it does not know, and does not export."""
 
@@ -93,14 +97,15 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show how long ea
 def main() -> None:
     """Run the command line; an error of the input or of the disk is printed as one line on stderr, with exit code 2."""
     _make_usable()
-    try:
-        with _warnings_as_lines():
-            _check_encoding(sys.argv[1:])
-            app()
-    except (TensegraphError, OSError) as error:
-        with suppress(OSError):  # where stderr is on a full disk
-            print(f"tensegraph: {one_line(error)}", file=sys.stderr, flush=True)
-        sys.exit(2)
+    with _ending_with_its_reader():
+        try:
+            with _warnings_as_lines():
+                _check_encoding(sys.argv[1:])
+                app()
+        except (TensegraphError, OSError) as error:
+            with suppress(OSError):  # where stderr is on a full disk
+                print(f"tensegraph: {one_line(error)}", file=sys.stderr, flush=True)
+            sys.exit(2)
 
 
 def _make_usable() -> None:
@@ -115,6 +120,39 @@ def _make_usable() -> None:
     if os.environ.get("MPLBACKEND", "").startswith("module://"):  # of a notebook, which may be of another environment
         del os.environ["MPLBACKEND"]
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a home without a place for its cache
+
+
+@contextmanager
+def _ending_with_its_reader() -> Iterator[None]:
+    """Exit with `READER_GONE` where the output is not read to its end; libraries exit with 1, as after a failure."""
+    try:
+        output = os.dup(sys.stdout.fileno())  # rich replaces the one that it finds closed
+    except OSError:  # it is no file, as in some tests
+        yield
+        return
+    try:
+        yield
+    except SystemExit as ended:
+        unread = ended.code == 1 and _is_broken(output)
+        try:
+            sys.stdout.flush()
+        except BrokenPipeError:
+            unread |= not ended.code
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more
+        if unread:
+            sys.exit(READER_GONE)
+        raise
+    finally:
+        os.close(output)
+
+
+def _is_broken(output: int) -> bool:
+    """Return whether a descriptor is of a pipe whose reader has ended; not known on Windows."""
+    if not hasattr(select, "poll"):
+        return False
+    state = select.poll()
+    state.register(output, 0)
+    return any(event & select.POLLERR for _, event in state.poll(0))
 
 
 def _check_encoding(arguments: list[str]) -> None:

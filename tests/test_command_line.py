@@ -207,6 +207,34 @@ def test_what_is_refused_ends_the_process_with_code_2(tmp_path) -> None:
     assert result.stderr == "tensegraph: nothing/trial.toml: no such file\n"
 
 
+@pytest.mark.parametrize(
+    ("typed", "code"),
+    [
+        (["--version"], 141),
+        (["--help"], 141),
+        (["evaluate", "--help"], 141),
+        (["structure", "trial/trial.toml"], 141),
+        (["reconstruct", "nothing"], 2),
+    ],
+)
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_who_has_no_reader_any_more_ends_quietly(trial_copy, typed, code, unbuffered) -> None:
+    """As `cat` does in `cat file | true`."""
+    read, write = os.pipe()
+    os.close(read)
+    ended = subprocess.run(
+        [sys.executable, "-m", "tensegraph", *typed],
+        cwd=trial_copy(rows=5).parent,
+        env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
+        stdout=write,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    os.close(write)
+    told = "tensegraph: nothing/trial.toml: no such file\n" if code == 2 else ""
+    assert (ended.returncode, ended.stderr) == (code, told)
+
+
 def test_help_names_the_commands(tmp_path) -> None:
     result = run_process("--help", cwd=tmp_path)
     assert result.returncode == 0
