@@ -14,7 +14,7 @@ from ..io.model_file import read_sensor_model, write_sensor_model
 from ..io.reports.model_card import CalibrationReport
 from ..io.reports.terminal import Terminal
 from ..models.calibration.recipe import Trained, TrainingSettings
-from ..models.values.errors import InputError
+from ..models.values.errors import InputError, naming
 from ..scoring.sensor_calibration import HoldOut, TrainingData, report_of, training_data
 from .many import Many, Workers
 
@@ -56,14 +56,14 @@ def calibrate_folder(
     paths.check()
     start_s = time.perf_counter()
     try:
-        with terminal.stage("recordings and bending"):
+        with naming(folder), terminal.stage("recordings and bending"):
             data = training_data(folder, strip_rig, hold_out, settings.unified)
             for line in data.folder.left_out:
                 terminal.error(f"left out: {line}")
         losses = _sweep(data, settings, paths, workers, terminal) if sweep else {}
-        with terminal.stage("training"):
+        with naming(folder, paths.checkpoint), terminal.stage("training"):
             trained = _train(data, settings, CheckpointFile(paths.checkpoint), terminal)
-        report = report_of(data, trained, settings, strip_rig, hold_out, start_s)
+            report = report_of(data, trained, settings, strip_rig, hold_out, start_s)
         with terminal.stage("files"):
             _write(report, losses, settings.learning_rate, paths)
     except KeyboardInterrupt:
@@ -146,4 +146,6 @@ def _write(
         except InputError as error:
             paths.remove_checkpoints()  # the same training would give the same model
             reason = str(error).removeprefix(f"{inside.model}: ")
-            raise InputError(f"the recordings give a model that no command would take: {reason}") from error
+            raise InputError(
+                f"{paths.model}: not written: the recordings give a model that no command would take: {reason}"
+            ) from error

@@ -20,7 +20,7 @@ from ..models.values.errors import InputError
 from ..pipeline import EstimatorFactory, estimator_plug_ins
 from ..scoring.method_scores import comparison_rows, estimators_of, measure
 from .many import Many, Workers
-from .origin import chosen_model, made_with, placed_model
+from .origin import made_with, placed_model, trained_model
 from .paths import distinct_names
 
 COMPARISON_FILE = "comparison.csv"
@@ -38,6 +38,8 @@ class ComparisonJob:
     part: Path
     """File that keeps what was measured."""
     settings: Settings
+    config: Path | None
+    """File of the settings, as errors name it; None where they are the defaults."""
     model: Path | None
     """File or name of the sensor model; the one in the package if None."""
     estimators: Mapping[str, EstimatorFactory]
@@ -96,7 +98,7 @@ def compare_trials(
     estimators = estimators_of(methods)
     jobs = {
         name: ComparisonJob(
-            workers.place(trial), workers.place(out / PARTS / f"{name}.npz"), settings, placed, estimators
+            workers.place(trial), workers.place(out / PARTS / f"{name}.npz"), settings, config, placed, estimators
         )
         for name, trial in zip(names, trials, strict=True)
     }
@@ -130,7 +132,8 @@ def compare_trial(job: ComparisonJob, terminal: Terminal) -> list[str]:
     measured = read_measured(job.part, made_from)
     if measured is None:
         with terminal.stage(f"all methods on {trial.name}"):
-            measured = list(measure(trial, job.settings, chosen_model(job.model), terminal, estimators=job.estimators))
+            model = trained_model(trial.description, job.settings, job.model, job.config)
+            measured = list(measure(trial, job.settings, model, terminal, estimators=job.estimators))
         write_measured(measured, made_from, job.part)
     return [one.line() for one in measured]
 

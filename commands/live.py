@@ -22,9 +22,9 @@ from ..live.rig import Rig
 from ..live.session import LiveResult, Session, stopped_by_signals
 from ..models.settings import Settings
 from ..models.structure.shape import Shape
-from ..models.values.errors import InputError, TensegraphError
+from ..models.values.errors import InputError, TensegraphError, naming
 from ..pipeline import AnySensorModel, Pipeline
-from .origin import chosen_model, made_with
+from .origin import chosen_model, made_with, trained_model
 from .record import report_recording
 
 
@@ -185,7 +185,9 @@ def show_live(
             raise InputError(f"{path}: expected another place for the result than for the recording: add --out")
     with outputs.page(terminal) as server, source.feed(settings, sensor_model, terminal) as feed:
         with stopped_by_signals(feed.source), ExitStack() as stack:
-            session = Session(feed, Pipeline(feed.description, settings, sensor_model))
+            sensor_model = trained_model(feed.description, settings, model, config)
+            with naming(feed.path):
+                session = Session(feed, Pipeline(feed.description, settings, sensor_model))
             sinks = [stack.enter_context(sink) for sink in outputs.sinks(session.pipeline, server)]
             try:
                 run_session(session, feed, path, sinks, terminal, made_with("live", model, feed.plug_ins))
@@ -197,6 +199,10 @@ def show_live(
         for sink in sinks:
             if isinstance(sink, UdpPublisher) and sink.left_out:
                 terminal.line(f"{sink.address}: {sink.left_out} shapes could not be sent")
+    if skipped := session.activity.skipped_frames:
+        hint = ": a lower --speed skips fewer" if source.speed > 1 else ""
+        frames = skipped + session.activity.frames
+        terminal.line(f"{skipped} of {frames} frames were skipped, which came faster than they were estimated{hint}")
     for fit in session.pipeline.aids.own_frames.fits:
         terminal.line(f"frame of position {fit.recording}: {fit.text()}")
     for name, text in session.pipeline.warnings().items():
@@ -232,5 +238,5 @@ def run_session(
                 for sink in (result, *sinks):
                     sink.add(shape)
         terminal.line(f"writing {path}: Ctrl-C once more gives it up")
-        with terminal.stage("figures"):
+        with naming(feed.path, path), terminal.stage("figures"):
             result.finish(f"{feed.name}, live", {**session.as_table(path), **parts})

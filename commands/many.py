@@ -12,7 +12,7 @@ from joblib import Parallel, delayed, parallel_config
 
 from ..io.provenance import code_hash
 from ..io.reports.terminal import Terminal
-from ..models.values.errors import InputError, TensegraphError, needs_extra, one_line, printable
+from ..models.values.errors import InputError, TensegraphError, begins_with, needs_extra, one_line, printable
 
 Job = TypeVar("Job")
 Made = TypeVar("Made")
@@ -103,7 +103,7 @@ class Many:
         """
         if self._failed:
             for name, error in self._failed.items():
-                self._terminal.error(f"{name}: {error}")
+                self._terminal.error(error if begins_with(error, Path(name)) else f"{name}: {error}")
             self._terminal.error(f"{len(self._failed)} of {self._count} failed; the same command tries them again")
             raise SystemExit(1)
 

@@ -4,10 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..io.model_file import read_sensor_model
+from ..io.model_file import model_path, read_sensor_model
 from ..io.provenance import model_tables, plug_in_tables
 from ..models.plug_ins import PlugIn
-from ..models.values.errors import InputError
+from ..models.sensor.sensor_model import SensorModel
+from ..models.settings import Settings
+from ..models.trial_description import TrialDescription
+from ..models.values.errors import InputError, naming
 from ..pipeline import ESTIMATORS, AnySensorModel, estimator_plug_ins, sensor_model_of, sensor_model_plug_ins
 from .many import Workers
 
@@ -24,6 +27,27 @@ def chosen_model(model: Path | None) -> AnySensorModel:
     if others and model is not None and not model.exists():
         raise InputError(f"--model {model}: no such file: expected one, or one of {', '.join(others)}")
     return read_sensor_model(model)
+
+
+def trained_model(
+    trial: TrialDescription, settings: Settings, model: Path | None, config: Path | None
+) -> AnySensorModel:
+    """Return the sensor model of `--model`, after a check that it was trained at the rate of a trial's frames.
+
+    Args:
+        trial: the trial; with lengths, it needs no sensor model.
+        settings: those of `config`.
+        model: see `chosen_model`.
+        config: file of settings, which the error names; None where they are the defaults.
+
+    Raises:
+        InputError: when it was not; and see `chosen_model`.
+    """
+    chosen = chosen_model(model)
+    if isinstance(chosen, SensorModel) and trial.source != "lengths":
+        with naming(config or model_path(model)):
+            chosen.check_rate(settings.frames.rate_hz)
+    return chosen
 
 
 def placed_model(model: Path | None, workers: Workers) -> Path | None:

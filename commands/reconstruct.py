@@ -39,7 +39,7 @@ from ..models.values.readings import TendonLengths
 from ..pipeline import OFFLINE_FRAMES, Pipeline, estimator_of
 from .garbage import rare_collections
 from .many import Many, Workers
-from .origin import chosen_model, made_with, placed_model
+from .origin import made_with, placed_model, trained_model
 from .paths import result_paths
 
 
@@ -95,6 +95,8 @@ class RunOptions:
     method: str
     """See `estimator_of`."""
     settings: Settings
+    config: Path | None
+    """File of the settings, as errors name it; None where they are the defaults."""
     model: Path | None
     """File or name of the sensor model; the one in the package if None."""
     figures: FigureFormat | None
@@ -167,7 +169,7 @@ def reconstruct_trials(
     """
     settings = read_settings(config)
     estimator_of(method)  # refused here if it is none, not by every worker
-    options = RunOptions(method, settings, placed_model(model, workers), figures, span)
+    options = RunOptions(method, settings, config, placed_model(model, workers), figures, span)
     paths = result_paths(trials, out, Path("results"), RESULT_FILES, "" if method == "batch" else f"_{method}")
     places = {str(trial): path for trial, path in zip(trials, paths, strict=True)}
     jobs = {name: TrialJob(workers.place(Path(name)), workers.place(path), options) for name, path in places.items()}
@@ -212,14 +214,14 @@ def reconstruct_trial(job: TrialJob, terminal: Terminal) -> Table | None:
 
 def run_trial(trial: Trial, options: RunOptions, terminal: Terminal, bar: StageBar) -> "Run":
     """Return a trial's shapes, and show on a bar how far they are."""
-    with terminal.stage("rest shape"):
-        pipeline = Pipeline(trial.description, options.settings, chosen_model(options.model))
-    with terminal.stage("shapes"):
+    model = trained_model(trial.description, options.settings, options.model, options.config)
+    with naming(trial.path), terminal.stage("rest shape"):
+        pipeline = Pipeline(trial.description, options.settings, model)
+    with naming(trial.path), terminal.stage("shapes"):
         start_s = time.perf_counter()
         readings = bar.track("lengths", trial.readings(), trial.row_count())
-        with naming(trial.path):
-            ahead = OFFLINE_FRAMES if options.span.to_s is None else 1
-            frames = options.span.until_end(pipeline.lengths(readings, ahead))
+        ahead = OFFLINE_FRAMES if options.span.to_s is None else 1
+        frames = options.span.until_end(pipeline.lengths(readings, ahead))
         # The estimator gets an iterator, which lets go of the list at its end: covariances need that memory.
         count, lengths = len(frames), iter(frames)
         del frames

@@ -26,7 +26,7 @@ from ..models.sensor.sensor_model import (
     StretchingNetwork,
     TrainedRanges,
 )
-from ..models.values.errors import InputError
+from ..models.values.errors import InputError, reason_of
 from ..models.values.readings import MOST_STRETCH
 from ..models.values.tables import Positive, parse_table
 from ..models.values.tensors import Tensors, check_covariance, check_rising, checked_tensors
@@ -110,10 +110,16 @@ def read_sensor_model(path: str | Path | None = None) -> SensorModel:
     check_regular(path, LARGEST_BYTES)
     try:
         with safe_open(path, framework="numpy") as file:
-            metadata = json.loads((file.metadata() or {}).get(METADATA_KEY, "{}"))
+            text = (file.metadata() or {}).get(METADATA_KEY)
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
-    except (OSError, SafetensorError, TypeError, ValueError, RecursionError) as error:  # damaged header, or odd JSON
-        raise InputError(f"{path}: is no model file: {error}") from error
+    except (OSError, SafetensorError, TypeError, ValueError) as error:  # a damaged header
+        raise InputError(f"{path}: is no model file: {reason_of(error)}") from error
+    if text is None:
+        raise InputError(f"{path}: is no model file: expected the metadata '{METADATA_KEY}', as calibrate writes it")
+    try:
+        metadata = json.loads(text)
+    except (ValueError, RecursionError) as error:  # Python also refuses numbers of thousands of digits
+        raise InputError(f"{path}: is no model file: expected JSON in the metadata '{METADATA_KEY}'") from error
     try:
         model = _sensor_model(tensors, metadata)
         _check_curve(model)
@@ -163,8 +169,8 @@ def _metadata(model: SensorModel) -> dict[str, Any]:
 
 def _sensor_model(tensors: Tensors, table: Any) -> SensorModel:
     if not isinstance(table, dict) or table.get("format") != FORMAT:
-        got = table.get("format") if isinstance(table, dict) else type(table).__name__
-        raise InputError(f"expected format {FORMAT}, got {got}")
+        got = table.get("format", "none") if isinstance(table, dict) else f"{table!r:.60}"
+        raise InputError(f"metadata: expected a table with format = {FORMAT}, got {got}")
     metadata = parse_table(_Metadata, table, "metadata")
     provenance = parse_table(Provenance, table, "metadata")
     tensors = _checked(tensors, metadata)

@@ -35,11 +35,30 @@ def read_toml(path: Path) -> dict[str, Any]:
         text = path.read_text(encoding="utf-8-sig")
         if _DEEP_KEY.search(text):
             raise ValueError(f"expected a key of at most {DEEPEST} parts")
-        table = tomllib.loads(text)
+        table = _parsed(text)
         _check_values(table)
-    except (OSError, ValueError, RecursionError) as error:  # no text, no TOML, or an integer of thousands of digits
+    except (OSError, ValueError) as error:  # no text, or no TOML
         raise InputError(f"{path}: cannot be read as TOML: {reason_of(error)}") from error
     return table
+
+
+def _parsed(text: str) -> dict[str, Any]:
+    """Return the contents of a text of TOML.
+
+    Raises:
+        ValueError: when it is none, or holds what Python does not read.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        raise
+    except RecursionError as error:
+        raise ValueError(f"expected at most {DEEPEST} tables and lists within one another") from error
+    except ValueError as error:  # Python makes no number of thousands of decimal digits
+        longest = max(re.finditer(r"[0-9_]+", text), key=lambda found: len(found[0]))
+        line = text.count("\n", 0, longest.start()) + 1
+        expected = f"expected a whole number of {INTEGER_BITS} bits, with its sign"
+        raise ValueError(f"line {line}: {expected}, got one of {len(longest[0])} digits") from error
 
 
 def _check_values(table: dict[str, Any]) -> None:

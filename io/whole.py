@@ -10,7 +10,7 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -58,16 +58,20 @@ def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
         InputError: when the disk is full, or the paths cannot be created, flushed or moved. Other errors of the block
             are passed on as they are.
     """
-    places = [Path(os.path.realpath(path)) for path in paths]  # gives `.` a name as well; a link stays a link
-    aside = places[0].with_name(f".{places[0].name}-{secrets.token_hex(4)}")
+    # A link stays a link, and what is written has the link's name, whose end tells its format. This gives `.` a name.
+    places = {os.path.basename(os.path.abspath(path)): Path(os.path.realpath(path)) for path in paths}
+    first = next(iter(places.values()))
+    aside = first.with_name(f".{first.name}-{secrets.token_hex(4)}")
     with _cannot_be_written(paths[-1]):
         _remove_left_over(places)
         missing = [parent for parent in aside.parents if not parent.exists()]
         aside.parent.mkdir(parents=True, exist_ok=True)
         aside.mkdir(mode=0o700)
-    lock = _locked(aside)
+    lock: int | None = None
     try:
-        written = tuple(aside / place.name for place in places)
+        with _cannot_be_written(paths[-1]):
+            lock = _locked(aside)
+        written = tuple(aside / name for name in places)
         try:
             yield written
         except OSError as error:
@@ -77,43 +81,48 @@ def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
         with _cannot_be_written(paths[-1]):
             for inside in written:
                 _sync_all(inside)
-            _move(written, places)
+            _move(written, list(places.values()))
             _sync(aside.parent)
     finally:
         try:
+            if lock is not None:
+                os.close(lock)  # first: removing a directory needs a descriptor, and there may be no other one
+        finally:
             remove_directory(aside)
             for parent in missing:
                 with suppress(OSError):  # it holds what was written
                     parent.rmdir()
-        finally:
-            if lock is not None:
-                os.close(lock)
 
 
-def _remove_left_over(places: Sequence[Path]) -> None:
-    """Remove the hidden directories of runs that were killed; what they had moved aside is moved back."""
-    parent = places[0].parent
-    own = re.compile(rf"\.{re.escape(places[0].name)}-[0-9a-f]{{8}}(-earlier)?")
+def _remove_left_over(places: Mapping[str, Path]) -> None:
+    """Remove the hidden directories of runs that were killed; what they had moved aside is moved back.
+
+    Args:
+        places: where what is written goes, by the names that it has in a hidden directory.
+    """
+    first = next(iter(places.values()))
+    parent = first.parent
+    own = re.compile(rf"\.{re.escape(first.name)}-[0-9a-f]{{8}}(-earlier)?")
     for aside in [path for path in parent.iterdir() if own.fullmatch(path.name)] if parent.is_dir() else ():
         if _in_use(aside.with_name(aside.name.removesuffix("-earlier"))):
             continue
-        for place in places if aside.name.endswith("-earlier") else ():
-            if (aside / place.name).exists() and not place.exists():
-                (aside / place.name).rename(place)
-            _keep_others(aside / place.name, place)
+        for name, place in places.items() if aside.name.endswith("-earlier") else ():
+            if (aside / name).exists() and not place.exists():
+                (aside / name).rename(place)
+            _keep_others(aside / name, place)
         remove_directory(aside)
 
 
 def remove_directory(directory: Path) -> None:
-    """Remove a directory as far as that is possible.
-
-    Raises:
-        KeyboardInterrupt: when it was interrupted where `rmtree` closes a directory, and then closes it once more.
-    """
-    try:
-        shutil.rmtree(directory, ignore_errors=True)
-    except OSError as error:  # it ignores all others
-        raise KeyboardInterrupt from error
+    """Remove a directory as far as that is possible, with one descriptor, where `rmtree` needs several."""
+    with suppress(OSError):
+        for path in sorted(directory.rglob("*"), reverse=True):  # what is in a directory before it
+            with suppress(OSError):
+                if path.is_dir() and not path.is_symlink():
+                    path.rmdir()
+                else:
+                    path.unlink()
+        directory.rmdir()
 
 
 def _locked(directory: Path) -> int | None:
@@ -210,22 +219,39 @@ def _move(written: Sequence[Path], places: Sequence[Path]) -> None:
     try:
         with ExitStack() as undo:
             for inside, place in zip(written, places, strict=True):
-                kept = earlier / place.name
+                kept = earlier / inside.name
                 if place.is_dir():
                     place.rename(kept)
                     undo.callback(kept.rename, place)
                 elif place.exists():  # copied, so that at every moment there is a file
                     shutil.copy2(place, kept)
+                    undo.callback(kept.unlink, missing_ok=True)
+                _put(inside, place)
+                if kept.is_file():
                     undo.callback(kept.replace, place)
-                inside.replace(place)
                 undo.callback(place.rename, inside)
             undo.pop_all()
-        for place in places:
-            _keep_others(earlier / place.name, place)
+        for inside, place in zip(written, places, strict=True):
+            _keep_others(earlier / inside.name, place)
         remove_directory(earlier)
     finally:
         with suppress(OSError):
             earlier.rmdir()
+
+
+def _put(inside: Path, place: Path) -> None:
+    """Move a file or a directory into place.
+
+    Raises:
+        InputError: when the place is on another file system, to which nothing can be moved in one step.
+    """
+    try:
+        inside.replace(place)
+    except OSError as error:
+        if error.errno != errno.EXDEV:
+            raise
+        expected = f"expected a link within that of {inside.parent.parent}, or no link"
+        raise InputError(f"{place}: cannot be written through a link of another file system: {expected}") from error
 
 
 def _keep_others(earlier: Path, place: Path) -> None:

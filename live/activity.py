@@ -115,7 +115,8 @@ class NewestFrames:
 
     The readings of other sensors in skipped frames, such as rates of turn, are those of the next frame.
 
-    Frames from the time of the taring, which had arrived before the first was estimated, are never skipped.
+    Frames from the time of the taring, which had arrived before the first was estimated, are never skipped, nor is the
+    last frame of a source that has ended, which is the newest.
     """
 
     def __init__(self, source: Source, activity: Activity) -> None:
@@ -143,3 +144,6 @@ class NewestFrames:
             else:
                 yield frame
                 self._passed_s = time.perf_counter()
+        if behind:
+            self._activity.skipped_frames -= 1
+            yield frame

@@ -17,11 +17,12 @@ from ..io.plan_file import plan_files, read_plan
 from ..io.provenance import sha256_of, simulation_provenance
 from ..io.replay import Replay
 from ..io.trial_directory import open_trial
+from ..io.whole import remove_directory
 from ..models.plug_ins import PlugIn
 from ..models.settings import Settings
 from ..models.trial_description import TrialDescription, describe_trial
 from ..models.twin.virtual_trial import simulate as simulate_plan
-from ..models.values.errors import InputError, naming
+from ..models.values.errors import InputError, TensegraphError, naming
 from ..models.values.link import LinkReading, LinkState, rebased
 from ..models.values.readings import BoardReading, Reading, RecordedReading, arrival_s
 from ..pipeline import AnySensorModel
@@ -62,6 +63,8 @@ class Feed:
     """Everything that is known of the trial before its first reading."""
     name: str
     """Name of the trial."""
+    path: Path
+    """The file or the directory of the source: that of a trial, the rig, or the plan."""
     origin: str
     """Description of the source, for the screen."""
     state: Callable[[], LinkState]
@@ -130,6 +133,7 @@ def boards_feed(
             rows=source.rows(),
             description=rig.description,
             name=name,
+            path=rig.path,
             origin=f"the boards of {rig.path}",
             state=lambda: link.state,
             inputs={f"rig {rig.path.name}": sha256_of(rig.path)},  # no file of a trial has such a name
@@ -154,6 +158,7 @@ def replay_feed(path: Path, speed: float, record: Path | None, seconds: float = 
         rows=source.rows(),
         description=trial.description,
         name=trial.name,
+        path=path,
         origin=f"{path}, replayed",
         state=LinkState,
         inputs=trial.hashes(),
@@ -197,6 +202,7 @@ def twin_feed(
         rows=source.rows(),
         description=description,
         name=plan.stem,
+        path=plan,
         origin=f"the twin of {plan}",
         state=LinkState,
         inputs={f"plan {file.name}": sha256_of(file) for file in plan_files(plan)},
@@ -208,28 +214,44 @@ def twin_feed(
 
 @contextmanager
 def _recorded(feed: Feed, metadata: Mapping[str, Any], record: Path | None) -> Iterator[Feed]:
-    """Give the same feed, whose rows are recorded if a path is given."""
+    """Give the same feed, whose rows are recorded if a path is given; half a recording is removed after a refusal."""
     if record is None:
         yield feed
         return
     if feed.description.source != "counts":
-        raise InputError(f"{feed.origin}: holds {feed.description.source}: only rows of boards can be recorded again")
+        raise InputError(f"{feed.path}: holds {feed.description.source}: only rows of boards can be recorded again")
     if feed.description.factors:
-        raise InputError(f"{feed.origin}: has [[factor]], whose readings cannot be recorded again")
+        raise InputError(f"{feed.path}: has [[factor]], whose readings cannot be recorded again")
     named = without_truth(metadata) | {"name": record.resolve().name}
-    with RecorderThread(Recorder(record, named, with_boot=True)) as recorder:
+    recorder = RecorderThread(Recorder(record, named, with_boot=True))
+    rows = _RecordedRows(feed.rows, recorder)
+    try:
+        with recorder:
+            yield replace(
+                feed,
+                rows=iter(rows),
+                state=lambda: LinkState(recorded_rows=recorder.rows, recording_error=recorder.error),
+            )
+    except TensegraphError:
+        if not rows.have_ended:
+            remove_directory(record)
+        raise
 
-        def state() -> LinkState:
-            return LinkState(recorded_rows=recorder.rows, recording_error=recorder.error)
 
-        yield replace(feed, rows=_recorded_rows(feed.rows, recorder), state=state)
+class _RecordedRows:
+    """Readings that are recorded before they are yielded."""
 
+    def __init__(self, readings: Iterator[Reading], recorder: RecorderThread) -> None:
+        self._readings = readings
+        self._recorder = recorder
+        self.have_ended = False
 
-def _recorded_rows(readings: Iterator[Reading], recorder: RecorderThread) -> Iterator[Reading]:
-    for reading in readings:
-        assert isinstance(reading, RecordedReading), "the source is counts"
-        recorder.add(reading)
-        yield reading
+    def __iter__(self) -> Iterator[Reading]:
+        for reading in self._readings:
+            assert isinstance(reading, RecordedReading), "the source is counts"
+            self._recorder.add(reading)
+            yield reading
+        self.have_ended = True
 
 
 def _first(seconds: float, readings: Iterable[Reading]) -> Iterator[Reading]:

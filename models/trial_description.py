@@ -373,6 +373,8 @@ def _wiring(boards: list[BoardTable], structure: Structure) -> tuple[NDArray[np.
     strips = count(tendons)
     for b, board in enumerate(boards):
         sensors.append([])
+        if not board.tendon_of_channel:
+            raise InputError(f"board[{b}].tendon_of_channel: expected the tendon of one channel or more, got none")
         for channel, tendon in enumerate(board.tendon_of_channel):
             here = f"board[{b}].tendon_of_channel[{channel}]"
             if tendon == "reference":

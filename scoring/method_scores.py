@@ -106,7 +106,8 @@ def measure(
 ) -> Iterator[Measured]:
     """Run every method on the same lengths of a trial, and yield each result."""
     methods = sorted(estimators, key=lambda m: list(METHODS).index(m) if m in METHODS else len(METHODS))
-    with terminal.stages(trial.name, {"lengths": 1.0} | {METHODS.get(m, m): PACE.get(m, 1.0) for m in methods}) as bar:
+    stages = {"lengths": 1.0} | {METHODS.get(m, m): PACE.get(m, 1.0) for m in methods}
+    with naming(trial.path), terminal.stages(trial.name, stages) as bar:
         comparison = TrialComparison(trial, settings, model, bar)
         yield comparison.without_method()
         for method in methods:
@@ -123,8 +124,7 @@ class TrialComparison:
         self._structure = trial.description.structure
         self._pipeline = Pipeline(trial.description, settings, model)
         readings = bar.track("lengths", trial.readings(), trial.row_count())
-        with naming(trial.path):
-            self._frames = list(self._pipeline.after_rest(self._pipeline.lengths(readings, OFFLINE_FRAMES)))
+        self._frames = list(self._pipeline.after_rest(self._pipeline.lengths(readings, OFFLINE_FRAMES)))
 
     def without_method(self) -> Measured:
         """Return the result of the rest shape alone."""

@@ -18,6 +18,9 @@ from tensegraph.models.trial_tables import LinkTable
 REFUSED = [
     (["reconstruct", "nothing"], "nothing/trial.toml: no such file"),
     (["reconstruct", "trial", "--config", "bad.toml"], "bad.toml: noise.rodd_m: is no setting"),
+    (["reconstruct", "trial", "--config", "fast.toml"], "tensegraph: fast.toml: frames.rate_hz: expected 10 to 100, "),
+    (["compare", "trial", "--config", "fast.toml"], "tensegraph: fast.toml: frames.rate_hz: expected 10 to 100, "),
+    (["live", "--replay", "trial", "--config", "fast.toml"], "tensegraph: fast.toml: frames.rate_hz: expected 10 to "),
     (["reconstruct", "trial", "--out", "trial"], "trial: exists and is no earlier result"),
     (["reconstruct", "trial", "--out", "bad.toml"], "bad.toml: exists and is no earlier result"),
     (["reconstruct", "trial", "trial"], "two of these are named trial"),
@@ -63,6 +66,7 @@ def test_bad_input_is_one_line_and_exit_code_2(trial_copy, arguments, message) -
     rows[29] = ",".join(cells)
     (path / "board1.csv").write_text("".join(rows))
     (path.parent / "bad.toml").write_text("[noise]\nrodd_m = 1\n")
+    (path.parent / "fast.toml").write_text("[frames]\nrate_hz = 150\n")
     (path.parent / "loop").symlink_to(path.parent / "loop")
     before = sorted(p.name for p in path.parent.iterdir())
     result = run(*arguments, cwd=path.parent)
@@ -71,6 +75,21 @@ def test_bad_input_is_one_line_and_exit_code_2(trial_copy, arguments, message) -
     assert message in result.stderr
     left = sorted(p.name for p in path.parent.rglob("*") if p.parent != path)
     assert [name for name in left if name not in before] in ([], ["results"])
+
+
+@pytest.mark.parametrize(
+    "typed", ["reconstruct trial", "compare trial --method frame", "live --replay trial --speed 9"]
+)
+def test_what_is_wrong_with_readings_is_told_with_their_trial(trial_copy, typed) -> None:
+    """Resistances in kilohm, of which no row and no column is the wrong one."""
+    path = trial_copy(rows=120)
+    told = (path / "trial.toml").read_text()
+    numbers = re.search(r"natural_resistance_ohm = \[(.*?)\]", told)
+    thousandth = ", ".join(f"{float(number) / 1000:g}" for number in numbers[1].split(","))
+    (path / "trial.toml").write_text(told.replace(numbers[1], thousandth))
+    refused = run(*typed.split(), "--out", "out", cwd=path.parent)
+    assert refused.returncode == 2
+    assert refused.stderr.startswith("tensegraph: trial: sensors.natural_resistance_ohm: the first readings are ")
 
 
 @pytest.mark.parametrize(

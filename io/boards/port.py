@@ -1,14 +1,16 @@
 """Serial ports: listing them, asking which board is connected, reading them in spite of unplugged cables."""
 
+import os
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from errno import EINVAL, EIO, ENODEV, ENXIO
+from errno import EACCES, EAGAIN, EBUSY, EINVAL, EIO, EISDIR, ENODEV, ENOENT, ENXIO
 
 import serial
 from serial.tools import list_ports
 
+from ...models.values.errors import reason_of
 from ...models.values.link import Hello, LinkCounts
 from .protocol import Decoder, Message, Row
 
@@ -18,6 +20,14 @@ UNREADABLE = "sends what cannot be read: are baud rate and form of its rows righ
 """What is told of a port with bytes and no message."""
 UNREAD_S = 2.0
 """Time without a message after which damaged bytes from a board are told, and not only counted."""
+REASONS = {
+    ENOENT: "not there",
+    EAGAIN: "in use by another program",
+    EACCES: "no permission",
+    EBUSY: "in use by another program",
+    EISDIR: "a directory, not a port",
+}
+"""What is told of a port that cannot be opened, by the number of the system's error."""
 POLL_S = 0.1
 """Longest time that a read waits for a byte before it checks whether it should stop."""
 
@@ -154,5 +164,7 @@ def _reason(error: Exception) -> str:
     number = getattr(error, "errno", None)
     if number in (None, EIO, ENODEV, ENXIO):
         return "the device is gone"
-    reason = {2: "not there", 11: "in use by another program", 13: "no permission", 16: "in use by another program"}
-    return reason.get(number, f"cannot be opened: {error}")
+    if number in REASONS:
+        return REASONS[number]
+    system = os.strerror(number) if isinstance(error, serial.SerialException) else reason_of(error)
+    return f"cannot be opened: {system}"

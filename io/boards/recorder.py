@@ -76,6 +76,7 @@ class Recorder:
             self._opened = {kind: [self._open(table["file"]) for table in tables] for kind, tables in kinds.items()}
         except OSError as error:
             self._files.close()
+            remove_directory(path)
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
     def __enter__(self) -> Self:

@@ -172,7 +172,7 @@ class _Model:
         """Add the nodes at which tendons end."""
         model, data = self.of.model, self.of.data
         for site in (site for spring in springs for site in spring.sites):
-            name = self.of.mujoco.mj_id2name(model, self.of.mujoco.mjtObj.mjOBJ_SITE, site) or f"site{site}"
+            name = self.of.own_name("site", site) or f"site{site}"
             part = int(model.body_weldid[model.site_bodyid[site]])
             self.ends[site] = self._node(data.site_xpos[site], {part}, name)
 

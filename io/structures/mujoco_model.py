@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ...models.values.errors import InputError, needs_extra
+from ...models.values.errors import InputError, needs_extra, reason_of
 from ...models.values.units import LARGEST
 from ..input_files import check_regular, real_path
 
@@ -37,8 +37,21 @@ class MujocoModel:
 
     def name(self, kind: str, number: int) -> str:
         """Return the kind of a part of the model with its name, or its number where it has none."""
-        name = self.mujoco.mj_id2name(self.model, getattr(self.mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), number)
+        name = self.own_name(kind, number)
         return f"{kind} '{name}'" if name else f"{kind} {number}"
+
+    def own_name(self, kind: str, number: int) -> str | None:
+        """Return the name of a part, such as a site; None where it has none.
+
+        Raises:
+            InputError: for a name that is not in UTF-8.
+        """
+        try:
+            kinds = self.mujoco.mjtObj
+            name: str | None = self.mujoco.mj_id2name(self.model, getattr(kinds, f"mjOBJ_{kind.upper()}"), number)
+        except UnicodeDecodeError as error:
+            raise InputError(f"{self.path}: {kind} {number}: expected a name in UTF-8, got {error.object!r}") from error
+        return name
 
 
 def read_model(path: Path) -> MujocoModel:
@@ -57,7 +70,7 @@ def read_model(path: Path) -> MujocoModel:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
     except ValueError as error:
-        raise InputError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from error
+        raise InputError(f"{path}: MuJoCo cannot read it: {' '.join(reason_of(error).split())}") from error
     finally:
         mujoco.set_mju_user_warning(None)
     if warnings:

@@ -1,6 +1,5 @@
 """The boards of the twin: sampling, the divider, each board's own clock, what gets lost, and what breaks."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -84,12 +83,12 @@ PlannedFault = SensorFault | Spikes | ResistanceDrift | Unplugged
 class Faults:
     """`[fault]` of a plan: lists of each kind, none if not named. Those of one sensor act in this order."""
 
-    resistance_drift: Sequence[ResistanceDrift] = ()
-    open_circuit: Sequence[SensorFault] = ()
-    short_circuit: Sequence[SensorFault] = ()
-    stuck: Sequence[SensorFault] = ()
-    spikes: Sequence[Spikes] = ()
-    unplugged: Sequence[Unplugged] = ()
+    resistance_drift: tuple[ResistanceDrift, ...] = ()
+    open_circuit: tuple[SensorFault, ...] = ()
+    short_circuit: tuple[SensorFault, ...] = ()
+    stuck: tuple[SensorFault, ...] = ()
+    spikes: tuple[Spikes, ...] = ()
+    unplugged: tuple[Unplugged, ...] = ()
 
     def each(self) -> list[tuple[str, int, PlannedFault]]:
         """Return every fault with its kind and its number among those."""

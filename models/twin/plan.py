@@ -1,6 +1,5 @@
 """A plan of the twin: one structure, what is done to it, and what measures it. A plan states every constant."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
@@ -75,14 +74,14 @@ class RestPlan:
 class LoadPlan:
     """`[load]`: lists of each kind, none if not named."""
 
-    press: Sequence[Press] = ()
-    squeeze: Sequence[Squeeze] = ()
-    hold: Sequence[Hold] = ()
-    random: Sequence[RandomPresses] = ()
-    hug: Sequence[RandomHugs] = ()
-    shake: Sequence[RandomShakes] = ()
-    wind: Sequence[WindPlan] = ()
-    tip: Sequence[RandomTips] = ()
+    press: tuple[Press, ...] = ()
+    squeeze: tuple[Squeeze, ...] = ()
+    hold: tuple[Hold, ...] = ()
+    random: tuple[RandomPresses, ...] = ()
+    hug: tuple[RandomHugs, ...] = ()
+    shake: tuple[RandomShakes, ...] = ()
+    wind: tuple[WindPlan, ...] = ()
+    tip: tuple[RandomTips, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -105,6 +105,9 @@ def _problems_of_time(plan: Plan) -> Iterator[tuple[str, str]]:
         if abs(period_s / step_s - round(period_s / step_s)) > 1e-6 or period_s < step_s:
             yield key, f"expected a whole number of steps of {step_s} s (mechanics.step_s), got {period_s / step_s:.6g}"
             return
+    period_us = plan.boards.period_us
+    if period_us > 1e6 * plan.duration_s:
+        yield "boards.period_us", f"expected a row or more in duration_s = {plan.duration_s}, got {period_us}"
 
 
 def _problems_of_size(plan: Plan, structure: Structure) -> Iterator[tuple[str, str]]:

@@ -6,6 +6,7 @@ TensegraphError
 └── IndeterminateError   the measurements and priors do not determine the shape
 """
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -48,14 +49,25 @@ def needs_extra(purpose: str, extra: str) -> Iterator[None]:
 
 
 @contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Name a file or a directory in errors that name none, as where two files of a directory contradict each other."""
+def naming(path: Path, *others: Path) -> Iterator[None]:
+    """Name a file or a directory in errors that name none, as where two files of a directory contradict each other.
+
+    Args:
+        path: the file or the directory.
+        others: other files that an error of the block may be of, and then begins with.
+    """
     try:
         yield
     except TensegraphError as error:
-        if str(path) in str(error):
+        text = str(error)
+        if any(begins_with(text, one) for one in (path, *others)):
             raise
-        raise type(error)(f"{path}: {error}") from error
+        raise type(error)(f"{path}: {text}") from error
+
+
+def begins_with(text: str, path: Path) -> bool:
+    """Return whether an error's text begins with a file or a directory, or with a file in it."""
+    return text.startswith((f"{path}:", f"{path}{os.sep}"))
 
 
 def reason_of(error: Exception) -> str:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
+from datetime import date, time
 from difflib import get_close_matches
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
@@ -46,8 +47,31 @@ Sigma = Annotated[Positive, Ge(SMALLEST_SIGMA)]
 Probability = Annotated[float, Interval(gt=0, lt=1), AfterValidator(_not_tiny)]
 """A number strictly between 0 and 1."""
 
-CHOICES = ("function-after[", "constrained-float", "list[")
-"""How pydantic calls the choices of a value that may be a number or a list of numbers."""
+_TRUTH, _LIST, _NUMBER, _TABLE, _WHOLE = "true or false", "a list", "a number", "a table", "a whole number"
+EXPECTED = {
+    "bool_parsing": _TRUTH,
+    "bool_type": _TRUTH,
+    "dataclass_type": _TABLE,
+    "dict_type": _TABLE,
+    "finite_number": "a finite number",
+    "float_parsing": _NUMBER,
+    "float_type": _NUMBER,
+    "greater_than": "a number greater than {gt:g}",
+    "greater_than_equal": "a number of at least {ge:g}",
+    "int_from_float": _WHOLE,
+    "int_parsing": _WHOLE,
+    "int_parsing_size": _WHOLE,
+    "int_type": _WHOLE,
+    "less_than": "a number less than {lt:g}",
+    "less_than_equal": "a number of at most {le:g}",
+    "list_type": _LIST,
+    "literal_error": "{expected}",
+    "model_type": _TABLE,
+    "string_type": "text between quotes",
+    "too_long": "at most {max_length} values",
+    "tuple_type": _LIST,
+}
+"""What was expected, by pydantic's type of error, with the names of the numbers that it gives."""
 
 
 def _inside(name: str) -> str:
@@ -80,16 +104,45 @@ def parse_table(kind: type[T], table: Mapping[str, Any], where: str | Callable[[
         key, _, text = str(error).partition(": ")
         raise InputError(f"{where if isinstance(where, str) else where(key)}: {key}: {text}") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        loc = [part for part in first["loc"] if not str(part).startswith(CHOICES)]
-        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)[1:] or "the file"
-        where = where if isinstance(where, str) else where(key)
-        if first["type"] == "missing":
-            raise InputError(f"{where}: {key}: is missing") from error
-        if first["type"] in ("dataclass_type", "model_type"):  # its message names a class
-            raise InputError(f"{where}: {key}: expected a table, got {_shortened(first['input'])}") from error
-        raise InputError(f"{where}: {key}: {first['msg'].lower()}, got {_shortened(first['input'])}") from error
+        key, problem = _problem(error, table)
+        raise InputError(f"{where if isinstance(where, str) else where(key)}: {key}: {problem}") from error
     return parsed
+
+
+def _problem(error: ValidationError, table: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the dotted key of the first value that does not fit, and what was expected of it."""
+    found = [(_place(one, table), one) for one in error.errors()]
+    first = found[0][0]
+    # of a value that may be a number or a list, each choice complains: the one that came furthest was meant
+    place = max((place for place, _ in found if place[: len(first)] == first), key=len)
+    here = [one for other, one in found if other == place]
+    meant = [one for one in here if not one["type"].endswith("_type")] or here
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place)[1:] or "the file"
+    if meant[0]["type"] == "missing":
+        return key, "is missing"
+    complaints = list(dict.fromkeys(map(_complaint, meant)))
+    expected = " or ".join([complaints[0], *(other.removeprefix("expected ") for other in complaints[1:])])
+    return key, f"{expected}, got {_shortened(meant[0]['input'])}"
+
+
+def _place(error: Any, table: Mapping[str, Any]) -> tuple[int | str, ...]:
+    """Return the keys and indices to where an error is, without the names that pydantic gives to choices of a value."""
+    place: list[int | str] = []
+    value: Any = table
+    for part in error["loc"]:
+        is_index = isinstance(value, list | tuple) and isinstance(part, int) and part < len(value)
+        if is_index or (isinstance(value, Mapping) and part in value):
+            place.append(part)
+            value = value[part]
+    return (*place, error["loc"][-1]) if error["type"] == "missing" else tuple(place)
+
+
+def _complaint(error: Any) -> str:
+    if error["type"] in EXPECTED:
+        return f"expected {EXPECTED[error['type']].format(**error.get('ctx', {}))}"
+    if error["type"] == "value_error":  # one of ours, or of a class of another package
+        return str(error["ctx"]["error"])
+    return str(error["msg"]).lower()
 
 
 class UnknownKey(NamedTuple):
@@ -132,5 +185,5 @@ def _parts(hint: Any, key: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _shortened(value: object) -> str:
-    text = repr(value)
+    text = value.isoformat() if isinstance(value, date | time) else repr(value)  # a datetime is a date
     return text if len(text) <= 60 else f"{text[:57]}..."

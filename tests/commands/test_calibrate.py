@@ -65,5 +65,10 @@ def test_a_model_that_no_command_would_take_leaves_nothing(tmp_path) -> None:
     command = ("calibrate", "strips", "--epochs", "1", "--out", "m.safetensors", "--rig", "rig.toml")
     refused = run(*command, cwd=tmp_path)
     assert refused.returncode == 2
-    assert "the recordings give a model that no command would take" in refused.stderr
+    assert "m.safetensors: not written: the recordings give a model that no command would take" in refused.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["rig.toml", "strips"]
+
+
+def test_a_folder_whose_recordings_do_not_do_is_named(rig_folder) -> None:
+    refused = run("calibrate", "strips", "--out", "x.safetensors", "--hold-out", "nothing*", cwd=rig_folder)
+    assert (refused.returncode, refused.stderr) == (2, "tensegraph: strips: --hold-out nothing*: fits no recording\n")

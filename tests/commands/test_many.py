@@ -53,7 +53,7 @@ def one_by_one(tmp_path_factory, example):
     result = run("reconstruct", *"abcd", *FRAME, "--out", "one", cwd=folder)
     assert result.returncode == 1
     assert result.stderr.splitlines() == [
-        "tensegraph: c: c/board1.csv: no such file",
+        "tensegraph: c/board1.csv: no such file",
         "tensegraph: 1 of 4 failed; the same command tries them again",
     ]
     assert sorted(p.name for p in (folder / "one").iterdir()) == ["a", "b", "d"]
@@ -127,7 +127,7 @@ def test_a_job_at_which_processes_die_takes_no_other_with_it(tmp_path, capsys) -
     assert ended.value.code == 1
     said = capsys.readouterr().err
     assert "b: its process died" in said
-    assert "d: d: expected a letter" in said
+    assert "tensegraph: d: expected a letter" in said
     assert "e: ZeroDivisionError: by zero" in said
     assert "3 of 7 failed" in said
 
@@ -195,7 +195,7 @@ def test_a_comparison_keeps_what_was_finished(one_by_one) -> None:
     words = ("compare", *"abcd", "--method", "frame", "--method", "ukf", "--out", "comparison")
     first = run(*words, cwd=folder)
     assert first.returncode == 1
-    assert "c: c/board1.csv: no such file" in first.stderr
+    assert "tensegraph: c/board1.csv: no such file" in first.stderr
     table = (folder / "comparison" / "comparison.csv").read_bytes()
     assert "± " in (folder / "comparison" / "comparison.md").read_text()
     (folder / "comparison" / "comparison.csv").unlink()  # as if killed before the table

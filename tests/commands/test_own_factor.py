@@ -135,7 +135,7 @@ def test_methods_that_use_no_factor_say_so(own_parts, trial_copy, tmp_path) -> N
     [
         (replaced('name = "tape"', 'name = "laser"'), "factor[0]: name: expected one of tape, got 'laser'"),
         (replaced('name = "tape"\n', ""), "factor[0]: name: is missing"),
-        (replaced('"tape.csv"', '"../tape.csv"'), "factor[0]: file: value error, expected a file in the directory "),
+        (replaced('"tape.csv"', '"../tape.csv"'), "factor[0]: file: expected a file in the directory "),
         (replaced('"tape.csv"', '"other.csv"'), "other.csv: no such file"),
         (replaced("nodes = [2, 8]\n", ""), "factor[0]: nodes: is missing"),
         (replaced("nodes = [2, 8]", "node = [2, 8]"), "factor[0]: node: expected one of the keys name, file, nodes"),

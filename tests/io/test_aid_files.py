@@ -125,7 +125,7 @@ REFUSED_TABLES = {
     "ground.cap_radius_m: expected at most 0.06, a fifth of the shortest rod, got 10: is the unit": lambda text: (
         text.replace("[ground]", "[ground]\ncap_radius_m = 10.0")
     ),
-    "ground.normal_sigma_rad: input should be greater than or equal to 0, got -0.1": lambda text: text.replace(
+    "ground.normal_sigma_rad: expected a number of at least 0, got -0.1": lambda text: text.replace(
         "[ground]", "[ground]\nnormal_sigma_rad = -0.1"
     ),
     "imu[0].rod: expected a rod from 0 to 5": lambda text: text.replace("rod = 4", "rod = 9"),
@@ -144,7 +144,7 @@ REFUSED_TABLES = {
     "imu[1].sensor: expected a number from 0 to 255, each once on a board, got 0": lambda text: text.replace(
         'file = "imu0.csv"', "board = 0\nrod = 1\naxis = [0, 0, 1]\n\n[[imu]]\nboard = 0"
     ),
-    "position[0].frame: input should be 'world' or 'own', got 'lab'": lambda text: text.replace(
+    "position[0].frame: expected 'world' or 'own', got 'lab'": lambda text: text.replace(
         "[[imu]]", '[[position]]\nfile = "positions.csv"\nframe = "lab"\n\n[[imu]]'
     ),
     "range: expected at most 500 pairs of a beacon and a node in all [[range]] tables, got 42 beacons": lambda text: (

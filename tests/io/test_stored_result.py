@@ -281,7 +281,7 @@ class TestSettingsOfPython:
             tg.reconstruct(example, settings={"noise": {"force_n": 0.2}})
 
     def test_a_value_that_is_not_allowed_is_named(self, example) -> None:
-        with pytest.raises(tg.InputError, match=r"settings: probability: input should be less than 1, got 95"):
+        with pytest.raises(tg.InputError, match=r"settings: probability: expected a number less than 1, got 95"):
             tg.reconstruct(example, settings=tg.Settings(probability=95))
 
     def test_a_path_in_place_of_a_model_is_named(self, example) -> None:

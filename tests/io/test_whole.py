@@ -1,10 +1,12 @@
 """Files that are there whole or not at all: what is replaced, what is refused, what is left after an error."""
 
 import os
+import resource
 import signal
 import stat
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -204,6 +206,70 @@ def test_a_link_stays_a_link(tmp_path) -> None:
     assert (tmp_path / "out").is_symlink()
     assert (path / "shape.csv").read_text() == "new"
     assert (path / "notes.txt").read_text() == "mine"
+
+
+def test_a_link_to_a_file_of_another_name_stays_one_too(tmp_path) -> None:
+    """What is written has the link's name, whose end tells a library the format."""
+    for name in ("a.md", "b.txt"):
+        (tmp_path / name).write_text("old")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "plot.png").symlink_to("../a.md")
+    (tmp_path / "out" / "table.csv").symlink_to("../b.txt")
+    with written_whole(tmp_path / "out" / "table.csv", tmp_path / "out" / "plot.png") as (table, plot):
+        assert (table.name, plot.name) == ("table.csv", "plot.png")
+        table.write_text("table")
+        plot.write_text("plot")
+    assert [(tmp_path / name).read_text() for name in ("a.md", "b.txt")] == ["plot", "table"]
+    assert (tmp_path / "out" / "plot.png").is_symlink()
+    assert {path.name for path in tmp_path.rglob("*")} == {"a.md", "b.txt", "out", "plot.png", "table.csv"}
+
+
+OTHER_DISK = Path("/dev/shm")
+
+
+@pytest.mark.skipif(not OTHER_DISK.is_dir(), reason="there is no file system that is surely another one")
+def test_a_link_to_another_file_system_is_refused(tmp_path) -> None:
+    """The files before it are as they were, and nothing hidden is left."""
+    if OTHER_DISK.stat().st_dev == tmp_path.stat().st_dev:
+        pytest.skip("the tests run on it")
+    with tempfile.TemporaryDirectory(dir=OTHER_DISK) as other:
+        there = Path(other) / "file.md"
+        there.write_text("old")
+        (tmp_path / "first").write_text("old")
+        (tmp_path / "second").symlink_to(there)
+
+        def write() -> None:
+            with written_whole(tmp_path / "first", tmp_path / "second") as inside:
+                for path in inside:
+                    path.write_text("new")
+
+        with pytest.raises(InputError, match=r"file\.md: cannot be written through a link of another file system"):
+            write()
+        assert there.read_text() == "old"
+    assert (tmp_path / "first").read_text() == "old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["first", "second"]
+
+
+def test_nothing_hidden_is_left_where_one_descriptor_is_free(tmp_path) -> None:
+    held = []
+
+    def write() -> None:
+        with written_whole(tmp_path / "out") as (inside,):
+            (inside / "figures" / "more").mkdir(parents=True)
+            (inside / "figures" / "more" / "file").write_text("half")
+            while True:
+                held.append(os.open(os.devnull, os.O_RDONLY))
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(map(int, os.listdir("/dev/fd"))) + 8, hard))
+    try:
+        with pytest.raises(OSError, match="Too many open files"):
+            write()
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        for descriptor in held:
+            os.close(descriptor)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_mount_point_is_left_as_it_is(tmp_path, monkeypatch) -> None:

@@ -78,3 +78,35 @@ def test_files_that_are_refused_leave_no_recording(trial_copy, tmp_path) -> None
     ):
         raise AssertionError("the feed began")
     assert not (tmp_path / "again").exists()
+
+
+@pytest.mark.parametrize("row", [3, 60])
+def test_a_refusal_on_the_way_leaves_no_half_of_a_recording(trial_copy, tmp_path, row) -> None:
+    """A cell of a board is damaged: what came before it is in the trial, and would look like all of another one."""
+
+    def damaged(text: str) -> str:
+        rows = text.splitlines(keepends=True)
+        rows[row] = rows[row].replace(",", ",x", 1)
+        return "".join(rows)
+
+    trial = trial_copy(board1=damaged)
+    with (
+        pytest.raises(tensegraph.InputError, match=rf"board1.csv: row {row + 1}, column seq: expected a finite number"),
+        replay_feed(trial, 1e6, tmp_path / "again") as feed,
+    ):
+        list(feed.rows)
+    assert not (tmp_path / "again").exists()
+
+
+def test_what_was_recorded_whole_stays(trial_copy, tmp_path) -> None:
+    """Also where the result cannot be written then."""
+    rows = []
+
+    def session() -> None:
+        with replay_feed(trial_copy(), 1e6, tmp_path / "again") as feed:
+            rows.extend(feed.rows)
+            raise tensegraph.InputError("out: cannot be written: the disk is full")
+
+    with pytest.raises(tensegraph.InputError, match="the disk is full"):
+        session()
+    assert len(list(tensegraph.open_trial(tmp_path / "again").readings())) == len(rows)

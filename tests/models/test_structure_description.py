@@ -39,12 +39,10 @@ FLAT_M = PLATE_M.copy()
 FLAT_M[4] = [0.0, 0.0, 0.25]
 
 REFUSED = {
-    "plate: structure.rod_length_sigma_m: input should be greater than or equal to 0.000001": changed(
+    "plate: structure.rod_length_sigma_m: expected a number of at least 1e-06": changed(
         "structure", rod_length_sigma_m=1e-12
     ),
-    "plate: structure.anchor_sigma_m: input should be greater than or equal to 0.000001": changed(
-        "structure", anchor_sigma_m=1e-7
-    ),
+    "plate: structure.anchor_sigma_m: expected a number of at least 1e-06": changed("structure", anchor_sigma_m=1e-7),
     "plate: body[0]: its nodes lie in one plane": changed("structure", node_position_m=FLAT_M.tolist()),
     "plate: body[0]: expected structure.node_position_m": changed("structure", node_position_m=None),
     "plate: body[0].nodes: expected three different nodes or more, got [0, 1, 1]": changed("body", nodes=[0, 1, 1]),
@@ -52,7 +50,7 @@ REFUSED = {
     "plate: mechanics.push_back: expected one finite number or 8, got 3": changed("mechanics", push_back=[0, 0, 0]),
     "plate: mechanics.knot_mass_kg: expected one finite number or 13, got 2": changed("mechanics", knot_mass_kg=[1, 1]),
     "plate: mechanics.rod_mass_kg: expected one finite number or 0, got 2": changed("mechanics", rod_mass_kg=[1, 1]),
-    "plate: mechanics.rod_mass_kg: input should be greater than or equal to 0": changed("mechanics", rod_mass_kg=-1),
+    "plate: mechanics.rod_mass_kg: expected a number of at least 0": changed("mechanics", rod_mass_kg=-1),
     "plate: unsensed[0]: tendon 8 out of range": changed("structure", unsensed=[8]),
     "plate: node_position_m: expected 13 finite rows": changed(
         "structure", node_position_m=[*PLATE_M.tolist(), [0, 0, 0]]

@@ -244,6 +244,23 @@ def test_a_stiffness_that_changes_with_the_length_is_refused(tmp_path: Path) -> 
     assert refusal(path) == line
 
 
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("a", "site 0: expected a name in UTF-8, got b'\\xe9'"),
+        ("t1", "MuJoCo cannot read it: expected text in UTF-8, got invalid continuation byte"),
+    ],
+)
+def test_a_name_in_latin_1_is_refused(name: str, line: str, tmp_path: Path) -> None:
+    """MuJoCo reads it, or names it in its own refusal; what is in comments does not matter."""
+    text = model(STRIPS, before="<!-- \xe9 -->")
+    (tmp_path / "robot.xml").write_bytes(text.encode("latin-1"))
+    assert len(read_structure(tmp_path / "robot.xml").structure.tendons) == 3
+    named = text.replace(f'"{name}"', '"\xe9"').replace('"t2"', '"\xe9"' if name == "t1" else '"t2"')
+    (tmp_path / "robot.xml").write_bytes(named.encode("latin-1"))
+    assert refusal(tmp_path / "robot.xml") == line
+
+
 @pytest.mark.parametrize("line", REFUSED)
 def test_what_cannot_be_read_is_refused_in_one_line(line: str, tmp_path: Path) -> None:
     assert refusal(written(tmp_path, REFUSED[line])) == line
