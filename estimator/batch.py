@@ -377,8 +377,7 @@ def _admitted(frames: list[TendonLengths], shapes: list[Shape], drift: list[Drif
     for lengths, k, looks in zip(frames, latest_drift, map(slice, first, end), strict=True):
         corrected = lengths
         if drift and lengths.drift is not None:
-            first_s = frames[0].t_s
-            before = drift[0].earlier((lengths.t_s - first_s) / (drift[0].t_s - first_s)) if k < 0 else drift[k]
+            before = drift[0].earlier(lengths.t_s, frames[0].t_s) if k < 0 else drift[k]
             corrected = before.corrected(lengths)
         implausible = np.bitwise_or.reduce(left_out[looks])
         if implausible.any():

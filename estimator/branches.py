@@ -10,6 +10,7 @@ shows which of the two is the right one.
 """
 
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,20 +26,24 @@ from .whole_trial.far_minima import far_minima, is_unlikely
 from .whole_trial.trial_balance import TrialBalance
 from .whole_trial.trial_factors import TrialFactors
 
+ITERATION_S = 0.02
+"""Time that an iteration of a search is given; of frames that are further apart each does several."""
+
 
 class OtherBranch:
     """Searches at regular times, or when asked, for another shape that explains a frame about equally well.
 
-    A search takes about as long as the estimates of two frames. It is spread over the frames that follow, one iteration
-    in each, so that no frame waits for it. Only where the shape hardly explains its frame, another one is also searched
-    for far away, at once: see `far_minima`.
+    A search takes about as long as the estimates of two frames at 50 Hz. It is spread over the frames that follow, by
+    the time between them, so that no frame waits for it. Only where the shape hardly explains its frame, another one is
+    also searched for far away, at once: see `far_minima`.
     """
 
     def __init__(self, builder: GraphBuilder, settings: BranchSettings) -> None:
         self._builder = builder
         self._settings = settings
         self._began_s = -np.inf
-        self._search: Iterator[bool] | None = None
+        self._last_s = np.nan
+        self._search: Iterator[None] | None = None
         self._other_shape: OtherShape | None = None
 
     def with_other(self, shape: Shape) -> Shape:
@@ -47,7 +52,10 @@ class OtherBranch:
         if self._search is None and due and self._builder.structure.is_square:
             self._began_s = shape.t_s
             self._search = self._iterations(shape.node_position_m, weigh(shape.lengths, self._builder.noise))
-        if self._search is not None and not next(self._search, False):
+        step_s = shape.t_s - self._last_s if np.isfinite(self._last_s) else ITERATION_S
+        self._last_s = shape.t_s
+        iterations = max(round(step_s / ITERATION_S), 1)
+        if self._search is not None and len(list(islice(self._search, iterations))) < iterations:
             self._search = None
         return shape.beside(self._other_shape)
 
@@ -67,10 +75,10 @@ class OtherBranch:
                 pass
         return shape.beside(self._other_shape)
 
-    def _iterations(self, position_m: NDArray[np.float64], measured: WeightedLengths) -> Iterator[bool]:
+    def _iterations(self, position_m: NDArray[np.float64], measured: WeightedLengths) -> Iterator[None]:
         """Search the other minimum of a frame's own factors, and keep it if it is not much less probable.
 
-        Yields True after each iteration.
+        Yields after each iteration.
         """
         structure = self._builder.structure
         balance = TrialBalance.of_newest(self._builder, 1)  # of this frame; motors wind on while it is searched
@@ -92,11 +100,11 @@ class OtherBranch:
         return OtherShape(far_m[0], float(far_error[0] - factors.error(position_m[None], frame)[0]))
 
 
-def _iterated(search: FrameSearch) -> Iterator[bool]:
-    """Do a search; yield True after each iteration."""
+def _iterated(search: FrameSearch) -> Iterator[None]:
+    """Do a search; yield after each iteration."""
     while not search.ended:
         search.iterate()
-        yield True
+        yield
 
 
 def across(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:

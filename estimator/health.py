@@ -36,21 +36,27 @@ ALL_WRONG = 2.0
 LEAST_REDUNDANCY = 0.05
 """Least redundancy of a length. Below it the shape follows the length almost completely, and the first-order formula
 does not predict the shape without the length."""
-
-
-LOADED_N = 0.5
-"""Load at a node from which the sensors of tendons from an anchor to it are checked."""
+LOADED_SHARE = 1 / 3
+"""Load at a node over the standard deviation of that of a finger, above which the sensors of tendons from an anchor to
+the node are checked."""
 LOADED_LOG_RATIO = 1.5
 """Log ratio expected of a healthy sensor that is checked for a load, and not because its error is large. In presses of
 the twin it is 0 to 0.7, with a sensor that drifts 2 to 4."""
 
 
 class SensorHealth:
-    """Decides in each frame which sensors to use."""
+    """Decides in each frame which sensors to use.
 
-    def __init__(self, builder: GraphBuilder, settings: HealthSettings) -> None:
+    Args:
+        builder: of the frames' factors, equilibrium among them.
+        settings: of this class.
+        finger_n: standard deviation of the load of a finger.
+    """
+
+    def __init__(self, builder: GraphBuilder, settings: HealthSettings, finger_n: float) -> None:
         self._builder = builder
         self._settings = settings
+        self._loaded_n = LOADED_SHARE * finger_n
         self._rest_covariance_m2 = builder.rest.covariance_m2
         structure = builder.structure
         count = len(structure.tendons)
@@ -154,7 +160,7 @@ class SensorHealth:
         if shape.loads is None:
             return np.zeros(len(self._other_end), dtype=np.bool_)
         load_n = np.nan_to_num(np.linalg.norm(shape.loads.force_n, axis=1))
-        return np.asarray(self._is_from_anchor & (load_n > LOADED_N)[self._other_end])
+        return np.asarray(self._is_from_anchor & (load_n > self._loaded_n)[self._other_end])
 
     def _least_errors(self, explanations: Sequence[WeightedLengths], shape: Shape) -> list[float]:
         """Return the least error of the frame's own factors near its shape, with each of several weights of lengths."""

@@ -82,10 +82,11 @@ class DriftState:
             ),
         )
 
-    def earlier(self, share: float) -> "DriftState":
-        """Return the drift at a share of the time from the start, where it is zero, at the present rate."""
+    def earlier(self, t_s: float, first_s: float) -> "DriftState":
+        """Return the drift at a time since `first_s`, when it was zero, if it grew evenly."""
+        share = (t_s - first_s) / (self.t_s - first_s)
         scale = np.repeat([share, 1.0], len(self.mean) // 2)
-        return DriftState(share * self.t_s, scale * self.mean, scale[:, None] * self.covariance * scale)
+        return DriftState(t_s, scale * self.mean, scale[:, None] * self.covariance * scale)
 
 
 def is_of_a_board(drift: SensorDrift | None) -> bool:

@@ -52,7 +52,7 @@ class LiveSmoother:
     def __init__(self, structure: Structure, rest: RestShape, settings: Settings) -> None:
         self.builder = GraphBuilder(structure, rest, settings.noise)
         self._evidence = FrameEvidence(self.builder, settings.doubt)
-        self._health = SensorHealth(self.builder, settings.health) if rest.mechanics else None
+        self._health = SensorHealth(self.builder, settings.health, settings.doubt.load_n) if rest.mechanics else None
         self.doubt = ModelDoubt(self.builder, settings.doubt)
         self.changes = ChangeWatch(self.builder)
         self.rebounds = ReboundWatch(rest, settings.doubt.load_n)

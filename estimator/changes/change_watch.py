@@ -68,7 +68,8 @@ class ChangeWatch:
         self._regimes: Regimes | None = None
         self._evidence: ChangeEvidence | None = None
         self.kept: list[tuple[float, NDArray[np.float64], NDArray[np.float64]]] | None = None
-        """Time, probabilities and shifts after each update, for a smoother that puts a list here."""
+        """Time, (1 + changes,) probabilities of none and of each, and (changes, free) shifts after each update, for a
+        smoother that puts a list here."""
 
     @property
     def explains_more(self) -> NDArray[np.float64]:
@@ -89,7 +90,7 @@ class ChangeWatch:
         if self._regimes is None or self._evidence is None:
             return shape
         probability = self._regimes.probability
-        change = self._change(probability, self._evidence.shift_m[_likeliest(probability)])
+        change = self._change(probability, self._evidence.shift_m)
         return shape if change is None else change.doubted(shape, self._builder.structure.free_coordinates)
 
     def observe(self, frame: LinearFrame, shape: Shape, used_scale: float) -> None:
@@ -116,7 +117,7 @@ class ChangeWatch:
         self._regimes.update(share * _of_regimes(self._evidence, structure, 0.0))
         if self.kept is not None:
             probability = self._regimes.probability
-            self.kept.append((shape.t_s, probability, self._evidence.shift_m[_likeliest(probability)]))
+            self.kept.append((shape.t_s, probability, self._evidence.shift_m[: len(probability) - 1]))
 
     def smoothed(self, frames: Sequence[TendonLengths]) -> list[Change | None]:
         """Return what has changed in each frame, given all updates that were kept, later ones too."""
@@ -128,12 +129,17 @@ class ChangeWatch:
         return [self._change(probability[k], self.kept[k][2]) for k in latest]
 
     def _change(self, probability: NDArray[np.float64], shift_m: NDArray[np.float64]) -> Change | None:
-        """Return the likeliest change, with its (free,) shift, if any is more probable than none."""
+        """Return the likeliest change if any is more probable than none.
+
+        Args:
+            probability: (1 + changes,) of no change, and of each.
+            shift_m: (changes, free) what each moves the estimate by; more rows are not used.
+        """
         if probability[0] > 0.5:
             return None
-        structure = self._builder.structure
-        of_member = _likeliest(probability) < len(structure.rods) + len(structure.tendons)
-        return Change(Reason.CHANGE if of_member else Reason.BOARD, shift_m)
+        structure, likeliest = self._builder.structure, int(np.argmax(probability[1:]))
+        of_member = likeliest < len(structure.rods) + len(structure.tendons)
+        return Change(Reason.CHANGE if of_member else Reason.BOARD, shift_m[likeliest])
 
     def _evidence_of(self, frame: LinearFrame, shape: Shape, used_scale: float) -> ChangeEvidence:
         """Return what a frame says of each change, with lengths as exact as their sigmas say."""
@@ -158,11 +164,6 @@ class ChangeWatch:
         sigmas = ((CHANGED_M, rods + tendons), (CHANGED_RESISTANCE, len(boards)), (FAULT_M, tendons))
         sigma = np.concatenate([np.full(count, sigma) for sigma, count in sigmas])
         return PossibleChanges(np.concatenate([of_rods, of_tendons], axis=1), force_n, sigma)
-
-
-def _likeliest(probability: NDArray[np.float64]) -> int:
-    """Return the number of the likeliest change, of (1 + changes,) probabilities of none and of each."""
-    return int(np.argmax(probability[1:]))
 
 
 def _sensors_of_board(lengths: TendonLengths) -> NDArray[np.float64]:

@@ -8,7 +8,8 @@ integral up to t', as it was then:
 
 So the means of all frames sum up to the integral, however many samples fall into a frame. The mean of the samples of
 each frame does not: where two of them fall into most frames, but one or three into some, a robot that lands hard was
-turned wrongly by degrees.
+turned wrongly by degrees. A sensor that is slower than the frames is read in each of them, too: x_n is the sample of a
+frame in which none is due.
 
 Samples are missing in a frame that has none, and in which one should have come. How the sensor has turned is not known
 then: x_n is of before the impact that has shaken a wire loose. The sums begin anew with the next sample. Where it was
@@ -48,7 +49,8 @@ class ImuSamples:
     specific_force_m_per_s2: NDArray[np.float64]
     """(imus, 3)"""
     count: NDArray[np.int64]
-    """(imus,) number of samples; where it is 0, the rate is that of the newest sample, and the force is nan."""
+    """(imus,) number of samples, of which the newest counts until the next is due; where it is 0, the rate is that of
+    the newest sample, and the force is nan."""
     are_missing: NDArray[np.bool_]
     """(imus,) whether none has come in the frame, and one should have."""
     lasted_s: NDArray[np.float64]
@@ -74,7 +76,6 @@ class ImuPreintegration:
         self._newest = np.zeros((imus, 2, 3))
         self._due_s = np.full(imus, np.inf)
         self._were_missing = np.zeros(imus, dtype=np.bool_)
-        self._was_read = np.zeros(imus, dtype=np.bool_)
         self._largest_rad_per_s = np.full(imus, LEAST_CUT_OFF_RAD_PER_S)
         self._at_largest = np.zeros(imus, dtype=np.int64)
         self._largest_m_per_s2 = np.full(imus, LEAST_CUT_OFF_M_PER_S2)
@@ -103,20 +104,20 @@ class ImuPreintegration:
             rate_is_cut_off[imu] |= self._is_rate_cut_off(imu, float(np.abs(x[0]).max()))
             force_is_cut_off[imu] |= self._is_force_cut_off(imu, float(np.abs(x[1]).max()))
         since_s = t_s - self._newest_s
+        lasts = (count == 0) & goes_on & (t_s <= self._due_s) & (since_s < READING_HOLDS_S)
+        count[lasts], total[lasts] = 1, self._newest[lasts]
         integral += since_s[:, None, None] * self._newest
         own = total / np.maximum(count, 1)[:, None, None]
         goes_on &= np.isfinite(integral).all(axis=(1, 2))
         mean = np.where(goes_on[:, None, None], integral / (t_s - self._frame_s), own)
         is_read = count > 0
-        # a robot is moved without the force of a silent sensor, which is then not made up for
-        force = np.where((is_read & self._was_read)[:, None], mean[:, 1], own[:, 1])
         rate = np.where(is_read[:, None], mean[:, 0], self._newest[:, 0])
         is_whole = is_read & goes_on & (since_s < READING_HOLDS_S)
         lasted_s = np.where(is_whole, t_s - self._frame_s, np.nan)
-        self._frame_s, self._was_read, self._were_missing = t_s, is_read, ~is_read & (t_s > self._due_s)
+        self._frame_s, self._were_missing = t_s, ~is_read & (t_s > self._due_s)
         return ImuSamples(
             rate_rad_per_s=rate,
-            specific_force_m_per_s2=np.where(is_read[:, None], force, np.nan),
+            specific_force_m_per_s2=np.where(is_read[:, None], mean[:, 1], np.nan),
             count=count,
             are_missing=self._were_missing,
             lasted_s=lasted_s,

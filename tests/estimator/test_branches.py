@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from balance import pressed
 from noise_settings import with_noise
@@ -49,6 +50,20 @@ class TestBranches:
         np.testing.assert_allclose(
             example_structure.tendon_length_m(other), example_structure.tendon_length_m(true), atol=0.001
         )
+
+    @pytest.mark.parametrize("step_s", [0.02, 0.1, 0.2])
+    def test_a_search_takes_as_long_with_slow_frames(self, step_s, example_structure, true_positions, lengths_of):
+        t_s, positions = true_positions
+        true = positions[np.searchsorted(t_s, 3.4)]
+        rest = rest_step(example_structure, None, positions[0], GeometrySigma(), RestSettings())
+        exact = with_noise(stretching_m=1e-5, rod_m=1e-5)
+        shape = FrameEstimator(example_structure, rest, exact).update(lengths_of(example_structure, true, sigma_m=1e-5))
+        branches = OtherBranch(GraphBuilder(example_structure, rest, exact.noise), BranchSettings())
+        alone = replace(shape, other=None, status=Status.OK)
+        later_s = 0.0
+        while branches.with_other(replace(alone, t_s=later_s)).status != Status.TWO_SHAPES:
+            later_s += step_s
+        assert 0.1 < later_s < 0.5
 
     def test_with_equilibrium_it_is_ruled_out(self, structure, balanced, lengths_of) -> None:
         load = np.zeros((12, 3))

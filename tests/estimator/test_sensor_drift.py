@@ -191,8 +191,8 @@ def test_the_drift_is_written_and_drawn(trial_copy, tmp_path) -> None:
 def test_before_it_began_the_drift_grew_from_zero(example_structure) -> None:
     """Half the time from the start: half the drift, a quarter of its variance, and the same rate."""
     state = DriftState(8.0, np.array([0.02, 0.001]), np.array([[4e-4, 1e-5], [1e-5, 1e-6]]))
-    half = state.earlier(0.5)
-    assert half.t_s == 4.0
+    half = state.earlier(5.0, first_s=2.0)
+    assert half.t_s == 5.0
     np.testing.assert_allclose(half.mean, [0.01, 0.001])
     np.testing.assert_allclose(half.covariance, [[1e-4, 5e-6], [5e-6, 1e-6]])
 

@@ -71,8 +71,10 @@ def test_batch_tells_it_from_its_beginning(structure, balanced, lengths_of) -> N
     changed_m, error_m = rod_slips(structure, balanced)
     frames = frames_of(structure, balanced, lengths_of, changed_m, error_m)
     shapes = list(BatchOptimizer(structure, balanced, Settings()).estimate(frames))
-    assert {shape.doubt for shape in shapes if shape.t_s >= FROM_S} == {Reason.CHANGE}
-    assert nees(shapes[-1], changed_m, structure.free_nodes).max() < 16.27
+    changed = [shape for shape in shapes if shape.t_s >= FROM_S]
+    assert {shape.doubt for shape in changed} == {Reason.CHANGE}
+    # at once as wide as later, when the frames themselves tell which change it is
+    assert max(nees(shape, changed_m, structure.free_nodes).max() for shape in changed) < 2
 
 
 def test_a_fault_of_one_sensor_is_no_change(structure, balanced, lengths_of) -> None:

@@ -142,6 +142,19 @@ def test_a_sensor_told_the_wrong_way_round_is_named_and_left_out(tmp_path) -> No
     assert np.abs(result.centroid_m).max() < 1.0
 
 
+def test_a_sensor_that_is_slower_than_the_frames_is_felt_in_all_of_them(tmp_path) -> None:
+    """Means of three samples, 33 a second: frames between them were taken for those of a robot without a sensor."""
+    path = soon_tipped(tmp_path / "slow", 7.0)
+    header, *rows = (path / "imu0.csv").read_text().splitlines()
+    samples = np.array([row.split(",") for row in rows], dtype=float)[: len(rows) // 3 * 3].reshape(-1, 3, 7)
+    samples = np.column_stack([samples[:, -1, 0], samples[:, :, 1:].mean(axis=1)])
+    (path / "imu0.csv").write_text("\n".join([header, *(",".join(f"{x:.4f}" for x in row) for row in samples), ""]))
+    trial = open_trial(path)
+    evaluation = evaluate(trial.description.rest_position_m, reconstruct(trial, "live"), trial.truth_of(trial.truth()))
+    assert evaluation.pose.tilt_rms_deg < 3
+    assert evaluation.consistency.coverage_95 > 0.8
+
+
 def stuck(rows: list[str]) -> list[str]:
     """Return the lines of a sensor that repeats one sample from a second on."""
     values = rows[100].split(",", 1)[1]
