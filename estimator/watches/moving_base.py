@@ -4,7 +4,8 @@ Lengths do not see where a structure is. An inertial sensor on a rod does: its a
 on, Q <- Q exp((w - b) dt), with the bias b of the seconds at rest, and gives the direction Q a of its rod. When this
 and the direction in the estimated shape part by more than sensors and deformation explain, for most of the sensors,
 the base has turned. Sensors on rods that stand upright at rest tell nothing, as gravity does not tell how they are
-turned about their rods. A base that slides without turning is not seen, nor what it does while the sensors are silent.
+turned about their rods, nor do those that were not read at rest, whose bias is unknown. A base that slides without
+turning is not seen, nor what it does while the sensors are silent.
 """
 
 from collections.abc import Sequence
@@ -69,7 +70,7 @@ class MovingBase:
         return shape.widened(self._free, self._size_m**2 * np.eye(len(self._free))).in_doubt(Reason.BASE)
 
     def _start_anew(self, readings: list[ImuReading], shape: Shape) -> set[int]:
-        """Take the attitude of sensors that were silent, or were not read yet, from a shape; return their numbers.
+        """Take the attitude of sensors that were silent from a shape; return their numbers.
 
         How they turned meanwhile is not known.
         """
@@ -84,12 +85,13 @@ class MovingBase:
         return silent
 
     def _start(self, shape: Shape) -> None:
-        """Find biases and attitudes at the end of the rest; a sensor that was not read then starts when it is."""
+        """Find biases and attitudes at the end of the rest."""
         self._rest_clock.count_frame(shape.t_s)
         if self._rest_clock.is_at_rest(shape.t_s):
             return
         self._start_s = shape.t_s
         samples = ImuPreintegration(self._imus.count).mean(shape.t_s, self._at_rest)
+        self._is_told = self._is_told & (samples.count > 0)
         self._bias = samples.rate_rad_per_s
         self._turn = self._attitude(samples, shape)
         for reading in self._at_rest:

@@ -82,6 +82,19 @@ class TestSilence:
         assert watch(self.start_s + 4.0, 0.0).doubt is Reason.BASE
         assert watch(self.start_s + 4.02, 0.0, Status.NOT_CONVERGED).status is Status.NOT_CONVERGED
 
+    def test_one_that_was_not_read_at_rest_tells_nothing(self, told_anchored) -> None:
+        """Its bias is unknown: 0.03 rad/s, as of a cheap sensor, would turn the base by 17 degrees in 10 s."""
+        description = told_anchored[0].description
+        rest = rest_shape_of(description, Settings().rest)
+        base = MovingBase(rest, description.imus[:1], description.rest_seconds)
+        at_rest = next(iter(reconstruct(told_anchored[0], "live")))
+        for t_s in np.arange(0, description.rest_seconds + 10, 0.02):
+            reading = ImuReading(0, t_s, np.array([0.0, 0.03, 0.0]), np.array([0.0, 0.0, 9.81]))
+            aids = (reading,) if t_s > description.rest_seconds + 1 else ()
+            shape = replace(at_rest, t_s=t_s, doubt=None, node_position_m=rest.node_position_m)
+            shape = base.observe(replace(shape, lengths=replace(shape.lengths, aids=aids)))
+            assert shape.doubt is None
+
     def test_one_of_two_that_is_silent_does_not_hide_the_other(self, told_anchored) -> None:
         """The clock of the trial may start anywhere; the silent one was to be on another rod."""
         description = told_anchored[0].description
