@@ -185,5 +185,9 @@ def _parts(hint: Any, key: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _shortened(value: object) -> str:
-    text = value.isoformat() if isinstance(value, date | time) else repr(value)  # a datetime is a date
+    text = repr(value)
+    if isinstance(value, date | time):  # a datetime is a date
+        text = value.isoformat()
+    elif isinstance(value, bool):
+        text = text.lower()
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -31,6 +31,7 @@ class Table:
 
 
 REFUSED = [
+    ("text = true", "text: expected text between quotes, got true"),
     ("text = 2024-01-01", "text: expected text between quotes, got 2024-01-01"),
     ("text = 2024-01-01T00:00:00Z", "text: expected text between quotes, got 2024-01-01T00:00:00+00:00"),
     ("text = 07:32:00", "text: expected text between quotes, got 07:32:00"),
