@@ -111,7 +111,7 @@ def test_live_uses_it_and_records_it_not(own_parts, trial_copy, tmp_path) -> Non
     assert made["rows"]["factor[0] tape: frames in which it contradicts all else"] == made["frames"]
     refused = run("live", "--replay", "press", "--record", "again", cwd=tmp_path)
     assert refused.returncode == 2
-    assert refused.stderr == "tensegraph: press, replayed: has [[factor]], whose readings cannot be recorded again\n"
+    assert refused.stderr == "tensegraph: press: has [[factor]], whose readings cannot be recorded again\n"
 
 
 def test_methods_that_use_no_factor_say_so(own_parts, trial_copy, tmp_path) -> None:
