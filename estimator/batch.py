@@ -4,6 +4,7 @@ The graph is that of `GraphBuilder`, with every frame in it; `estimator/whole_tr
 arrays, because gtsam calls those that are written in Python once for each frame and iteration.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -24,11 +25,12 @@ from ..models.values.time_series import any_before, interpolated, parts
 from .changes.change_watch import Change
 from .doubt import Doubt
 from .graph import GraphBuilder, status_of
+from .lag_compensation import VELOCITY_HOLDS_S
 from .lasting_errors import LastingErrors, frames_near
 from .linear_frame import FrameData, linearised_frames
 from .mode_choice import is_uncertain, stacked_modes
 from .sensor_drift import DriftState, is_of_a_board, smoothed
-from .smoother import LiveSmoother
+from .smoother import AHEAD_S, LiveSmoother
 from .uncertainty import Assessment, FrameEvidence, Mixture
 from .watches.rebound_watch import ReboundWatch
 from .whole_trial.parts import STACKED, WINDOW
@@ -90,7 +92,7 @@ class _Problem:
     @property
     def frames_per_push(self) -> float:
         """Number of frames in `PUSH_S`; 1 for a single frame."""
-        return PUSH_S / float(np.median(np.diff(self.t_s))) if len(self.measured) > 1 else 1.0
+        return PUSH_S / _step_s([one.lengths for one in self.measured]) if len(self.measured) > 1 else 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,6 +152,8 @@ class BatchOptimizer:
         live = LiveSmoother(self._builder.structure, self._builder.rest, _learning(self._settings))
         live.keep()
         frames = without_lag(list(frames))
+        if _step_s(frames) <= AHEAD_S:  # in those left out between two frames of the pass, little has changed
+            live.ahead_s = VELOCITY_HOLDS_S
         shapes = [live.first_shape(lengths).without_covariance() for lengths in _some_of(frames)]
         return self._optimum(frames, live, shapes, None, progress)
 
@@ -339,6 +343,11 @@ def averaged_forces(
         for stretch in stretches
     ]
     return np.concatenate(averaged)
+
+
+def _step_s(frames: Sequence[TendonLengths]) -> float:
+    """Return the time from one frame to the next, in the median; nan for a single frame."""
+    return float(np.median(np.diff([lengths.t_s for lengths in frames]))) if len(frames) > 1 else math.nan
 
 
 def _learning(settings: Settings) -> Settings:

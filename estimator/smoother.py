@@ -20,7 +20,7 @@ from .changes.change_watch import ChangeWatch
 from .doubt import ModelDoubt
 from .graph import GraphBuilder, status_of
 from .health import SensorHealth
-from .lag_compensation import VELOCITY_HOLDS_S, LagCompensation
+from .lag_compensation import LagCompensation
 from .lasting_errors import LastingErrors
 from .linear_frame import LinearFrame, linearised
 from .mode_choice import BATCH_SHARE, ModeChoice
@@ -39,6 +39,11 @@ that had settled were worse starts on seven of eight slack trials of the twin, b
 LONGEST_AHEAD = 10.0
 """Ratio of a time step to the one before it above which that was too short to tell a velocity: of two frames that are
 0.1 ms apart, the noise of their positions is 10 m/s."""
+AHEAD_S = 0.045
+"""Time from one frame to the next up to which the next one starts ahead of the last shape. In a slower row a slack
+structure that collapses has moved by centimetres, and the next start would be as far off: exact lengths at 10 Hz were
+12 to 16 mm off in six of sixteen runs on four trials of the twin, and from the last shape they are 2.7 mm off at most.
+"""
 CONTRADICTED = 0.2
 """Probability that the lengths are less exact than their sigmas say, above which sensors may drift apart."""
 
@@ -65,6 +70,8 @@ class LiveSmoother:
         of_update = structure.node_count + len(structure.free_nodes)
         self._lag = max(min(settings.smoother.lag, of_update - 1), 2)
         self._most_updates = MOST_UPDATES
+        self.ahead_s = AHEAD_S
+        """Time to the next frame up to which that starts ahead of the last shape."""
         self._isam = gtsam.ISAM2(_isam2_parameters(settings.smoother.relinearize_m))
         self._isam.update(*_bystanders(structure.node_count))
         self.linear: LinearFrame | None = None
@@ -178,7 +185,7 @@ class LiveSmoother:
         return np.array(gtsam.utilities.extractPoint3(self._isam.calculateEstimate(keys)))
 
     def _predict(self) -> NDArray[np.float64]:
-        """Return the (nodes, 3) positions that the nodes reach at constant velocity; the last ones after a gap.
+        """Return the (nodes, 3) positions that the nodes reach at constant velocity; the last ones after `ahead_s`.
 
         Two frames that are close together tell no velocity, either.
         """
@@ -186,7 +193,7 @@ class LiveSmoother:
         if len(self._times_s) < 3:
             return last
         t0, t1, t2 = self._times_s
-        if t2 - t1 > min(VELOCITY_HOLDS_S, LONGEST_AHEAD * (t1 - t0)):
+        if t2 - t1 > min(self.ahead_s, LONGEST_AHEAD * (t1 - t0)):
             return last
         return last + (last - before) * (t2 - t1) / (t1 - t0)
 

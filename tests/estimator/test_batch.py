@@ -3,9 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from tensegraph import Settings
 from tensegraph.estimator.batch import BatchOptimizer, averaged_forces
+from tensegraph.estimator.lag_compensation import VELOCITY_HOLDS_S
+from tensegraph.estimator.smoother import AHEAD_S, LiveSmoother
 from tensegraph.models.structure.shape import Status
 from tensegraph.models.values.readings import Flag
 
@@ -19,6 +22,17 @@ def test_batch_takes_lengths_without_their_lag(structure, rest, lengths_of) -> N
     assert [shape.t_s for shape in shapes] == [frame.t_s for frame in frames]
     for shape, later in zip(shapes, [2, 3, 4, 5, 6, 7, 8, 8, 8], strict=True):
         np.testing.assert_array_equal(shape.lengths.length_m, frames[later].length_m)
+
+
+@pytest.mark.parametrize(("step_s", "ahead_s"), [(0.02, VELOCITY_HOLDS_S), (0.1, AHEAD_S)])
+def test_a_pass_that_leaves_out_rows_starts_ahead(balanced, lengths_of, monkeypatch, step_s, ahead_s) -> None:
+    """The rows that it leaves out show that the robot moves slowly; where rows are slow, there are none."""
+    passes = []
+    estimate = LiveSmoother.first_shape
+    monkeypatch.setattr(LiveSmoother, "first_shape", lambda live, row: passes.append(live) or estimate(live, row))
+    frames = [lengths_of(balanced.structure, balanced.node_position_m, step_s * k) for k in range(12)]
+    assert len(list(BatchOptimizer(balanced.structure, balanced, Settings()).estimate(frames))) == 12
+    assert {live.ahead_s for live in passes} == {ahead_s}
 
 
 def test_no_frames_give_no_shapes(structure, balanced) -> None:

@@ -99,6 +99,16 @@ def test_two_frames_that_are_close_together_do_no_harm(structure, balanced, leng
         assert np.abs(shape.node_position_m - balanced.node_position_m).max() < 0.005
 
 
+@pytest.mark.parametrize(("step_s", "ahead_m"), [(0.02, 0.002), (0.04, 0.002), (0.05, 0.0), (0.1, 0.0)])
+def test_a_slow_row_starts_at_the_last_shape(structure, rest, lengths_of, step_s: float, ahead_m: float) -> None:
+    """Of a robot that moves by 2 mm from row to row."""
+    smoother = LiveSmoother(structure, rest, Settings())
+    for k in range(3):
+        smoother.update(lengths_of(structure, rest.node_position_m, step_s * k))
+    smoother._positions.extend([rest.node_position_m - 0.002, rest.node_position_m])
+    np.testing.assert_allclose(smoother._predict(), rest.node_position_m + ahead_m, atol=1e-9)
+
+
 @pytest.mark.parametrize("gap_s", [1.0, 3.0, 10.0])
 def test_no_frames_for_a_while_and_the_shape_is_back_at_once(gap_s: float, structure, balanced, lengths_of) -> None:
     """A press at 0.1 m/s, nothing for seconds, and another shape: neither the old velocity nor a load remains."""
