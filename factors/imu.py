@@ -6,6 +6,7 @@ the structure. With a shape whose rod has the direction u in body axes, and the 
 
     Q (a + B m) = R u                                  direction of the rod
     Q (f - b_f) = g z                                  gravity, in slow motion, with the specific force f
+    w = b_w                                            at rest, with the rate w
 
 How sensors and body turn and move between frames is in `estimator.free_standing.pose_motion`.
 """
@@ -27,6 +28,8 @@ FAST_FORCE = 10.0
 """Growth of the sigma of gravity with the difference between the specific force and g."""
 FAST_RATE_M_PER_S = 20.0
 """Growth of the same sigma with the rate of the rod."""
+REST_RAD_PER_S = 0.01
+"""Standard deviation of the rate of a rod at rest in a frame, such as the sway of a robot that hangs."""
 SLOW_M_PER_S2 = 1.5
 """Sigma above which the specific force says nothing of gravity."""
 LEAST_INCLINED = 0.3
@@ -129,6 +132,18 @@ class ImuArray:
         put_blocks(jacobian, rows, at.of_imus(at.force_bias)[slow], -turn)
         error = GRAVITY_M_PER_S2 * UP - force
         return Rows(error.ravel(), jacobian, np.repeat(sigma[slow] ** 2, 3))
+
+    def rest_rows(self, state: PoseState, samples: ImuSamples) -> Rows:
+        """Return three rows for each sensor that was read at rest: its rate is its bias.
+
+        About a rod that stands nearly upright nothing else tells the bias.
+        """
+        at, read = state.layout, np.flatnonzero(samples.count)
+        error = samples.rate_rad_per_s[read] - state.rate_bias_rad_per_s[read]
+        rows = np.arange(error.size).reshape(-1, 3)
+        jacobian = np.zeros((error.size, at.size))
+        put_blocks(jacobian, rows, at.of_imus(at.rate_bias)[read], np.broadcast_to(np.eye(3), (len(read), 3, 3)))
+        return Rows(error.ravel(), jacobian, np.full(error.size, REST_RAD_PER_S**2))
 
 
 def _frame(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -125,6 +125,8 @@ class PoseModel:
             rows.append(self._range_rows(predicted, frame)[0])
         if frame.t_s < self.rest_until_s:
             rows.append(rest_rows(placed.state, self.centre_m))
+            if frame.samples is not None:
+                rows.append(self.imus.rest_rows(placed.state, frame.samples))
         return rows
 
     def corrected(

@@ -61,7 +61,7 @@ class PoseSettings:
     beacon_error_m: NotNegative = 0.1
     """Error of all ranges of a beacon, which lasts, as of somebody who stands before it, or a wall beside the way: as
     large as what `RangeTrust` does not find out."""
-    hang_rad: Positive = 0.07
+    hang_rad: Positive = 0.2
     """Standard deviation of the direction in which a structure hangs, when no hand is seen. One that begins to push
     is seen 0.3 s later, when it has tilted the structure by 10 to 15 degrees, and may do so one time in ten."""
     swing_s: Positive = 1.0

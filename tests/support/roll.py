@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from plan_edits import SHORT_REST, replaced
+from plan_edits import replaced
 from trial_edits import cut
 
 ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
+REST_S = 0.5
 LEFT_OUT_S = 2.0
 LEFT_OUT_ROWS = 100
 
@@ -24,13 +25,15 @@ def roll(folder: Path, until_s: float = np.inf, edit=lambda text: text) -> Path:
 def soon_tipped(folder: Path, until_s: float = np.inf, edit=lambda text: text) -> Path:
     """Return a copy of the trial that rests two seconds less: the robot is tipped from 1.5 to 2 s, and from 4.5 to 6 s.
 
-    What was recorded from 1 to 3 s, while it stood still, is left out, and all clocks count on from there.
+    What was recorded from 0.5 to 2.5 s, while it stood still, is left out, and all clocks count on from there. A hand
+    moves it from then on.
     """
-    roll(folder, until_s + LEFT_OUT_S, lambda text: edit(replaced(text, SHORT_REST)))
+    rest = ("seconds = 2.0", f"seconds = {REST_S}")
+    roll(folder, until_s + LEFT_OUT_S, lambda text: edit(replaced(text, rest)))
     for file in folder.glob("*.csv"):
         header, *rows = file.read_text().splitlines(keepends=True)
         stamp_s = np.array([float(row.split(",")[0]) for row in rows])
-        before, after = (np.flatnonzero(chosen) for chosen in (stamp_s < 1.0, stamp_s >= 1.0 + LEFT_OUT_S))
+        before, after = (np.flatnonzero(chosen) for chosen in (stamp_s < REST_S, stamp_s >= REST_S + LEFT_OUT_S))
         file.write_text("".join([header, *(rows[k] for k in before), *sooner([rows[k] for k in after], file.stem)]))
     return folder
 
