@@ -15,6 +15,7 @@ from rich.table import Column, Table
 from ..io.provenance import FINGERPRINT, fingerprint, is_up_to_date, relative_path, versions
 from ..io.reports.progress import StageBar
 from ..io.reports.run_lines import (
+    columns_text,
     flagged_sensors,
     frames_text,
     load_rows,
@@ -286,6 +287,9 @@ class Run:
         yield from ((name, str(rows)) for name, rows in self._irregular_rows().items())
         yield from pipeline.warnings().items()
         yield from (("ignored in trial.toml", key) for key in self.trial.description.ignored_keys)
+        yield from (
+            (f"ignored in {name}", columns_text(columns)) for name, columns in self.trial.ignored_columns.items()
+        )
         yield from (("no readings", text) for text in pauses(r.t_s))
         for status, frames in Counter(r.status).items():
             yield f"status {status}", f"{frames_text(frames)}: {status.advice}"

@@ -65,6 +65,8 @@ class CsvFile:
     """Whether the file has no header; its columns are then named 1, 2, ..."""
     half_lines: int = field(default=0, init=False)
     """Number of lines left out because they had no line end."""
+    unused: list[str] = field(default_factory=list, init=False)
+    """Names of further columns, which say nothing; known with the first row."""
 
     def head(self) -> CsvHead:
         """Return the comment lines and the header."""
@@ -101,6 +103,7 @@ class CsvFile:
         for name in names:
             if header.count(name) > 1:
                 raise InputError(f"{self.path}: row {head.row}: column '{name}': expected once, got it twice or more")
+        self.unused = [name for name in header if name and name not in names]
         index = [header.index(name) if name in header else None for name in names]
         may_be_blank = frozenset(self.blank)
         limits = [largest(name) for name in names]

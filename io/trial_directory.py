@@ -94,6 +94,11 @@ class Trial:
         """Number of last lines that had no line end and were left out, of the files of the latest `readings`."""
         return sum(file.half_lines for file in self._opened)
 
+    @property
+    def ignored_columns(self) -> dict[str, list[str]]:
+        """Names of the columns that say nothing, of each file of the latest `readings` that has some."""
+        return {file.path.name: file.unused for file in self._opened if file.unused}
+
     def readings(self) -> Iterator[Reading]:
         """Yield the measurements in order of arrival; each call reads the files from the start.
 

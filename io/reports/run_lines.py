@@ -16,6 +16,8 @@ from ...models.values.slip import Slip
 
 MOST_PAUSES = 10
 """Largest number of pauses that are listed."""
+COLUMNS_SHOWN = 3
+"""Largest number of columns that are listed."""
 LONG_S = 1.0
 """Total time under load above which a node is named, and time without readings above which that is told."""
 
@@ -141,3 +143,9 @@ def flagged_sensors(r: Reconstruction) -> list[str]:
 def frames_text(number: int) -> str:
     """Return a number of frames in words."""
     return "1 frame" if number == 1 else f"{number} frames"
+
+
+def columns_text(names: Sequence[str]) -> str:
+    """Return the names of columns; of many, the first ones and how many more there are."""
+    more = len(names) - COLUMNS_SHOWN
+    return f"columns {', '.join(names[:COLUMNS_SHOWN])}" + (f" and {more} more" if more > 0 else "")

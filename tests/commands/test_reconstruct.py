@@ -9,7 +9,7 @@ import pytest
 
 from command_line import run
 from tensegraph.estimator.batch import BatchOptimizer
-from tensegraph.io.reports.run_lines import flagged_sensors, load_rows, pauses, rest_balance, slip_line
+from tensegraph.io.reports.run_lines import columns_text, flagged_sensors, load_rows, pauses, rest_balance, slip_line
 from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.values.readings import Flag
 from tensegraph.models.values.slip import Slip
@@ -34,6 +34,11 @@ def test_it_ends_well_with_a_table(done) -> None:
             assert words in result.stdout
     assert "(batch)" in batch.stdout
     assert "(live)" in live.stdout
+
+
+def test_a_few_columns_are_named_and_others_counted() -> None:
+    assert columns_text(["a", "b", "c"]) == "columns a, b, c"
+    assert columns_text(["a", "b", "c", "d", "e"]) == "columns a, b, c and 2 more"
 
 
 @pytest.mark.parametrize("name", ["results/press", "live"])

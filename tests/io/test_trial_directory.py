@@ -110,6 +110,14 @@ def test_unknown_keys_of_a_trial_are_named_not_refused(trial_copy) -> None:
     assert open_trial(path).description.ignored_keys == ("rest.measured_by",)
 
 
+def test_unknown_columns_are_named_not_refused(trial_copy) -> None:
+    """But for a blank name, as of the numbers that a program gives its rows."""
+    path = trial_copy(rows=5, board0=lines(lambda rows: [",boots," + rows[0], *(f"0,1,{row}" for row in rows[1:])]))
+    trial = open_trial(path)
+    assert len(list(trial.readings())) == 10
+    assert trial.ignored_columns == {"board0.csv": ["boots"]}
+
+
 @pytest.mark.parametrize(
     ("kind", "keys"),
     [("position", ""), ("range", "beacon_position_m = [[1.0, 0.0, 0.0]]\n")],

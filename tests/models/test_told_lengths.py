@@ -1,5 +1,7 @@
 """Lengths that are told: sensors that are stuck, and noise that is larger than its sigma."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -192,6 +194,24 @@ class TestScatter:
         rows, told = checked(length_m)
         assert np.argwhere(flagged(rows, Flag.OUTLIER)).tolist() == [[60, 1]]
         assert not told.warnings()
+
+
+@pytest.mark.parametrize(
+    ("shorter", "sigma_m", "is_named"), [(1.0, np.nan, False), (0.1, np.nan, True), (0.1, 0.001, False)]
+)
+def test_a_sigma_that_nobody_has_told_is_named_where_it_is_large(shorter, sigma_m, is_named) -> None:
+    """1 mm of tendons of 200 or 20 mm."""
+    structure = replace(
+        STRUCTURE,
+        rod_length_m=shorter * STRUCTURE.rod_length_m,
+        natural_length_m=shorter * STRUCTURE.natural_length_m,
+        anchor_position_m=shorter * STRUCTURE.anchor_position_m,
+    )
+    told = ToldLengths(GateSettings(), structure, shorter * FULL_M, REST_S, unstated_m=0.001)
+    for row in rows_of([shorter * FULL_M] * 3, sigma_m):
+        told.checked(row)
+    text = "none is told: noise.unstated_m, 1 mm, counts, 5.0% of a tendon: what moves lengths by less may be missed"
+    assert told.warnings() == ({"sigma of lengths": text} if is_named else {})
 
 
 class TestLengthsAtRest:
