@@ -85,6 +85,7 @@ ROWS: dict[str, Callable[..., Rows]] = {
     ),
     "direction": direction_in_the_first_axes,
     "gravity": lambda state: IMUS.gravity_rows(state, slow_samples(), PoseSettings()),
+    "rate at rest": lambda state: IMUS.rest_rows(state, slow_samples()),
     "range": lambda state: range_rows(
         placed(state),
         [RangeReading(0.0, np.array([2.0, 1, 1]), (0, 0, 4), 2.4)],

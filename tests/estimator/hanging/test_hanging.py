@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from command_line import run
-from plan_edits import PLANS
+from plan_edits import PLANS, replaced
 from tensegraph import InputError, Settings, open_trial, reconstruct, simulate, stream
 from tensegraph.estimator.hanging.hanging_filter import HangingFilter
 from tensegraph.io.model_file import read_sensor_model
@@ -118,6 +118,25 @@ def test_a_sensor_on_an_upright_rod_turns_it_nowhere(tmp_path) -> None:
     d = trial.description
     evaluation = evaluate(d.rest_position_m, estimate, truth)
     assert evaluation.consistency.coverage_95 > 0.95
+
+
+def test_biases_of_cheap_sensors_are_learned_at_rest(tmp_path) -> None:
+    """0.27 rad/s, of which gravity does not tell the part about a rod that is nearly upright."""
+    for name, edits in (("press", ()), ("hang", (("duration_s = 24.0", "duration_s = 7.0"),))):
+        text = replaced(PLANS[name].read_text(), *edits)
+        (tmp_path / f"{name}.toml").write_text(text.split("[[load.random]]")[0])
+    trial = simulate(tmp_path / "hang.toml", tmp_path / "hang_11", 11)
+    for number, sign in enumerate((1, -1)):
+        file = tmp_path / "hang_11" / f"imu{number}.csv"
+        header, *rows = file.read_text().splitlines()
+        samples = np.array([row.split(",") for row in rows], dtype=float)
+        samples[:, 1:4] += sign * np.array([0.2, -0.1, 0.15])
+        file.write_text("\n".join([header, *(",".join(f"{x:.4f}" for x in row) for row in samples), ""]))
+    evaluation = evaluate(
+        trial.description.rest_position_m, reconstruct(trial, "live"), trial.truth_of(trial.truth(), trial.true_loads())
+    )
+    assert evaluation.absolute.nodes.rmse_m < 0.01
+    assert evaluation.consistency.coverage_95 > 0.9
 
 
 def told(hinge: Path, folder: Path, edit) -> Path:
