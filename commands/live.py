@@ -24,7 +24,7 @@ from ..models.settings import Settings
 from ..models.structure.shape import Shape
 from ..models.values.errors import InputError, TensegraphError, naming
 from ..pipeline import AnySensorModel, Pipeline
-from .origin import chosen_model, made_with, trained_model
+from .origin import check_trained, chosen_model, made_with
 from .record import report_recording
 
 
@@ -185,7 +185,7 @@ def show_live(
             raise InputError(f"{path}: expected another place for the result than for the recording: add --out")
     with outputs.page(terminal) as server, source.feed(settings, sensor_model, terminal) as feed:
         with stopped_by_signals(feed.source), ExitStack() as stack:
-            sensor_model = trained_model(feed.description, settings, model, config)
+            check_trained(sensor_model, feed.description, settings, config or model)
             with naming(feed.path):
                 session = Session(feed, Pipeline(feed.description, settings, sensor_model))
             sinks = [stack.enter_context(sink) for sink in outputs.sinks(session.pipeline, server)]

@@ -32,22 +32,25 @@ def chosen_model(model: Path | None) -> AnySensorModel:
 def trained_model(
     trial: TrialDescription, settings: Settings, model: Path | None, config: Path | None
 ) -> AnySensorModel:
-    """Return the sensor model of `--model`, after a check that it was trained at the rate of a trial's frames.
-
-    Args:
-        trial: the trial; with lengths, it needs no sensor model.
-        settings: those of `config`.
-        model: see `chosen_model`.
-        config: file of settings, which the error names; None where they are the defaults.
+    """Return the sensor model of `--model`, after the check of `check_trained`.
 
     Raises:
-        InputError: when it was not; and see `chosen_model`.
+        InputError: see `chosen_model` and `check_trained`.
     """
     chosen = chosen_model(model)
-    if isinstance(chosen, SensorModel) and trial.source != "lengths":
-        with naming(config or model_path(model)):
-            chosen.check_rate(settings.frames.rate_hz)
+    check_trained(chosen, trial, settings, config or model)
     return chosen
+
+
+def check_trained(model: AnySensorModel, trial: TrialDescription, settings: Settings, told_in: Path | None) -> None:
+    """Check that a sensor model was trained at the rate of a trial's frames; with lengths, a trial needs none.
+
+    Raises:
+        InputError: when it was not, naming the file `told_in`, or that of the model in the package.
+    """
+    if isinstance(model, SensorModel) and trial.source != "lengths":
+        with naming(model_path(told_in)):
+            model.check_rate(settings.frames.rate_hz)
 
 
 def placed_model(model: Path | None, workers: Workers) -> Path | None:
