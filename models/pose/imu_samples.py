@@ -105,7 +105,7 @@ class ImuPreintegration:
             force_is_cut_off[imu] |= self._is_force_cut_off(imu, float(np.abs(x[1]).max()))
         since_s = t_s - self._newest_s
         lasts = (count == 0) & goes_on & (t_s <= self._due_s) & (since_s < READING_HOLDS_S)
-        count[lasts], total[lasts] = 1, self._newest[lasts]
+        count[lasts] = 1
         integral += since_s[:, None, None] * self._newest
         own = total / np.maximum(count, 1)[:, None, None]
         goes_on &= np.isfinite(integral).all(axis=(1, 2))

@@ -63,7 +63,7 @@ class PoseSettings:
     large as what `RangeTrust` does not find out."""
     hang_rad: Positive = 0.2
     """Standard deviation of the direction in which a structure hangs, when no hand is seen. One that begins to push
-    is seen 0.3 s later, when it has tilted the structure by 10 to 15 degrees, and may do so one time in ten."""
+    is seen 0.3 s later, when it has tilted the structure by 10 to 15 degrees."""
     swing_s: Positive = 1.0
     """Time in which a swing of a structure that hangs dies out, to a third."""
     position_m: Positive = 0.0005
