@@ -125,6 +125,9 @@ def _problems_of_size(plan: Plan, structure: Structure) -> Iterator[tuple[str, s
         rows_bytes = BYTES_PER_ROW * rate_hz * plan.duration_s
         if rows_bytes > MOST_BYTES:
             yield key, _too_large(f"{rate_hz * plan.duration_s:.3g} rows", rows_bytes)
+    least_us = 1e6 * plan.mechanics.step_s
+    if plan.boards.period_us < least_us:
+        yield "boards.period_us", f"expected mechanics.step_s, {least_us:g} us, or more, got {plan.boards.period_us}"
 
 
 def _too_large(what: str, size_bytes: float) -> str:

@@ -53,6 +53,7 @@ REFUSED = [
     ("duration_s = 30.0", "duration_s = 1e5", r"duration_s: 100000 s in steps of 0.001 s take .* GiB of memory: expected at"),
     ("period_us = 20000", "period_us = 30000001", r"boards.period_us: expected a row or more in duration_s = 30.0, got 30000001"),
     ("step_s = 0.001", "step_s = 0.00001", r"mechanics.step_s: expected at least 0.0001 s, got 1e-05"),
+    ("period_us = 20000", "period_us = 999", r"boards.period_us: expected mechanics.step_s, 1000 us, or more, got 999"),
     ("period_us = 20000", "period_us = 1", r"boards.period_us: 6e\+07 rows take 55.9 GiB of memory: expected at most 8 GiB"),
     ("rod_length_m = 0.3", "rod_length_m = -0.3", r"structure.rod_length_m\[0\]: expected a positive, finite length"),
 ]  # fmt: skip
