@@ -263,7 +263,7 @@ class Trial:
             files = " and ".join(board.file for board in self.table.board)
             raise InputError(
                 f"{self.path}: {files}: expected first rows at most {LONGEST_STEP_S:g} s apart, got "
-                f"{max(first_s) - min(first_s):.6g} s: is host_s of the same clock in all?"
+                f"{max(first_s) - min(first_s):.6g} s: is host_s of one clock in all, and is its unit right?"
             )
         return heapq.merge(*map(chain, first, boards), key=lambda row: row.host_s)
 

@@ -190,9 +190,7 @@ def test_boards_on_two_clocks_are_refused(example, tmp_path) -> None:
     header, *rows = board.read_text().splitlines()
     cells = [row.split(",", 1) for row in rows]
     board.write_text("\n".join([header, *(f"{1.7e9 + float(host_s):.6f},{rest}" for host_s, rest in cells), ""]))
-    message = (
-        r"board0\.csv and board1\.csv: expected first rows at most 600 s apart, got 1\.7e\+09 s: is host_s of the same"
-    )
+    message = r"board0\.csv and board1\.csv: expected first rows at most 600 s apart, got 1\.7e\+09 s: is host_s of one clock in all, and is its unit right"
     with pytest.raises(InputError, match=message):
         next(open_trial(tmp_path / "press").readings())
 
