@@ -172,7 +172,8 @@ def settings_text() -> str:
     tables = {name: kind for name, kind in get_type_hints(Settings).items() if is_dataclass(kind)}
     parts = ["## Top level", fields_table(Settings, {}, left_out=tables)]
     for name, kind in tables.items():
-        parts += [f"## `[{name}]`", inspect.getdoc(kind) or "", fields_table(kind, {})]
+        about = (inspect.getdoc(kind) or "").partition("\n\nFields:")[0]  # the table has the fields
+        parts += [f"## `[{name}]`", about, fields_table(kind, {})]
     return "\n\n".join(parts)
 
 

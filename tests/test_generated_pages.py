@@ -14,3 +14,4 @@ def test_bounds_of_settings_are_words_and_numbers() -> None:
     text = runpy.run_path(str(GENERATOR))["settings_text"]()
     assert "| `rod_m` | number &gt;&nbsp;0 ≥&nbsp;1e-06 | `0.0002` | Standard deviation of a rod's length. |" in text
     assert " at 0x" not in text
+    assert text.count("Standard deviation of a rod's length.") == 1  # once: in the table
