@@ -161,11 +161,11 @@ def _pose_facts(p: PoseScore, *, in_body: bool) -> list[tuple[str, str]]:
     if p.contacts is not None:
         c = p.contacts
         for name, precision, recall in (
-            ("contacts told, and true", c.precision, c.recall),
+            ("contacts", c.precision, c.recall),
             ("  while still", c.still_precision, c.still_recall),
             ("  while moving", c.moving_precision, c.moving_recall),
         ):
-            rows.append((name, f"{or_dash(precision, '{:.1%}')}; true, and told {or_dash(recall, '{:.1%}')}"))
+            rows.append((name, f"precision {or_dash(precision, '{:.1%}')}, recall {or_dash(recall, '{:.1%}')}"))
     return rows
 
 
@@ -200,7 +200,7 @@ def _load_facts(e: Evaluation) -> list[tuple[str, str]]:
         f"RMSE of loads above {score.threshold_n:g} N": or_dash(score.loaded_rmse_n, "{:.3f} N"),
         "  of the others": or_dash(score.unloaded_rmse_n, "{:.3f} N"),
         f"loads above {score.threshold_n:g} N that are seen": or_dash(score.recall, "{:.1%}"),
-        "  seen, and true": or_dash(score.precision, "{:.1%}"),
+        "  of those seen, true": or_dash(score.precision, "{:.1%}"),
         "  unloaded, called loaded": (
             f"{or_dash(score.false_alarm_share, '{:.1%}')}; "
             f"{or_dash(score.quiet_false_alarm_share, '{:.1%}')} while no node is loaded"
