@@ -282,7 +282,7 @@ def evaluate(
     offset: Annotated[
         float | None,
         typer.Option(
-            help="Host time minus time of the truth, s.", show_default="0; of motion capture, as its motion tells"
+            help="Host time minus time of the truth, s.", show_default="0; of motion capture, found from its motion"
         ),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,

@@ -275,7 +275,7 @@ class Run:
         yield "time", f"{1e3 * self.seconds / self.frames:.2f} ms per frame"
         yield "rest shape", rest_source(pipeline.rest, self.trial.description)
         if self.trial.description.source != "lengths" and self.trial.description.rest_seconds <= 0:
-            yield "taring", "none: tell rest.seconds, for which it stands at rest at the start"
+            yield "taring", "none: give rest.seconds, for which it stands at rest at the start"
         yield "mean sigma of a node", f"{1e3 * r.node_sigma_m[:, free].mean():.2f} mm"
         yield from rest_balance(pipeline.rest)
         yield from load_rows(r, pipeline.settings.load_threshold_n)

@@ -80,7 +80,7 @@ def _facts(told: DescribedStructure) -> Iterator[tuple[str, str]]:
         yield "cables", f"{len(cables)} go slack without pushing back"
         yield "mass", f"{told.mechanics.node_mass_kg(s).sum():.4g} kg"
     else:
-        yield "mechanics", "not told: the balance of forces would not be used"
+        yield "mechanics", "not given: the balance of forces would not be used"
     yield from _facts_of_shape(told)
 
 
@@ -100,10 +100,10 @@ def _facts_of_shape(told: DescribedStructure) -> Iterator[tuple[str, str]]:
     stresses = rigidity(all_sensed, x).self_stresses - (len(s.rods) - of_rods)  # without those in rigid bodies
     slack = np.flatnonzero(s.tendon_length_m(x if measured_m is None else measured_m) <= s.natural_length_m)
     yield "self-stress states", str(stresses)
-    yield "mechanisms", f"{facts.mechanisms} that measured lengths and rods do not tell to first order"
+    yield "mechanisms", f"{facts.mechanisms} that measured lengths and rods do not determine to first order"
     yield "weakest motion", f"{facts.smallest_singular_value:.3g} m of length per m"
     if told.mechanics is None and facts.smallest_singular_value < 0.02:
-        yield "hint", "lengths alone leave it loose: tell [mechanics], so that the balance of forces is used"
+        yield "hint", "lengths alone leave it loose: give [mechanics], so that the balance of forces is used"
     yield "slack at rest", ", ".join(map(str, slack)) or "no tendon"
 
 

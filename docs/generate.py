@@ -5,7 +5,7 @@ the docstring under each field; `<!-- settings -->` becomes those of `Settings` 
 every command with its options and examples, `<!-- statuses -->` what to do at each status of a frame,
 `<!-- quantities -->` and `<!-- numbers of words -->` the quantities of a run and the numbers of words. Lines
 `NAME: TEXT` inside the first comment say what a field without docstring means; a name that is no field, and a field
-that is said nowhere, are warnings, which `mkdocs build --strict` refuses.
+that is said nowhere, are warnings, which `mkdocs build --strict` refuses. The line `UNBUILT` is left out.
 """
 
 import ast
@@ -40,6 +40,8 @@ PAGES = {
 """Files of the repository that are pages, so that nothing is said twice."""
 PICTURES = ("examples/*.png",)
 """Their pictures, and those that pages link to as `../examples/...`."""
+UNBUILT = "*Tables of this page are generated: they are in the pages that `mkdocs serve` builds, see README.*\n"
+"""What pages say to those who read them unbuilt, as on GitHub."""
 FIELDS = re.compile(r"<!-- fields: (?P<name>[\w.]+)(?P<notes>.*?)-->", re.DOTALL)
 BASICS = {float: "number", int: "whole number", str: "text", bool: "true or false", type(None): "none"}
 BOUNDS = {"gt": "&gt;", "ge": "≥", "lt": "&lt;", "le": "≤"}
@@ -82,6 +84,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Return a page with its comments replaced by what they ask for."""
     markdown = re.sub(r"\]\((?:\.\./)+examples/", f"]({'../' * page.file.src_uri.count('/')}examples/", markdown)
+    markdown = markdown.replace(UNBUILT, "")
     if "<!-- settings -->" in markdown:
         markdown = markdown.replace("<!-- settings -->", settings_text())
     if "<!-- commands -->" in markdown:
@@ -172,7 +175,8 @@ def settings_text() -> str:
     tables = {name: kind for name, kind in get_type_hints(Settings).items() if is_dataclass(kind)}
     parts = ["## Top level", fields_table(Settings, {}, left_out=tables)]
     for name, kind in tables.items():
-        parts += [f"## `[{name}]`", inspect.getdoc(kind) or "", fields_table(kind, {})]
+        about = (inspect.getdoc(kind) or "").partition("\n\nFields:")[0]  # the table has the fields
+        parts += [f"## `[{name}]`", about, fields_table(kind, {})]
     return "\n\n".join(parts)
 
 

@@ -218,7 +218,10 @@ def page(parts: dict[str, tuple[str, str]]) -> str:
         made_by, text = parts.get(part.name, (NOT_MADE, absent))
         sections.append(f"<!-- part: {part.name}, source {made_by} -->\n{text}<!-- end of {part.name} -->\n")
     sources = {made_by for made_by, _ in parts.values()}
-    warning = "\nParts of this page are of different sources, named under each table.\n"
+    warning = (
+        "\nParts of this page were measured with different versions of the code: "
+        "`source` under each table names the version.\n"
+    )
     return "\n".join([START + (warning if len(sources) > 1 else ""), *sections])
 
 

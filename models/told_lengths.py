@@ -255,7 +255,7 @@ class ToldLengths:
         share = self._unstated_m / np.median(self._full_m[self._is_unstated]) if self._is_unstated.any() else 0.0
         if share > UNSTATED_SHARE:
             told["sigma of lengths"] = (
-                f"none is told: noise.unstated_m, {1e3 * self._unstated_m:g} mm, counts, {share:.1%} of a tendon: "
+                f"none is given: noise.unstated_m, {1e3 * self._unstated_m:g} mm, counts, {share:.1%} of a tendon: "
                 "what moves lengths by less may be missed"
             )
         return told | {

@@ -70,7 +70,7 @@ def check_other(reading: OtherReading, trial: TrialDescription) -> None:
 
 def _check_number(name: str, number: int, known: Collection[int]) -> None:
     if not isinstance(number, Integral) or number not in known:
-        expected = f"one of {', '.join(map(str, sorted(known)))}" if known else "none, as trial.toml tells none"
+        expected = f"one of {', '.join(map(str, sorted(known)))}" if known else "none, as trial.toml names none"
         raise InputError(f"{name}: expected {expected}, got {number!r:.60}")
 
 

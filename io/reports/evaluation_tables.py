@@ -103,7 +103,7 @@ def _anchor_facts(e: Evaluation) -> list[tuple[str, str]]:
     """Return what tells a truth in other axes, of other nodes or of another robot: anchors far from their places."""
     question = "other axes, or nodes? See --align" if e.rotation_deg is None else "other nodes, or mirrored axes?"
     return [
-        (f"anchor {node} of the truth", f"{1e3 * m:.0f} mm from where it is told: {question}")
+        (f"anchor {node} of the truth", f"{1e3 * m:.0f} mm from where trial.toml says: {question}")
         for node, m in zip(e.structure.anchors, e.anchors_apart_m, strict=True)
         if m > FAR_OFF * e.structure.rod_length_m.mean()
     ]
@@ -121,7 +121,7 @@ def _capture_facts(c: CaptureFit, structure: Structure) -> list[tuple[str, str]]
     if c.found:
         fit = f"assigned by the best {fit}, the next {or_dash(1e3 * c.next_misfit_m, '{:.2f} mm')}"
     elif c.misfit_m > largest_reach_m(structure):
-        fit += ", far off: are they told rightly, or its axes mirrored?"
+        fit += ", far off: are they assigned rightly, or its axes mirrored?"
     markers = ", ".join(f"{mark.marker} = {mark.node}" for mark in c.markers)
     ignored = f"; ignored: {', '.join(c.ignored)}" if c.ignored else ""
     rows = [("clock of the capture", told), ("markers = nodes", f"{fit}: {markers}{ignored}")]
@@ -161,11 +161,11 @@ def _pose_facts(p: PoseScore, *, in_body: bool) -> list[tuple[str, str]]:
     if p.contacts is not None:
         c = p.contacts
         for name, precision, recall in (
-            ("contacts told, and true", c.precision, c.recall),
+            ("contacts", c.precision, c.recall),
             ("  while still", c.still_precision, c.still_recall),
             ("  while moving", c.moving_precision, c.moving_recall),
         ):
-            rows.append((name, f"{or_dash(precision, '{:.1%}')}; true, and told {or_dash(recall, '{:.1%}')}"))
+            rows.append((name, f"precision {or_dash(precision, '{:.1%}')}, recall {or_dash(recall, '{:.1%}')}"))
     return rows
 
 
@@ -200,7 +200,7 @@ def _load_facts(e: Evaluation) -> list[tuple[str, str]]:
         f"RMSE of loads above {score.threshold_n:g} N": or_dash(score.loaded_rmse_n, "{:.3f} N"),
         "  of the others": or_dash(score.unloaded_rmse_n, "{:.3f} N"),
         f"loads above {score.threshold_n:g} N that are seen": or_dash(score.recall, "{:.1%}"),
-        "  seen, and true": or_dash(score.precision, "{:.1%}"),
+        "  of those seen, true": or_dash(score.precision, "{:.1%}"),
         "  unloaded, called loaded": (
             f"{or_dash(score.false_alarm_share, '{:.1%}')}; "
             f"{or_dash(score.quiet_false_alarm_share, '{:.1%}')} while no node is loaded"

@@ -60,14 +60,14 @@ def rest_complaints(
 def _wrong_geometry(wrong: Sequence[WrongPart]) -> list[str]:
     """Return what the evidence at rest says of each part of the geometry that was told wrongly, and what to do."""
     told = {
-        "rods": "the rods have other lengths than trial.toml tells; those estimated are used",
-        "anchors": "the anchors are elsewhere than trial.toml tells; those estimated are used",
-        "natural lengths": "they are others than trial.toml tells; those estimated are used",
+        "rods": "the rods have other lengths than trial.toml says; those estimated are used",
+        "anchors": "the anchors are elsewhere than trial.toml says; those estimated are used",
+        "natural lengths": "they are not those of trial.toml; those estimated are used",
         "rest shape": "the measured rest shape does not balance: was it measured in this state?; sigmas are widened",
         "axes": "the rest shape seems to be measured in other axes than the anchors: measure both in the same",
         "hubs": "forces do not balance in the rest shape: stiffnesses, masses or the shape are others, mirrored ones, "
-        "too, or tendons end beside the ends of the rods (tell structure.hub_radius_m); sigmas are widened",
-        "mirror": "nothing tells the structure from its mirror image: tell structure.node_position_m, about as at rest",
+        "too, or tendons end beside the ends of the rods (give structure.hub_radius_m); sigmas are widened",
+        "mirror": "nothing shows which of two mirror images it is: give structure.node_position_m, about as at rest",
         "several": "rods, anchors, natural lengths and what was measured at rest contradict each other, whichever of "
         "them is wrong: check each",
         "floor": "the lowest nodes at rest are off the floor: are height_m, normal and the rest shape right?",
@@ -80,7 +80,7 @@ def rest_source(rest: RestShape, trial: TrialDescription) -> str:
     """Return what tells the rest shape, and on which side of the anchors it was searched for."""
     if rest.source == "measured" or trial.near_position_m is not None or not trial.structure.is_held:
         return rest.source
-    return f"{rest.source}, above the anchors; if it is below, tell structure.node_position_m"
+    return f"{rest.source}, above the anchors; if it is below, give structure.node_position_m"
 
 
 def rest_balance(rest: RestShape) -> list[tuple[str, str]]:

@@ -21,9 +21,10 @@ RODS_M = (0.001, 100.0)
 SIDE_PER_ROD = 0.5
 """Side of the triangles over the rod of a prism, with which it is about as high as wide."""
 HEADS = {
-    "trial.toml": "A start: every number is nominal. Put your own in; docs/formats/trial.md tells every key.\n"
-    "# Where lengths are measured otherwise, [lengths] stands in place of [adc], [sensors] and [[board]]: file, a CSV\n"
-    "# with t_s, l0_m, l1_m ... and sigmas s0_m, s1_m ..., and strips = false if the sensors are no strips.",
+    "trial.toml": "A start: every number is nominal. Put your own in; docs/formats/trial.md describes every key.\n"
+    "# For resistances, [resistance] with a file, a CSV with t_s, r0_ohm ..., stands in place of [adc] and [[board]].\n"
+    "# For lengths, [lengths] with a file, a CSV with t_s, l0_m ... and sigmas s0_m ..., stands in place of [adc],\n"
+    "# [sensors] and [[board]], with strips = false if the sensors are no strips.",
     "rig.toml": "What stands in the lab, for `tensegraph record` and `tensegraph live`. Put your own numbers in.",
 }
 COMMENTS_OF_START = {

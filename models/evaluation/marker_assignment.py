@@ -70,7 +70,7 @@ def assign_markers(
     if not fits:
         raise InputError(
             f"no assignment of its {len(tracks.names)} markers to nodes fits the shape to {1e3 * most_m:.0f} mm: "
-            "expected three markers or more at nodes; tell which in [truth.markers] of trial.toml"
+            "expected three markers or more at nodes; say which in [truth.markers] of trial.toml"
         )
     most = max(int((fit.node >= 0).sum()) for fit in fits.values())
     whole = [fit for fit in fits.values() if (fit.node >= 0).sum() == most]

@@ -218,7 +218,7 @@ def _unclear(search: OffsetSearch) -> str:
     left = f"{search.offset_s:.2f} s leaves {search.unexplained_share:.0%} of the motion unexplained"
     if np.isfinite(search.other_offset_s):
         left += f", {search.other_offset_s:.2f} s {search.other_unexplained_share:.0%}"
-    return f"the motion does not tell the offset of the capture's clock ({left}): give --offset"
+    return f"the motion does not show the offset of the capture's clock ({left}): give --offset"
 
 
 def _given(offset_s: float) -> CaptureClock:

@@ -83,7 +83,7 @@ class ImuCadence:
             expected = f"expected 0.01 s, or {SLOW_S:g} s at most"
             texts.append(f"a new sample each {self._period_s:.2g} s: {expected}: impacts between them are missed")
         if self._is_packed:
-            texts.append("most samples come in packets: tell when each was measured")
+            texts.append("most samples come in packets: give the time at which each was measured")
         return texts
 
     def _is_pause(self, step_s: float) -> bool:

@@ -88,7 +88,7 @@ def test_parts_are_made_one_by_one_and_stay(names: tuple[str, ...], short_trial:
     page.write_text(re.sub(r"part: loads, source \S+", "part: loads, source 00000000", text))
     main(["--page", str(page), "--only", "held-out"])
     again = page.read_text()
-    assert "Parts of this page are of different sources" in again
+    assert "Parts of this page were measured with different versions" in again
     assert_every_part_is_marked(again, absent=10 - len(names))
     for name in names[:-1]:
         assert re.search(rf"<!-- part: {name}, source \S+ -->(.*?<!-- end of {name})", text, re.DOTALL)[1] in again

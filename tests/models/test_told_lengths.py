@@ -210,7 +210,7 @@ def test_a_sigma_that_nobody_has_told_is_named_where_it_is_large(shorter, sigma_
     told = ToldLengths(GateSettings(), structure, shorter * FULL_M, REST_S, unstated_m=0.001)
     for row in rows_of([shorter * FULL_M] * 3, sigma_m):
         told.checked(row)
-    text = "none is told: noise.unstated_m, 1 mm, counts, 5.0% of a tendon: what moves lengths by less may be missed"
+    text = "none is given: noise.unstated_m, 1 mm, counts, 5.0% of a tendon: what moves lengths by less may be missed"
     assert told.warnings() == ({"sigma of lengths": text} if is_named else {})
 
 

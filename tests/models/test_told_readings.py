@@ -30,7 +30,7 @@ def resistance(source: int = 0, t_s: float = 0.0, tendons: int = 24, **changed) 
         (resistance(tendon=np.full(24, 3)), "reading of resistance: tendon: expected different ones from 0 to 23"),
         (resistance(t_s=NAN), "reading of resistance: t_s: expected a stamp of at most .* got nan"),
         (resistance(arrival_s=NAN), "reading of resistance: arrival_s: expected a stamp"),
-        (ImuReading(0, 0.0, THREE, THREE), "imu: expected none, as trial.toml tells none, got 0"),
+        (ImuReading(0, 0.0, THREE, THREE), "imu: expected none, as trial.toml names none, got 0"),
         (RangeReading(0.0, THREE, (0, 0, 4), 1.0), "range: expected none"),
         (PositionReading(0.0, 4, THREE), "position: expected none"),
         (NaturalLengthReading(0.0, 3, 0.17, 0.0), "natural length: tendon: expected none"),

@@ -79,7 +79,7 @@ def test_a_mapping_that_is_wrong_does_not_fit(take, estimate, example_structure)
     _, fit = lay_onto(tracks_of(take), estimate, marked=marked, offset_s=OFFSET_S)
     assert fit.misfit_m > largest_reach_m(example_structure) == pytest.approx(0.03)
     fact = dict(_capture_facts(fit, example_structure))["markers = nodes"]
-    assert "far off: are they told rightly, or its axes mirrored?" in fact
+    assert "far off: are they assigned rightly, or its axes mirrored?" in fact
 
 
 def test_a_capture_in_another_unit_is_refused_by_that_word(take, estimate) -> None:
@@ -156,7 +156,7 @@ def test_what_cannot_be_told(take, estimate) -> None:
         lay_onto(tracks, estimate, marked=(MarkedNode("A", 0),))
     still = tuple(mark for mark in marks if mark.node in (0, 1, 2))
     with pytest.raises(
-        InputError, match=r"the motion does not tell the offset of the capture's clock .*: give --offset"
+        InputError, match=r"the motion does not show the offset of the capture's clock .*: give --offset"
     ):
         lay_onto(tracks, estimate, marked=still)
     with pytest.raises(InputError, match="markers are on one line"):
