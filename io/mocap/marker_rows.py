@@ -89,12 +89,13 @@ class MarkerRows:
     metres: float
     """Length of one unit of the positions."""
 
-    def tracks(self, time_column: int, seconds: float = 1.0, first: float = 0.0) -> MarkerTracks:
+    def tracks(self, time_column: int | None, seconds: float = 1.0, first: float = 0.0) -> MarkerTracks:
         """Return the positions; nan where a cell is blank.
 
         Args:
-            time_column: column of the times, or of the numbers of the frames.
-            seconds: what one unit of this column lasts.
+            time_column: column of the times, or of the numbers of the frames; None where rows follow each other at one
+                rate.
+            seconds: what one unit of this column lasts, or the time from row to row.
             first: value of this column at time zero.
 
         Raises:
@@ -109,13 +110,18 @@ class MarkerRows:
         t_s, position_m = np.empty(len(self.rows)), np.empty((len(self.rows), *columns.shape))
         for index, row in enumerate(self.rows):
             self._check_width(row, index)
-            t_s[index] = seconds * (self._number(row, index, time_column, blank=False) - first)
+            count = index if time_column is None else self._number(row, index, time_column, blank=False)
+            t_s[index] = seconds * (count - first)
             position_m[index] = [[self._number(row, index, column) for column in xyz] for xyz in columns.tolist()]
+        if time_column is not None:
+            self._check_rising(t_s, time_column)
+        return marker_tracks(self.path, t_s, [marker.name for marker in self.markers], self.metres * position_m)
+
+    def _check_rising(self, t_s: NDArray[np.float64], time_column: int) -> None:
         for index in np.flatnonzero(np.diff(t_s) <= 0)[:1]:
             here = self._here(index + 1, time_column)
             got = self.rows[index + 1][time_column]
             raise InputError(f"{here}: expected more than {self.rows[index][time_column]}, got {got}")
-        return marker_tracks(self.path, t_s, [marker.name for marker in self.markers], self.metres * position_m)
 
     def _check_width(self, row: Sequence[str], index: int) -> None:
         if len(row) < self.width or any(row[self.width :]):

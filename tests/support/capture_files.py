@@ -73,6 +73,27 @@ def vicon_text(take: Take) -> str:
     return "\n".join([*head, ",".join(["", "", *["mm"] * columns]), *rows, ""])
 
 
+def qualisys_text(take: Take) -> str:
+    """With all that can be exported: types, a header that ends in a tab, and the columns Frame and Time."""
+    about = {
+        "NO_OF_FRAMES": f"{len(take.t_s)}",
+        "NO_OF_CAMERAS": "10",
+        "NO_OF_MARKERS": f"{len(take.names)}",
+        "FREQUENCY": "100",
+        "NO_OF_ANALOG": "0",
+        "ANALOG_FREQUENCY": "0",
+        "DESCRIPTION": "--",
+        "TIME_STAMP": "2026-05-04, 15:25:39.000\t2063631.96175450",
+        "DATA_INCLUDED": "3D",
+        "MARKER_NAMES": "\t".join(take.names),
+        "TRAJECTORY_TYPES": "\t".join(["Measured"] * len(take.names)),
+    }
+    head = [f"{word}\t{values}" for word, values in about.items()]
+    columns = [f"{name} {axis}" for name in take.names for axis in "XYZ"]
+    rows = ["\t".join([str(k + 1), f"{t:.5f}", *take.cells(k)]) for k, t in enumerate(take.t_s)]
+    return "\n".join([*head, "\t".join(["Frame", "Time", *columns, ""]), *rows, ""])
+
+
 def trc_text(take: Take) -> str:
     count = len(take.names)
     head = [

@@ -11,7 +11,7 @@ import numpy as np
 import tomli_w
 
 import tensegraph as tg
-from capture_files import motive_text, take_of, trc_text, vicon_text, write_c3d
+from capture_files import motive_text, qualisys_text, take_of, trc_text, vicon_text, write_c3d
 from command_line import run
 from plan_edits import PLANS
 from roll import ROLL
@@ -213,6 +213,7 @@ def captured(folder: Path) -> None:
     assert ended.returncode == 0, ended.stderr
     (folder / "motive.csv").write_text(motive_text(take), newline="")
     (folder / "vicon.csv").write_text(vicon_text(take).replace("Robot:", ""))
+    (folder / "take.tsv").write_text(qualisys_text(take))
     (folder / "take.trc").write_text(trc_text(take))
     write_c3d(take, folder / "take.c3d")
 
@@ -304,6 +305,7 @@ TARGETS = {
     ),
     "motive": Target(captured, (*EVALUATE, "--truth", "motive.csv"), ("motive.csv",), "vicon.csv", slow=True),
     "vicon": Target(captured, (*EVALUATE, "--truth", "vicon.csv"), ("vicon.csv",), "motive.csv", slow=True),
+    "qualisys": Target(captured, (*EVALUATE, "--truth", "take.tsv"), ("take.tsv",), "vicon.csv", slow=True),
     "trc": Target(captured, (*EVALUATE, "--truth", "take.trc"), ("take.trc",), "vicon.csv", slow=True),
     "c3d": Target(captured, (*EVALUATE, "--truth", "take.c3d"), ("take.c3d",), slow=True),
     "calibrate": Target(

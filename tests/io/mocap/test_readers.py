@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture_files import motive_text, take_of, trc_text, vicon_text, write_c3d
+from capture_files import motive_text, qualisys_text, take_of, trc_text, vicon_text, write_c3d
 from tensegraph import InputError
 from tensegraph.io.mocap import c3d_file
 from tensegraph.io.mocap.truth_file import read_truth
 from tensegraph.models.values.tracks import MarkerTracks, StampedPositions
 
 TAKE = take_of(np.array([0.0, 2.0, 3.0]), np.random.default_rng(0).random((3, 4, 3)), [2, 0, 3], gaps=1)
-TEXTS = {"take.csv": motive_text, "vicon.csv": vicon_text, "take.trc": trc_text}
+TEXTS = {"take.csv": motive_text, "vicon.csv": vicon_text, "take.tsv": qualisys_text, "take.trc": trc_text}
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_vicon_with_tabs(path_of) -> None:
     np.testing.assert_allclose(tracks.position_m, 1e-3 * TAKE.position_mm, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["vicon.csv", "take.trc", "take.c3d"])
+@pytest.mark.parametrize("name", ["vicon.csv", "take.tsv", "take.trc", "take.c3d"])
 def test_a_hidden_marker_that_is_written_as_zeros(tmp_path, name) -> None:
     """One that is at 0, 0, 0 whenever it is seen stands there, such as the corner of a simulated base."""
     was_hidden = np.isnan(TAKE.position_mm)
@@ -95,6 +95,23 @@ def test_a_hidden_marker_that_is_written_as_zeros(tmp_path, name) -> None:
     assert was_hidden[:, :3].any()
     np.testing.assert_array_equal(np.isnan(read_m[:, :3]), was_hidden[:, :3])
     np.testing.assert_array_equal(read_m[:, 3], np.zeros_like(read_m[:, 3]))
+
+
+@pytest.mark.parametrize("types", [True, False])
+@pytest.mark.parametrize("header", [True, False])
+def test_qualisys_without_frame_and_time(path_of, header: bool, types: bool) -> None:
+    """Times follow from the rate then, and a marker that is hidden in the first row leaves blanks there."""
+    cells = [line.split("\t") for line in qualisys_text(TAKE).splitlines()]
+    names = next(k for k, row in enumerate(cells) if row[0] == "MARKER_NAMES")
+    rows = [row[2:] for row in cells[names + 3 :]]
+    rows[0][:3] = [""] * 3
+    kept = [*cells[: names + 1], *(cells[names + 1 : names + 2] if types else [])]
+    kept += [cells[names + 2][2:]] if header else []
+    text = "\n".join("\t".join(row) for row in [*kept, *rows])
+    tracks = read_truth(path_of("take.tsv", lambda _: text), 4)
+    np.testing.assert_allclose(tracks.t_s, TAKE.t_s, atol=1e-9)
+    assert np.isnan(tracks.position_m[0, 0]).all()
+    np.testing.assert_allclose(tracks.position_m[1:], 1e-3 * TAKE.position_mm[1:], atol=1e-6)
 
 
 def test_c3d_of_more_points_than_its_first_labels_hold(tmp_path) -> None:
@@ -158,6 +175,12 @@ def shortened(row: int, delimiter: str = ","):
         ("vicon.csv", edited(5, 3, "deg"), "row 5: units: expected a unit of length, m, meters"),
         ("vicon.csv", edited(7, 4, "inf"), "row 7, column 4: expected a finite number, got 'inf'"),
         ("vicon.csv", edited(7, 1, ""), "row 7, column 1: expected a finite number, got ''"),
+        ("take.tsv", edited(3, 2, "9", "\t"), "NO_OF_MARKERS: expected 4 as in row 10, got 9"),
+        ("take.tsv", edited(4, 2, "-", "\t"), "FREQUENCY in Hz: expected a number above 0, got '-'"),
+        ("take.tsv", edited(10, 1, "BODY_NAMES", "\t"), "expected one that begins with MARKER_NAMES, as of 3D data"),
+        ("take.tsv", edited(14, 3, "left", "\t"), "row 14, column 3: expected a finite number, got 'left'"),
+        ("take.tsv", edited(14, 2, "0.0", "\t"), "row 14, column 2: expected more than 0.00000, got 0.0"),
+        ("take.tsv", shortened(14, "\t"), "row 14: expected 14 cells, got 13"),
         (
             "take.trc",
             lambda text: text.replace("\t", ","),

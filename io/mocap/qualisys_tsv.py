@@ -1,0 +1,44 @@
+"""Qualisys Track Manager's TSV of 3D data: tab-separated rows of a word and its values, then the positions in mm.
+
+The word MARKER_NAMES comes last but for TRAJECTORY_TYPES and a header. The columns Frame and Time, and that header, are
+options of the export.
+"""
+
+from pathlib import Path
+
+from ...models.values.errors import InputError
+from ...models.values.tracks import MarkerTracks
+from .marker_rows import METRES, MarkerColumns, MarkerRows, positive_number, read_cells
+
+FIRST_CELL_OF_QUALISYS = "NO_OF_FRAMES"
+BELOW_THE_NAMES = ("TRAJECTORY_TYPES", "Frame")
+"""Words with which the rows between the names of the markers and the positions begin."""
+
+
+def read_qualisys_tsv(path: Path) -> MarkerTracks:
+    """Return the markers of a TSV file of Qualisys; time is that of the file, or zero in the first row.
+
+    Raises:
+        InputError: for a file that cannot be read or is no such file, see `MarkerRows.tracks`.
+    """
+    rows = read_cells(path, "\t")
+    last = next((index for index, row in enumerate(rows) if row[:1] == ["MARKER_NAMES"]), None)
+    if last is None:
+        raise InputError(f"{path}: no row: expected one that begins with MARKER_NAMES, as of 3D data")
+    names = [name for name in rows[last][1:] if name]
+    about = {row[0]: row[1] for row in rows[:last] if len(row) > 1}
+    if about.get("NO_OF_MARKERS") != str(len(names)):
+        expected = f"expected {len(names)} as in row {last + 1}"
+        raise InputError(f"{path}: NO_OF_MARKERS: {expected}, got {about.get('NO_OF_MARKERS')}")
+    rate_hz = positive_number(about.get("FREQUENCY", ""), f"{path}: FREQUENCY in Hz")
+    first = last + 1
+    while first < len(rows) and (rows[first][0] in BELOW_THE_NAMES or rows[first][0] == f"{names[0]} X"):
+        first += 1
+    body = [row for row in rows[first:] if any(row)]
+    stamps = 2 if body and len(body[0]) >= 2 + 3 * len(names) else 0
+    markers = [
+        MarkerColumns(name, (column, column + 1, column + 2))
+        for column, name in zip(range(stamps, stamps + 3 * len(names), 3), names, strict=True)
+    ]
+    table = MarkerRows(path, body, first + 1, stamps + 3 * len(names), markers, METRES["mm"])
+    return table.tracks(1) if stamps else table.tracks(None, 1 / rate_hz)
