@@ -31,10 +31,11 @@ def read_qualisys_tsv(path: Path) -> MarkerTracks:
         expected = f"expected {len(names)} as in row {last + 1}"
         raise InputError(f"{path}: NO_OF_MARKERS: {expected}, got {about.get('NO_OF_MARKERS')}")
     rate_hz = positive_number(about.get("FREQUENCY", ""), f"{path}: FREQUENCY in Hz")
+    heads = {*BELOW_THE_NAMES, *(f"{name} X" for name in names[:1])}
     first = last + 1
-    while first < len(rows) and (rows[first][0] in BELOW_THE_NAMES or rows[first][0] == f"{names[0]} X"):
+    while first < len(rows) and (len(rows[first]) < 2 or rows[first][0] in heads):
         first += 1
-    body = [row for row in rows[first:] if any(row)]
+    body = [row for row in rows[first:] if len(row) > 1]  # one of blanks is a frame in which all were hidden
     stamps = 2 if body and len(body[0]) >= 2 + 3 * len(names) else 0
     markers = [
         MarkerColumns(name, (column, column + 1, column + 2))

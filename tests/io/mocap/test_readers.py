@@ -100,18 +100,20 @@ def test_a_hidden_marker_that_is_written_as_zeros(tmp_path, name) -> None:
 @pytest.mark.parametrize("types", [True, False])
 @pytest.mark.parametrize("header", [True, False])
 def test_qualisys_without_frame_and_time(path_of, header: bool, types: bool) -> None:
-    """Times follow from the rate then, and a marker that is hidden in the first row leaves blanks there."""
+    """Times follow from the rate then, and markers that are hidden leave blanks, all of them at once, too."""
     cells = [line.split("\t") for line in qualisys_text(TAKE).splitlines()]
     names = next(k for k, row in enumerate(cells) if row[0] == "MARKER_NAMES")
     rows = [row[2:] for row in cells[names + 3 :]]
     rows[0][:3] = [""] * 3
+    rows[5] = [""] * len(rows[5])
     kept = [*cells[: names + 1], *(cells[names + 1 : names + 2] if types else [])]
     kept += [cells[names + 2][2:]] if header else []
     text = "\n".join("\t".join(row) for row in [*kept, *rows])
     tracks = read_truth(path_of("take.tsv", lambda _: text), 4)
     np.testing.assert_allclose(tracks.t_s, TAKE.t_s, atol=1e-9)
-    assert np.isnan(tracks.position_m[0, 0]).all()
-    np.testing.assert_allclose(tracks.position_m[1:], 1e-3 * TAKE.position_mm[1:], atol=1e-6)
+    position_mm = TAKE.position_mm.copy()
+    position_mm[0, 0] = position_mm[5] = np.nan
+    np.testing.assert_allclose(tracks.position_m, 1e-3 * position_mm, atol=1e-6)
 
 
 def test_c3d_of_more_points_than_its_first_labels_hold(tmp_path) -> None:
