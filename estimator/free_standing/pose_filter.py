@@ -349,8 +349,9 @@ class PoseFilter:
 
     def _watched_rise(self, frame: Frame) -> None:
         """Take the robot off the floor where inertial sensors say that it has risen from it."""
-        if frame.samples is None or frame.t_s < self._rest_until_s or not self._standing.any():
-            self._rise_watch.forget()
+        at_rest = frame.t_s < self._rest_until_s
+        if frame.samples is None or at_rest or not self._standing.any():
+            self._rise_watch.forget(np.inf if at_rest else 0.0)
             return
         placed = frame.placed(self.state)
         rise = self._rise_watch.observe(frame.t_s, frame.step_s, placed, self.covariance, frame.samples)

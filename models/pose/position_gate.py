@@ -12,6 +12,16 @@ with the error e of each and the covariance S of it,
 and where no two agree, each that is where the pose expects it. S includes how far a node moves in a frame. Three nodes
 or more are used where they may have moved to since two were seen, so that a robot that was moved unseen is found. To
 agree is not enough: in a symmetric structure nodes that are exchanged keep their distances to some others.
+
+A structure that hangs turns about its anchors, which are where they are told, so that its pose changes none of the
+distances to them. With the place A_k of an anchor k,
+
+    r_ak = |y_a - A_k| - |x_a - x_k| = u_ak^T t + noise,    u_ak = (y_a - A_k) / |y_a - A_k|
+
+where t is how far the frame of the positions is shifted against the anchors. With the covariance S of the noise, from
+shape, positions and frame, and U the rows u_ak^T, it is shifted where the best t explains more than `MOST_SIGMA`^2:
+
+    |U' t - r'| smallest,    |U' t|^2 > MOST_SIGMA^2,    U' = L^-1 U,    r' = L^-1 r,    L L^T = S
 """
 
 from collections.abc import Sequence
@@ -21,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..structure.shape import node_blocks, pair_blocks
+from ..structure.structure import Structure
 from ..values.aids import PositionReading
 from ..values.chi_squared import squared_distance
 
@@ -108,6 +119,46 @@ def believed(
     return Believed([k in used for k in range(len(nodes))], agreeing)
 
 
+def are_shifted(
+    readings: Sequence[PositionReading],
+    structure: Structure,
+    node_position_m: NDArray[np.float64],
+    shape_covariance_m2: NDArray[np.float64],
+    sigma_m: float,
+) -> bool:
+    """Return whether the positions of one instant are shifted against the anchors; not so without anchors.
+
+    Args:
+        readings: in the world, of one recording; those of anchors themselves are not looked at.
+        structure: which has the anchors.
+        node_position_m: (nodes, 3) the shape, however it is turned.
+        shape_covariance_m2: (3 nodes, 3 nodes) of the shape alone, in the same axes.
+        sigma_m: standard deviation of a position, per axis.
+    """
+    anchors = structure.anchors
+    seen = [reading for reading in readings if reading.node not in anchors]
+    if not seen or not len(anchors):
+        return False
+    node, anchor = (grid.ravel() for grid in np.meshgrid([reading.node for reading in seen], anchors, indexing="ij"))
+    of_reading = np.repeat(np.arange(len(seen)), len(anchors))
+    read_m = np.array([reading.position_m for reading in seen])[of_reading]
+    U, read_away_m = _directions(read_m - np.tile(structure.anchor_position_m, (len(seen), 1)))
+    D, away_m = _directions(node_position_m[node] - node_position_m[anchor])
+    P = pair_blocks(shape_covariance_m2)
+    by_shape = sum(
+        sign * np.einsum("ai,abij,bj->ab", D, P[np.ix_(first, second)], D)
+        for sign, first, second in ((1, node, node), (1, anchor, anchor), (-1, node, anchor), (-1, anchor, node))
+    )
+    B = np.array([np.zeros((3, 6)) if one.frame is None else one.frame.jacobian(one.position_m) for one in seen])
+    by_frame = np.einsum("ai,aiz->az", U, B[of_reading])
+    same = of_reading[:, None] == of_reading
+    S = by_shape + by_frame @ by_frame.T + same * (U @ U.T) * sigma_m**2 + LAGS_M**2 * np.eye(len(U))
+    whiten = np.linalg.inv(np.linalg.cholesky(S))
+    U, r = whiten @ U, whiten @ (read_away_m - away_m)
+    t = np.linalg.lstsq(U, r, rcond=None)[0]
+    return bool(np.sum((U @ t) ** 2) > MOST_SIGMA**2)
+
+
 def _agree(
     read_m: NDArray[np.float64],
     shape_m: NDArray[np.float64],
@@ -144,3 +195,9 @@ def _agreeing(agree: NDArray[np.bool_], among: NDArray[np.int64], first: int) ->
         if agree[k, list(found)].all():
             found.add(k)
     return found
+
+
+def _directions(between_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (k, 3) unit vectors along some differences, and (k,) their lengths."""
+    distance_m = np.linalg.norm(between_m, axis=1)
+    return between_m / np.maximum(distance_m, 1e-12)[:, None], distance_m

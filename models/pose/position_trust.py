@@ -41,7 +41,7 @@ from ..values.aids import PositionReading
 from ..values.chi_squared import squared_distance
 from ..values.time_series import low_pass_weight
 from .placed import PlacedShape
-from .position_gate import believed, believed_at_rest
+from .position_gate import are_shifted, believed, believed_at_rest
 
 LEAST_AT_REST = 5
 """Number of positions of a node at rest from which they tell that it is not where it is told to be."""
@@ -187,6 +187,8 @@ class PositionTrust:
         unseen_s = step_s if recording.is_astray else max(t_s - recording.seen_s, step_s)
         group = believed(told, x, total_m2, shape_m2, step_s, unseen_s, self._sigma_m)
         used_now = [reading for reading, passes in zip(told, group.passes, strict=True) if passes]
+        if are_shifted(used_now, self._rest.structure, x, shape_m2, self._sigma_m):
+            used_now = []
         if group.agreeing > 1:
             recording.is_astray = not used_now
         if len(used_now) > 1:

@@ -7,8 +7,10 @@ height z along the normal n,
     a = n . f - g n_z,     z <- z + v dt + a dt^2 / 2,     v <- v + a dt
 
 The robot is lifted if z - h is above `LIFTED_M` and above `LIFTED_SIGMA` standard deviations of it, by the noise of the
-force, its bias, and the velocity at the start. After a shock, which may be beyond the range of the sensors, nothing is
-told until it is still again.
+force, its bias, and the velocity at the start. Every `RISE_WATCH_S` the watch starts again, but only where the robot is
+still and v is not above `LIFTED_SIGMA` standard deviations of it: one that rises steadily feels what one at rest feels.
+After a shock, which may be beyond the range of the sensors, nothing is told until it is still again. A hand throws with
+less than a shock, but so do feet strike that come down; it is followed where the robot was at rest before.
 """
 
 from dataclasses import dataclass
@@ -24,14 +26,16 @@ from ....models.pose.pose_state import PoseState
 from ....models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from ..contacts import LIFTED_M, LIFTED_SIGMA
 from ..imu_trust import is_still
-from ..pose_motion import force_sigma_m_per_s2
+from ..pose_motion import SHOCK_M_PER_S2, force_sigma_m_per_s2
 
 RISE_WATCH_S = 1.0
-"""Time after which the watch starts again: the bias of the force is a centimetre then."""
+"""Time after which the watch starts again: the bias of the force is a centimetre then. No hand that carries a robot
+down is as steady for so long, so that one which is still for longer while it stands is at rest."""
 STARTS_M_PER_S = 0.01
 """Standard deviation of the velocity of a robot that is still."""
 CALM_M_PER_S2 = 3.0
-"""Difference of a specific force from g that is no shock: a hand lifts by less, and feet that land strike by more."""
+"""Difference of a specific force from g that is no shock where the robot was not at rest before: feet that land strike
+by more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +58,8 @@ class RiseWatch:
         self._normal = floor.normal
         self._settings = settings
         self._since_s = -np.inf
+        self._still_s = 0.0
+        self._has_rested = False
         self._sensors = np.zeros(0, dtype=np.int64)
         self._told = np.zeros(2)
         self._noise = np.zeros((2, 2))
@@ -72,26 +78,33 @@ class RiseWatch:
             samples: of the sensors that are used.
         """
         sensors = np.flatnonzero(samples.count)
-        calm = samples.excess_m_per_s2[sensors] <= CALM_M_PER_S2
+        self._still_s = self._still_s + step_s if is_still(samples) else 0.0
+        calm = samples.excess_m_per_s2[sensors] <= (SHOCK_M_PER_S2 if self._has_rested else CALM_M_PER_S2)
         if not len(sensors) or not calm.all() or not np.array_equal(sensors, self._sensors):
-            self.forget()
+            self.forget(self._still_s)
             self._sensors = sensors
             return None
         held = self._held(placed, sensors)
-        if t_s - self._since_s > RISE_WATCH_S:
+        if not np.isfinite(self._since_s):
             if is_still(samples):
                 self._start(t_s, held)
             return None
         sigma = force_sigma_m_per_s2(samples, sensors, self._settings)
         variance = self._move(step_s, placed, covariance, samples, sigma)
+        moves = abs(self._told[1]) > LIFTED_SIGMA * np.sqrt(variance[1, 1])
+        if t_s - self._since_s > RISE_WATCH_S and is_still(samples) and not moves:
+            self._start(t_s, held)
+            return None
         way = self._told - held
         if way[0] < max(LIFTED_M, LIFTED_SIGMA * float(np.sqrt(variance[0, 0]))):
             return None
         return Rise(self._since_s, way, variance)
 
-    def forget(self) -> None:
-        """Start again when the robot is still."""
+    def forget(self, still_s: float = 0.0) -> None:
+        """Start again when the robot is still, as which it is known for some seconds."""
         self._since_s = -np.inf
+        self._has_rested = False
+        self._still_s = still_s
 
     def _held(self, placed: PlacedShape, sensors: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return (2,) the height of the mean point of some sensors and its velocity, as the filter says."""
@@ -102,6 +115,7 @@ class RiseWatch:
 
     def _start(self, t_s: float, held: NDArray[np.float64]) -> None:
         self._since_s, self._told = t_s, np.array([held[0], 0.0])
+        self._has_rested = self._still_s > RISE_WATCH_S
         self._noise = np.diag([self._settings.floor_m**2, STARTS_M_PER_S**2])
         self._by_bias = np.zeros(2)
 

@@ -38,7 +38,8 @@ class Watched:
     """A robot that stays at rest, seen by motion capture."""
 
     def __init__(self, rest: RestShape) -> None:
-        rest = replace(rest, covariance_m2=1e-7 * np.eye(36))
+        free = replace(rest.structure, anchors=np.empty(0), anchor_position_m=np.empty((0, 3)))
+        rest = replace(rest, structure=free, covariance_m2=1e-7 * np.eye(36))
         centre_m = rest.node_position_m.mean(axis=0)
         state = replace(any_state(0, 0), turn=np.eye(3), position_m=centre_m)
         self.trust = PositionTrust(rest, REST_S, 5e-4)

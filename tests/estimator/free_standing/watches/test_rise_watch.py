@@ -55,3 +55,16 @@ def test_a_robot_that_trembles_on_the_floor_is_not_lifted(balanced) -> None:
     _, steps = lifted(balanced, 0.05, 2.0)
     assert all(np.isinf(step.lifted_since_s) and step.standing.nodes.any() for step in steps)
     assert not any(step.standing.contradicted for step in steps)
+
+
+@pytest.mark.parametrize("from_s", [1.0, 1.3, 1.6, 1.9])
+@pytest.mark.parametrize("lift_m_per_s2", [1.0, 4.0])
+def test_a_robot_that_rises_steadily_is_lifted_whenever_that_begins(balanced, from_s, lift_m_per_s2) -> None:
+    """It is accelerated for 0.6 s by less than a shock, and feels what a robot at rest feels from then on."""
+    x, poses = balanced.node_position_m, robot_with_two_sensors(balanced)
+    for t_s in np.arange(0.0, from_s + 1.2, 0.02):
+        sign = float(from_s <= t_s < from_s + 0.6)
+        poses.step(float(t_s), x, SHAPE_M2, samples_of_two(float(t_s), (9.81 + sign * lift_m_per_s2) * UP))
+    rise_m = poses.state.position_m[2] - poses.centre_m[2]
+    assert not poses.standing.nodes.any()
+    assert rise_m == pytest.approx(0.54 * lift_m_per_s2, rel=0.1)
