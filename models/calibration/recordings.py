@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..sensor.lstm import running_means
 from ..sensor.stretching import SETTLING_S
 from ..values.errors import InputError
+from ..values.time_series import median_step_s
 
 STEADY_RATIO = 1.5
 """Ratio of the 90 % quantile to the 25 % quantile of the speed while moving, below which a recording has one speed."""
@@ -31,7 +32,7 @@ CORRELATED_S = 5.0
 
 def correlated_samples(t_s: NDArray[np.float64]) -> float:
     """Return how many samples of (samples,) stamps have the same error, and count as one; at least 1."""
-    return max(CORRELATED_S / float(np.median(np.diff(t_s))), 1.0) if len(t_s) > 1 else 1.0
+    return max(CORRELATED_S / median_step_s(t_s), 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +93,7 @@ class Recording:
 
         It is that from sample to sample, or over `NOISY_SPEED_S` where the noise of strain hides it.
         """
-        samples = max(round(NOISY_SPEED_S / float(np.median(np.diff(self.t_s)))), 1)
+        samples = max(round(NOISY_SPEED_S / median_step_s(self.t_s)), 1)
         by_sample, smoothed = (self._steady_speed_per_s(apart) for apart in (1, min(samples, len(self.t_s) - 1)))
         return by_sample if np.isfinite(by_sample) else smoothed
 

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..values.rotations import best_rotation
+from ..values.time_series import median_step_s
 
 ON_A_LINE = 1e-3
 """Ratio of two widths of a set of points, below which they lie on one line."""
@@ -27,7 +28,7 @@ def interpolated_within(
     after = np.clip(np.searchsorted(truth_s, t_s), 1, len(truth_s) - 1)
     step_s = truth_s[after] - truth_s[after - 1]
     share = (t_s - truth_s[after - 1]) / step_s
-    outside = (share < 0) | (share > 1) | (step_s > MAX_HOLE * np.median(np.diff(truth_s)))
+    outside = (share < 0) | (share > 1) | (step_s > MAX_HOLE * median_step_s(truth_s))
     share = np.where(outside & (share != 0) & (share != 1), np.nan, share)[:, None, None]
     before_m = truth_position_m[after - 1]
     after_m = truth_position_m[after]
