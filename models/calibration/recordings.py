@@ -1,6 +1,6 @@
 """Calibration recordings, and their split into training, validation and test."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 
@@ -168,7 +168,7 @@ class Split:
         if not any(r.stretches for r in recordings if r.name in test):
             return cls.by_time(recordings, TEST_TAIL)
         how = f"the middle one of the speeds and every {EVERY}th recording of irregular motion are held out"
-        return cls._whole(recordings, lambda name: name in test, lambda name: name in validate, how)
+        return cls._whole(recordings, test, validate, how)
 
     @classmethod
     def by_name(cls, recordings: Sequence[Recording], patterns: Sequence[str]) -> "Split":
@@ -183,8 +183,7 @@ class Split:
         test = {r.name for r in recordings if any(fnmatch(r.name, pattern) for pattern in patterns)}
         rest = [r for r in recordings if r.name not in test and not r.bends]
         validate = {r.name for r in rest[EVERY - 2 :: EVERY]}
-        how = f"held out by name: {', '.join(patterns)}"
-        return cls._whole(recordings, lambda name: name in test, lambda name: name in validate, how)
+        return cls._whole(recordings, test, validate, f"held out by name: {', '.join(patterns)}")
 
     @classmethod
     def by_time(cls, recordings: Sequence[Recording], tail: float) -> "Split":
@@ -200,16 +199,11 @@ class Split:
         return cls(*_time_validation(kept), held_out, f"the last {tail:.0%} of each recording is held out")
 
     @classmethod
-    def _whole(
-        cls,
-        recordings: Sequence[Recording],
-        tests: Callable[[str], bool],
-        validates: Callable[[str], bool],
-        how: str,
-    ) -> "Split":
-        kept = [r for r in recordings if not tests(r.name)]
-        validation = [r for r in kept if validates(r.name)]
-        training = [r for r in kept if not validates(r.name)]
+    def _whole(cls, recordings: Sequence[Recording], test: set[str], validate: set[str], how: str) -> "Split":
+        """Split recordings by their names."""
+        kept = [r for r in recordings if r.name not in test]
+        validation = [r for r in kept if r.name in validate]
+        training = [r for r in kept if r.name not in validate]
         if not validation:
             training, validation = _time_validation(kept)
         if not any(r.stretches for r in training):
@@ -217,7 +211,7 @@ class Split:
                 "no recording of stretching to train on: expected one with strain >= 0 in more than "
                 f"{100 * STRETCHES_SHARE:g} % of its rows"
             )
-        return cls(training, validation, [r for r in recordings if tests(r.name)], how)
+        return cls(training, validation, [r for r in recordings if r.name in test], how)
 
 
 def _middle_speed(recordings: Sequence[Recording]) -> list[Recording]:
