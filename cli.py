@@ -169,7 +169,7 @@ def _workers(jobs: int, scheduler: str | None) -> "Workers":
     return Workers(jobs, scheduler)
 
 
-def _method(name: str, *, live: bool = False) -> str:
+def _method(name: str, *, live: bool) -> str:
     """Return the name in the pipeline of a method as the command line names it.
 
     Raises:

@@ -21,10 +21,11 @@ from .estimator.watches.run_watch import RunWatch
 from .estimator.whole_trial.trial_chain import Progress
 from .factors.tendon import TautCables
 from .io.model_file import read_sensor_model
+from .io.reports.run_lines import rest_complaints
 from .io.trial_directory import Trial, open_trial
 from .models.plug_ins import PlugIn, plug_ins
 from .models.pose.aid_intake import AidIntake
-from .models.pose.robot import FreeStandingRobot, HangingRobot
+from .models.pose.robot import FreeStandingRobot, HangingRobot, Robot
 from .models.sensor.frames import FrameAssembler, LengthPauses
 from .models.sensor.front_end import FrontEnd
 from .models.sensor.reference_drift import ReferenceTendons
@@ -103,17 +104,14 @@ ESTIMATORS: dict[str, EstimatorFactory] = {
 WITH_FACTORS = ("batch", "live", "frame")
 """The methods that use factors of one's own; the others would leave them out and not say so."""
 
-FREE_STANDING: dict[str, Callable[[Structure, RestShape, FreeStandingRobot, Settings], Estimator]] = {
-    "batch": FreeStandingOptimizer,
-    "live": FreeStandingSmoother,
-}
-"""The estimator of each method for a structure without anchors, which stands on a floor."""
+NOT_HELD = ("batch", "live")
+"""The methods for a structure with less than three anchors."""
 
-HANGING: dict[str, Callable[[Structure, RestShape, HangingRobot, Settings], Estimator]] = {
-    "batch": HangingOptimizer,
-    "live": HangingSmoother,
+WITH_POSE: dict[type[Robot], dict[str, Callable[[Structure, RestShape, Any, Settings], Estimator]]] = {
+    FreeStandingRobot: {"batch": FreeStandingOptimizer, "live": FreeStandingSmoother},
+    HangingRobot: {"batch": HangingOptimizer, "live": HangingSmoother},
 }
-"""The estimator of each method for a structure that hangs from one or two anchors."""
+"""Their estimators of a robot that stands on a floor, and of one that hangs from one or two anchors."""
 
 
 def estimator_plug_ins() -> dict[str, PlugIn]:
@@ -265,7 +263,6 @@ class Pipeline:
         factory: EstimatorFactory,
         method: str,
         frames: Iterable[TendonLengths],
-        progress: Progress | None = None,
     ) -> Iterator[Shape]:
         """Yield the shape in every frame of lengths that `after_rest` returns, by a method whose factory is known.
 
@@ -273,7 +270,7 @@ class Pipeline:
             InputError: for a method that is not for such a structure, or such readings.
         """
         self._check_method(method)
-        return self._watched(frames, method, factory, progress)
+        return self._watched(frames, method, factory, None)
 
     def _check_method(self, method: str) -> None:
         """Raise InputError for a method that is not for such a structure, or such readings."""
@@ -282,9 +279,9 @@ class Pipeline:
                 f"method '{method}': expected one of {', '.join(WITH_FACTORS)}, which use the trial's [[factor]]"
             )
         structure = self.rest.structure
-        if not structure.is_held and method not in FREE_STANDING:
+        if not structure.is_held and method not in NOT_HELD:
             fewer = "without anchors" if structure.is_free_standing else "with one or two anchors"
-            raise InputError(f"method '{method}': expected one of {', '.join(FREE_STANDING)} for a structure {fewer}")
+            raise InputError(f"method '{method}': expected one of {', '.join(NOT_HELD)} for a structure {fewer}")
 
     @property
     def _lengths_tell_rest(self) -> bool:
@@ -336,17 +333,27 @@ class Pipeline:
     def _shapes(
         self, frames: Iterable[TendonLengths], method: str, factory: EstimatorFactory, progress: Progress | None
     ) -> Iterator[Shape]:
-        if not self.rest.structure.is_held:
-            return _estimated_from_rest(self._not_held(method), frames, progress)
-        shapes = _estimated(factory(self.rest.structure, self.rest, self.settings), frames, progress)
+        rest, settings, robot = self.rest, self.settings, self.trial.robot
+        if robot is not None:
+            with_pose = WITH_POSE[type(robot)][method]
+            return _estimated_from_rest(
+                lambda first_s: with_pose(rest.structure, rest, robot.begun(first_s), settings), frames, progress
+            )
+        shapes = _estimated(factory(rest.structure, rest, settings), frames, progress)
         if self.trial.imus and self.trial.rest_seconds > 0:
-            return map(MovingBase(self.rest, self.trial.imus, self.trial.rest_seconds).observe, shapes)
+            return map(MovingBase(rest, self.trial.imus, self.trial.rest_seconds).observe, shapes)
         return shapes
 
     def warnings(self) -> dict[str, str]:
         """Return what looks wrong of boards, of lengths that are told, and of other sensors, by the board or sensor."""
         clocks = self.boards.warnings() if self.boards else {}
         return self._slow_sources() | clocks | self._told.warnings() | self.aids.warnings()
+
+    def rest_complaints(self) -> Iterator[tuple[str, str]]:
+        """Yield what looks wrong at rest, and what to do: the name of a row of a table and its text."""
+        return rest_complaints(
+            self.rest.wrong, self.front_end.exchanged, misfits=self.misfits_at_rest, moved=self.moved_at_rest
+        )
 
     def _slow_sources(self) -> dict[str, str]:
         """Return of each board, or of a file of resistances, that is slower than the frames what that means."""
@@ -366,18 +373,6 @@ class Pipeline:
     def moved_at_rest(self) -> bool:
         """Whether the structure moved while it was to stand still."""
         return self.front_end.moved_at_rest or self._lengths_moved
-
-    def _not_held(self, method: str) -> Callable[[float], Estimator]:
-        """Return what makes the estimator of a structure that hangs, stands on a floor, or has body coordinates alone.
-
-        Its argument is t_s of the first frame, from which the rest counts.
-        """
-        structure, rest, settings, robot = self.rest.structure, self.rest, self.settings, self.trial.robot
-        if isinstance(robot, HangingRobot):
-            return lambda first_s: HANGING[method](structure, rest, robot.begun(first_s), settings)
-        if robot is None:
-            return lambda first_s: ESTIMATORS[method](structure, rest, settings)
-        return lambda first_s: FREE_STANDING[method](structure, rest, robot.begun(first_s), settings)
 
     def lengths(self, readings: Iterable[Reading], ahead: int = 1) -> Iterator[TendonLengths]:
         """Yield the lengths of all tendons in every frame.

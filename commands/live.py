@@ -186,11 +186,12 @@ def show_live(
     with outputs.page(terminal) as server, source.feed(settings, sensor_model, terminal) as feed:
         with stopped_by_signals(feed.source), ExitStack() as stack:
             check_trained(sensor_model, feed.description, settings, config or model)
-            with naming(feed.path):
-                session = Session(feed, Pipeline(feed.description, settings, sensor_model))
-            sinks = [stack.enter_context(sink) for sink in outputs.sinks(session.pipeline, server)]
+            parts = made_with("live", model, feed.plug_ins)
             try:
-                run_session(session, feed, path, sinks, terminal, made_with("live", model, feed.plug_ins))
+                with naming(feed.path, path):
+                    session = Session(feed, Pipeline(feed.description, settings, sensor_model))
+                    sinks = [stack.enter_context(sink) for sink in outputs.sinks(session.pipeline, server)]
+                    run_session(session, feed, path, sinks, terminal, parts)
             except KeyboardInterrupt:
                 terminal.error(f"{path}: not written: interrupted")
                 if source.record is not None:
@@ -238,5 +239,5 @@ def run_session(
                 for sink in (result, *sinks):
                     sink.add(shape)
         terminal.line(f"writing {path}: Ctrl-C once more gives it up")
-        with naming(feed.path, path), terminal.stage("figures"):
+        with terminal.stage("figures"):
             result.finish(f"{feed.name}, live", {**session.as_table(path), **parts})

@@ -23,7 +23,6 @@ from ..io.reports.run_lines import (
     pauses,
     position_counts,
     rest_balance,
-    rest_complaints,
     rest_source,
     slip_line,
 )
@@ -298,12 +297,7 @@ class Run:
             yield f"worse, and {two}", f"{frames_text(hidden)}: {two.advice}"
         for reason, frames in Counter(filter(None, r.doubts)).items():
             yield f"doubt {reason}", f"{frames_text(frames)}: {reason.advice}"
-        yield from rest_complaints(
-            pipeline.rest.wrong,
-            pipeline.front_end.exchanged,
-            misfits=pipeline.misfits_at_rest,
-            moved=pipeline.moved_at_rest,
-        )
+        yield from pipeline.rest_complaints()
         yield from (("flagged", line) for line in flagged_sensors(r))
         yield from self._against_truth().items()
 

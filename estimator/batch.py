@@ -4,7 +4,6 @@ The graph is that of `GraphBuilder`, with every frame in it; `estimator/whole_tr
 arrays, because gtsam calls those that are written in Python once for each frame and iteration.
 """
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,7 +20,7 @@ from ..models.structure.shape import OtherShape, Reason, Shape, Status
 from ..models.structure.structure import Structure
 from ..models.values.errors import UNDETERMINED, IndeterminateError
 from ..models.values.readings import Flag, TendonLengths
-from ..models.values.time_series import any_before, interpolated, parts
+from ..models.values.time_series import any_before, interpolated, median_step_s, parts
 from .changes.change_watch import Change
 from .doubt import Doubt
 from .graph import GraphBuilder, status_of
@@ -92,7 +91,7 @@ class _Problem:
     @property
     def frames_per_push(self) -> float:
         """Number of frames in `PUSH_S`; 1 for a single frame."""
-        return PUSH_S / _step_s([one.lengths for one in self.measured]) if len(self.measured) > 1 else 1.0
+        return PUSH_S / median_step_s(self.t_s) if len(self.measured) > 1 else 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,10 +149,9 @@ class BatchOptimizer:
     def _after_live_pass(self, frames: Iterable[TendonLengths], progress: Progress) -> _Optimum | None:
         """Return the optimum from a live pass; None without frames. What only the live pass needs is let go of."""
         live = LiveSmoother(self._builder.structure, self._builder.rest, _learning(self._settings))
-        live.keep()
         frames = without_lag(list(frames))
-        if _step_s(frames) <= AHEAD_S:  # in those left out between two frames of the pass, little has changed
-            live.ahead_s = VELOCITY_HOLDS_S
+        is_dense = median_step_s([lengths.t_s for lengths in frames]) <= AHEAD_S
+        live.keep(VELOCITY_HOLDS_S if is_dense else AHEAD_S)  # in the frames left out, little has changed
         shapes = [live.first_shape(lengths).without_covariance() for lengths in _some_of(frames)]
         return self._optimum(frames, live, shapes, None, progress)
 
@@ -343,11 +341,6 @@ def averaged_forces(
         for stretch in stretches
     ]
     return np.concatenate(averaged)
-
-
-def _step_s(frames: Sequence[TendonLengths]) -> float:
-    """Return the time from one frame to the next, in the median; nan for a single frame."""
-    return float(np.median(np.diff([lengths.t_s for lengths in frames]))) if len(frames) > 1 else math.nan
 
 
 def _learning(settings: Settings) -> Settings:

@@ -31,7 +31,7 @@ from ..models.values.readings import (
     TendonLengths,
     is_mode_uncertain,
 )
-from ..models.values.time_series import interpolated, low_pass_weight
+from ..models.values.time_series import interpolated, low_pass_weight, median_step_s
 from .graph import GraphBuilder
 
 EVIDENCE_S = 0.1
@@ -90,8 +90,8 @@ class ModeChoice:
             return list(frames)
         kept_s = np.array([t_s for t_s, _ in self.kept])
         evidence = np.array([evidence for _, evidence in self.kept])
-        step_s = float(np.median(np.diff(kept_s)))
-        log_odds = self.share * gaussian_filter1d(evidence, EVIDENCE_S / step_s, axis=0, mode="nearest")
+        samples = EVIDENCE_S / median_step_s(kept_s)
+        log_odds = self.share * gaussian_filter1d(evidence, samples, axis=0, mode="nearest")
         between = interpolated(np.array([lengths.t_s for lengths in frames]), kept_s, log_odds)
         return list(map(self._chosen, frames, between))
 

@@ -88,9 +88,10 @@ class LiveSmoother:
         """Return the shape of the last `update` at the time of its frame, with the errors that last."""
         return self._lasting.observe(self._compensation.now(shape), self.doubt.present.error_scale)
 
-    def keep(self) -> None:
+    def keep(self, ahead_s: float = AHEAD_S) -> None:
         """Keep what is learned in each frame, for a smoother, and update each once; live, memory is bounded."""
         self._most_updates = 1
+        self.ahead_s = ahead_s
         self.modes.kept, self.modes.share = [], BATCH_SHARE
         self.drift.kept = []
         self.doubt.kept = []

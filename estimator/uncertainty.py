@@ -147,11 +147,10 @@ class Assessment:
         )
 
     def __getitem__(self, frames: int | slice) -> "Assessment":
-        loads = self.loads
         return Assessment(
             self.node_position_m[frames],
             self.covariance_m2[frames],
-            None if loads is None else ExternalLoads(loads.force_n[frames], loads.sigma_n[frames]),
+            self.loads.part(frames) if self.loads else None,
             self.apart_m[frames],
             None if self.factor_innovation is None else self.factor_innovation[frames],
         )

@@ -24,13 +24,17 @@ def equilibrium_rows(statics: Statics, sigma_n: NDArray[np.float64]) -> NodeRows
         # log(1 + q) / q, whose limit at 0 is 1
         return np.asarray(r * np.sqrt(np.log1p(q) / np.maximum(q, 1e-12)))
 
-    def linearised(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        r, jacobian = statics.residual_and_jacobian(position)
-        weight = np.sqrt(cauchy_weight(r / sigma_n, statics)) / sigma_n
-        jacobian *= weight[:, None]
-        return r * weight, jacobian
+    return NodeRows(len(statics.group), residual, lambda position: weighted_balance(statics, sigma_n, position))
 
-    return NodeRows(len(statics.group), residual, linearised)
+
+def weighted_balance(
+    statics: Statics, sigma_n: NDArray[np.float64], node_position_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (..., rows) r and (..., rows, 3 nodes) its derivatives over sigma, times the root of Cauchy's weight."""
+    r, jacobian = statics.residual_and_jacobian(node_position_m)
+    weight = np.sqrt(cauchy_weight(r / sigma_n, statics)) / sigma_n
+    jacobian *= weight[..., None]
+    return r * weight, jacobian
 
 
 def cauchy_error(r: NDArray[np.float64], statics: Statics) -> NDArray[np.float64]:

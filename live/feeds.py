@@ -174,7 +174,7 @@ def twin_feed(
     plan: Path,
     speed: float,
     record: Path | None,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None],
     seconds: float = inf,
 ) -> Iterator[Feed]:
     """Give the readings of the simulation of a plan, `speed` times faster than real time, without the truth.

@@ -12,7 +12,6 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from ..io.reports.run_lines import rest_complaints
 from ..io.reports.terminal import Terminal
 from ..models.sensor.clock import ClockCounts
 from ..models.values.link import LinkState
@@ -50,13 +49,7 @@ class Panel:
         else:
             unsensed = pipeline.trial.structure.unsensed.tolist()
             summary = _summary(activity, state, pipeline.aid_counts(), unsensed)
-            of_rest = rest_complaints(
-                pipeline.rest.wrong,
-                pipeline.front_end.exchanged,
-                misfits=pipeline.misfits_at_rest,
-                moved=pipeline.moved_at_rest,
-            )
-            complaints += [f"{name}: {text}" for name, text in of_rest]
+            complaints += [f"{name}: {text}" for name, text in pipeline.rest_complaints()]
             complaints += [f"{aid}: {warning}" for aid, warning in pipeline.warnings().items()]
         parts: list[RenderableType] = [Text(complaint, style="red") for complaint in complaints]
         parts.append(summary)

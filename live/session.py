@@ -20,7 +20,7 @@ from ..models.settings import Settings
 from ..models.structure.reconstruction import Reconstruction
 from ..models.structure.shape import Shape
 from ..models.structure.structure import Structure
-from ..models.values.errors import InputError, naming
+from ..models.values.errors import InputError
 from ..models.values.link import LinkState
 from ..models.values.readings import Reading
 from ..pipeline import Pipeline
@@ -155,12 +155,8 @@ class Session:
         """Yield shapes until the source ends or is stopped.
 
         Raises:
-            TensegraphError: naming the source.
+            TensegraphError: see `Pipeline.shapes`.
         """
-        with naming(self._feed.path):
-            yield from self._shapes()
-
-    def _shapes(self) -> Iterator[Shape]:
         gc.freeze()  # exclude existing objects from garbage collection, which would delay a frame by 75 ms
         activity = self.activity
         newest = NewestFrames(self._feed.source, activity)

@@ -141,8 +141,7 @@ class ContactsByHeight:
     def __init__(self, floor: Floor, standing: NDArray[np.bool_], settings: PoseSettings) -> None:
         self._floor = floor
         self._settings = settings
-        self._standing = standing
-        self._probability = np.clip(standing.astype(np.float64), CERTAIN, 1 - CERTAIN)
+        self.stand_on(standing)
 
     def stand_on(self, nodes: NDArray[np.bool_]) -> None:
         """Take it as known which nodes stand."""

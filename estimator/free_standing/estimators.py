@@ -102,8 +102,7 @@ class FreeStandingSmoother:
 
     def _stand_on(self, state: PoseState, covariance: NDArray[np.float64], stands: Standing) -> None:
         if self._rest.mechanics is not None:
-            probability = stands.probability
-            support = support_of(self._structure, self._rest, self._last_m, state, covariance, probability)
+            support = support_of(self._rest, self._last_m, state, covariance, stands.probability)
             self.shapes.builder.stand_on(support)
 
 
@@ -214,7 +213,6 @@ class FreeStandingOptimizer:
         is_lifted = _is_lifted(steps, np.array([shape.t_s for shape in shapes]))
         return [
             support_of(
-                self._structure,
                 self._rest,
                 shape.node_position_m,
                 state,

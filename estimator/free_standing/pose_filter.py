@@ -62,7 +62,7 @@ class PoseFilter:
     ) -> None:
         """Begin at rest; `motion` has other settings of the motion than `settings` where it is given."""
         self._settings = settings
-        self._model = PoseModel(rest, robot, settings, motion)
+        self._model = PoseModel(rest, robot, settings, motion or settings)
         self.centre_m = self._model.centre_m
         """(3,) c, the origin of body coordinates."""
         self._imus = self._model.imus

@@ -44,10 +44,8 @@ class Pose:
 class PoseModel:
     """The motion from frame to frame, and the rows of all aids."""
 
-    def __init__(
-        self, rest: RestShape, robot: Robot, settings: PoseSettings, motion: PoseSettings | None = None
-    ) -> None:
-        """Make the model of a robot; `motion` has other settings of its motion than `settings` where it is given."""
+    def __init__(self, rest: RestShape, robot: Robot, settings: PoseSettings, motion: PoseSettings) -> None:
+        """Make the model of a robot, with settings of its motion, which may be others than `settings`."""
         self.settings = settings
         self.floor = robot.floor
         """As told."""
@@ -56,7 +54,7 @@ class PoseModel:
         self.imus = ImuArray(robot.imus, rest.structure.rods)
         self.centre_m: NDArray[np.float64] = rest.node_position_m.mean(axis=0)
         """(3,) c, the origin of body coordinates."""
-        self._motion = PoseMotion(self.imus, motion or settings)
+        self._motion = PoseMotion(self.imus, motion)
         beacons = {beacon: number for number, beacon in enumerate(robot.beacons)}
         self.numbers_of_pair = {pair: (number, beacons[pair[:2]]) for number, pair in enumerate(robot.range_pairs)}
         """The number of each pair of beacon and node in the state, and that of its beacon."""

@@ -380,7 +380,7 @@ def _gain(G: NDArray[np.float64], g: NDArray[np.float64]) -> NDArray[np.float64]
 
 def resting_faces(rest: RestShape, robot: FreeStandingRobot, settings: DoubtSettings) -> RestingFaces | None:
     """Return the filter of faces of a robot that begins at rest; None where forces are unknown."""
-    if rest.mechanics is None or not (mass_kg := rest.mechanics.node_mass_kg(rest.structure)).any():
+    if not rest.node_mass_kg.any():
         return None
     stands = robot.floor.carries_at_rest(rest.node_position_m)
-    return RestingFaces(mass_kg, rest.node_position_m, stands, settings)
+    return RestingFaces(rest.node_mass_kg, rest.node_position_m, stands, settings)

@@ -13,14 +13,12 @@ from ...models.pose.pose_state import PoseState
 from ...models.structure.floor import UP, Floor
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import OtherShape, Reason, Shape
-from ...models.structure.structure import Structure
 from .contacts import Standing
 from .pose_smoother import PoseStep
 from .tipping import tipping
 
 
 def support_of(
-    structure: Structure,
     rest: RestShape,
     node_position_m: NDArray[np.float64],
     state: PoseState,
@@ -28,11 +26,10 @@ def support_of(
     carried: NDArray[np.float64],
 ) -> Support:
     """Return the force of gravity and floor, in body axes, on a structure of this pose."""
-    mass_kg = rest.mechanics.node_mass_kg(structure) if rest.mechanics else np.zeros(structure.node_count)
     tilt = float(np.sqrt(np.trace(covariance[:2, :2])))
     if tilt > 1.0:
-        return weightless(mass_kg)
-    return standing(mass_kg, node_position_m, state.turn.T @ UP, tilt, carried)
+        return weightless(rest.node_mass_kg)
+    return standing(rest.node_mass_kg, node_position_m, state.turn.T @ UP, tilt, carried)
 
 
 def in_world(

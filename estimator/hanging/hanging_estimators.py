@@ -90,7 +90,7 @@ class HangingSmoother:
         return self._of_hands.look(balances, hanging, step_s)
 
     def _hang(self, node_position_m: NDArray[np.float64], state: PoseState, covariance: NDArray[np.float64]) -> None:
-        self.shapes.builder.stand_on(weight_of(self._structure, self._rest, node_position_m, state, covariance))
+        self.shapes.builder.stand_on(weight_of(self._rest, node_position_m, state, covariance))
 
 
 class HangingOptimizer:
@@ -121,7 +121,7 @@ class HangingOptimizer:
         frames = [replace(lengths, aids=shape.lengths.aids) for lengths, shape in zip(frames, shapes, strict=True)]
         left_out = [shape.contradicted_positions for shape in shapes]
         supports = [
-            weight_of(self._structure, self._rest, shape.node_position_m, state, covariance)
+            weight_of(self._rest, shape.node_position_m, state, covariance)
             for shape, (state, covariance) in zip(shapes, smoothed(steps), strict=True)
         ]
         shapes = [shape.without_covariance() for shape in shapes]
@@ -151,15 +151,10 @@ class HangingOptimizer:
 
 
 def weight_of(
-    structure: Structure,
-    rest: RestShape,
-    node_position_m: NDArray[np.float64],
-    state: PoseState,
-    covariance: NDArray[np.float64],
+    rest: RestShape, node_position_m: NDArray[np.float64], state: PoseState, covariance: NDArray[np.float64]
 ) -> Support:
     """Return the force of gravity, in body axes, on a structure of this pose."""
-    nothing = np.zeros(structure.node_count)
-    return support_of(structure, rest, node_position_m, state, covariance, nothing)
+    return support_of(rest, node_position_m, state, covariance, np.zeros(len(node_position_m)))
 
 
 def hung_in_world(

@@ -65,12 +65,10 @@ class HangingFilter(PoseFilter):
         self._structure = rest.structure
         self._rest = rest
         self._rods_of_imus = rest.structure.rods[[imu.rod for imu in robot.imus]]
-        count = rest.structure.node_count
-        mass_kg = rest.mechanics.node_mass_kg(rest.structure) if rest.mechanics else np.zeros(count)
-        self._suspension = Suspension.of(rest.structure, mass_kg)
-        self._nothing_stands = nothing_stands(count)
+        self._suspension = Suspension.of(rest.structure, rest.node_mass_kg)
+        self._nothing_stands = nothing_stands(rest.structure.node_count)
         self._standing = self._nothing_stands.nodes
-        self._weight_n = mass_kg * GRAVITY_M_PER_S2
+        self._weight_n = rest.node_mass_kg * GRAVITY_M_PER_S2
         lever_m = self._suspension.lever_m(rest.node_position_m)
         by_shift = self._suspension.axes @ cross_matrix(UP)
         self._untold_m = -np.linalg.pinv(by_shift) @ self._suspension.torque_m(lever_m)

@@ -61,14 +61,12 @@ class TrialBalance:
         if self.natural:
             statics = statics.wound(self.natural_m[frames])
         if self.supports is not None:
-            statics = statics.supported(Support(self.supports.force_n[frames], self.supports.covariance_n2[frames]))
+            statics = statics.supported(self.supports.part(frames))
         return statics
 
     def part(self, frames: NDArray[np.int64]) -> "TrialBalance":
         """Return the balance of some of the frames alone."""
-        supports = self.supports
-        if supports is not None:
-            supports = Support(supports.force_n[frames], supports.covariance_n2[frames])
+        supports = self.supports.part(frames) if self.supports else None
         natural = tuple(self.natural[k] for k in frames) if self.natural else ()
         natural_m = self.natural_m[frames] if natural else self.natural_m
         return replace(self, natural=natural, natural_m=natural_m, supports=supports, sigma_n=self.sigma_n[frames])

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.body_frame import BODY_FRAME_M
-from ...factors.equilibrium import cauchy_error, cauchy_weight
+from ...factors.equilibrium import cauchy_error, weighted_balance
 from ...factors.noise import WeightedLengths, robust_loss, rounded_sigma_m, stacked_shared
 from ...factors.own import own_error, own_rows, own_weight
 from ...models.structure.lengths import length_and_jacobian, member_length_m
@@ -130,7 +130,5 @@ class TrialFactors:
         if not self._balance:
             return by_length, z
         statics, sigma_n = self._balance.statics_of(frames), self._balance.sigma_n[frames]
-        force_n, by_force = statics.residual_and_jacobian(node_position_m)
-        kernel = np.sqrt(cauchy_weight(force_n / sigma_n, statics)) / sigma_n
-        by_force *= kernel[:, :, None]
-        return np.concatenate([by_length, by_force], axis=1), np.concatenate([z, force_n * kernel], axis=1)
+        force, by_force = weighted_balance(statics, sigma_n, node_position_m)
+        return np.concatenate([by_length, by_force], axis=1), np.concatenate([z, force], axis=1)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...models.structure.reconstruction import Reconstruction
 from ...models.values.chi_squared import chi_squared_quantile
+from ...models.values.time_series import median_step_s
 from .style import BLACK, BLUE, GREY, RED, add_grid, add_legend_below, color_of, save_figure
 
 ELLIPSES = 12
@@ -122,7 +123,7 @@ def _draw_bars(
 ) -> None:
     """Draw a row for each node, whose darkness at each time is the probability; none where frames are far apart."""
     nodes = contacts.shape[1]
-    frame_s = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.02
+    frame_s = median_step_s(t_s, of_one=0.02)
     span_s = float(t_s[-1] - t_s[0])
     columns_s = np.linspace(t_s[0], t_s[-1], min(round(span_s / frame_s) + 1, MOST_COLUMNS))
     half_s = 0.5 * span_s / max(len(columns_s) - 1, 1) or 0.5 * frame_s

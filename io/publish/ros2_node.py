@@ -19,7 +19,7 @@ WAIT_S = 0.1
 """Time between two looks at whether the session has ended."""
 
 
-def ros2_publisher(structure: Structure, probability: float, *, remote: bool = False) -> ShapeProcess:
+def ros2_publisher(structure: Structure, probability: float, *, remote: bool) -> ShapeProcess:
     """Return a process with a node of ROS 2 that publishes the newest shape; a context manager that ends it.
 
     Args:

@@ -13,6 +13,7 @@ from ...models.structure.shape import Reason
 from ...models.trial_description import TrialDescription
 from ...models.values.readings import LEFT_OUT, SENSOR_FLAGS, Flag
 from ...models.values.slip import Slip
+from ...models.values.time_series import median_step_s
 
 MOST_PAUSES = 10
 """Largest number of pauses that are listed."""
@@ -97,7 +98,7 @@ def load_rows(r: Reconstruction, threshold_n: float) -> list[tuple[str, str]]:
         return []
     load_n = np.nan_to_num(np.linalg.norm(r.loads.force_n, axis=-1))
     k, node = np.unravel_index(load_n.argmax(), load_n.shape)
-    step_s = float(np.median(np.diff(r.t_s))) if len(r) > 1 else 0.0
+    step_s = median_step_s(r.t_s, of_one=0.0)
     loaded_s = step_s * (load_n > threshold_n).sum(axis=0)
     long = [f"{node} ({loaded_s[node]:.1f} s)" for node in np.flatnonzero(loaded_s > LONG_S)]
     return [

@@ -27,7 +27,7 @@ def read_structure(path: str | Path, *, unit_m: float = 1.0) -> DescribedStructu
     return describe_structure(structure_tables(Path(path), unit_m), str(path))
 
 
-def structure_tables(path: Path, unit_m: float = 1.0) -> dict[str, Any]:
+def structure_tables(path: Path, unit_m: float) -> dict[str, Any]:
     """Return the tables `structure`, `body`, `mechanics` and `rest` of a structure file, as in trial.toml.
 
     Raises:

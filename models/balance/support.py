@@ -27,9 +27,13 @@ class Support:
     """The expected force of gravity and floor at each node, with its covariance."""
 
     force_n: NDArray[np.float64]
-    """(nodes, 3)"""
+    """(..., nodes, 3)"""
     covariance_n2: NDArray[np.float64]
-    """(nodes, 3, 3)"""
+    """(..., nodes, 3, 3)"""
+
+    def part(self, frames: slice | NDArray[np.int64]) -> "Support":
+        """Return that in some of several frames."""
+        return Support(self.force_n[frames], self.covariance_n2[frames])
 
 
 def hung_up(node_mass_kg: NDArray[np.float64]) -> Support:

@@ -22,6 +22,7 @@ from ..sensor.sensor_model import (
 )
 from ..sensor.stretching import STRAIN_RATE_S
 from ..values.errors import TensegraphError
+from ..values.time_series import median_step_s
 from .bending_fit import BendingFit
 from .gauge_fit import LEAST_GAIN_SIGMA, fit_gauge
 from .mode_fit import fit_mode
@@ -243,9 +244,8 @@ def _fastest_strain(recordings: Sequence[Recording]) -> float:
     """Return the rate of strain which 99.9 % of the stretched samples do not exceed, smoothed as at run time."""
     rates = []
     for r in recordings:
-        step_s = float(np.median(np.diff(r.t_s)))
         stretched = r.strain >= 0
-        width = max(round(STRAIN_RATE_S / step_s), 1)
+        width = max(round(STRAIN_RATE_S / median_step_s(r.t_s)), 1)
         rate = np.abs(r.strain[width:] - r.strain[:-width]) / (r.t_s[width:] - r.t_s[:-width])
         rates.append(rate[stretched[width:] & stretched[:-width]])
     return float(np.quantile(np.concatenate(rates), 0.999))

@@ -1,6 +1,6 @@
 """Calibration recordings, and their split into training, validation and test."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..sensor.lstm import running_means
 from ..sensor.stretching import SETTLING_S
 from ..values.errors import InputError
+from ..values.time_series import median_step_s
 
 STEADY_RATIO = 1.5
 """Ratio of the 90 % quantile to the 25 % quantile of the speed while moving, below which a recording has one speed."""
@@ -31,7 +32,7 @@ CORRELATED_S = 5.0
 
 def correlated_samples(t_s: NDArray[np.float64]) -> float:
     """Return how many samples of (samples,) stamps have the same error, and count as one; at least 1."""
-    return max(CORRELATED_S / float(np.median(np.diff(t_s))), 1.0) if len(t_s) > 1 else 1.0
+    return max(CORRELATED_S / median_step_s(t_s), 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +93,7 @@ class Recording:
 
         It is that from sample to sample, or over `NOISY_SPEED_S` where the noise of strain hides it.
         """
-        samples = max(round(NOISY_SPEED_S / float(np.median(np.diff(self.t_s)))), 1)
+        samples = max(round(NOISY_SPEED_S / median_step_s(self.t_s)), 1)
         by_sample, smoothed = (self._steady_speed_per_s(apart) for apart in (1, min(samples, len(self.t_s) - 1)))
         return by_sample if np.isfinite(by_sample) else smoothed
 
@@ -167,7 +168,7 @@ class Split:
         if not any(r.stretches for r in recordings if r.name in test):
             return cls.by_time(recordings, TEST_TAIL)
         how = f"the middle one of the speeds and every {EVERY}th recording of irregular motion are held out"
-        return cls._whole(recordings, lambda name: name in test, lambda name: name in validate, how)
+        return cls._whole(recordings, test, validate, how)
 
     @classmethod
     def by_name(cls, recordings: Sequence[Recording], patterns: Sequence[str]) -> "Split":
@@ -182,8 +183,7 @@ class Split:
         test = {r.name for r in recordings if any(fnmatch(r.name, pattern) for pattern in patterns)}
         rest = [r for r in recordings if r.name not in test and not r.bends]
         validate = {r.name for r in rest[EVERY - 2 :: EVERY]}
-        how = f"held out by name: {', '.join(patterns)}"
-        return cls._whole(recordings, lambda name: name in test, lambda name: name in validate, how)
+        return cls._whole(recordings, test, validate, f"held out by name: {', '.join(patterns)}")
 
     @classmethod
     def by_time(cls, recordings: Sequence[Recording], tail: float) -> "Split":
@@ -199,16 +199,11 @@ class Split:
         return cls(*_time_validation(kept), held_out, f"the last {tail:.0%} of each recording is held out")
 
     @classmethod
-    def _whole(
-        cls,
-        recordings: Sequence[Recording],
-        tests: Callable[[str], bool],
-        validates: Callable[[str], bool],
-        how: str,
-    ) -> "Split":
-        kept = [r for r in recordings if not tests(r.name)]
-        validation = [r for r in kept if validates(r.name)]
-        training = [r for r in kept if not validates(r.name)]
+    def _whole(cls, recordings: Sequence[Recording], test: set[str], validate: set[str], how: str) -> "Split":
+        """Split recordings by their names."""
+        kept = [r for r in recordings if r.name not in test]
+        validation = [r for r in kept if r.name in validate]
+        training = [r for r in kept if r.name not in validate]
         if not validation:
             training, validation = _time_validation(kept)
         if not any(r.stretches for r in training):
@@ -216,7 +211,7 @@ class Split:
                 "no recording of stretching to train on: expected one with strain >= 0 in more than "
                 f"{100 * STRETCHES_SHARE:g} % of its rows"
             )
-        return cls(training, validation, [r for r in recordings if tests(r.name)], how)
+        return cls(training, validation, [r for r in recordings if r.name in test], how)
 
 
 def _middle_speed(recordings: Sequence[Recording]) -> list[Recording]:

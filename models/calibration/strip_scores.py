@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..values.time_series import autocorrelation_of
+from ..values.time_series import autocorrelation_of, median_step_s
 from .strips import StripRun
 
 IRREGULAR = "irregular motion"
@@ -72,7 +72,7 @@ def error_autocorrelation(run: StripRun) -> tuple[NDArray[np.float64], NDArray[n
     """
     if len(run.t_s) < 2:
         return np.zeros(1), np.ones(1)
-    step_s = float(np.median(np.diff(run.t_s)))
+    step_s = median_step_s(run.t_s)
     even_s = np.arange(run.t_s[0], run.t_s[-1], step_s)
     correlation = autocorrelation_of(np.interp(even_s, run.t_s, run.error))
     lag_s = np.arange(0.0, len(correlation)) * step_s

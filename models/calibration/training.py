@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..sensor.bending import BendingCurve
 from ..sensor.lstm import CURVE_MEMORIES, MEMORY_S, STRAIN_SCALE, Scaling
+from ..values.time_series import median_step_s
 from .gauge_fit import fit_gauge
 from .rate_curve_fit import fit_rate_curve
 from .recipe import CHECK_EVERY, Checkpoint, History, NoCheckpoint, Trained, TrainingSettings
@@ -338,7 +339,7 @@ def _step_range(recordings: Sequence[Recording], relative: tuple[float, float]) 
 
     It contains `FRAME_STEP_S`, at whatever rate the rig reads its strips.
     """
-    step_s = float(np.median([np.median(np.diff(r.t_s)) for r in recordings]))
+    step_s = float(np.median([median_step_s(r.t_s) for r in recordings]))
     shortest_s, longest_s = (float(f"{ratio * step_s:.2g}") for ratio in relative)
     return min(shortest_s, FRAME_STEP_S[0]), max(longest_s, FRAME_STEP_S[1])
 

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..values.rotations import best_rotation
+from ..values.time_series import median_step_s
 
 ON_A_LINE = 1e-3
 """Ratio of two widths of a set of points, below which they lie on one line."""
@@ -27,7 +28,7 @@ def interpolated_within(
     after = np.clip(np.searchsorted(truth_s, t_s), 1, len(truth_s) - 1)
     step_s = truth_s[after] - truth_s[after - 1]
     share = (t_s - truth_s[after - 1]) / step_s
-    outside = (share < 0) | (share > 1) | (step_s > MAX_HOLE * np.median(np.diff(truth_s)))
+    outside = (share < 0) | (share > 1) | (step_s > MAX_HOLE * median_step_s(truth_s))
     share = np.where(outside & (share != 0) & (share != 1), np.nan, share)[:, None, None]
     before_m = truth_position_m[after - 1]
     after_m = truth_position_m[after]
@@ -49,6 +50,22 @@ def rigid_alignment(points_m: NDArray[np.float64], onto_m: NDArray[np.float64]) 
     return rotation, onto_m.mean(axis=0) - rotation.apply(points_m.mean(axis=0))
 
 
+def best_motions(
+    points_m: NDArray[np.float64], onto_m: NDArray[np.float64], known: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return a, R and b of the rigid motions R (p - a) + b that bring points nearest to others, one in each frame.
+
+    Args:
+        points_m: (frames, points, 3) p.
+        onto_m: (frames, points, 3) the others.
+        known: (frames, points, 1) which of them count; a and b, (frames, 1, 3), are the means of these.
+    """
+    count = np.maximum(known.sum(axis=1, keepdims=True), 1)
+    x, y = np.where(known, points_m, 0.0), np.where(known, onto_m, 0.0)
+    a, b = x.sum(axis=1, keepdims=True) / count, y.sum(axis=1, keepdims=True) / count
+    return a, best_rotation(np.where(known, x - a, 0.0), np.where(known, y - b, 0.0)), b
+
+
 def laid_on_each_frame(points_m: NDArray[np.float64], onto_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (frames, points, 3) points, those of each frame by the rigid motion that brings them nearest to others.
 
@@ -57,12 +74,10 @@ def laid_on_each_frame(points_m: NDArray[np.float64], onto_m: NDArray[np.float64
             than three are known, or only points on one line.
         onto_m: (frames, points, 3) the others.
     """
-    known = np.isfinite(points_m).all(axis=2, keepdims=True)
-    count = np.maximum(known.sum(axis=1, keepdims=True), 1)
-    x, y = np.where(known, points_m, 0.0), np.where(known, onto_m, 0.0)
-    x_middle, y_middle = x.sum(axis=1, keepdims=True) / count, y.sum(axis=1, keepdims=True) / count
-    x, y = np.where(known, x - x_middle, 0.0), np.where(known, y - y_middle, 0.0)
-    laid_m = x @ np.swapaxes(best_rotation(x, y), 1, 2) + y_middle
+    known = np.asarray(np.isfinite(points_m).all(axis=2, keepdims=True))
+    a, turn, b = best_motions(points_m, onto_m, known)
+    x = np.where(known, points_m - a, 0.0)
+    laid_m = x @ np.swapaxes(turn, 1, 2) + b
     spread = np.linalg.svd(x, compute_uv=False)
     on_a_line = spread[:, 1:2, None] <= ON_A_LINE * spread[:, :1, None]
     return np.where(known & ~on_a_line, laid_m, np.nan)

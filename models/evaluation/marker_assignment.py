@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from ..structure.reconstruction import Reconstruction
 from ..structure.structure import Structure
 from ..values.errors import InputError
-from ..values.rotations import best_rotation
 from ..values.tracks import MarkerTracks
-from .alignment import interpolated_within
+from .alignment import best_motions, interpolated_within
 from .statistics import of_known
 
 REACH = 0.1
@@ -148,14 +147,10 @@ def _laid_onto(
 ) -> NDArray[np.float64]:
     """Return the (frames, nodes, 3) shapes, each laid onto its markers; nan where fewer than three are seen."""
     on = np.flatnonzero(node >= 0)
-    known = np.isfinite(marker_m[:, on]).all(axis=-1, keepdims=True)
-    count = known.sum(axis=1, keepdims=True)
-    x, y = node_m[:, node[on]], np.where(known, marker_m[:, on], 0.0)
-    centre_x = np.where(known, x, 0.0).sum(axis=1, keepdims=True) / np.maximum(count, 1)
-    centre_y = y.sum(axis=1, keepdims=True) / np.maximum(count, 1)
-    turn = best_rotation(np.where(known, x - centre_x, 0.0), np.where(known, y - centre_y, 0.0))
-    laid_m = (node_m - centre_x) @ np.swapaxes(turn, 1, 2) + centre_y
-    return np.where(count >= 3, laid_m, np.nan)
+    known = np.asarray(np.isfinite(marker_m[:, on]).all(axis=-1, keepdims=True))
+    a, turn, b = best_motions(node_m[:, node[on]], marker_m[:, on], known)
+    laid_m = (node_m - a) @ np.swapaxes(turn, 1, 2) + b
+    return np.where(known.sum(axis=1, keepdims=True) >= 3, laid_m, np.nan)
 
 
 def _candidates(tracks: MarkerTracks, shape_m: NDArray[np.float64], reach_m: float) -> list[NDArray[np.int64]]:
@@ -209,13 +204,8 @@ def _nearest(
         node: (fits, markers) nodes of the markers by which the shape is laid, or -1.
         reach_m: largest distance of a marker from its node.
     """
-    on = (node >= 0)[..., None]
-    count = np.maximum(on.sum(axis=1, keepdims=True), 1)
-    x = np.where(on, shape_m[node], 0.0)
-    y = np.where(on, marker_m, 0.0)
-    centre_x, centre_y = x.sum(axis=1, keepdims=True) / count, y.sum(axis=1, keepdims=True) / count
-    turn = best_rotation(np.where(on, x - centre_x, 0.0), np.where(on, y - centre_y, 0.0))
-    laid_m = (shape_m - centre_x) @ np.swapaxes(turn, 1, 2) + centre_y
+    a, turn, b = best_motions(shape_m[node], marker_m, (node >= 0)[..., None])
+    laid_m = (shape_m - a) @ np.swapaxes(turn, 1, 2) + b
     distance_m = np.linalg.norm(marker_m[:, None] - laid_m[:, None], axis=-1)
     distance_m = np.where(np.isnan(distance_m), np.inf, distance_m)
     nearest = distance_m.argmin(axis=2)

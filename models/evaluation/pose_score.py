@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from ..values.rotations import best_rotation, rotation_vector
+from ..values.time_series import median_step_s
 from .alignment import laid_on_each_frame
 from .evaluation import ComparedFrames, ContactScore, PoseScore
 from .statistics import of_known
@@ -112,7 +113,7 @@ def _level_rotation(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[n
 
 def _frames_in(seconds: float, t_s: NDArray[np.float64]) -> int:
     """Return about how many frames, one at least, there are in a time."""
-    return max(round(seconds / float(np.median(np.diff(t_s)))), 1) if len(t_s) > 1 else 1
+    return max(round(seconds / median_step_s(t_s)), 1)
 
 
 def _noise_m(t_s: NDArray[np.float64], x: NDArray[np.float64]) -> float:
@@ -156,7 +157,7 @@ def _frames_averaged(t_s: NDArray[np.float64], x: NDArray[np.float64]) -> int:
     """
     if len(t_s) < 2:
         return 1
-    noise_m_per_s = LARGEST_NODE * np.sqrt(2) * _noise_m(t_s, x) / float(np.median(np.diff(t_s)))
+    noise_m_per_s = LARGEST_NODE * np.sqrt(2) * _noise_m(t_s, x) / median_step_s(t_s)
     needed = int(np.ceil((noise_m_per_s / (0.5 * STILL_M_PER_S)) ** (2 / 3)))
     return max(1, min(needed, _frames_in(STILL_S, t_s), len(t_s) // 2))
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ..values.readings import STRETCHING, Flag, ResistanceFrame, ResistanceReading, TendonLengths
 from ..values.stamps import ROUNDING_S
 from ..values.tables import Positive
+from ..values.time_series import median_step_s
 from .gate import GateSettings, ReadingGate
 
 LONGEST_SILENCE_S = 60.0
@@ -85,7 +86,7 @@ class _Source:
     @property
     def period_s(self) -> float:
         """The time between the last readings, their median; 0 before the second."""
-        return float(np.median(np.diff(self.t_s))) if len(self.t_s) > 1 else 0.0
+        return median_step_s(self.t_s, of_one=0.0)
 
     def mean(self, from_s: float, until_s: float, max_gap_s: float) -> ResistanceFrame:
         """Return the mean over an interval, of this source's channels alone, and delete the readings before it."""

@@ -28,6 +28,10 @@ class ExternalLoads:
         """Return the loads of a frame that tells nothing of them: nan, with a sigma of inf."""
         return cls(np.full((node_count, 3), np.nan), np.full(node_count, np.inf))
 
+    def part(self, frames: int | slice) -> "ExternalLoads":
+        """Return those of some frames."""
+        return ExternalLoads(self.force_n[frames], self.sigma_n[frames])
+
     def is_certain(self, threshold_n: float) -> NDArray[np.bool_]:
         """Return (..., nodes) where a load is above a threshold, and above `SURE` times its sigma."""
         size_n = np.linalg.norm(np.nan_to_num(self.force_n), axis=-1)

@@ -82,6 +82,11 @@ class RestShape:
     """Root mean square of the unbalanced forces at this shape, with nominal and with tared mechanics."""
 
     @property
+    def node_mass_kg(self) -> NDArray[np.float64]:
+        """(nodes,) see `Mechanics.node_mass_kg`; zeros where no mass is known."""
+        return self.mechanics.node_mass_kg(self.structure) if self.mechanics else np.zeros(self.structure.node_count)
+
+    @property
     def is_doubted(self) -> bool:
         """Whether what is wrong of the geometry is not mended, or is more than one part: all shapes are in doubt."""
         return len(self.wrong) > 1 or not MENDED.issuperset(self.wrong)

@@ -4,7 +4,7 @@ What follows a signal takes its next samples, one or many, and remembers where i
 however many samples it is given at a time.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,11 @@ Floats = float | NDArray[np.float64]
 def parts(count: int, size: int) -> Iterator[slice]:
     """Yield the slices of at most `size` values that follow each other, of a number of values."""
     return (slice(first, min(first + size, count)) for first in range(0, count, size))
+
+
+def median_step_s(t_s: NDArray[np.float64] | Sequence[float], of_one: float = np.inf) -> float:
+    """Return the time from one of (samples,) times to the next, in the median; `of_one` where there is no next."""
+    return float(np.median(np.diff(t_s))) if len(t_s) > 1 else of_one
 
 
 def any_before(holds: NDArray[np.bool_], end: NDArray[np.int64]) -> NDArray[np.bool_]:
