@@ -9,7 +9,7 @@ from ..positions import read_positions
 from .c3d_file import read_c3d
 from .marker_rows import check_frames
 from .motive_csv import FIRST_CELL, read_motive_csv
-from .qualisys_tsv import FIRST_CELL_OF_QUALISYS, read_qualisys_tsv
+from .qualisys_tsv import FIRST_CELLS_OF_QUALISYS, read_qualisys_tsv
 from .trc import FIRST_CELL_OF_TRC, read_trc
 from .vicon_csv import is_vicon, read_vicon_csv
 
@@ -32,7 +32,7 @@ def read_truth(path: Path, node_count: int) -> StampedPositions | MarkerTracks:
         return read_motive_csv(path)
     if is_vicon(head):
         return read_vicon_csv(path)
-    if head.startswith(FIRST_CELL_OF_QUALISYS):
+    if head.startswith(FIRST_CELLS_OF_QUALISYS):
         return read_qualisys_tsv(path)
     positions = read_positions(path, node_count)
     check_frames(path, positions.t_s)

@@ -116,6 +116,19 @@ def test_qualisys_without_frame_and_time(path_of, header: bool, types: bool) -> 
     np.testing.assert_allclose(tracks.position_m, 1e-3 * position_mm, atol=1e-6)
 
 
+@pytest.mark.parametrize("hidden", ["NULL", "NA", "NaN"])
+def test_qualisys_of_version_2_with_an_external_trigger(path_of, hidden: str) -> None:
+    """It has no rate then, and the column Time has the times; a word stands in place of a hidden marker."""
+    text = f"FILE_VERSION\t2.0.0\n{qualisys_text(TAKE)}".replace("FREQUENCY\t100", "FREQUENCY\tEXT", 1)
+    lines = text.splitlines()
+    rows = [line.split("\t") for line in lines[13:]]
+    assert any(cell == "" for row in rows for cell in row)
+    words = ["\t".join(cell or hidden for cell in row) for row in rows]
+    tracks = read_truth(path_of("take.tsv", lambda _: "\n".join([*lines[:13], *words])), 4)
+    np.testing.assert_allclose(tracks.t_s, TAKE.t_s, atol=1e-5)
+    np.testing.assert_allclose(tracks.position_m, 1e-3 * TAKE.position_mm, atol=1e-6)
+
+
 def test_c3d_of_more_points_than_its_first_labels_hold(tmp_path) -> None:
     """The names of the 256th and later points are in LABELS2."""
     names = [f"M{number}" for number in range(520)]
@@ -138,6 +151,12 @@ def edited(row: int, column: int, value: str, delimiter: str = ","):
         return "\n".join(delimiter.join(cells) for cells in rows)
 
     return edit
+
+
+def unstamped(text: str) -> str:
+    """A file of Qualisys without rate, and without the columns Frame and Time."""
+    lines = text.replace("FREQUENCY\t100", "FREQUENCY\tEXT").splitlines()
+    return "\n".join([*lines[:11], *(line.split("\t", 2)[2] for line in lines[12:])])
 
 
 def shortened(row: int, delimiter: str = ","):
@@ -178,7 +197,7 @@ def shortened(row: int, delimiter: str = ","):
         ("vicon.csv", edited(7, 4, "inf"), "row 7, column 4: expected a finite number, got 'inf'"),
         ("vicon.csv", edited(7, 1, ""), "row 7, column 1: expected a finite number, got ''"),
         ("take.tsv", edited(3, 2, "9", "\t"), "NO_OF_MARKERS: expected 4 as in row 10, got 9"),
-        ("take.tsv", edited(4, 2, "-", "\t"), "FREQUENCY in Hz: expected a number above 0, got '-'"),
+        ("take.tsv", unstamped, "FREQUENCY in Hz: expected a number above 0, got 'EXT'"),
         ("take.tsv", edited(10, 1, "BODY_NAMES", "\t"), "expected one that begins with MARKER_NAMES, as of 3D data"),
         ("take.tsv", edited(14, 3, "left", "\t"), "row 14, column 3: expected a finite number, got 'left'"),
         ("take.tsv", edited(14, 2, "0.0", "\t"), "row 14, column 2: expected more than 0.00000, got 0.0"),
