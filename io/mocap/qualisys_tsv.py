@@ -48,7 +48,7 @@ def read_qualisys_tsv(path: Path) -> MarkerTracks:
         for column, name in zip(range(stamps, stamps + 3 * len(names), 3), names, strict=True)
     ]
     table = MarkerRows(path, body, first + 1, stamps + 3 * len(names), markers, METRES["mm"])
-    if stamps:
+    if stamps:  # a rate is not needed: it is EXT where another device triggers the cameras
         return table.tracks(1)
-    rate_hz = positive_number(about.get("FREQUENCY", ""), f"{path}: FREQUENCY in Hz")  # EXT where another device triggers
+    rate_hz = positive_number(about.get("FREQUENCY", ""), f"{path}: FREQUENCY in Hz")
     return table.tracks(None, 1 / rate_hz)

@@ -7,10 +7,11 @@ height z along the normal n,
     a = n . f - g n_z,     z <- z + v dt + a dt^2 / 2,     v <- v + a dt
 
 The robot is lifted if z - h is above `LIFTED_M` and above `LIFTED_SIGMA` standard deviations of it, by the noise of the
-force, its bias, and the velocity at the start. Every `RISE_WATCH_S` the watch starts again, but only where the robot is
-still and v is not above `LIFTED_SIGMA` standard deviations of it: one that rises steadily feels what one at rest feels.
-After a shock, which may be beyond the range of the sensors, nothing is told until it is still again. A hand throws with
-less than a shock, but so do feet strike that come down; it is followed where the robot was at rest before.
+force, its bias, and the velocity at the start. After `RISE_WATCH_S` the watch starts again as soon as the robot is
+still and |v| is at most `LIFTED_SIGMA` standard deviations of it: the sensors of a robot that rises steadily measure
+what they measure at rest. After a shock, which may be beyond the range of the sensors, the watch waits until the robot
+is still. What is a shock depends on the start: a hand that throws the robot accelerates it as much as feet do that
+strike the floor, so that more than `CALM_M_PER_S2` is followed only where the robot was at rest at the start.
 """
 
 from dataclasses import dataclass
@@ -29,13 +30,13 @@ from ..imu_trust import is_still
 from ..pose_motion import SHOCK_M_PER_S2, force_sigma_m_per_s2
 
 RISE_WATCH_S = 1.0
-"""Time after which the watch starts again: the bias of the force is a centimetre then. No hand that carries a robot
-down is as steady for so long, so that one which is still for longer while it stands is at rest."""
+"""Time after which the watch starts again, as the bias of the force has moved the point by a centimetre then. No hand
+that sets a robot down is steady for so long: a robot that is still for longer while it stands is at rest."""
 STARTS_M_PER_S = 0.01
 """Standard deviation of the velocity of a robot that is still."""
 CALM_M_PER_S2 = 3.0
-"""Difference of a specific force from g that is no shock where the robot was not at rest before: feet that land strike
-by more."""
+"""Largest difference of a specific force from g that is no shock, where the robot was not at rest before: feet that
+strike the floor make more. Where it was at rest, it is `SHOCK_M_PER_S2`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +102,11 @@ class RiseWatch:
         return Rise(self._since_s, way, variance)
 
     def forget(self, still_s: float = 0.0) -> None:
-        """Start again when the robot is still, as which it is known for some seconds."""
+        """Start again when the robot is still.
+
+        Args:
+            still_s: for how long it has been still; inf where it is known to be at rest.
+        """
         self._since_s = -np.inf
         self._has_rested = False
         self._still_s = still_s
