@@ -111,7 +111,7 @@ WITH_POSE: dict[type[Robot], dict[str, Callable[[Structure, RestShape, Any, Sett
     FreeStandingRobot: {"batch": FreeStandingOptimizer, "live": FreeStandingSmoother},
     HangingRobot: {"batch": HangingOptimizer, "live": HangingSmoother},
 }
-"""Their estimators of a robot that stands on a floor, and of one that hangs from one or two anchors."""
+"""The estimators by these methods of a robot that stands on a floor, and of one that hangs from one or two anchors."""
 
 
 def estimator_plug_ins() -> dict[str, PlugIn]:

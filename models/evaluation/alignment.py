@@ -53,12 +53,14 @@ def rigid_alignment(points_m: NDArray[np.float64], onto_m: NDArray[np.float64]) 
 def best_motions(
     points_m: NDArray[np.float64], onto_m: NDArray[np.float64], known: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return a, R and b of the rigid motions R (p - a) + b that bring points nearest to others, one in each frame.
+    """Return the rigid motions R (p - a) + b that bring points p nearest to others, one in each frame.
+
+    They are (frames, 1, 3) a, the mean of the points, (frames, 3, 3) R, and (frames, 1, 3) b, the mean of the others.
 
     Args:
         points_m: (frames, points, 3) p.
         onto_m: (frames, points, 3) the others.
-        known: (frames, points, 1) which of them count; a and b, (frames, 1, 3), are the means of these.
+        known: (frames, points, 1) which of them count; the rest may be nan.
     """
     count = np.maximum(known.sum(axis=1, keepdims=True), 1)
     x, y = np.where(known, points_m, 0.0), np.where(known, onto_m, 0.0)

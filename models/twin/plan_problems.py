@@ -59,7 +59,7 @@ def problems(plan: Plan) -> Iterator[tuple[str, str]]:
     yield from _problems_of_carried(plan, told)
     yield from problems_of_loads(plan, structure)
     yield from problems_of_motors(plan.motor, structure, plan.rest.seconds, plan.duration_s)
-    yield from _problems_of_boards(plan.boards, len(structure.tendons))
+    yield from _problems_of_boards(plan.boards, len(structure.tendons), plan.mechanics.step_s)
     yield from _problems_of_faults(plan, len(structure.tendons))
 
 
@@ -125,9 +125,6 @@ def _problems_of_size(plan: Plan, structure: Structure) -> Iterator[tuple[str, s
         rows_bytes = BYTES_PER_ROW * rate_hz * plan.duration_s
         if rows_bytes > MOST_BYTES:
             yield key, _too_large(f"{rate_hz * plan.duration_s:.3g} rows", rows_bytes)
-    least_us = 1e6 * plan.mechanics.step_s
-    if plan.boards.period_us < least_us:
-        yield "boards.period_us", f"expected mechanics.step_s, {least_us:g} us, or more, got {plan.boards.period_us}"
 
 
 def _too_large(what: str, size_bytes: float) -> str:
@@ -203,7 +200,7 @@ def _problems_of_carried(plan: Plan, told: DescribedStructure) -> Iterator[tuple
                 yield f"position[{number}].nodes[{index}]", expected
 
 
-def _problems_of_boards(boards: BoardPhysics, tendons: int) -> Iterator[tuple[str, str]]:
+def _problems_of_boards(boards: BoardPhysics, tendons: int, step_s: float) -> Iterator[tuple[str, str]]:
     wired: set[int] = set()
     for board, channels in enumerate(boards.tendon_of_channel):
         key = f"boards.tendon_of_channel[{board}]"
@@ -219,6 +216,9 @@ def _problems_of_boards(boards: BoardPhysics, tendons: int) -> Iterator[tuple[st
         yield "boards.delay_s", f"expected at most {LONGEST_DELAY_S:g} s, got {boards.delay_s:g}"
     if not boards.tendon_of_channel:
         yield "boards.tendon_of_channel", "expected at least one board, got none"
+    least_us = round(1e6 * step_s, 3)  # 1e6 * 0.000123 is above 123
+    if boards.period_us < least_us:
+        yield "boards.period_us", f"expected mechanics.step_s, {least_us:g} us, or more, got {boards.period_us}"
 
 
 def _problems_of_faults(plan: Plan, tendons: int) -> Iterator[tuple[str, str]]:
