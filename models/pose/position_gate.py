@@ -13,8 +13,8 @@ and where no two agree, each that is where the pose expects it. S includes how f
 or more are used where they may have moved to since two were seen, so that a robot that was moved unseen is found. To
 agree is not enough: in a symmetric structure nodes that are exchanged keep their distances to some others.
 
-A structure that hangs turns about its anchors, which are where they are told, so that its pose changes none of the
-distances to them. With the place A_k of an anchor k,
+A structure that hangs turns about its anchors, whose places are known, so that its pose changes none of the distances
+to them. With the place A_k of an anchor k,
 
     r_ak = |y_a - A_k| - |x_a - x_k| = u_ak^T t + noise,    u_ak = (y_a - A_k) / |y_a - A_k|
 
@@ -126,11 +126,11 @@ def are_shifted(
     shape_covariance_m2: NDArray[np.float64],
     sigma_m: float,
 ) -> bool:
-    """Return whether the positions of one instant are shifted against the anchors; not so without anchors.
+    """Return whether the positions of one instant are shifted against the anchors; False without anchors.
 
     Args:
-        readings: in the world, of one recording; those of anchors themselves are not looked at.
-        structure: which has the anchors.
+        readings: in the world, of one recording, each of another node; those of anchors themselves are not looked at.
+        structure: with the places of the anchors.
         node_position_m: (nodes, 3) the shape, however it is turned.
         shape_covariance_m2: (3 nodes, 3 nodes) of the shape alone, in the same axes.
         sigma_m: standard deviation of a position, per axis.

@@ -20,7 +20,8 @@ because what a capture errs alike at all nodes is no larger than sigma. So it is
 
 as one whose marker is on a stalk.
 
-Later the pose may be wrong, and the distances tell (`position_gate`). The scale s of an instant minimises
+Later the pose may be wrong, and distances are compared: between nodes, and of a robot that hangs to its anchors
+(`position_gate`). The scale s of an instant minimises
 
     sum (|y_a - y_b| - s |x_a - x_b|)^2
 
