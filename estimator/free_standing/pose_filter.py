@@ -350,11 +350,13 @@ class PoseFilter:
     def _watched_rise(self, frame: Frame) -> None:
         """Take the robot off the floor where inertial sensors say that it has risen from it."""
         at_rest = frame.t_s < self._rest_until_s
-        if frame.samples is None or at_rest or not self._standing.any():
+        if frame.samples is None or at_rest:
             self._rise_watch.forget(np.inf if at_rest else 0.0)
             return
-        placed = frame.placed(self.state)
-        rise = self._rise_watch.observe(frame.t_s, frame.step_s, placed, self.covariance, frame.samples)
+        placed, of_state, has_left = frame.placed(self.state), self.covariance, not self._standing.any()
+        rise = self._rise_watch.observe(frame.t_s, frame.step_s, placed, of_state, frame.samples, has_left=has_left)
+        if has_left:
+            self._rise_watch.forget()
         if rise is None:
             return
         self.state, self.covariance = risen(self.state, self.covariance, rise, self._floor)

@@ -7,11 +7,14 @@ height z along the normal n,
     a = n . f - g n_z,     z <- z + v dt + a dt^2 / 2,     v <- v + a dt
 
 The robot is lifted if z - h is above `LIFTED_M` and above `LIFTED_SIGMA` standard deviations of it, by the noise of the
-force, its bias, and the velocity at the start. After `RISE_WATCH_S` the watch starts again as soon as the robot is
-still and |v| is at most `LIFTED_SIGMA` standard deviations of it: the sensors of a robot that rises steadily measure
-what they measure at rest. After a shock, which may be beyond the range of the sensors, the watch waits until the robot
-is still. What is a shock depends on the start: a hand that throws the robot accelerates it as much as feet do that
-strike the floor, so that more than `CALM_M_PER_S2` is followed only where the robot was at rest at the start.
+force, its bias, and the velocity at the start. Where heights say that nothing stands any more, as those of ranges do,
+it is lifted if v is above `LIFTED_SIGMA` standard deviations, too.
+
+After `RISE_WATCH_S` the watch starts again as soon as the robot is still and |v| is at most `LIFTED_SIGMA` standard
+deviations of it: the sensors of a robot that rises steadily measure what they measure at rest. After a shock, which may
+be beyond the range of the sensors, the watch waits until the robot is still. What is a shock depends on the start: a
+hand that throws the robot accelerates it as much as feet do that strike the floor, so that more than `CALM_M_PER_S2` is
+followed only where the robot was at rest at the start.
 """
 
 from dataclasses import dataclass
@@ -67,7 +70,14 @@ class RiseWatch:
         self._by_bias = np.zeros(2)
 
     def observe(
-        self, t_s: float, step_s: float, placed: PlacedShape, covariance: NDArray[np.float64], samples: ImuSamples
+        self,
+        t_s: float,
+        step_s: float,
+        placed: PlacedShape,
+        covariance: NDArray[np.float64],
+        samples: ImuSamples,
+        *,
+        has_left: bool,
     ) -> Rise | None:
         """Return the rise that one more frame has told; None while the robot may be where the filter holds it.
 
@@ -77,6 +87,7 @@ class RiseWatch:
             placed: the shape in the world, as the floor holds it.
             covariance: (size, size) of the errors of its state.
             samples: of the sensors that are used.
+            has_left: whether nothing stands any more: then the velocity alone may tell how it has risen.
         """
         sensors = np.flatnonzero(samples.count)
         self._still_s = self._still_s + step_s if is_still(samples) else 0.0
@@ -97,7 +108,8 @@ class RiseWatch:
             self._start(t_s, held)
             return None
         way = self._told - held
-        if way[0] < max(LIFTED_M, LIFTED_SIGMA * float(np.sqrt(variance[0, 0]))):
+        height_m, m_per_s = LIFTED_SIGMA * np.sqrt(np.diagonal(variance))
+        if way[0] < max(LIFTED_M, height_m) and not (has_left and way[1] > m_per_s):
             return None
         return Rise(self._since_s, way, variance)
 

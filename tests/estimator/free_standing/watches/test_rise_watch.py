@@ -1,11 +1,14 @@
 """A robot that is lifted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from poses import robot_with_two_sensors, samples_of_two
 from tensegraph.estimator.free_standing.contacts import Standing
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
+from tensegraph.models.pose.placed import PlacedShape
 from tensegraph.models.structure.floor import UP
 
 SHAPE_M2 = 1e-6 * np.eye(36)
@@ -68,3 +71,19 @@ def test_a_robot_that_rises_steadily_is_lifted_whenever_that_begins(balanced, fr
     rise_m = poses.state.position_m[2] - poses.centre_m[2]
     assert not poses.standing.nodes.any()
     assert rise_m == pytest.approx(0.54 * lift_m_per_s2, rel=0.1)
+
+
+@pytest.mark.parametrize("has_left", [True, False])
+def test_the_velocity_alone_tells_the_rise_of_a_robot_whose_height_says_that_nothing_stands(balanced, has_left) -> None:
+    """At 1 m/s^2 for 0.18 s it has risen by 16 mm, less than five sigmas, while the floor held it, and by 0.18 m/s."""
+    x, poses = balanced.node_position_m, robot_with_two_sensors(balanced)
+    for t_s in np.arange(0.0, 1.15, 0.02):
+        sign = float(t_s >= 1.0)
+        poses.step(float(t_s), x, SHAPE_M2, samples_of_two(float(t_s), (9.81 + sign) * UP))
+    assert poses.standing.nodes.any()
+    held = replace(poses.state, position_m=poses.centre_m, velocity_m_per_s=np.zeros(3))
+    placed, samples = PlacedShape(held, x - poses.centre_m, SHAPE_M2), poses._samples
+    rise = poses._rise_watch.observe(1.16, 0.02, placed, poses.covariance, samples, has_left=has_left)
+    assert (rise is not None) == has_left
+    if rise is not None:
+        np.testing.assert_allclose(rise.way, [0.016, 0.18], atol=0.005)
