@@ -38,7 +38,7 @@ def test_geometry_that_was_told_wrongly_is_named(example, model) -> None:
     pipeline = Pipeline(open_trial(example).description, Settings(), model)
     assert "geometry" not in shown(Activity.of(0, 0), pipeline)
     pipeline.rest = replace(pipeline.rest, wrong=("anchors",))
-    assert "geometry: the anchors are elsewhere than trial.toml tells" in shown(Activity.of(0, 0), pipeline)
+    assert "geometry: the anchors are elsewhere than trial.toml says" in shown(Activity.of(0, 0), pipeline)
 
 
 def test_a_tendon_without_a_sensor_is_not_flagged(example, model, loaded) -> None:
