@@ -55,13 +55,17 @@ def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
             stands there is replaced, so `check_vacant` or `check_replaceable` must be called before.
 
     Raises:
-        InputError: when the disk is full, or the paths cannot be created, flushed or moved. Other errors of the block
+        InputError: when a pipe or a device stands at one of the paths, the disk is full, or the paths cannot be
+            created, flushed or moved. Other errors of the block
             are passed on as they are.
     """
     # A link stays a link, and what is written has the link's name, whose end tells its format. This gives `.` a name.
     places = {os.path.basename(os.path.abspath(path)): Path(os.path.realpath(path)) for path in paths}
     first = next(iter(places.values()))
     aside = first.with_name(f".{first.name}-{secrets.token_hex(4)}")
+    for path in paths:  # what stands there is copied first, and a device may be read for ever
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise InputError(f"{path}: exists and is neither a file nor a directory: expected a new name")
     with _cannot_be_written(paths[-1]):
         _remove_left_over(places)
         missing = [parent for parent in aside.parents if not parent.exists()]

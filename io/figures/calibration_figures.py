@@ -41,6 +41,8 @@ MOST_POINTS = 2000
 """Largest number of points drawn of one recording; more could not be distinguished."""
 MOST_SHOWN = 8
 """Largest number of recordings whose predictions are drawn, each in panels of its own."""
+LEAST_SPREAD = 1e-6
+"""Least standard deviation of strain that a histogram of errors shows: those of a strip that stands still are alike."""
 FINE_PANELS_DPI = 100
 """Resolution of figures with many panels."""
 
@@ -201,7 +203,7 @@ def write_errors_figure(runs: Mapping[str, Sequence[StripRun]], path: Path) -> N
         _draw_rates(rates, name, np.abs(rate), error)
         _draw_autocorrelation(correlation, name, some)
     errors = [np.concatenate([run.error for run in some]) for some in runs.values()]
-    widest = max(float(abs(error.mean()) + 3 * error.std()) for error in errors)
+    widest = max(abs(error.mean()) + 3 * _spread(error) for error in errors)
     histogram.set(xlim=(-widest, widest), xlabel="error of strain [1]", ylabel="probability density [1/strain]")
     histogram.set_title("errors, with the normal curve of the same mean and deviation", fontsize=10)
     coverage.plot([0, 1], [0, 1], color=GREY, lw=0.8, ls="--", label="honest sigma")
@@ -220,10 +222,16 @@ def write_errors_figure(runs: Mapping[str, Sequence[StripRun]], path: Path) -> N
 
 
 def _draw_histogram(axis: Axes, name: str, error: NDArray[np.float64]) -> None:
-    edges = error.mean() + np.linspace(-4, 4, 81) * error.std()
+    spread = _spread(error)
+    edges = error.mean() + np.linspace(-4, 4, 81) * spread
     axis.hist(error, edges.tolist(), density=True, histtype="step", color=COLORS[name], label=name)
     middle = 0.5 * (edges[1:] + edges[:-1])
-    axis.plot(middle, norm.pdf(middle, error.mean(), error.std()), color=COLORS[name], lw=0.8, ls=":")
+    axis.plot(middle, norm.pdf(middle, error.mean(), spread), color=COLORS[name], lw=0.8, ls=":")
+
+
+def _spread(error: NDArray[np.float64]) -> float:
+    """Return the standard deviation of errors, at least that which a histogram can show."""
+    return max(float(error.std()), LEAST_SPREAD)
 
 
 def _draw_coverage(axis: Axes, name: str, z: NDArray[np.float64]) -> None:

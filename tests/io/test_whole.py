@@ -224,6 +224,21 @@ def test_a_link_to_a_file_of_another_name_stays_one_too(tmp_path) -> None:
     assert {path.name for path in tmp_path.rglob("*")} == {"a.md", "b.txt", "out", "plot.png", "table.csv"}
 
 
+@pytest.mark.parametrize("kind", ["device", "pipe"])
+def test_what_is_no_file_is_neither_copied_nor_replaced(tmp_path, kind) -> None:
+    """As a link to /dev/zero, which would fill the disk, where a table of an earlier comparison was."""
+    if kind == "device":
+        (tmp_path / "table.md").symlink_to("/dev/zero")
+    else:
+        os.mkfifo(tmp_path / "table.md")
+    with (
+        pytest.raises(InputError, match=r"table\.md: exists and is neither a file nor a directory: expected a new"),
+        written_whole(tmp_path / "table.csv", tmp_path / "table.md"),
+    ):
+        pytest.fail("the work is not begun")
+    assert [path.name for path in tmp_path.iterdir()] == ["table.md"]
+
+
 OTHER_DISK = Path("/dev/shm")
 
 
