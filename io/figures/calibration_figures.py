@@ -41,7 +41,7 @@ MOST_POINTS = 2000
 """Largest number of points drawn of one recording; more could not be distinguished."""
 MOST_SHOWN = 8
 """Largest number of recordings whose predictions are drawn, each in panels of its own."""
-LEAST_SPREAD = 1e-6
+NARROWEST_STRAIN = 1e-6
 """Least standard deviation of strain that a histogram of errors shows: those of a strip that stands still are alike."""
 FINE_PANELS_DPI = 100
 """Resolution of figures with many panels."""
@@ -231,7 +231,7 @@ def _draw_histogram(axis: Axes, name: str, error: NDArray[np.float64]) -> None:
 
 def _spread(error: NDArray[np.float64]) -> float:
     """Return the standard deviation of errors, at least that which a histogram can show."""
-    return max(float(error.std()), LEAST_SPREAD)
+    return max(float(error.std()), NARROWEST_STRAIN)
 
 
 def _draw_coverage(axis: Axes, name: str, z: NDArray[np.float64]) -> None:
