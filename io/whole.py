@@ -56,8 +56,7 @@ def written_whole(*paths: Path) -> Iterator[tuple[Path, ...]]:
 
     Raises:
         InputError: when a pipe or a device stands at one of the paths, the disk is full, or the paths cannot be
-            created, flushed or moved. Other errors of the block
-            are passed on as they are.
+            created, flushed or moved. Other errors of the block are passed on as they are.
     """
     # A link stays a link, and what is written has the link's name, whose end tells its format. This gives `.` a name.
     places = {os.path.basename(os.path.abspath(path)): Path(os.path.realpath(path)) for path in paths}

@@ -103,12 +103,11 @@ class RiseWatch:
             return None
         sigma = force_sigma_m_per_s2(samples, sensors, self._settings)
         variance = self._move(step_s, placed, covariance, samples, sigma)
-        moves = abs(self._told[1]) > LIFTED_SIGMA * np.sqrt(variance[1, 1])
-        if t_s - self._since_s > RISE_WATCH_S and is_still(samples) and not moves:
+        height_m, m_per_s = LIFTED_SIGMA * np.sqrt(np.diagonal(variance))
+        if t_s - self._since_s > RISE_WATCH_S and is_still(samples) and abs(self._told[1]) <= m_per_s:
             self._start(t_s, held)
             return None
         way = self._told - held
-        height_m, m_per_s = LIFTED_SIGMA * np.sqrt(np.diagonal(variance))
         if way[0] < max(LIFTED_M, height_m) and not (has_left and way[1] > m_per_s):
             return None
         return Rise(self._since_s, way, variance)
