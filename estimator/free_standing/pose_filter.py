@@ -278,6 +278,8 @@ class PoseFilter:
         rows = self._model.rows(predicted, frame, self._standing, self.trust.is_used, held)
         rows += [*stop, *self._held_rows(predicted.placed, predicted.covariance, frame.step_s)]
         self.state, self.covariance = self._model.corrected(predicted, frame, rows)
+        if not self._standing.any():
+            self.state = self._model.above_floor(self.state, self.covariance, predicted, frame)
         self._jump_watch.keep(frame.placed(self.state), frame)
         self._turn_before = before.turn
         self._body_before_m = frame.body_m
@@ -353,10 +355,16 @@ class PoseFilter:
         if frame.samples is None or at_rest:
             self._rise_watch.forget(np.inf if at_rest else 0.0)
             return
-        placed, of_state, has_left = frame.placed(self.state), self.covariance, not self._standing.any()
-        rise = self._rise_watch.observe(frame.t_s, frame.step_s, placed, of_state, frame.samples, has_left=has_left)
-        if has_left:
+        placed, of_state, in_the_air = frame.placed(self.state), self.covariance, not self._standing.any()
+        flies = in_the_air and self._flies
+        is_above = in_the_air and not self._flies
+        rise = self._rise_watch.observe(
+            frame.t_s, frame.step_s, placed, of_state, frame.samples, flies=flies, is_above=is_above
+        )
+        if in_the_air:
             self._rise_watch.forget()
+        if is_above:
+            self._lifted_since_s = min(self._lifted_since_s, frame.t_s)
         if rise is None:
             return
         self.state, self.covariance = risen(self.state, self.covariance, rise, self._floor)

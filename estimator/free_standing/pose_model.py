@@ -27,7 +27,7 @@ from .pose_start import rest_rows
 from .prediction import Frame, Prediction, following_heading, without_heading
 
 BELOW_M = 0.001
-"""Depth below the floor at which a node that does not stand is lifted to it."""
+"""Depth below the floor from which a node that does not stand is lifted to it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,8 +107,8 @@ class PoseModel:
         """
         settings, floor, placed = self.settings, self.floor, predicted.placed
         repeats = max(settings.shape_holds_s / frame.step_s, 1.0)
-        below = floor.tilted(placed.state.floor_tilt).clearance_m(placed.node_position_m) < -BELOW_M
-        rows = [height_rows(placed, floor, np.flatnonzero(stands | below), settings.floor_m, repeats)]
+        at_floor = stands | self._are_below(placed) if stands.any() else stands
+        rows = [height_rows(placed, floor, np.flatnonzero(at_floor), settings.floor_m, repeats)]
         if held is not None:
             rows.append(held.rows.lasting(repeats))
         if frame.samples is not None:
@@ -134,6 +134,27 @@ class PoseModel:
         if self._is_blind(frame):
             return predicted.corrected_blindly(stacked(rows), self.floor)
         return predicted.corrected(stacked(rows))
+
+    def above_floor(
+        self, state: PoseState, covariance: NDArray[np.float64], predicted: Prediction, frame: Frame
+    ) -> PoseState:
+        """Return the likeliest state in which no node is below the floor, of a robot that does not stand.
+
+        That a node is not below the floor says less than that it stands there: the covariance of the state stays. With
+        the height as that of a node which stands, a robot that came down 23 mm too low stopped in the air, and rose
+        from then on with the velocity by which it had been lifted out of the floor.
+        """
+        placed = frame.placed(state)
+        if not self._are_below(placed).any():
+            return state
+        lowest = self.floor.tilted(state.floor_tilt).clearance_m(placed.node_position_m).argmin(keepdims=True)
+        expected = replace(predicted, placed=placed, covariance=covariance)
+        return expected.corrected(height_rows(placed, self.floor, lowest, self.settings.floor_m, 1.0))[0]
+
+    def _are_below(self, placed: PlacedShape) -> NDArray[np.bool_]:
+        """Return (nodes,) which nodes are below the floor."""
+        clearance_m = self.floor.tilted(placed.state.floor_tilt).clearance_m(placed.node_position_m)
+        return np.asarray(clearance_m < -BELOW_M)
 
     def feet(self, predicted: Prediction, nodes: NDArray[np.bool_]) -> Feet:
         """Return (nodes,) some nodes that have stood since the frame before, with what their footholds say."""

@@ -7,8 +7,9 @@ height z along the normal n,
     a = n . f - g n_z,     z <- z + v dt + a dt^2 / 2,     v <- v + a dt
 
 The robot is lifted if z - h is above `LIFTED_M` and above `LIFTED_SIGMA` standard deviations of it, by the noise of the
-force, its bias, and the velocity at the start. Where heights say that nothing stands any more, as those of ranges do,
-it is lifted if v is above `LIFTED_SIGMA` standard deviations, too.
+force, its bias, and the velocity at the start. While nothing carries it, it is lifted if v is above `LIFTED_SIGMA`
+standard deviations, too. Where positions or ranges have told that it is above the floor, it has risen as the sensors
+say: the floor held the pose down until then.
 
 After `RISE_WATCH_S` the watch starts again as soon as the robot is still and |v| is at most `LIFTED_SIGMA` standard
 deviations of it: the sensors of a robot that rises steadily measure what they measure at rest. After a shock, which may
@@ -77,7 +78,8 @@ class RiseWatch:
         covariance: NDArray[np.float64],
         samples: ImuSamples,
         *,
-        has_left: bool,
+        flies: bool,
+        is_above: bool,
     ) -> Rise | None:
         """Return the rise that one more frame has told; None while the robot may be where the filter holds it.
 
@@ -87,7 +89,8 @@ class RiseWatch:
             placed: the shape in the world, as the floor holds it.
             covariance: (size, size) of the errors of its state.
             samples: of the sensors that are used.
-            has_left: whether nothing stands any more: then the velocity alone may tell how it has risen.
+            flies: whether nothing carries the robot, which may bounce: then the velocity alone may tell how it has risen.
+            is_above: whether positions or ranges have told that it is above the floor.
         """
         sensors = np.flatnonzero(samples.count)
         self._still_s = self._still_s + step_s if is_still(samples) else 0.0
@@ -108,7 +111,8 @@ class RiseWatch:
             self._start(t_s, held)
             return None
         way = self._told - held
-        if way[0] < max(LIFTED_M, height_m) and not (has_left and way[1] > m_per_s):
+        has_risen = way[0] >= max(LIFTED_M, height_m) or (flies and way[1] > m_per_s)
+        if not has_risen and not is_above:
             return None
         return Rise(self._since_s, way, variance)
 
