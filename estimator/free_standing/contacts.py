@@ -20,6 +20,7 @@ from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_settings import PoseSettings
 from ...models.structure.floor import Floor
 from ...models.values.chi_squared import squared_distance
+from ...models.values.rotations import cross_matrix
 
 STANDING_SHARE = 0.25
 """Share of the nodes that stand."""
@@ -54,11 +55,12 @@ def is_in_the_air(placed: PlacedShape, covariance: NDArray[np.float64], floor: F
 
 
 def may_have_landed(placed: PlacedShape, covariance: NDArray[np.float64], floor: Floor) -> bool:
-    """Return whether the lowest node may be at the floor, and rise or sink no more.
+    """Return whether the lowest node may be at rest at the floor, and the robot rise or sink no more.
 
-    With its height h above the floor, 0 if it seems to be below, and the velocity v of the centroid,
+    With its height h above the floor, 0 if it seems to be below, its velocity u, the velocity v of the centroid, and
+    both axes E of the floor,
 
-        e^T S^-1 e < LANDED_SIGMA^2,     e = (h, n . v)
+        e^T S^-1 e < LANDED_SIGMA^2     for e = (h, n . v) and for e = E u
 
     Args:
         placed: the shape in the world.
@@ -67,14 +69,21 @@ def may_have_landed(placed: PlacedShape, covariance: NDArray[np.float64], floor:
     """
     height_m, by_state, of_shape = _lowest(placed, floor)
     state, at = placed.state, placed.state.layout
-    normal = floor.tilted(state.floor_tilt).normal
+    tilted = floor.tilted(state.floor_tilt)
     H = np.zeros((2, at.size))
     H[0] = by_state
-    H[1, at.velocity] = normal
+    H[1, at.velocity] = tilted.normal
     S = H @ covariance @ H.T
     S[0, 0] += of_shape
-    e = np.array([max(height_m, 0.0), normal @ state.velocity_m_per_s])
-    return bool(squared_distance(e, S) < LANDED_SIGMA**2)
+    e = np.array([max(height_m, 0.0), tilted.normal @ state.velocity_m_per_s])
+    if squared_distance(e, S) > LANDED_SIGMA**2:
+        return False
+    arm_m = placed.arm_m[np.argmin(tilted.clearance_m(placed.node_position_m))]
+    J = np.zeros((2, at.size))
+    J[:, at.velocity] = tilted.axes
+    J[:, at.rate] = -tilted.axes @ cross_matrix(arm_m)
+    u = tilted.axes @ (state.velocity_m_per_s + np.cross(state.rate_rad_per_s, arm_m))
+    return bool(squared_distance(u, J @ covariance @ J.T) < LANDED_SIGMA**2)
 
 
 def _lowest(placed: PlacedShape, floor: Floor) -> tuple[float, NDArray[np.float64], float]:

@@ -38,6 +38,7 @@ from .pose_smoother import PoseStep
 from .pose_start import covariance_at_rest, state_at_rest
 from .prediction import Frame, Prediction
 from .tipping import MISSED_RAD, has_landed, heading_missed, misplaced, tipped, tipping
+from .watches.held_watch import HeldWatch
 from .watches.jump_watch import JumpWatch
 from .watches.place_watch import PlaceWatch
 from .watches.range_trust import RangeTrust
@@ -91,6 +92,7 @@ class PoseFilter:
         self._slide_watch = SlideWatch(self._model, len(self._standing))
         self._rise_watch = RiseWatch(self._imus, robot.floor, settings)
         self._stand_watch = StandWatch()
+        self._held_watch = HeldWatch()
         self._doubted_turn: NDArray[np.float64] | None = None
         self._misled_rad = 0.0
         size_m = 2 * float(np.linalg.norm(rest.node_position_m - self.centre_m, axis=1).max())
@@ -277,6 +279,7 @@ class PoseFilter:
         """
         rows = self._model.rows(predicted, frame, self._standing, self.trust.is_used, held)
         rows += [*stop, *self._held_rows(predicted.placed, predicted.covariance, frame.step_s)]
+        rows += self._rows_in_the_air(predicted, frame)
         self.state, self.covariance = self._model.corrected(predicted, frame, rows)
         if not self._standing.any():
             self.state = self._model.above_floor(self.state, self.covariance, predicted, frame)
@@ -285,6 +288,16 @@ class PoseFilter:
         self._body_before_m = frame.body_m
         self._samples = frame.samples
         self._last_s = frame.t_s
+
+    def _rows_in_the_air(self, predicted: Prediction, frame: Frame) -> list[Rows]:
+        """Return the rows of a robot that is held still in the air, as inertial sensors feel."""
+        if frame.samples is None or not frame.is_felt or not np.isfinite(self._lifted_since_s):
+            self._held_watch.forget()
+            return []
+        state = predicted.placed.state
+        gained_m_per_s = state.velocity_m_per_s - self.state.velocity_m_per_s
+        self._held_watch.observe(frame.step_s, gained_m_per_s, frame.samples)
+        return self._held_watch.rows(state, frame.step_s)
 
     def _contacts_of(self, predicted: Prediction, frame: Frame, standing: Standing | None) -> Standing:
         """Return which nodes stand, as told or by heights."""
@@ -338,7 +351,7 @@ class PoseFilter:
         standing = self._stand_watch.observe(
             frame.t_s, frame.step_s, placed, of_state, self._floor, frame.samples, standing, flies=self._flies
         )
-        self._remember_doubted(is_doubted=standing.contradicted)
+        self._remember_doubted(is_doubted=standing.contradicted and bool(standing.others))
         return standing
 
     def _remember_doubted(self, *, is_doubted: bool) -> None:

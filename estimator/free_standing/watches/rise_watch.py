@@ -11,11 +11,11 @@ force, its bias, and the velocity at the start. While nothing carries it, it is 
 standard deviations, too. Where positions or ranges have told that it is above the floor, it has risen as the sensors
 say: the floor held the pose down until then.
 
-After `RISE_WATCH_S` the watch starts again as soon as the robot is still and |v| is at most `LIFTED_SIGMA` standard
+After `RISE_WATCH_S` the watch starts again as soon as the robot is still and |v| is at most `RESTS_SIGMA` standard
 deviations of it: the sensors of a robot that rises steadily measure what they measure at rest. After a shock, which may
-be beyond the range of the sensors, the watch waits until the robot is still. What is a shock depends on the start: a
-hand that throws the robot accelerates it as much as feet do that strike the floor, so that more than `CALM_M_PER_S2` is
-followed only where the robot was at rest at the start.
+be beyond the range of the sensors, the watch waits until the robot is still. What is a shock depends on whether the
+robot has rested, for `SETTLES_S`, since the watch was last forgotten: a hand that throws the robot accelerates it as
+much as feet do that strike the floor, so that more than `CALM_M_PER_S2` is followed only from rest.
 """
 
 from dataclasses import dataclass
@@ -32,15 +32,18 @@ from ....models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
 from ..contacts import LIFTED_M, LIFTED_SIGMA
 from ..imu_trust import is_still
 from ..pose_motion import SHOCK_M_PER_S2, force_sigma_m_per_s2
+from .stand_watch import SETTLES_S
 
 RISE_WATCH_S = 1.0
 """Time after which the watch starts again, as the bias of the force has moved the point by a centimetre then. No hand
 that sets a robot down is steady for so long: a robot that is still for longer while it stands is at rest."""
+RESTS_SIGMA = 2.0
+"""Velocity, in its standard deviations, up to which a robot that is still is at rest."""
 STARTS_M_PER_S = 0.01
 """Standard deviation of the velocity of a robot that is still."""
 CALM_M_PER_S2 = 3.0
-"""Largest difference of a specific force from g that is no shock, where the robot was not at rest before: feet that
-strike the floor make more. Where it was at rest, it is `SHOCK_M_PER_S2`."""
+"""Largest difference of a specific force from g that is no shock, where the robot has not rested before: feet that
+strike the floor make more. Where it has, it is `SHOCK_M_PER_S2`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,6 +97,7 @@ class RiseWatch:
         """
         sensors = np.flatnonzero(samples.count)
         self._still_s = self._still_s + step_s if is_still(samples) else 0.0
+        self._has_rested |= self._still_s > SETTLES_S
         calm = samples.excess_m_per_s2[sensors] <= (SHOCK_M_PER_S2 if self._has_rested else CALM_M_PER_S2)
         if not len(sensors) or not calm.all() or not np.array_equal(sensors, self._sensors):
             self.forget(self._still_s)
@@ -106,12 +110,13 @@ class RiseWatch:
             return None
         sigma = force_sigma_m_per_s2(samples, sensors, self._settings)
         variance = self._move(step_s, placed, covariance, samples, sigma)
-        height_m, m_per_s = LIFTED_SIGMA * np.sqrt(np.diagonal(variance))
-        if t_s - self._since_s > RISE_WATCH_S and is_still(samples) and abs(self._told[1]) <= m_per_s:
+        height_m, m_per_s = np.sqrt(np.diagonal(variance))
+        is_slow = abs(self._told[1]) <= RESTS_SIGMA * m_per_s
+        if t_s - self._since_s > RISE_WATCH_S and is_still(samples) and is_slow:
             self._start(t_s, held)
             return None
         way = self._told - held
-        has_risen = way[0] >= max(LIFTED_M, height_m) or (flies and way[1] > m_per_s)
+        has_risen = way[0] >= max(LIFTED_M, LIFTED_SIGMA * height_m) or (flies and way[1] > LIFTED_SIGMA * m_per_s)
         if not has_risen and not is_above:
             return None
         return Rise(self._since_s, way, variance)
@@ -135,7 +140,6 @@ class RiseWatch:
 
     def _start(self, t_s: float, held: NDArray[np.float64]) -> None:
         self._since_s, self._told = t_s, np.array([held[0], 0.0])
-        self._has_rested = self._still_s > RISE_WATCH_S
         self._noise = np.diag([self._settings.floor_m**2, STARTS_M_PER_S**2])
         self._by_bias = np.zeros(2)
 
