@@ -165,6 +165,7 @@ class ContactsByHeight:
         *,
         is_located: bool = False,
         is_lifted: bool = False,
+        has_come_down: bool = True,
         flies: bool = False,
     ) -> Standing:
         """Return which nodes stand in one more frame.
@@ -175,6 +176,7 @@ class ContactsByHeight:
             step_s: time since the frame before.
             is_located: whether positions or ranges tell where the robot is, so that it can be seen to be lifted.
             is_lifted: whether inertial sensors have felt that it was lifted.
+            has_come_down: whether they have felt that it came down since then.
             flies: whether they feel that nothing carries it.
         """
         floor = self._floor.tilted(placed.state.floor_tilt)
@@ -184,7 +186,7 @@ class ContactsByHeight:
         variance = np.diag(C) + C[lowest, lowest] - 2 * C[lowest]
         sigma_m = np.sqrt(variance + self._settings.floor_m**2)
         in_the_air = flies or (is_located and is_in_the_air(placed, covariance, self._floor))
-        in_the_air |= is_lifted and not may_have_landed(placed, covariance, self._floor)
+        in_the_air |= is_lifted and not (has_come_down and may_have_landed(placed, covariance, self._floor))
         return self._update(clearance_m - clearance_m[lowest], sigma_m, step_s, in_the_air=in_the_air)
 
     def _update(

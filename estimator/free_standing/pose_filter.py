@@ -291,12 +291,11 @@ class PoseFilter:
 
     def _rows_in_the_air(self, predicted: Prediction, frame: Frame) -> list[Rows]:
         """Return the rows of a robot that is held still in the air, as inertial sensors feel."""
-        if frame.samples is None or not frame.is_felt or not np.isfinite(self._lifted_since_s):
-            self._held_watch.forget()
+        if frame.samples is None or not frame.is_felt or self._standing.any():
+            self._held_watch.lift()
             return []
-        state = predicted.placed.state
-        gained_m_per_s = state.velocity_m_per_s - self.state.velocity_m_per_s
-        self._held_watch.observe(frame.step_s, gained_m_per_s, frame.samples)
+        state, normal = predicted.placed.state, self.floor.normal
+        self._held_watch.observe(frame.step_s, self.state, state, predicted.covariance, frame.samples, normal)
         return self._held_watch.rows(state, frame.step_s)
 
     def _contacts_of(self, predicted: Prediction, frame: Frame, standing: Standing | None) -> Standing:
@@ -319,6 +318,7 @@ class PoseFilter:
             frame.step_s,
             is_located=self._place_watch.is_located(frame.t_s),
             is_lifted=bool(np.isfinite(self._lifted_since_s)),
+            has_come_down=self._held_watch.has_come_down,
             flies=self._flies,
         )
 

@@ -1,10 +1,13 @@
-"""Whether a hand holds the robot still in the air, or it stands again without having been found to.
+"""Whether a hand holds a lifted robot still, and whether it has come down since it was lifted.
 
 Specific forces tell the velocity with an error that grows, and with it the place. The sensors of a robot that moves
 steadily measure what they measure at rest, but no hand carries it so for long: where they are still for
 `RISE_WATCH_S`, and the velocity changes by `STEADY_M_PER_S` at most meanwhile, the robot is at rest:
 
     v = 0, within `STARTS_M_PER_S`
+
+It has come down if the velocity along the normal was below zero by `RESTS_SIGMA` standard deviations; a hand that sets
+it down more slowly than that is not felt, so that it may stand where it has been still for `PUT_DOWN_S`, too.
 """
 
 import numpy as np
@@ -14,35 +17,59 @@ from ....models.pose.imu_samples import ImuSamples
 from ....models.pose.placed import Rows
 from ....models.pose.pose_state import PoseState
 from ..imu_trust import is_still
-from .rise_watch import RISE_WATCH_S, STARTS_M_PER_S
+from .rise_watch import RESTS_SIGMA, RISE_WATCH_S, STARTS_M_PER_S
+from .stand_watch import PUT_DOWN_S
 
 STEADY_M_PER_S = 0.05
 """Change of the velocity that an attitude which is wrong by 0.3 degrees makes in a second."""
 
 
 class HeldWatch:
-    """Follows how long the robot has been still in the air, frame by frame."""
+    """Follows a robot in the air, frame by frame."""
 
     def __init__(self) -> None:
-        self.forget()
+        self.lift()
 
-    def forget(self) -> None:
-        """Take note that the robot stands, or that no sensor tells how it moves."""
+    @property
+    def has_come_down(self) -> bool:
+        """Whether it may stand again, if it seems to be at the floor."""
+        return self._has_sunk or self._steady_s > PUT_DOWN_S
+
+    def lift(self) -> None:
+        """Take note that the robot stands, or is lifted now."""
+        self._has_sunk = False
+        self._move()
+
+    def _move(self) -> None:
         self._steady_s = 0.0
         self._gained_m_per_s = np.zeros(3)
 
-    def observe(self, step_s: float, gained_m_per_s: NDArray[np.float64], samples: ImuSamples) -> None:
+    def observe(
+        self,
+        step_s: float,
+        before: PoseState,
+        state: PoseState,
+        covariance: NDArray[np.float64],
+        samples: ImuSamples,
+        normal: NDArray[np.float64],
+    ) -> None:
         """Learn from one more frame in the air.
 
         Args:
             step_s: time since the frame before.
-            gained_m_per_s: (3,) change of the velocity since then, by the sensors.
+            before: the state in that frame.
+            state: the state, moved as the sensors say.
+            covariance: (size, size) of its errors.
             samples: of the inertial sensors that are used.
+            normal: (3,) of the floor.
         """
+        velocity = state.layout.velocity
+        sigma_m_per_s = float(np.sqrt(normal @ covariance[velocity, velocity] @ normal))
+        self._has_sunk |= float(normal @ state.velocity_m_per_s) < -RESTS_SIGMA * sigma_m_per_s
         self._steady_s += step_s
-        self._gained_m_per_s = self._gained_m_per_s + gained_m_per_s
+        self._gained_m_per_s = self._gained_m_per_s + state.velocity_m_per_s - before.velocity_m_per_s
         if not is_still(samples) or float(np.linalg.norm(self._gained_m_per_s)) > STEADY_M_PER_S:
-            self.forget()
+            self._move()
 
     def rows(self, state: PoseState, step_s: float) -> list[Rows]:
         """Return the rows of the velocity of a robot that is held still: the error of one lasts for all frames."""

@@ -116,7 +116,8 @@ class RiseWatch:
             self._start(t_s, held)
             return None
         way = self._told - held
-        has_risen = way[0] >= max(LIFTED_M, LIFTED_SIGMA * height_m) or (flies and way[1] > LIFTED_SIGMA * m_per_s)
+        is_high, is_fast = way[0] >= LIFTED_M, way[1] > LIFTED_SIGMA * m_per_s
+        has_risen = (is_high and (is_fast or way[0] >= LIFTED_SIGMA * height_m)) or (flies and is_fast)
         if not has_risen and not is_above:
             return None
         return Rise(self._since_s, way, variance)
