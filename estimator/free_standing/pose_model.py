@@ -147,7 +147,7 @@ class PoseModel:
         placed = frame.placed(state)
         if not self._are_below(placed).any():
             return state
-        lowest = self.floor.tilted(state.floor_tilt).clearance_m(placed.node_position_m).argmin(keepdims=True)
+        lowest = np.array([np.argmin(self.floor.tilted(state.floor_tilt).clearance_m(placed.node_position_m))])
         expected = replace(predicted, placed=placed, covariance=covariance)
         return expected.corrected(height_rows(placed, self.floor, lowest, self.settings.floor_m, 1.0))[0]
 

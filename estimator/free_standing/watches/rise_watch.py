@@ -6,10 +6,9 @@ height z along the normal n,
 
     a = n . f - g n_z,     z <- z + v dt + a dt^2 / 2,     v <- v + a dt
 
-The robot is lifted if z - h is above `LIFTED_M` and above `LIFTED_SIGMA` standard deviations of it, by the noise of the
-force, its bias, and the velocity at the start. While nothing carries it, it is lifted if v is above `LIFTED_SIGMA`
-standard deviations, too. Where positions or ranges have told that it is above the floor, it has risen as the sensors
-say: the floor held the pose down until then.
+The robot is lifted if z - h is above `LIFTED_M`, and either it or v above `LIFTED_SIGMA` standard deviations, by the
+noise of the force, its bias, and the velocity at the start; while nothing carries it, v alone tells it. Where positions
+or ranges have told that it is above the floor, it has risen as the sensors say: the floor held the pose down until then.
 
 After `RISE_WATCH_S` the watch starts again as soon as the robot is still and |v| is at most `RESTS_SIGMA` standard
 deviations of it: the sensors of a robot that rises steadily measure what they measure at rest. After a shock, which may
@@ -92,7 +91,7 @@ class RiseWatch:
             placed: the shape in the world, as the floor holds it.
             covariance: (size, size) of the errors of its state.
             samples: of the sensors that are used.
-            flies: whether nothing carries the robot, which may bounce: then the velocity alone may tell how it has risen.
+            flies: whether nothing carries the robot, which may bounce: then the velocity alone may tell the rise.
             is_above: whether positions or ranges have told that it is above the floor.
         """
         sensors = np.flatnonzero(samples.count)

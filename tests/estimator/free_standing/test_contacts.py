@@ -94,3 +94,31 @@ def test_a_robot_lands_where_height_and_speed_may_be_zero(height_m: float, sinks
     variance = np.zeros(state.layout.size)
     variance[state.layout.position], variance[state.layout.velocity] = 0.01**2, 0.1**2
     assert may_have_landed(placed, np.diag(variance), Floor(0.0, UP)) == lands
+
+
+@pytest.mark.parametrize(
+    ("along_m_per_s", "rate_rad_per_s", "lands"), [(0.3, 0.0, False), (0.15, 0.0, True), (0.3, 3.0, True)]
+)
+def test_a_robot_lands_where_its_lowest_node_may_be_at_rest(along_m_per_s, rate_rad_per_s, lands) -> None:
+    """It glides, or rolls: at 3 rad/s about the lowest node, which is 0.1 m below the centroid, this one rests."""
+    state = replace(
+        any_state(0, 0),
+        turn=np.eye(3),
+        position_m=0.1 * UP,
+        velocity_m_per_s=np.array([along_m_per_s, 0.0, 0.0]),
+        rate_rad_per_s=np.array([0.0, rate_rad_per_s, 0.0]),
+    )
+    placed = PlacedShape(state, np.tile(-0.1 * UP, (12, 1)), 1e-12 * np.eye(36))
+    variance = np.zeros(state.layout.size)
+    variance[state.layout.position], variance[state.layout.velocity] = 0.01**2, 0.1**2
+    assert may_have_landed(placed, np.diag(variance), Floor(0.0, UP)) == lands
+
+
+def test_a_lifted_robot_at_the_floor_stands_once_it_has_come_down() -> None:
+    contacts = ContactsByHeight(Floor(0.0, UP), np.arange(12) < 3, PoseSettings())
+    state = replace(any_state(0, 0), turn=np.eye(3), position_m=np.zeros(3), velocity_m_per_s=np.zeros(3))
+    placed = PlacedShape(replace(state, rate_rad_per_s=np.zeros(3)), np.zeros((12, 3)), 1e-8 * np.eye(36))
+    covariance = 1e-6 * np.eye(state.layout.size)
+    for has_come_down in (False, True):
+        standing = contacts.observe(placed, covariance, 0.02, is_lifted=True, has_come_down=has_come_down)
+        assert standing.nodes.any() == has_come_down
