@@ -18,8 +18,7 @@ from ..values.time_series import median_step_s
 from .gauge_fit import fit_gauge
 from .rate_curve_fit import fit_rate_curve
 from .recipe import CHECK_EVERY, Checkpoint, History, NoCheckpoint, Trained, TrainingSettings
-from .recordings import Recording, Split, correlated_samples
-from .strip_baselines import on_common_curve
+from .recordings import Recording, Split, correlated_samples, on_common_curve
 from .torch_network import (
     StretchingModule,
     curve_strain,
