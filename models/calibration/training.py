@@ -63,14 +63,14 @@ def train(
     Raises:
         InputError: when there is nothing to train on.
     """
-    with _one_thread():
+    with _torch_in_one_thread():
         training = _Training(split, bending, settings)
         training.run(progress, checkpoint or NoCheckpoint())
         return training.result()
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def _torch_in_one_thread() -> Iterator[None]:
     """Run torch in one thread, so that sums have the same order on any machine; a small network is not slower."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
