@@ -107,7 +107,7 @@ WITH_FACTORS = ("batch", "live", "frame")
 NOT_HELD = ("batch", "live")
 """The methods for a structure with less than three anchors."""
 
-WITH_POSE: dict[type[Robot], dict[str, Callable[[Structure, RestShape, Any, Settings], Estimator]]] = {
+WITH_POSE: dict[type[Robot], dict[str, Callable[[RestShape, Any, Settings], Estimator]]] = {
     FreeStandingRobot: {"batch": FreeStandingOptimizer, "live": FreeStandingSmoother},
     HangingRobot: {"batch": HangingOptimizer, "live": HangingSmoother},
 }
@@ -337,7 +337,7 @@ class Pipeline:
         if robot is not None:
             with_pose = WITH_POSE[type(robot)][method]
             return _estimated_from_rest(
-                lambda first_s: with_pose(rest.structure, rest, robot.begun(first_s), settings), frames, progress
+                lambda first_s: with_pose(rest, robot.begun(first_s), settings), frames, progress
             )
         shapes = _estimated(factory(rest.structure, rest, settings), frames, progress)
         if self.trial.imus and self.trial.rest_seconds > 0:

@@ -99,13 +99,13 @@ class LiveOutputs:
         TensegraphError: where there is no display for the window.
     """
 
-    window: bool = False
+    window: bool
     """Whether matplotlib shows them."""
-    viewer: bool = False
+    viewer: bool
     """Whether Rerun shows them."""
-    publish: tuple[str, ...] = ()
+    publish: tuple[str, ...]
     """`ros2`, or addresses of UDP."""
-    publish_remote: bool = False
+    publish_remote: bool
     """Whether these may be of other machines."""
 
     def __post_init__(self) -> None:
@@ -230,8 +230,7 @@ def run_session(
         pipeline.boards.counts if pipeline.boards else [],
         pipeline,
     )
-    live_result = LiveResult(path, pipeline.trial.structure, pipeline.settings, terminal.error)
-    with live_result as result:
+    with LiveResult(path, pipeline.trial.structure, pipeline.settings, terminal.error) as result:
         with shown(panel, terminal.news):
             for shape in session.shapes():
                 if session.latency is not None:

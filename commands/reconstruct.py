@@ -47,9 +47,9 @@ from .paths import result_paths
 class Span:
     """A part of a trial. What is before it is estimated too: taring, drift and pose come from there."""
 
-    from_s: float | None = None
+    from_s: float | None
     """Time of its start; that of the trial if None."""
-    to_s: float | None = None
+    to_s: float | None
     """Time of its end; that of the trial if None."""
 
     def __post_init__(self) -> None:

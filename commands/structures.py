@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +18,6 @@ from ..models.structure_description import DescribedStructure
 from ..models.values.errors import IndeterminateError, InputError
 from ..models.values.tables import SMALLEST
 from ..models.values.units import LARGEST
-
-NewStructure = Literal["prism", "six-strut", "tower", "saddle-tower"]
 
 
 def show_structure(path: Path, *, unit_m: float, out: list[Path], terminal: Terminal) -> None:
@@ -131,7 +128,7 @@ def _nodes(told: DescribedStructure) -> Table:
 def check_choice(
     file: Path | None,
     unit_m: float,
-    new: NewStructure | None,
+    new: str | None,
     rod_m: float | None,
     stages: int | None,
     out: Sequence[Path],

@@ -95,8 +95,8 @@ def write_sensor_model(model: SensorModel, path: str | Path) -> None:
     Path(path).write_bytes(save(tensors, metadata))
 
 
-def model_path(path: Path | None = None) -> Path:
-    """Return the path of a model file, or of the one that ships with the package."""
+def model_path(path: Path | None) -> Path:
+    """Return the path of a model file, of the one that ships with the package if None."""
     return Path(str(files("tensegraph.models.data").joinpath("stretching.safetensors"))) if path is None else path
 
 

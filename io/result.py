@@ -36,6 +36,8 @@ TRACK_FILE = "track.csv"
 SLIPS_FILE = "slips.csv"
 COVARIANCE_COLUMNS = tuple(filter(None, UPPER_TRIANGLE))
 """The upper triangle, row by row; ten digits, because the inverse for a long, thin ellipsoid loses seven."""
+COVARIANCE_CELLS = np.triu_indices(3)
+"""Rows and columns of these in the matrix."""
 
 BLOCK_ROWS = 10_000
 """Rows of a table that are made at a time, so that a long run does not need much memory for them."""
@@ -196,12 +198,11 @@ def _shape_rows(r: Reconstruction) -> Iterator[str]:
 def _ellipsoid_rows(r: Reconstruction, probability: float) -> Iterator[str]:
     yield (f"t_s,node,x_m,y_m,z_m,{','.join(COVARIANCE_COLUMNS)},semi_a_m,semi_b_m,semi_c_m,qx,qy,qz,qw,probability")
     regions = r.ellipsoids(probability)
-    row, column = np.triu_indices(3)
     yield from _rows(
         "%.4f,%d" + 3 * ",%.6f" + 6 * ",%.9e" + 7 * ",%.6f" + f",{probability:g}",
         *_each(r.t_s, np.arange(r.structure.node_count)),
         r.node_position_m.reshape(-1, 3),
-        r.node_covariance_m2[..., row, column].reshape(-1, 6),
+        r.node_covariance_m2[..., *COVARIANCE_CELLS].reshape(-1, 6),
         regions.semi_axis_m.reshape(-1, 3),
         regions.quaternion.reshape(-1, 4),
     )
@@ -244,8 +245,7 @@ def _contact_rows(t_s: NDArray[np.float64], contacts: NDArray[np.float64]) -> It
 
 def _track_rows(r: Reconstruction) -> Iterator[str]:
     yield ",".join(["t_s", "x_m", "y_m", "z_m", *COVARIANCE_COLUMNS])
-    row, column = np.triu_indices(3)
-    covariance = r.centroid_covariance_m2[:, row, column]
+    covariance = r.centroid_covariance_m2[:, *COVARIANCE_CELLS]
     yield from _rows("%.4f" + 3 * ",%.6f" + 6 * ",%.9e", r.t_s, r.centroid_m, covariance)
 
 

@@ -24,6 +24,7 @@ from .csv import CsvFile
 from .positions import position_columns, read_contacts, read_positions
 from .result import (
     CONTACTS_FILE,
+    COVARIANCE_CELLS,
     COVARIANCE_COLUMNS,
     DRIFT_FILE,
     LOADS_FILE,
@@ -187,16 +188,13 @@ def _doubt(cell: str) -> float:
 
 def _centroid_covariance_m2(path: Path, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (frames, 3, 3) of track.csv; nan where there is none."""
-    covariance_m2 = np.full((len(t_s), 3, 3), np.nan)
     track = path / TRACK_FILE
-    if track.is_file():
-        rows = np.array(list(CsvFile(track, ["t_s", *COVARIANCE_COLUMNS]))).reshape(-1, 1 + len(COVARIANCE_COLUMNS))
-        if not np.array_equal(rows[:, 0], t_s):
-            raise InputError(f"{track}: expected one row for each row of shape.csv")
-        row, column = np.triu_indices(3)
-        covariance_m2[:, row, column] = covariance_m2[:, column, row] = rows[:, 1:]
-        _check_covariances(track, covariance_m2[:, None])
-    return covariance_m2
+    if not track.is_file():
+        return np.full((len(t_s), 3, 3), np.nan)
+    rows = np.array(list(CsvFile(track, ["t_s", *COVARIANCE_COLUMNS]))).reshape(-1, 1 + len(COVARIANCE_COLUMNS))
+    if not np.array_equal(rows[:, 0], t_s):
+        raise InputError(f"{track}: expected one row for each row of shape.csv")
+    return _checked_covariances(track, rows[:, None, 1:])[:, 0]
 
 
 def _slips(path: Path, t_s: NDArray[np.float64], node_count: int) -> tuple[tuple[Slip, ...], ...]:
@@ -237,15 +235,17 @@ def _covariances(path: Path, positions: StampedPositions) -> Covariances:
     ellipsoid = _read_blocks(path, "node", nodes, positions.t_s, [*middle, *COVARIANCE_COLUMNS])
     if not np.array_equal(ellipsoid[..., :3], positions.node_position_m):
         raise InputError(f"{path}: expected the positions of shape.csv in the middle of ellipsoids")
-    covariance_m2 = np.empty((*ellipsoid.shape[:2], 3, 3))
-    row, column = np.triu_indices(3)
-    covariance_m2[..., row, column] = covariance_m2[..., column, row] = ellipsoid[..., 3:]
-    _check_covariances(path, covariance_m2)
-    return Covariances.of_nodes(covariance_m2)
+    return Covariances.of_nodes(_checked_covariances(path, ellipsoid[..., 3:]))
 
 
-def _check_covariances(path: Path, covariance_m2: NDArray[np.float64]) -> None:
-    """Raise InputError for (frames, rows of each, 3, 3) of which one is a covariance of nothing; nan for none."""
+def _checked_covariances(path: Path, cells: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (frames, rows of each, 3, 3) from (frames, rows of each, 6); nan for none.
+
+    Raises:
+        InputError: when one is a covariance of nothing.
+    """
+    covariance_m2 = np.empty((*cells.shape[:2], 3, 3))
+    covariance_m2[..., *COVARIANCE_CELLS] = covariance_m2[..., *COVARIANCE_CELLS[::-1]] = cells
     told = np.isfinite(covariance_m2).all(axis=(-2, -1), keepdims=True)
     variance_m2 = np.linalg.eigvalsh(np.where(told, covariance_m2, 0.0))
     wrong = variance_m2[..., 0] < -ROUNDED * variance_m2[..., -1]
@@ -255,6 +255,7 @@ def _check_covariances(path: Path, covariance_m2: NDArray[np.float64]) -> None:
             f"{COVARIANCE_COLUMNS[-1]}: expected a covariance, got one with the variance "
             f"{variance_m2[frame, row, 0]:.3g} m2 in some direction"
         )
+    return covariance_m2
 
 
 def _contacts(path: Path, structure: Structure, t_s: NDArray[np.float64]) -> NDArray[np.float64] | None:

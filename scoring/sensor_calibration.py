@@ -64,9 +64,9 @@ class HoldOut:
         TensegraphError: when both names and a tail are given.
     """
 
-    names: tuple[str, ...] = ()
+    names: tuple[str, ...]
     """Patterns of the names of whole recordings."""
-    tail: float | None = None
+    tail: float | None
     """Share of each recording, at its end."""
 
     def __post_init__(self) -> None:

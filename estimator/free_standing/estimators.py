@@ -18,7 +18,6 @@ from ...models.pose.robot import FreeStandingRobot
 from ...models.settings import Settings
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
-from ...models.structure.structure import Structure
 from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
 from ..smoother import LiveSmoother
@@ -56,12 +55,11 @@ class _Kept:
 class FreeStandingSmoother:
     """Estimates shape, pose and contacts in the newest frame from this and all earlier frames."""
 
-    def __init__(self, structure: Structure, rest: RestShape, robot: FreeStandingRobot, settings: Settings) -> None:
-        self._structure = structure
+    def __init__(self, rest: RestShape, robot: FreeStandingRobot, settings: Settings) -> None:
         self._rest = rest
         self._robot = robot
         self._settings = settings
-        self.shapes = LiveSmoother(structure, rest, settings)
+        self.shapes = LiveSmoother(rest.structure, rest, settings)
         self._poses = PoseFilter(rest, robot, settings.pose)
         self._faces = FaceWatch(rest, robot, self._poses, self.shapes, settings)
         self._last_m = rest.node_position_m
@@ -109,8 +107,7 @@ class FreeStandingSmoother:
 class FreeStandingOptimizer:
     """Estimates shape, pose and contacts in every frame from all frames of the trial, earlier and later ones."""
 
-    def __init__(self, structure: Structure, rest: RestShape, robot: FreeStandingRobot, settings: Settings) -> None:
-        self._structure = structure
+    def __init__(self, rest: RestShape, robot: FreeStandingRobot, settings: Settings) -> None:
         self._rest = rest
         self._robot = robot
         self._settings = settings
@@ -140,7 +137,7 @@ class FreeStandingOptimizer:
         supports = self._supports(shapes, steps)
         shapes = [shape.without_covariance() for shape in shapes]
         del steps  # their covariances are large
-        optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
+        optimizer = BatchOptimizer(self._rest.structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
         contacts = self._contacts(live, frames, shapes)
         poses = self._poses(frames, shapes, contacts)
@@ -163,7 +160,7 @@ class FreeStandingOptimizer:
 
     def _live(self, frames: Sequence[TendonLengths]) -> tuple[FreeStandingSmoother, list[Shape], list[PoseStep]]:
         """Return the live estimator after all frames, with what it has kept of them, its shapes and their poses."""
-        live = FreeStandingSmoother(self._structure, self._rest, self._robot, self._settings)
+        live = FreeStandingSmoother(self._rest, self._robot, self._settings)
         live.shapes.keep()
         live.kept = []
         estimates = [live.update(lengths) for lengths in frames]
@@ -209,7 +206,7 @@ class FreeStandingOptimizer:
 
     def _supports(self, shapes: Sequence[Shape], steps: Sequence[PoseStep]) -> list[Support]:
         """Return the force of gravity and floor on each shape, from the filter's steps: slides change little of it."""
-        in_the_air = nothing_stands(self._structure.node_count).probability
+        in_the_air = nothing_stands(self._rest.structure.node_count).probability
         is_lifted = _is_lifted(steps, np.array([shape.t_s for shape in shapes]))
         return [
             support_of(
@@ -235,7 +232,7 @@ class FreeStandingOptimizer:
         slides = slid_before(np.array([step.slides_since_s for step in steps]), t_s)
         is_lifted = _is_lifted(steps, t_s)
         if slides.any() or is_lifted.any():
-            in_the_air = nothing_stands(self._structure.node_count)
+            in_the_air = nothing_stands(self._rest.structure.node_count)
             contacts = [in_the_air if lifted else told for lifted, told in zip(is_lifted, contacts, strict=True)]
             steps = self._filtered(frames, shapes, contacts, slides)
         return [(state, covariance, step) for (state, covariance), step in zip(smoothed(steps), steps, strict=True)]

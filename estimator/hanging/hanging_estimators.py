@@ -19,7 +19,6 @@ from ...models.pose.robot import HangingRobot
 from ...models.settings import Settings
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
-from ...models.structure.structure import Structure
 from ...models.values.readings import TendonLengths
 from ..batch import BatchOptimizer, without_lag
 from ..free_standing.imu_trust import without_sensors
@@ -38,14 +37,13 @@ LOOK_EVERY_S = 0.1
 class HangingSmoother:
     """Estimates shape and pose in the newest frame from this and all earlier frames."""
 
-    def __init__(self, structure: Structure, rest: RestShape, robot: HangingRobot, settings: Settings) -> None:
-        self._structure = structure
+    def __init__(self, rest: RestShape, robot: HangingRobot, settings: Settings) -> None:
         self._rest = rest
-        self.shapes = LiveSmoother(structure, rest, settings)
+        self.shapes = LiveSmoother(rest.structure, rest, settings)
         self._settings = settings
         self._poses = HangingFilter(rest, robot, settings)
         self._looked_s = -np.inf
-        self._of_hands = Hands(structure.free_nodes, settings.doubt)
+        self._of_hands = Hands(rest.structure.free_nodes, settings.doubt)
         self._hands: HandTorque | None = None
         self.kept: list[tuple[HandTorque | None, Reason | None]] | None = None
         """Torque of hands and doubt in each frame, for a smoother that puts a list here; live, memory is bounded."""
@@ -96,8 +94,7 @@ class HangingSmoother:
 class HangingOptimizer:
     """Estimates shape and pose in every frame from all frames of the trial, earlier and later ones."""
 
-    def __init__(self, structure: Structure, rest: RestShape, robot: HangingRobot, settings: Settings) -> None:
-        self._structure = structure
+    def __init__(self, rest: RestShape, robot: HangingRobot, settings: Settings) -> None:
         self._rest = rest
         self._robot = robot
         self._settings = settings
@@ -126,7 +123,7 @@ class HangingOptimizer:
         ]
         shapes = [shape.without_covariance() for shape in shapes]
         del steps  # their covariances are large
-        optimizer = BatchOptimizer(self._structure, self._rest, self._settings)
+        optimizer = BatchOptimizer(self._rest.structure, self._rest, self._settings)
         shapes = list(optimizer.refined(frames, live.shapes, shapes, supports, progress))
         filtered = HangingFilter(self._rest, self._robot, self._settings)
         steps = [
@@ -143,7 +140,7 @@ class HangingOptimizer:
 
     def _live(self, frames: Sequence[TendonLengths]) -> tuple[HangingSmoother, list[Shape], list[PoseStep]]:
         """Return the live estimator after all frames, with what it has kept of them, its shapes and their poses."""
-        live = HangingSmoother(self._structure, self._rest, self._robot, self._settings)
+        live = HangingSmoother(self._rest, self._robot, self._settings)
         live.shapes.keep()
         live.kept = []
         estimates = [live.update(lengths) for lengths in frames]

@@ -62,7 +62,6 @@ class HangingFilter(PoseFilter):
         )
         super().__init__(rest, robot, settings.pose, unknown)
         self._anchor_m = robot.anchor_m
-        self._structure = rest.structure
         self._rest = rest
         self._rods_of_imus = rest.structure.rods[[imu.rod for imu in robot.imus]]
         self._suspension = Suspension.of(rest.structure, rest.node_mass_kg)
@@ -100,7 +99,7 @@ class HangingFilter(PoseFilter):
         return self.step(shape.t_s, shape.node_position_m, shape.covariance_m2, aids, nothing, nothing.nodes)
 
     def _held_rows(self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float) -> list[Rows]:
-        structure = self._structure
+        structure = self._rest.structure
         rows = [anchor_rows(placed, structure.anchors, structure.anchor_position_m, self._anchor_m)]
         self.is_contradicted = False
         if self._hands is not None:

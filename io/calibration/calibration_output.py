@@ -54,8 +54,9 @@ class CalibrationPaths:
             raise InputError(
                 f"{self.card}: exists without {self.model.name}, and would be replaced: expected a new name"
             )
-        if self.figures.exists() and not (self.figures.is_dir() and all(_is_figure(p) for p in self.figures.iterdir())):
-            raise InputError(f"{self.figures}: exists and holds more than an earlier run's figures")
+        figures = self.figures
+        if figures.exists() and not (figures.is_dir() and all(path.suffix == ".png" for path in figures.iterdir())):
+            raise InputError(f"{figures}: exists and holds more than an earlier run's figures")
 
     @contextmanager
     def written_whole(self) -> Iterator["CalibrationPaths"]:
@@ -73,10 +74,6 @@ class CalibrationPaths:
         for path in self.model.parent.iterdir():
             if of_rates.fullmatch(path.name):
                 path.unlink()
-
-
-def _is_figure(path: Path) -> bool:
-    return path.suffix == ".png"
 
 
 @dataclass(frozen=True, slots=True)

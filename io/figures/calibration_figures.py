@@ -11,8 +11,7 @@ from scipy.stats import norm
 
 from ...models.calibration.calibrated_model import CURVE, LSTM, POLYNOMIAL, STATIC, Calibration
 from ...models.calibration.recipe import History
-from ...models.calibration.recordings import Recording
-from ...models.calibration.strip_baselines import on_common_curve
+from ...models.calibration.recordings import Recording, on_common_curve
 from ...models.calibration.strip_scores import StripScore, by_speed, error_autocorrelation
 from ...models.calibration.strips import StripRun
 from ...models.sensor.bending import BendingCurve

@@ -25,6 +25,7 @@ from .style import (
     add_grid,
     add_legend_below,
     cuts,
+    finish_panel,
     panels_over_time,
     save_figure,
 )
@@ -160,12 +161,7 @@ def _draw_height(
         axis.fill_between(t_s, estimated_mm - half_mm, estimated_mm + half_mm, color=BLUE, alpha=0.25, lw=0)
     axis.plot(t_s, estimated_mm, color=BLUE, lw=0.9)
     axis.plot(t_s, true_mm, color=BLACK, lw=0.9, ls="--")
-    known = np.concatenate([estimated_mm, true_mm[np.isfinite(true_mm)]])
-    margin = max(0.15 * float(np.ptp(known)), 1.5)
-    axis.set_ylim(known.min() - margin, known.max() + margin)
-    axis.tick_params(labelsize=7)
-    add_grid(axis)
-    axis.margins(x=0)
+    finish_panel(axis, np.concatenate([estimated_mm, true_mm[np.isfinite(true_mm)]]))
     return cuts(axis, estimated_mm - half_mm, estimated_mm + half_mm)
 
 

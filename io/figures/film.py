@@ -15,7 +15,7 @@ from PIL import Image
 from ...models.sensor.frames import LONGEST_SILENCE_S
 from ...models.structure.reconstruction import Reconstruction
 from ...models.values.errors import needs_extra
-from .live_view import StructureDrawing
+from .structure_view import StructureDrawing
 from .style import set_cube
 
 FRAMES_PER_S = 12.5

@@ -28,6 +28,7 @@ from .style import (
     add_legend_below,
     anchor_handle,
     cuts,
+    finish_panel,
     panels_over_time,
     save_figure,
     set_cube,
@@ -111,17 +112,10 @@ def draw_length(axis: Axes, r: Reconstruction, e: int) -> None:
             if where.any():
                 across = axis.get_xaxis_transform()
                 axis.fill_between(r.t_s, 0, 1, where=where, transform=across, color=color, alpha=alpha, lw=0)
-    known = np.concatenate([length_mm[np.isfinite(length_mm)], predicted_mm])
-    low = known.min()
-    high = known.max()
-    margin = max(0.15 * (high - low), 1.5)
-    axis.set_ylim(low - margin, high + margin)
+    finish_panel(axis, np.concatenate([length_mm[np.isfinite(length_mm)], predicted_mm]))
     a, b = r.structure.tendons[e]
     told = "" if has_sensor else ", no sensor"
     axis.set_title(f"tendon {e} ({a}-{b}){told}{BAND_IS_CUT if cuts(axis, *band_mm) else ''}", fontsize=8, pad=2, y=1)
-    axis.tick_params(labelsize=7)
-    add_grid(axis)
-    axis.margins(x=0)
 
 
 def _draw_pieces(
@@ -175,7 +169,7 @@ def write_drift_figure(
         drift: (frames, tendons) relative change of resistance.
         sigma: (frames, tendons) its standard deviation.
         title: what was reconstructed.
-        path: of the PNG.
+        path: of the file.
     """
     figure = Figure(figsize=(8, 4.5))
     axis = figure.subplots(gridspec_kw=within_margins(figure, left=0.75, right=0.15, bottom=0.85, top=0.4))

@@ -1,17 +1,31 @@
-"""The structure of one frame in space: rods, tendons, ellipsoids at a stated magnification, loads as arrows."""
+"""The structure in space, in one frame or moving: rods, tendons, magnified ellipsoids, loads as arrows."""
 
 from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from numpy.typing import NDArray
 
 from ...models.structure.external_loads import LOAD_THRESHOLD_N
 from ...models.structure.reconstruction import Reconstruction
-from ...models.structure.shape import ellipsoids
-from .style import BLACK, GREEN, GREY, PURPLE, RED, tendon_style
+from ...models.structure.shape import Shape, ellipsoids
+from ...models.structure.structure import Structure
+from .style import (
+    BLACK,
+    GREEN,
+    GREY,
+    PURPLE,
+    RED,
+    add_legend_below,
+    anchor_handle,
+    set_cube,
+    structure_handles,
+    tendon_style,
+)
 
 LONGEST_ARROW = 0.4
 """Longest arrow of a load at most, relative to the largest extent of the structure at the start."""
@@ -137,3 +151,57 @@ def _draw_ellipsoids(axis: Axes3D, r: Reconstruction, k: int, probability: float
 
 def _order(part: str) -> int:
     return DRAWN_FIRST.index(part)
+
+
+class StructureDrawing:
+    """The structure in a figure: drawn once, then moved. An ellipsoid is shown by its three principal ellipses."""
+
+    def __init__(
+        self, figure: Figure, structure: Structure, rest_position_m: NDArray[np.float64], probability: float
+    ) -> None:
+        self._structure = structure
+        self._probability = probability
+        axis = figure.add_subplot(projection="3d")
+        self.axis = axis
+        rest_mm = 1e3 * rest_position_m
+        self._rods = [axis.plot(*rest_mm[rod].T, color=BLACK, lw=3)[0] for rod in structure.rods]
+        self._tendons = [axis.plot(*rest_mm[tendon].T, color=GREY, lw=1.2)[0] for tendon in structure.tendons]
+        self._ellipses = {
+            int(node): [axis.plot([], [], [], color=RED, lw=0.8)[0] for _ in range(3)] for node in structure.free_nodes
+        }
+        axis.scatter(*rest_mm[structure.anchors].T, marker="^", color=GREEN, s=30)
+        set_cube(axis, rest_mm, 0.6)
+        axis.set_box_aspect((1, 1, 1))
+        ellipsoid = Line2D([], [], color=RED, lw=0.8, label=f"{100 * probability:g} % ellipsoid")
+        anchors = [anchor_handle()] if len(structure.anchors) else []
+        add_legend_below(figure, [*structure_handles(), ellipsoid, *anchors], 3)
+
+    def move(self, shape: Shape) -> None:
+        """Show another shape, at the same scale."""
+        position_mm = 1e3 * shape.node_position_m
+        self._follow(position_mm)
+        for line, rod in zip(self._rods, self._structure.rods, strict=True):
+            line.set_data_3d(*position_mm[rod].T)
+        for e, (line, tendon) in enumerate(zip(self._tendons, self._structure.tendons, strict=True)):
+            line.set_data_3d(*position_mm[tendon].T)
+            line.set(**tendon_style(shape.lengths.length_m[e], shape.lengths.mode[e]))
+        regions = shape.ellipsoids(self._probability)
+        angle = np.linspace(0, 2 * np.pi, 33)
+        for node, ellipses in self._ellipses.items():
+            half_axes_mm = 1e3 * (regions.axes[node] * regions.semi_axis_m[node]).T
+            for k, ellipse in enumerate(ellipses):
+                a = half_axes_mm[k]
+                b = half_axes_mm[(k + 1) % 3]
+                ellipse.set_data_3d(*(position_mm[node] + np.outer(np.cos(angle), a) + np.outer(np.sin(angle), b)).T)
+        self.axis.set_title(f"t = {shape.t_s:.2f} s")
+
+    def _follow(self, position_mm: NDArray[np.float64]) -> None:
+        """Shift the cube that is shown along each axis on which one of the (nodes, 3) positions is outside of it.
+
+        The structure is in the middle then, so that one that rolls on is soon found again.
+        """
+        for name, along_mm in zip("xyz", position_mm.T, strict=True):
+            low, high = getattr(self.axis, f"get_{name}lim")()
+            if along_mm.min() < low or along_mm.max() > high:
+                shift_mm = 0.5 * (along_mm.min() + along_mm.max()) - 0.5 * (low + high)
+                getattr(self.axis, f"set_{name}lim")(low + shift_mm, high + shift_mm)

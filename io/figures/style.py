@@ -93,6 +93,15 @@ def panels_over_time(count: int, columns: int, height: float, ylabel: str) -> tu
     return figure, axes
 
 
+def finish_panel(axis: Axes, drawn: NDArray[np.float64]) -> None:
+    """Show (n,) finite values in mm and a margin in a panel of `panels_over_time`, with small labels and a grid."""
+    margin = max(0.15 * float(np.ptp(drawn)), 1.5)
+    axis.set_ylim(drawn.min() - margin, drawn.max() + margin)
+    axis.tick_params(labelsize=7)
+    add_grid(axis)
+    axis.margins(x=0)
+
+
 def set_cube(axis: Axes3D, points_mm: NDArray[np.float64], reach: float, **label: Any) -> None:
     """Show a cube around points, with sides of twice `reach` times their largest extent, and label its axes."""
     low = points_mm.min(axis=0)

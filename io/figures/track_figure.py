@@ -29,7 +29,7 @@ def write_track_figure(r: Reconstruction, probability: float, title: str, path: 
         r: all frames, in the world.
         probability: of the ellipses.
         title: what was reconstructed.
-        path: of the PNG.
+        path: of the file.
     """
     figure, track, bars = _track_and_contacts()
     centroid_mm = 1e3 * r.centroid_m
@@ -68,7 +68,7 @@ def write_followed_figure(
         true_m: (frames, nodes, 3) in the world; nan where unknown.
         contacts: (frames, nodes) the estimated probabilities and the true contacts; None where they are not known.
         title: what was evaluated.
-        path: of the PNG.
+        path: of the file.
     """
     figure, track, *bars = _track_and_contacts() if contacts is not None else _track_alone()
     track.plot(*(1e3 * true_m.mean(axis=1)[:, :2]).T, color=BLACK, lw=2.5, alpha=0.5)

@@ -15,7 +15,7 @@ from ...models.structure.shape import Shape
 from ...models.structure.structure import Structure
 from ...models.values.errors import InputError
 from ...models.values.readings import Flag, Mode
-from ..result import COVARIANCE_COLUMNS
+from ..result import COVARIANCE_CELLS, COVARIANCE_COLUMNS
 
 FORM = "udp://127.0.0.1:9870"
 
@@ -90,8 +90,7 @@ def json_line(structure: Structure, shape: Shape) -> bytes:
 
 def shape_fields(structure: Structure, shape: Shape) -> dict[str, Any]:
     """Return the fields of a shape, see the page "Shapes for other programs, live"."""
-    row, column = np.triu_indices(3)
-    covariance_m2 = shape.node_covariance_m2[:, row, column]
+    covariance_m2 = shape.node_covariance_m2[:, *COVARIANCE_CELLS]
     names = ("x_m", "y_m", "z_m", *COVARIANCE_COLUMNS)
     fields: dict[str, Any] = {
         "t_s": float(shape.t_s),

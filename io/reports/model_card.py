@@ -59,12 +59,11 @@ class CalibrationReport:
             return "Nothing of stretching was held out: the network is not scored."
         everything = self.scores_by_speed()["all held out"]
         best = min(everything, key=lambda name: everything[name].rmse)
-        names = [run.name for run in self.calibration.runs[LSTM]]
         rmse = {
             name: np.array([StripScore.of([run]).rmse for run in runs]) for name, runs in self.calibration.runs.items()
         }
-        wins = int(np.sum(rmse[LSTM] <= np.min([rmse[name] for name in rmse], axis=0)))
-        counted = f"on {wins} of {len(names)} of them"
+        wins = int(np.sum(rmse[LSTM] <= np.min(list(rmse.values()), axis=0)))
+        counted = f"on {wins} of {len(rmse[LSTM])} of them"
         used = self.calibration.used
         uses = "" if used == LSTM else f" The model uses the {used}, which is better on the recordings for validation."
         if best == LSTM:

@@ -45,7 +45,7 @@ class _Node:
     position_m: NDArray[np.float64]
     parts: set[int]
     """The bodies to which it belongs, each the first of all that are fixed to one another; 0 is the world."""
-    name: str = ""
+    name: str
     hub_radius_m: float = 0.0
     """Largest distance from it at which a tendon ends."""
 

@@ -93,7 +93,6 @@ def _bent_samples(recordings: Sequence[Recording]) -> list[tuple[NDArray[np.floa
 
 def _lag_free_bending(recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (samples,) strain and (samples,) lag-free dR/R of the bent samples after settling."""
-    step_s = np.diff(recording.t_s, prepend=2 * recording.t_s[0] - recording.t_s[1])
-    change = LagFree(1).run(recording.change[:, None], step_s[:, None])[0][:, 0]
+    change = LagFree(1).run(recording.change[:, None], recording.step_s[:, None])[0][:, 0]
     chosen = recording.settled & (recording.strain < 0) & (recording.t_s > recording.scored_from_s)
     return recording.strain[chosen], change[chosen]

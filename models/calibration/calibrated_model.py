@@ -27,9 +27,9 @@ from .bending_fit import BendingFit
 from .gauge_fit import LEAST_GAIN_SIGMA, fit_gauge
 from .mode_fit import fit_mode
 from .recipe import Trained, TrainingSettings
-from .recordings import Recording, Split, correlated_samples
+from .recordings import Recording, Split, correlated_samples, on_common_curve
 from .strain_estimators import NetworkEstimator, StrainEstimator
-from .strip_baselines import PolynomialEstimator, StaticEstimator, on_common_curve
+from .strip_baselines import PolynomialEstimator, StaticEstimator
 from .strip_gains import StripGain, tare_strips
 from .strip_scores import StripScore
 from .strips import StripRun, run_strips

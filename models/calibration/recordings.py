@@ -1,12 +1,13 @@
 """Calibration recordings, and their split into training, validation and test."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..sensor.gauge import common_change
 from ..sensor.lstm import running_means
 from ..sensor.stretching import SETTLING_S
 from ..values.errors import InputError
@@ -56,6 +57,11 @@ class Recording:
         return float(self.t_s[-1] - self.t_s[0])
 
     @property
+    def step_s(self) -> NDArray[np.float64]:
+        """(samples,) time before each sample; before the first it is that after it."""
+        return np.diff(self.t_s, prepend=2 * self.t_s[0] - self.t_s[1])
+
+    @property
     def settled(self) -> NDArray[np.bool_]:
         """(samples,) those after the start, in which the sensor's unknown past fades; the strip is tared in it."""
         return np.asarray(self.t_s - self.t_s[0] >= SETTLING_S)
@@ -69,8 +75,7 @@ class Recording:
 
     def running_means(self, memory_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (samples, memories) running means of dR/R, see `lstm.running_means`."""
-        step_s = np.diff(self.t_s, prepend=2 * self.t_s[0] - self.t_s[1])
-        return running_means(self.change[:, None], step_s[:, None], memory_s)[:, 0]
+        return running_means(self.change[:, None], self.step_s[:, None], memory_s)[:, 0]
 
     @property
     def stretched_share(self) -> float:
@@ -111,6 +116,16 @@ class Recording:
         share = (self.t_s - self.t_s[0]) / self.duration_s
         chosen = (share >= from_share) & (share <= until_share)
         return replace(self, t_s=self.t_s[chosen], strain=self.strain[chosen], change=self.change[chosen])
+
+
+def on_common_curve(recordings: Sequence[Recording], gains: Mapping[str, NDArray[np.float64]]) -> list[Recording]:
+    """Return recordings with their gains and offsets removed.
+
+    Args:
+        recordings: of strips.
+        gains: (2,) gain and offset of each recording, by its name.
+    """
+    return [replace(r, change=common_change(r.change, *gains[r.name])) for r in recordings]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,13 +1,12 @@
 """The baselines of the network: a static monotone curve, and a polynomial of resistance and filtered rates."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from ..sensor.gauge import common_change
 from ..sensor.lstm import running_means
 from ..sensor.rate_curve import products, rate_inputs
 from .rate_curve_fit import rate_samples, ridge
@@ -71,18 +70,6 @@ class PolynomialEstimator:
         """Return strain and sigma, see `StrainEstimator`."""
         inputs = rate_inputs(change, running_means(change, step_s, FILTERS_S))
         return _with_constant_sigma(products(inputs / self.scale) @ self.coefficients, self.sigma)
-
-
-def on_common_curve(recordings: Sequence[Recording], gains: Mapping[str, NDArray[np.float64]]) -> list[Recording]:
-    """Return recordings with their gains and offsets removed.
-
-    Args:
-        recordings: of strips.
-        gains: (2,) gain and offset of each recording, by its name.
-    """
-    return [
-        Recording(r.name, r.t_s, r.strain, common_change(r.change, *gains[r.name]), r.scored_from_s) for r in recordings
-    ]
 
 
 def _samples(recordings: Sequence[Recording], unified: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -18,8 +18,7 @@ from ..values.time_series import median_step_s
 from .gauge_fit import fit_gauge
 from .rate_curve_fit import fit_rate_curve
 from .recipe import CHECK_EVERY, Checkpoint, History, NoCheckpoint, Trained, TrainingSettings
-from .recordings import Recording, Split, correlated_samples
-from .strip_baselines import on_common_curve
+from .recordings import Recording, Split, correlated_samples, on_common_curve
 from .torch_network import (
     StretchingModule,
     curve_strain,
@@ -64,14 +63,14 @@ def train(
     Raises:
         InputError: when there is nothing to train on.
     """
-    with _one_thread():
+    with _torch_in_one_thread():
         training = _Training(split, bending, settings)
         training.run(progress, checkpoint or NoCheckpoint())
         return training.result()
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def _torch_in_one_thread() -> Iterator[None]:
     """Run torch in one thread, so that sums have the same order on any machine; a small network is not slower."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

@@ -113,10 +113,7 @@ def _displacement_errors(
 
 
 def compare_frames(
-    estimate: Reconstruction,
-    true_m: NDArray[np.float64],
-    known: NDArray[np.bool_],
-    truth: Truth | None,
+    estimate: Reconstruction, true_m: NDArray[np.float64], known: NDArray[np.bool_], truth: Truth
 ) -> ComparedFrames:
     """Return the errors and other values of each compared frame.
 
@@ -127,9 +124,8 @@ def compare_frames(
         truth: true loads and contacts, where they are known.
     """
     structure = estimate.structure
-    loads = truth.loads if truth else None
     contacts = None
-    if truth and truth.contacts and estimate.contacts is not None:
+    if truth.contacts and estimate.contacts is not None:
         contacts = estimate.contacts[known], truth.contacts.at(estimate.t_s[known])
     free = structure.free_nodes
     estimated_m = estimate.node_position_m[known]
@@ -140,8 +136,8 @@ def compare_frames(
     frame_error_m = np.sqrt(np.nanmean((node_error_m**2).sum(axis=-1), axis=1))
     true_load_n = None
     estimated_load_n = None
-    if loads:
-        force_n = interpolated_within(estimate.t_s[known], loads.t_s, loads.force_n)
+    if truth.loads:
+        force_n = interpolated_within(estimate.t_s[known], truth.loads.t_s, truth.loads.force_n)
         true_load_n = observable_part(structure, force_n, true_m)[:, free]
         estimated_load_n = estimate.loads.force_n[known][:, free] if estimate.loads else None
     true_branch = branch(structure, structure.with_anchors_placed(true_m))  # truth need not tell anchors

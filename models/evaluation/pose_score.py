@@ -16,7 +16,7 @@ from ..values.rotations import best_rotation, rotation_vector
 from ..values.time_series import median_step_s
 from .alignment import laid_on_each_frame
 from .evaluation import ComparedFrames, ContactScore, PoseScore
-from .statistics import of_known
+from .statistics import root_mean_square
 
 STILL_M_PER_S = 0.02
 """Speed of every node below which the structure is still."""
@@ -69,11 +69,11 @@ def score_pose(
         held_rmse_m=_rms(laid_on_each_frame(rest, truth) - truth),
         level_rmse_m=_rms(x @ np.swapaxes(_level_rotation(x, truth), 1, 2) - truth),
         tilt_rms_deg=float(np.sqrt(np.mean(tilt_deg**2))),
-        still_tilt_rms_deg=float(np.sqrt(of_known(np.mean, tilt_deg[still] ** 2))),
+        still_tilt_rms_deg=root_mean_square(tilt_deg[still]),
         heading_error_deg=float(-angle_deg[-1, 2]),
         path_m=path_m,
         drift_share=float(np.linalg.norm(end_m) / path_m) if path_m > SHORTEST_PATH_M else np.nan,
-        centroid_rmse_m=float(np.sqrt(np.mean(np.sum(error_m**2, axis=1)))),
+        centroid_rmse_m=_rms(error_m),
         contacts=contacts,
     )
     if not in_body:

@@ -76,8 +76,6 @@ class BoardClock:
     def __init__(self, settings: ClockSettings) -> None:
         self._line = _LowerLine(settings)
         self._settings = settings
-        self._window_s = settings.window_s
-        self._minimum_delay_s = settings.minimum_delay_s
         self._last: BoardReading | None = None
         self._suspect: BoardReading | None = None
         self.row_period_s = np.nan
@@ -189,7 +187,7 @@ class BoardClock:
 
     def _on_host_s(self, device_s: float) -> float:
         """Return the time on the host clock of a time on the board's clock."""
-        return device_s + self._line.value(device_s) - self._minimum_delay_s
+        return device_s + self._line.value(device_s) - self._settings.minimum_delay_s
 
     def _follows(self, row: BoardReading, last: BoardReading) -> bool:
         """Whether both counters of the board continue from `last`, at the row rate or in agreement with the host."""
@@ -206,7 +204,7 @@ class BoardClock:
         self.counts.host_steps += int(row.host_s < last.host_s)
         self.row_period_s = device_s / rows
         self._device_s += device_s
-        if device_s > self._window_s and row.host_s > self._host_s:
+        if device_s > self._settings.window_s and row.host_s > self._host_s:
             self._line.clear()  # no point of it is left; in a long gap, a rate from a few seconds may err by seconds
 
 

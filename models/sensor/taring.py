@@ -66,7 +66,6 @@ class Taring:
         self._tared_gain_sigma = gauge.gain_sigma * np.sqrt(1 - self._gain_share)
         self._mean = np.zeros(count)
         self._count = np.zeros(count)
-        self._still_strain = np.full(count, MOVED_STRAIN)
         self._block = np.zeros((2, count))
         self._block_until_s = -np.inf
         self._least = np.full(count, np.inf)
@@ -164,7 +163,7 @@ class Taring:
         self._least = np.fmin(self._least, mean)
         self._greatest = np.fmax(self._greatest, mean)
         strain = np.maximum(self._greatest - self._least, 0.0) / self._gauge.slope(np.zeros(len(mean)))
-        self.moved = bool((strain > self._still_strain).sum() >= MOVING_TENDONS)
+        self.moved = bool((strain > MOVED_STRAIN).sum() >= MOVING_TENDONS)
         self.motion_sigma = 0.5 * strain if self.moved else np.zeros(len(strain))
 
     def _learn(self, change: NDArray[np.float64]) -> None:

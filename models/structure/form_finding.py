@@ -64,36 +64,22 @@ def find_rest_shape(structure: Structure, near_m: NDArray[np.float64] | None = N
             "the anchors are on a wall, and no length tells on which side of it the structure is: expected "
             "structure.node_position_m, about as at rest"
         )
-    scale = float(structure.rod_length_m.mean())
-    free = structure.free_nodes
-    rng = np.random.default_rng(0)
-    shapes = []
-    for _ in range(STARTS):
-        start = base.mean(axis=0) + scale * rng.uniform([-0.6, -0.6, 0.0], [0.6, 0.6, 1.0], (len(free), 3))
-        cost, position, rod_error = energy.least_from(start)
-        if rod_error.max() < MOST_ROD_ERROR and position[free, 2].mean() > base[:, 2].mean():
-            shapes.append((cost, position))
-    if not shapes:
+    shapes = energy.least_about(base.mean(axis=0), [-0.6, -0.6, 0.0], [0.6, 0.6, 1.0])
+    above = [x for x in shapes if x[structure.free_nodes, 2].mean() > base[:, 2].mean()]
+    if not above:
         raise IndeterminateError(
             "the structure has no rest shape with these rod, tendon and anchor lengths: check their units"
         )
-    return min(shapes, key=lambda shape: shape[0])[1]
+    return above[0]
 
 
 def _free_shape(structure: Structure, energy: "_TendonEnergy") -> NDArray[np.float64]:
     """Return (nodes, 3), the shape of least energy without anchors, anywhere, or on less than three of them."""
-    scale = float(structure.rod_length_m.mean())
     middle_m = structure.anchor_position_m.sum(axis=0) / max(len(structure.anchors), 1)
-    rng = np.random.default_rng(0)
-    shapes = []
-    for _ in range(STARTS):
-        start = middle_m + scale * rng.uniform(-0.6, 0.6, (len(structure.free_nodes), 3))
-        cost, position, rod_error = energy.least_from(start)
-        if rod_error.max() < MOST_ROD_ERROR:
-            shapes.append((cost, position))
+    shapes = energy.least_about(middle_m, [-0.6, -0.6, -0.6], [0.6, 0.6, 0.6])
     if not shapes:
         raise IndeterminateError("the structure has no rest shape with these rod and tendon lengths: check their units")
-    return min(shapes, key=lambda shape: shape[0])[1]
+    return shapes[0]
 
 
 def _nearby(structure: Structure, energy: "_TendonEnergy", near_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -154,6 +140,24 @@ class _TendonEnergy:
         rows = length_jacobian(structure.position_m(coordinates), self._members, structure.free_coordinates)
         rows[: len(structure.rods)] *= ROD_WEIGHT
         return rows
+
+    def least_about(
+        self, middle_m: NDArray[np.float64], low: list[float], high: list[float]
+    ) -> list[NDArray[np.float64]]:
+        """Return the (nodes, 3) shapes that keep the rods' lengths, of least energy first.
+
+        The free nodes start at random, `low` to `high` mean rod lengths per axis from the point (3,) `middle_m`.
+        """
+        structure = self._structure
+        scale = float(structure.rod_length_m.mean())
+        rng = np.random.default_rng(0)
+        shapes = []
+        for _ in range(STARTS):
+            start = middle_m + scale * rng.uniform(low, high, (len(structure.free_nodes), 3))
+            cost, position, rod_error = self.least_from(start)
+            if rod_error.max() < MOST_ROD_ERROR:
+                shapes.append((cost, position))
+        return [position for _, position in sorted(shapes, key=lambda shape: shape[0])]
 
     def least_from(self, start_m: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
         """Return the least energy near (free nodes, 3) positions, (nodes, 3) the shape, and (rods,) its rod errors.

@@ -47,8 +47,19 @@ class Load(Protocol):
         ...
 
 
+class _OwnTimes:
+    """A load whose own table tells when it acts."""
+
+    __slots__ = ()
+
+    @property
+    def when(self: Timed) -> Timed:
+        """When it acts."""
+        return self
+
+
 @dataclass(frozen=True, slots=True)
-class Press:
+class Press(_OwnTimes):
     """`[[load.press]]`: a force of fixed direction on some nodes."""
 
     at_s: NotNegative
@@ -63,18 +74,13 @@ class Press:
     during_rest: bool = False
     """Whether it may begin within the seconds of rest, as if somebody touched the structure while sensors are tared."""
 
-    @property
-    def when(self) -> Timed:
-        """When it acts."""
-        return self
-
     def full_n(self, t_s: float, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (nodes, 3) forces while it is held."""
         return _pushed_n(self, node_position_m)
 
 
 @dataclass(frozen=True, slots=True)
-class Squeeze:
+class Squeeze(_OwnTimes):
     """`[[load.squeeze]]`: two nodes are pushed towards each other, wherever they are."""
 
     at_s: NotNegative
@@ -84,11 +90,6 @@ class Squeeze:
     force_n: Positive
     during_rest: bool = False
     """See `Press`."""
-
-    @property
-    def when(self) -> Timed:
-        """When it acts."""
-        return self
 
     def full_n(self, t_s: float, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (nodes, 3) forces while it is held, along the line between both nodes."""
@@ -101,7 +102,7 @@ class Squeeze:
 
 
 @dataclass(frozen=True, slots=True)
-class Hold:
+class Hold(_OwnTimes):
     """`[[load.hold]]`: a press that does not end."""
 
     at_s: NotNegative
@@ -116,11 +117,6 @@ class Hold:
     def hold_s(self) -> float:
         """It does not end."""
         return np.inf
-
-    @property
-    def when(self) -> Timed:
-        """When it acts."""
-        return self
 
     def full_n(self, t_s: float, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (nodes, 3) forces from the end of its ramp on."""

@@ -81,31 +81,14 @@ class RandomStreams:
 
     @classmethod
     def of(cls, seed: int, boards: int) -> "RandomStreams":
-        """Return the streams of a seed.
+        """Return the streams of a seed, which are spawned in the order of the fields.
 
         The streams of the causes follow all others, so that a plan without causes makes the same trial as it did before
         there were any.
         """
         root = np.random.SeedSequence(seed)
         body, loads, rest, specimens, of_drift, *of_boards = map(np.random.default_rng, root.spawn(5 + boards))
-        hubs, told, slow_drift, hugs, shakes, wind, tips, carried, motors = map(np.random.default_rng, root.spawn(9))
-        return cls(
-            body=body,
-            loads=loads,
-            rest=rest,
-            specimens=specimens,
-            drift=of_drift,
-            boards=of_boards,
-            hubs=hubs,
-            told=told,
-            slow_drift=slow_drift,
-            hugs=hugs,
-            shakes=shakes,
-            wind=wind,
-            tips=tips,
-            carried=carried,
-            motors=motors,
-        )
+        return cls(body, loads, rest, specimens, of_drift, of_boards, *map(np.random.default_rng, root.spawn(9)))
 
 
 def simulate(plan: Plan, provenance: str, progress: Callable[[float], None] = lambda share: None) -> VirtualTrial:

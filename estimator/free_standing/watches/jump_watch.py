@@ -5,7 +5,6 @@ corrected pose. What is new is e - e': a pose that is wrong, as after a tip that
 node that appears where the pose does not expect it.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from ....factors.position import position_rows
 from ....models.pose.placed import PlacedShape, Rows
 from ....models.pose.pose_settings import PoseSettings
 from ....models.pose.position_gate import MOST_SIGMA
-from ....models.values.aids import READING_HOLDS_S, PositionReading
+from ....models.values.aids import READING_HOLDS_S
 from ....models.values.chi_squared import squared_distance
 from ..prediction import Frame, Prediction
 
@@ -37,7 +36,7 @@ class JumpWatch:
         in_sight = [reading for reading in frame.positions if self._is_in_sight(reading.node, frame.t_s)]
         if not in_sight:
             return
-        rows = self._rows(predicted.placed, in_sight, frame.t_s)
+        rows = position_rows(predicted.placed, in_sight, frame.t_s, self._settings.position_m)
         before_m = np.concatenate([self._before[reading.node][1] for reading in in_sight])
         slides_m = self._settings.motion_m_per_s * frame.step_s
         misfit = common_misfit(replace(rows, error=rows.error - before_m), predicted.covariance, slides_m)
@@ -47,15 +46,12 @@ class JumpWatch:
         """Keep the errors of the positions of a frame by the corrected pose."""
         if not frame.positions:
             return
-        error_m = self._rows(corrected, frame.positions, frame.t_s).error.reshape(-1, 3)
-        for reading, of_node in zip(frame.positions, error_m, strict=True):
+        rows = position_rows(corrected, frame.positions, frame.t_s, self._settings.position_m)
+        for reading, of_node in zip(frame.positions, rows.error.reshape(-1, 3), strict=True):
             self._before[reading.node] = (frame.t_s, of_node)
 
     def _is_in_sight(self, node: int, t_s: float) -> bool:
         return node in self._before and t_s - self._before[node][0] < READING_HOLDS_S
-
-    def _rows(self, placed: PlacedShape, readings: Sequence[PositionReading], t_s: float) -> Rows:
-        return position_rows(placed, readings, t_s, self._settings.position_m)
 
 
 def common_misfit(rows: Rows, covariance: NDArray[np.float64], moves_m: float) -> float:

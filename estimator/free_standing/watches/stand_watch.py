@@ -57,7 +57,7 @@ class StandWatch:
         samples: ImuSamples,
         standing: Standing,
         *,
-        flies: bool = False,
+        flies: bool,
     ) -> Standing:
         """Return which nodes stand, with the face on which the robot has to stand instead where they cannot carry it.
 

@@ -80,13 +80,14 @@ def test_evidence_in_parts_is_that_of_all(faces, balanced, structure) -> None:
         (50, True, [0, 0.2, 0.4]),
     ],
 )
-def test_a_look_is_told_some_frames_later(frames_per_s, in_batch, told_s, balanced, structure) -> None:
+def test_a_look_is_told_some_frames_later(frames_per_s, in_batch, told_s, balanced) -> None:
     """Looks begin at 0, 0.2 and 0.4 s; nothing tells how long the first frame lasts, which does all of its look."""
     x = balanced.node_position_m
     robot = FreeStandingRobot(floor=Floor(float(x[0, 2]), UP), rest_seconds=0.1)
-    live = FreeStandingSmoother(structure, balanced, robot, Settings())
+    live = FreeStandingSmoother(balanced, robot, Settings())
     live.kept = [] if in_batch else None
-    length_m, zero = member_length_m(x, structure.tendons), np.zeros(len(structure.tendons), dtype=np.int64)
+    tendons = balanced.structure.tendons
+    length_m, zero = member_length_m(x, tendons), np.zeros(len(tendons), dtype=np.int64)
     found_s = []
     for k in range(frames_per_s // 2 + 1):
         live.update(TendonLengths(k / frames_per_s, length_m, np.full(len(zero), 5e-4), zero, zero))

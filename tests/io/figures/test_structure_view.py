@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 import tensegraph
 from tensegraph import open_trial
-from tensegraph.io.figures.live_view import StructureDrawing
+from tensegraph.io.figures.structure_view import StructureDrawing
 from tensegraph.io.figures.style import set_cube
 
 
