@@ -8,7 +8,7 @@ height z along the normal n,
 
 The robot is lifted if z - h is above `LIFTED_M`, and either it or v above `LIFTED_SIGMA` standard deviations, by the
 noise of the force, its bias, and the velocity at the start; while nothing carries it, v alone tells it. Where positions
-or ranges have told that it is above the floor, it has risen as the sensors say: the floor held the pose down until then.
+or ranges have told that it is above the floor, it has risen as the sensors say: the floor held it down until then.
 
 After `RISE_WATCH_S` the watch starts again as soon as the robot is still and |v| is at most `RESTS_SIGMA` standard
 deviations of it: the sensors of a robot that rises steadily measure what they measure at rest. After a shock, which may
