@@ -14,6 +14,7 @@ The factors of one frame, with its shape eliminated, say of the errors b = h d o
 where I is the information of rods, shape prior and forces. Frames in which some node is certainly loaded are not used:
 there, errors of the sensor model and of the loads last as long as the load, and look like drift. The error of a length
 lasts for `correlation_s`, and this much time counts as one frame. Live this is a Kalman filter, in batch its smoother.
+That also has the evidence of the frames in which sensors were not yet known to drift apart.
 
 The drifts of sensors have nothing to do with the board that reads them. Where those of one board differ from the others
 in the mean by more than `BOARD_SIGMA` of what they differ by among themselves, it is the board that has changed, and
@@ -120,6 +121,10 @@ class DriftUpdate:
     state: DriftState
 
 
+_Evidence = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Lambda and u of a frame, both of dR/R."""
+
+
 class OwnDrift:
     """Estimates each sensor's own drift, frame by frame."""
 
@@ -132,10 +137,13 @@ class OwnDrift:
         self._state: DriftState | None = None
         self._prediction: tuple[DriftState, NDArray[np.float64]] | None = None
         self._updated_s = np.nan
+        self._before: list[tuple[float, _Evidence | None]] = []  # at no drift; None where some node is loaded
+        self._looked_s = np.nan
         self.begins = False
         """Whether the latest frame is the first that shows that sensors drift apart."""
         self.kept: list[DriftUpdate] | None = None
-        """Every update, for a smoother that puts a list here; live, memory is bounded."""
+        """Every update, for a smoother that puts a list here; live, memory is bounded. Once sensors drift apart, those
+        of the frames before are in it, too."""
 
     def admit(self, lengths: TendonLengths, contradicted: bool = False) -> TendonLengths:
         """Return the lengths without the drift as estimated so far; unchanged while sensors do not drift apart.
@@ -146,7 +154,7 @@ class OwnDrift:
                 apart although the references, by chance, do not.
         """
         if np.isnan(self._first_s):
-            self._first_s = lengths.t_s
+            self._first_s = self._looked_s = lengths.t_s
         drift = lengths.drift
         self._prediction = None
         if drift is None or self._builder.statics is None:
@@ -157,6 +165,8 @@ class OwnDrift:
         self.begins = self._state is None and rate_per_s > 0
         if self._state is None and not self.begins:
             return lengths
+        if self._before:
+            self._begin_at_start(rate_per_s**2, drift.references)
         self._widen(lengths.t_s, rate_per_s**2, drift.references)
         assert self._state is not None
         step_s = lengths.t_s - self._state.t_s
@@ -168,18 +178,49 @@ class OwnDrift:
     def observe(self, shape: Shape) -> None:
         """Learn from a frame whose lengths were admitted, unless some node is loaded."""
         if self._prediction is None:
+            self._keep_evidence(shape)
             return
-        predicted, transition = self._prediction
-        loaded = shape.loads is not None and bool(shape.loads.is_certain(LOADED * self._builder.noise.force_n).any())
-        self._state = predicted if loaded else self._updated(predicted, shape)
-        self._updated_s = shape.t_s
+        self._learn(*self._prediction, self._evidence(shape))
+
+    def _keep_evidence(self, shape: Shape) -> None:
+        """Keep, for a smoother, what a frame says of drift while sensors are not known to drift apart."""
+        if self.kept is None or self._state is not None:
+            return
+        if self._builder.statics is None or shape.lengths.drift is None:
+            return
+        if shape.t_s - self._looked_s >= self._settings.update_every_s:
+            self._looked_s = shape.t_s
+            self._before.append((shape.t_s, self._evidence(shape)))
+
+    def _begin_at_start(self, rate_variance: float, references: int) -> None:
+        """Begin with no drift in the first frame, and learn from the frames since then, whose evidence was kept.
+
+        Sensors that begin to drift apart after a while do so at any rate, whatever it was until then.
+        """
+        self._widen(self._first_s, rate_variance, references)
+        for t_s, evidence in self._before:
+            predicted, transition = self._predicted(t_s, rate_variance, references)
+            if evidence is not None:
+                information, at_no_drift = evidence
+                evidence = information, at_no_drift - information @ predicted.mean[: self._count]
+            self._learn(predicted, transition, evidence)
+        self._before = []
+        assert self._state is not None
+        any_rate = np.kron(np.diag([0.0, rate_variance]), _between_sensors(self._count, references))
+        self._state = replace(self._state, covariance=self._state.covariance + any_rate)
+
+    def _learn(self, predicted: DriftState, transition: NDArray[np.float64], evidence: _Evidence | None) -> None:
+        """Take the state that the evidence of a frame makes of the predicted one."""
+        self._state = predicted if evidence is None else self._updated(predicted, *evidence)
+        self._updated_s = predicted.t_s
         if self.kept is not None:
             self.kept.append(DriftUpdate(predicted, transition, self._state))
 
-    def _updated(self, predicted: DriftState, shape: Shape) -> DriftState:
-        """Return the state that a frame makes of the predicted one."""
-        information, gradient = self._evidence(shape)
-        since_s = self._settings.update_every_s if np.isnan(self._updated_s) else shape.t_s - self._updated_s
+    def _updated(
+        self, predicted: DriftState, information: NDArray[np.float64], gradient: NDArray[np.float64]
+    ) -> DriftState:
+        """Return the state that the evidence of a frame makes of the predicted one."""
+        since_s = self._settings.update_every_s if np.isnan(self._updated_s) else predicted.t_s - self._updated_s
         share = min(since_s / self._builder.noise.correlation_s, 1.0)
         n = self._count
         crossed = predicted.covariance[:, :n]
@@ -187,7 +228,7 @@ class OwnDrift:
         solved = np.linalg.solve(inner, share * np.column_stack([information @ crossed.T, gradient]))
         covariance = predicted.covariance - crossed @ solved[:, :-1]
         mean = predicted.mean + crossed @ solved[:, -1]
-        return DriftState(shape.t_s, mean, 0.5 * (covariance + covariance.T))
+        return DriftState(predicted.t_s, mean, 0.5 * (covariance + covariance.T))
 
     def _widen(self, t_s: float, rate_variance: float, references: int) -> None:
         """Add the covariance that the drift would have if the larger rate had been known from the start."""
@@ -212,8 +253,10 @@ class OwnDrift:
         covariance += rate_variance * np.kron(drift_noise(step_s, memory_s), _between_sensors(n, references))
         return DriftState(t_s, transition @ self._state.mean, covariance), transition
 
-    def _evidence(self, shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return Lambda and u, both of dR/R."""
+    def _evidence(self, shape: Shape) -> _Evidence | None:
+        """Return what a frame says of the drift; None where some node is certainly loaded."""
+        if shape.loads is not None and shape.loads.is_certain(LOADED * self._builder.noise.force_n).any():
+            return None
         drift = shape.lengths.drift
         assert drift is not None
         information, gradient = length_evidence(self._builder, shape.node_position_m, shape.lengths)

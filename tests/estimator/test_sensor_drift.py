@@ -154,6 +154,23 @@ def test_own_drift_is_found_and_its_sigma_is_true(estimator, example_structure, 
     assert with_drift < 0.6 * without
 
 
+def test_frames_before_a_drift_tell_that_there_was_none(example_structure, still, lengths_of) -> None:
+    """Sensors drift apart from 12 s on: in batch, the frames until then are not corrected by a drift from the start."""
+    frames, change = drifting_frames(example_structure, still, lengths_of, 6e-4)
+    late = np.searchsorted([frame.t_s for frame in frames], 12.0)
+    change = np.maximum(np.arange(len(frames)) - late, 0)[:, None] * (change[-1] / (len(frames) - 1 - late))
+    frames = [
+        with_drift(lengths_of(example_structure, still.node_position_m, frame.t_s, noise=PER_CHANGE_M * of_frame), rate)
+        for frame, of_frame, rate in zip(frames, change, np.where(np.arange(len(frames)) > late, 6e-4, 0), strict=True)
+    ]
+    shapes = list(BatchOptimizer(example_structure, still, Settings()).estimate(frames))
+    free = example_structure.free_tendons
+    grown = np.abs(change[-1, free]).mean()
+    for shape in shapes[40:100:20]:  # carried back evenly from where it is found, it is 0.10 to 0.21 of that
+        assert np.abs(shape.lengths.drift.change[free]).mean() < 0.09 * grown
+    assert np.abs((shapes[-1].lengths.drift.change - change[-1])[free]).mean() < 0.7 * grown
+
+
 @pytest.mark.parametrize(("load_n", "learns"), [(0.0, True), (1.0, False)])
 def test_a_loaded_frame_says_nothing_of_drift(load_n, learns, example_structure, still, lengths_of) -> None:
     frames, _ = drifting_frames(example_structure, still, lengths_of, 6e-4)
