@@ -11,6 +11,7 @@ from rich.console import Group
 
 from ..io.figures.evaluation_figures import write_errors_figure, write_heights_figure, write_loads_figure
 from ..io.figures.track_figure import write_followed_figure
+from ..io.input_files import check_regular
 from ..io.provenance import FINGERPRINT, file_hashes, fingerprint, is_up_to_date, sha256_of, versions
 from ..io.reports.evaluation_tables import ScoredResult, as_text
 from ..io.reports.terminal import Terminal
@@ -85,6 +86,8 @@ def evaluate_results(
     if offset_s is not None and not abs(offset_s) <= LARGEST["s"]:
         raise InputError(f"--offset: {beyond(offset_s, LARGEST['s'])}")
     written = result_paths(results, out, Path("results/evaluation"), (EVALUATION_FILE,))
+    if truth is not None:
+        check_regular(truth)
     truth, trial = (workers.place(path) if path else None for path in (truth, trial))
     jobs = {
         str(result): EvaluationJob(

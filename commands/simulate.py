@@ -18,6 +18,7 @@ from ..models.twin.plan import Plan
 from ..models.twin.virtual_trial import simulate as simulate_plan
 from ..models.values.errors import InputError, naming, needs_extra
 from ..models.values.tracks import StampedPositions
+from ..models.values.units import LARGEST_NUMBER
 from .paths import result_paths
 
 if TYPE_CHECKING:  # rich is not needed by `simulate` from Python
@@ -34,7 +35,7 @@ def simulate(plan: str | Path, out: str | Path, seed: int | None = None) -> Tria
         seed: used instead of the seed of the plan.
 
     Raises:
-        InputError: for a plan that cannot be simulated, or when `out` exists or cannot be written.
+        InputError: for a plan or a seed that cannot be simulated, or when `out` exists or cannot be written.
         IndeterminateError: when the structure has no rest shape.
         TensegraphError: when it does not come to rest, its motion runs away, or MuJoCo is not installed.
     """
@@ -44,6 +45,8 @@ def simulate(plan: str | Path, out: str | Path, seed: int | None = None) -> Tria
 
 
 def _seeded(plan: Plan, seed: int | None) -> Plan:
+    if seed is not None and not 0 <= seed <= LARGEST_NUMBER:
+        raise InputError(f"seed: expected a whole number from 0 to {LARGEST_NUMBER:g}, got {seed}")
     return plan if seed is None else replace(plan, seed=seed)
 
 

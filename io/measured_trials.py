@@ -65,8 +65,22 @@ def measured_by(method: str, paths: Sequence[Path]) -> Iterator[Measured]:
             continue
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             values: dict[str, Any] = {name: arrays.get(f"{method}: {name}") for name in names}
-        errors = FrameErrors(**values) if values["nees"] is not None else None
+        errors = _checked(FrameErrors(**values)) if values["nees"] is not None else None
         yield Measured(method=method, errors=errors, **about)
+
+
+def _checked(errors: FrameErrors) -> FrameErrors:
+    """Return errors as they were stored; raise ValueError where their arrays have other shapes or types."""
+    frames, nodes = errors.nees.shape
+    shapes = {"node_error_m": (frames, nodes, 3), "nees": (frames, nodes), "node_sigma_m": (frames, nodes)}
+    shapes["face_error_m"] = (frames, *errors.face_error_m.shape[1:2], 3)
+    for name, shape in shapes.items():
+        values = getattr(errors, name)
+        if values.shape != shape or values.dtype != np.float64:
+            raise ValueError(f"{name}: expected numbers of the shape {shape}")
+    if errors.wrong_branch is not None and (errors.wrong_branch.shape, errors.wrong_branch.dtype) != ((frames,), bool):
+        raise ValueError("wrong_branch: expected one truth value a frame")
+    return errors
 
 
 def _about(path: Path) -> dict[str, Any]:

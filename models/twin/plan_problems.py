@@ -47,7 +47,7 @@ def problems(plan: Plan) -> Iterator[tuple[str, str]]:
         plan.adc.divider()
     except InputError as error:
         key, _, text = str(error).partition(": ")
-        yield (key if key.startswith(("adc", "body", "mechanics")) else f"structure.{key}"), text
+        yield (key if key.startswith(("adc", "body", "mechanics", "structure.")) else f"structure.{key}"), text
         return
     structure = told.structure
     yield from _problems_of_structure(plan, told)

@@ -30,6 +30,12 @@ def evaluated(done):
 EVALUATED = ["errors.png", "evaluation.json", "heights.png", "loads.png", "run.toml"]
 
 
+def test_a_directory_in_place_of_the_truth_is_named(evaluated) -> None:
+    folder, *_ = evaluated
+    refused = run("evaluate", "results/press", "--truth", "results", cwd=folder)
+    assert (refused.returncode, refused.stderr) == (2, "tensegraph: results: expected a file, got a directory\n")
+
+
 def test_evaluate_prints_tables_or_json(evaluated) -> None:
     folder, table, numbers = evaluated
     assert table.returncode == 0, table.stderr

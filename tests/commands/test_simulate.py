@@ -57,6 +57,15 @@ def test_a_bad_plan_is_one_line_and_nothing_is_written(tmp_path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["bad.toml"]
 
 
+@pytest.mark.parametrize("seed", ["-1", "99999999999999999999999999"])
+def test_a_seed_that_no_file_could_hold_is_refused(tmp_path, seed) -> None:
+    result = run("simulate", str(PLANS["prism"]), "--out", "trial", f"--seed={seed}", cwd=tmp_path)
+    assert (result.returncode, list(tmp_path.iterdir())) == (2, [])
+    assert "seed" in result.stderr
+    with pytest.raises(InputError, match="seed: expected a whole number from 0 to"):
+        simulate(PLANS["prism"], tmp_path / "trial", seed=int(seed))
+
+
 def shape_of(value: object) -> object:
     """A TOML value's types, and the lengths of its lists."""
     if isinstance(value, dict):

@@ -55,6 +55,7 @@ REFUSED = [
     ("step_s = 0.001", "step_s = 0.00001", r"mechanics.step_s: expected at least 0.0001 s, got 1e-05"),
     ("period_us = 20000", "period_us = 999", r"boards.period_us: expected mechanics.step_s, 1000 us, or more, got 999"),
     ("period_us = 20000", "period_us = 1", r"boards.period_us: 6e\+07 rows take 55.9 GiB of memory: expected at most 8 GiB"),
+    ("rod_length_m = 0.3", "rod_length_sigma_m = 0.1\nrod_length_m = 0.3", r": structure.rod_length_sigma_m: expected at most 0.06"),
     ("rod_length_m = 0.3", "rod_length_m = -0.3", r"structure.rod_length_m\[0\]: expected a positive, finite length"),
 ]  # fmt: skip
 

@@ -63,3 +63,16 @@ def test_joined_nodes_at_one_place_are_refused(structure: Structure, rest) -> No
     near_m[b] = near_m[a]
     with pytest.raises(IndeterminateError, match=f"nodes {a} and {b} are joined and at one place"):
         find_rest_shape(structure, near_m)
+
+
+def test_three_nodes_without_anchors_have_no_face_to_stand_on() -> None:
+    triangle = Structure(
+        rods=np.array([[0, 1]]),
+        tendons=np.array([[1, 2], [0, 2]]),
+        rod_length_m=np.array([0.3]),
+        natural_length_m=np.array([0.18, 0.18]),
+        anchors=np.zeros(0, dtype=np.int64),
+        anchor_position_m=np.zeros((0, 3)),
+    )
+    with pytest.raises(IndeterminateError, match="3 nodes have no hull"):
+        find_rest_shape(triangle)
