@@ -72,14 +72,18 @@ def measured_by(method: str, paths: Sequence[Path]) -> Iterator[Measured]:
 def _checked(errors: FrameErrors) -> FrameErrors:
     """Return errors as they were stored; raise ValueError where their arrays have other shapes or types."""
     frames, nodes = errors.nees.shape
-    shapes = {"node_error_m": (frames, nodes, 3), "nees": (frames, nodes), "node_sigma_m": (frames, nodes)}
-    shapes["face_error_m"] = (frames, *errors.face_error_m.shape[1:2], 3)
-    for name, shape in shapes.items():
+    faces = errors.face_error_m.shape[1]
+    expected = {
+        "node_error_m": ((frames, nodes, 3), np.float64),
+        "face_error_m": ((frames, faces, 3), np.float64),
+        "nees": ((frames, nodes), np.float64),
+        "node_sigma_m": ((frames, nodes), np.float64),
+        "wrong_branch": ((frames,), np.bool_),
+    }
+    for name, (shape, kind) in expected.items():
         values = getattr(errors, name)
-        if values.shape != shape or values.dtype != np.float64:
-            raise ValueError(f"{name}: expected numbers of the shape {shape}")
-    if errors.wrong_branch is not None and (errors.wrong_branch.shape, errors.wrong_branch.dtype) != ((frames,), bool):
-        raise ValueError("wrong_branch: expected one truth value a frame")
+        if (values is not None or name != "wrong_branch") and (values.shape != shape or values.dtype != kind):
+            raise ValueError(f"{name}: expected {kind.__name__} of the shape {shape}")
     return errors
 
 

@@ -16,7 +16,7 @@ ROD_WEIGHT = 100.0
 LEVEL = 0.7
 """Height of the normal of the anchors' plane, a unit vector, below which that is a wall: it is steeper than 45
 degrees."""
-LEAST_NODES = 4
+LEAST_OF_A_HULL = 4
 """Least number of nodes that have a hull."""
 STARTS = 8
 """Number of random shapes at which the search for the rest shape starts."""
@@ -107,7 +107,7 @@ def _nearby(structure: Structure, energy: "_TendonEnergy", near_m: NDArray[np.fl
 
 def _stood_up(node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (nodes, 3) the same shape as it stands on the face of its hull that holds it most broadly."""
-    if len(node_position_m) < LEAST_NODES:
+    if len(node_position_m) < LEAST_OF_A_HULL:
         raise IndeterminateError(
             f"{len(node_position_m)} nodes have no hull on whose faces they could stand: expected "
             "structure.node_position_m, or anchors"
