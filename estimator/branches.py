@@ -120,6 +120,7 @@ def across(structure: Structure, node_position_m: NDArray[np.float64]) -> NDArra
     motion[..., structure.free_nodes, :] = right[..., -1, :].reshape(*jacobian.shape[:-2], -1, 3)
     bent_per_m = length_curvature_per_m(node_position_m, structure.free_members, motion)
     curvature = (left[..., None, :, -1] @ bent_per_m[..., None])[..., 0, 0]
-    step_m = -2 * singular_value[..., -1] / curvature
     limit_m = 2 * float(structure.rod_length_m.mean())
+    farthest_m = np.full_like(curvature, limit_m)
+    step_m = np.divide(-2 * singular_value[..., -1], curvature, out=farthest_m, where=curvature != 0)
     return np.asarray(node_position_m + np.clip(step_m, -limit_m, limit_m)[..., None, None] * motion)

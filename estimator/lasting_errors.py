@@ -2,12 +2,13 @@
 
 They last from frame to frame, and all strips err alike, so that neither many sensors nor many frames average them:
 
-    C' = C_rest + s^2 (C - C_rest) + kappa^2 u u^T + kappa_c^2 m m^T + tau^2 (v v^T + <v v^T>)
+    C' = C_rest + s^2 (C - C_rest) + kappa^2 u u^T + kappa_c^2 sum m m^T + tau^2 (v v^T + <v v^T>)
 
-with u the displacement of all nodes from the rest shape, m what remains of it after two low-pass filters of 2 s, v
-their velocity, and <> the mean over the frames of a second: the last one live, half of one before and after in batch.
-Where all tendons are stretched, none drifts by itself, and the status is `ok`, s is `Doubt.error_scale`: sensors that
-agree with each other and with the forces better than their sigmas say have smaller errors. Elsewhere it is 1.
+with u the displacement of all nodes from the rest shape, m what remains of it after two low-pass filters, for each time
+constant of `CREEP_S`, v their velocity, and <> the mean over the frames of a second: the last one live, half of one
+before and after in batch. Where all tendons are stretched, none drifts by itself, and the status is `ok`, s is
+`Doubt.error_scale`: sensors that agree with each other and with the forces better than their sigmas say have smaller
+errors. Elsewhere it is 1.
 
 In the calibration's recordings of irregular motion, changes of strain of 0.5 to 1.5 % are shown 7 % too small in the
 mean of 17 recordings, and 1 to 2 % too small where they are larger, by 4 % more or less from strip to strip; the
@@ -35,9 +36,10 @@ DEFORMATION_SHARE = 0.07
 BALANCE_SHARE = 0.05
 """The part of it that the balance of forces makes."""
 CREEP_SHARE = 0.2
-"""kappa_c, the standard deviation of what strips creep while they are held over the deformation."""
-CREEP_S = 2.0
-"""Time constant of both filters, of which m is 0.1 of a deformation that has lasted for 1 s, and 0.9 of one of 8 s."""
+"""kappa_c, the standard deviation of what strips creep while they are held, each four times as long, over the
+deformation: creep goes on with the logarithm of time."""
+CREEP_S = np.array([2.0, 8.0, 32.0])
+"""Time constants of both filters: m of the first is 0.1 of a deformation that has lasted for 1 s, and 0.9 after 8 s."""
 RATE_S = 0.05
 """tau in batch, the standard deviation of the error that comes from motion over the velocity."""
 LIVE_RATE_S = 0.1
@@ -64,7 +66,7 @@ class LastingErrors:
         self._balance_share = BALANCE_SHARE if rest.mechanics else 0.0
         self._velocity = SmoothedRate(len(self._free), VELOCITY_S)
         self._velocities: deque[tuple[float, NDArray[np.float64]]] = deque()
-        self._held_m = np.zeros((2, len(self._free)))
+        self._held_m = np.zeros((2, len(CREEP_S), len(self._free)))
         self._last_s = np.nan
 
     def observe(self, shape: Shape, error_scale: float) -> Shape:
@@ -113,7 +115,7 @@ class LastingErrors:
         """
         deformation_m = shape.node_position_m.reshape(-1)[self._free] - self._rest_m
         if not np.isnan(self._last_s):
-            weight = low_pass_weight(np.array(shape.t_s - self._last_s), CREEP_S)
+            weight = low_pass_weight(np.array(shape.t_s - self._last_s), CREEP_S[:, None])
             once_m, twice_m = self._held_m
             once_m += weight * (deformation_m - once_m)
             twice_m += weight * (once_m - twice_m)

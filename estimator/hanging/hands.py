@@ -26,6 +26,8 @@ from ...models.values.rotations import cross_matrix
 from ...models.values.time_series import Regimes
 from ..free_standing.resting_faces import Balance
 
+LEAST_LEVER = 1e-3
+"""Least lever of the weight over the size of the structure: one whose weight is at the suspension is turned by any."""
 LEAST_RESTORING = 0.3
 """Least torque by which the weight restores, as a share of that of a structure that hangs straight: at 70 degrees."""
 STRENGTHS = np.array([0.2, 1.0])
@@ -68,7 +70,9 @@ class Hanging:
         """(axes, axes) -H^-1, the tilt about the axes by a torque over the weight, in rad per m."""
         by_tilt = -self.axes @ cross_matrix(self.lever_m) @ cross_matrix(self.up) @ self.axes.T
         left, restoring, right = np.linalg.svd(by_tilt)
-        restoring = np.maximum(restoring, LEAST_RESTORING * np.linalg.norm(self.lever_m))
+        size_m = float(np.linalg.norm(self.arm_m, axis=1).max())
+        lever_m = max(float(np.linalg.norm(self.lever_m)), LEAST_LEVER * size_m)
+        restoring = np.maximum(restoring, LEAST_RESTORING * lever_m)
         return np.asarray(-(right.T / restoring) @ left.T)
 
     def forces_n(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -19,6 +19,7 @@ from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import HangingRobot
 from ...models.settings import Settings
 from ...models.structure.floor import GRAVITY_M_PER_S2, UP
+from ...models.structure.lengths import LEAST_M
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Shape
 from ...models.structure.suspension import Suspension
@@ -135,7 +136,7 @@ class HangingFilter(PoseFilter):
     def _torque_rows(self, placed: PlacedShape, hands: HandTorque, step_s: float) -> Rows:
         turn, settings = placed.state.turn, self._settings
         lever_m = self._suspension.lever_m(placed.body_m + self.centre_m) + self._untold_m
-        length_m = float(np.linalg.norm(lever_m))
+        length_m = max(float(np.linalg.norm(lever_m)), LEAST_M)
         swing_rad = self._swing.observe(turn @ hands.lever_m / length_m, step_s, self._measured_rad_per_s())
         share = self._suspension.mass_share
         centre_m2 = np.einsum("n,nmij,m->ij", share, placed.covariance_m2, share)
@@ -155,8 +156,8 @@ def limited(rows: Rows, covariance: NDArray[np.float64], in_full: NDArray[np.boo
     """
     known = np.einsum("ri,ij,rj->r", rows.jacobian, covariance, rows.jacobian)
     tells = in_full | (known > 1.001 * rows.variance)
-    share = np.where(in_full, 1.0, 1 - rows.variance / known)[tells]
-    return Rows(rows.error[tells], rows.jacobian[tells], rows.variance[tells] / share)
+    known_before = np.divide(rows.variance, known, out=np.zeros_like(known), where=tells & ~in_full)
+    return Rows(rows.error[tells], rows.jacobian[tells], (rows.variance / (1 - known_before))[tells])
 
 
 def contradicted(rows: Rows, covariance: NDArray[np.float64]) -> NDArray[np.bool_]:

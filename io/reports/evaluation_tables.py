@@ -141,7 +141,8 @@ def _pose_facts(p: PoseScore, *, in_body: bool) -> list[tuple[str, str]]:
     rows = [
         (
             "shape alone (best rigid fit)",
-            f"RMSE {1e3 * p.shape_rmse_m:.2f} mm, {p.shape_rmse_m / p.held_rmse_m:.2f} of holding the rest shape",
+            f"RMSE {or_dash(1e3 * p.shape_rmse_m, '{:.2f} mm')}, "
+            f"{or_dash(p.shape_rmse_m / p.held_rmse_m, '{:.2f}')} of holding the rest shape",
         )
     ]
     if in_body:

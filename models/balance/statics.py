@@ -113,7 +113,7 @@ class Statics:
             sign = (node == j).astype(np.float64) - (node == i)  # at a free node w points to it, on a rod from i to j
             by_rod[rod, self._end_far, ends] += sign
             by_rod[rod, node, ends] -= sign
-        self._ends_on_rods = by_rod.reshape(-1, len(ends))
+        self._ends_on_rods = by_rod.reshape(len(self.floating_rods) * self.structure.node_count, len(ends))
 
     def supported(self, support: Support) -> "Statics":
         """Return the same balance with another force of gravity and floor."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..structure.floor import GRAVITY_M_PER_S2
+from ..structure.lengths import LEAST_M
 from ..structure.structure import Structure
 
 LEAST_N = 1e-6
@@ -90,7 +91,8 @@ def legs_n(
     share = carried / np.maximum(carried.sum(axis=-1, keepdims=True), 1.0)
     centred = x - weight_n @ x / total
     level = centred - (centred @ up[..., None]) * up[..., None, :]
-    scaled = np.swapaxes(level, -1, -2) / np.sqrt(np.mean(level**2, axis=(-2, -1), keepdims=True))
+    spread_m = np.sqrt(np.mean(level**2, axis=(-2, -1), keepdims=True))
+    scaled = np.swapaxes(level, -1, -2) / np.maximum(spread_m, LEAST_M)  # none where all nodes are above one another
     rows = np.concatenate([np.ones((*scaled.shape[:-2], 1, len(x))), scaled], axis=-2)
     scale = np.sqrt(share) * total
     gap = total * np.eye(4)[0] - (rows @ (share * total)[..., None])[..., 0]

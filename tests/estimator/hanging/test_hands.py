@@ -37,6 +37,12 @@ def test_a_tilt_by_a_torque_is_that_of_a_pendulum() -> None:
     assert STRAIGHT.tilt_by_torque @ [0.01, 0.0] == pytest.approx([0.1, 0.0])
 
 
+def test_a_structure_whose_weight_is_at_the_suspension_is_turned_by_any_torque() -> None:
+    """The least lever is 0.2 mm, and the least that restores 0.3 of it."""
+    balanced = Hanging(UP, np.eye(3)[:2], np.zeros(3), ARM_M, WEIGHT_N)
+    assert np.linalg.svd(balanced.tilt_by_torque, compute_uv=False) == pytest.approx(1 / (0.3 * 0.2e-3))
+
+
 def test_a_hand_turns_the_weight_too() -> None:
     """The derivative by a force at the lowest node: itself there, and the weight of the tilt that balances it."""
     _, by_force = STRAIGHT.forces_n()

@@ -8,7 +8,8 @@ import pytest
 from tensegraph import Settings
 from tensegraph.estimator.free_standing.pose_smoother import PoseStep
 from tensegraph.estimator.hanging.hands import HandTorque
-from tensegraph.estimator.hanging.hanging_filter import HangingFilter
+from tensegraph.estimator.hanging.hanging_filter import HangingFilter, limited
+from tensegraph.models.pose.placed import Rows
 from tensegraph.models.pose.robot import HangingRobot
 from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP
 from tensegraph.models.structure.rest_shape import RestShape
@@ -98,3 +99,11 @@ def test_sensors_tell_how_a_hand_that_nobody_sees_holds_it_aside(hung) -> None:
         assert not robot.poses.is_contradicted
     assert step.state.turn == pytest.approx(rotation(np.array([0.0, 0.5, 0.0])), abs=0.01)
     assert np.abs(step.state.rate_bias_rad_per_s).max() < 1e-3
+
+
+def test_rows_of_what_is_known_exactly_say_nothing() -> None:
+    """Of three rows the first is of what is known, the second tells, the third contradicts, and counts in full."""
+    rows = Rows(np.ones(3), np.eye(3), np.full(3, 2.0))
+    told = limited(rows, np.diag([0.0, 4.0, 0.0]), np.array([False, False, True]))
+    np.testing.assert_array_equal(told.jacobian, np.eye(3)[1:])
+    np.testing.assert_allclose(told.variance, [4.0, 2.0])
