@@ -376,8 +376,6 @@ class PoseFilter:
         )
         if in_the_air:
             self._rise_watch.forget()
-        if is_above:
-            self._lifted_since_s = min(self._lifted_since_s, frame.t_s)
         if rise is None:
             return
         self.state, self.covariance = risen(self.state, self.covariance, rise, self._floor)
