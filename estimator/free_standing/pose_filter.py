@@ -291,8 +291,11 @@ class PoseFilter:
 
     def _rows_in_the_air(self, predicted: Prediction, frame: Frame) -> list[Rows]:
         """Return the rows of a robot that is held still in the air, as inertial sensors feel."""
-        if frame.samples is None or not frame.is_felt or self._standing.any():
+        if self._standing.any():
             self._held_watch.lift()
+            return []
+        if frame.samples is None or not frame.is_felt:
+            self._held_watch.miss()
             return []
         state, normal = predicted.placed.state, self.floor.normal
         self._held_watch.observe(frame.step_s, self.state, state, predicted.covariance, frame.samples, normal)
