@@ -295,7 +295,7 @@ class PoseFilter:
             self._held_watch.lift()
             return []
         if frame.samples is None or not frame.is_felt:
-            self._held_watch.miss()
+            self._held_watch.move()
             return []
         state, normal = predicted.placed.state, self.floor.normal
         self._held_watch.observe(frame.step_s, self.state, state, predicted.covariance, frame.samples, normal)

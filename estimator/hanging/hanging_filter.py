@@ -28,7 +28,7 @@ from ...models.values.rotations import cross_matrix
 from ..free_standing.contacts import nothing_stands
 from ..free_standing.pose_filter import PoseFilter
 from ..free_standing.pose_smoother import PoseStep
-from ..free_standing.prediction import heading_direction, without_turn
+from ..free_standing.prediction import Frame, Prediction, heading_direction, without_turn
 from ..free_standing.watches.measured_attitude import are_parallel
 from .hands import HandTorque, Hanging, Swing
 
@@ -111,6 +111,10 @@ class HangingFilter(PoseFilter):
             self._has_spun |= self._swing.seen_rad > FAST_RAD and self._spins_unseen()
             self.is_contradicted = self._has_spun or (bool(against.any()) and not self._turn_is_measured())
         return [self._without_heading(each, placed.state) for each in rows] if self._suspension.is_ball else rows
+
+    def _rows_in_the_air(self, predicted: Prediction, frame: Frame) -> list[Rows]:
+        """Return no rows: what holds the structure is told by `_held_rows`."""
+        return []
 
     def _without_heading(self, rows: Rows, state: PoseState) -> Rows:
         """Return rows that say nothing of a turn about the vertical through the one anchor, see `without_turn`."""

@@ -43,13 +43,10 @@ class HeldWatch:
     def lift(self) -> None:
         """Take note that the robot stands, or is lifted now."""
         self._has_sunk = False
-        self._move()
+        self.move()
 
-    def miss(self) -> None:
-        """Take note of a frame in the air in which no sensor is read: how the robot moves in it is unknown."""
-        self._move()
-
-    def _move(self) -> None:
+    def move(self) -> None:
+        """Take note that the robot in the air moves, or may, as where no sensor is read."""
         self._steady_s = 0.0
         self._may_rest = True
         self._gained_m_per_s = np.zeros(3)
@@ -80,7 +77,7 @@ class HeldWatch:
         self._steady_s += step_s
         self._gained_m_per_s = self._gained_m_per_s + state.velocity_m_per_s - before.velocity_m_per_s
         if not is_still(samples) or float(np.linalg.norm(self._gained_m_per_s)) > STEADY_M_PER_S:
-            self._move()
+            self.move()
 
     def rows(self, state: PoseState, step_s: float) -> list[Rows]:
         """Return the rows of the velocity of a robot that is held still: the error of one lasts for all frames."""

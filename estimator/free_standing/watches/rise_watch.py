@@ -119,7 +119,7 @@ class RiseWatch:
         has_risen = (is_high and (is_fast or way[0] >= LIFTED_SIGMA * height_m)) or (flies and is_fast)
         if not has_risen and not is_above:
             return None
-        return Rise(self._since_s, way, variance)
+        return Rise(self._since_s if has_risen else t_s, way, variance)
 
     def forget(self, still_s: float = 0.0) -> None:
         """Start again when the robot is still.

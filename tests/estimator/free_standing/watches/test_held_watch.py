@@ -30,7 +30,7 @@ def test_a_robot_has_come_down_after_a_frame_without_samples_too() -> None:
     watch, state = HeldWatch(), replace(any_state(2, 0), velocity_m_per_s=-0.3 * UP)
     watch.observe(0.02, state, state, 0.05**2 * np.eye(state.layout.size), SAMPLES, UP)
     assert watch.has_come_down
-    watch.miss()
+    watch.move()
     assert watch.has_come_down
     watch.lift()
     assert not watch.has_come_down
