@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from importlib.metadata import version
 from io import TextIOWrapper
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -95,7 +96,7 @@ def main() -> None:
     _make_usable()
     try:
         with _warnings_as_lines():
-            _check_encoding(sys.argv[1:])
+            _check_arguments(sys.argv)
             app()
     except (TensegraphError, OSError) as error:
         with suppress(OSError):  # where stderr is on a full disk
@@ -117,13 +118,19 @@ def _make_usable() -> None:
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a home without a place for its cache
 
 
-def _check_encoding(arguments: list[str]) -> None:
-    """Check that results, which are in UTF-8, can hold the names of files, and of the folders that they are in.
+def _check_arguments(words: list[str]) -> None:
+    """Check that no argument is empty, and that results, which are in UTF-8, can hold the names of files and folders.
+
+    Args:
+        words: the command line, beginning with the program.
 
     Raises:
-        InputError: for a name of another encoding, as of a folder of an old archive, or under a locale of another one.
+        InputError: for an empty argument, as of a shell's variable that is not set, which would be the working
+            directory; for a name of another encoding, as of a folder of an old archive, or under a locale of another.
     """
-    for argument in arguments:
+    for before, argument in pairwise(words):
+        if not argument:
+            raise InputError(f"{before}: expected a value after it, got an empty one")
         try:
             argument.encode()
             if os.path.exists(argument):

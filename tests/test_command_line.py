@@ -51,7 +51,8 @@ REFUSED = [
     (["compare", "trial", "--out", "loop/x"], "loop/x: cannot be written: Too many levels of symbolic links"),
     (["live", "--replay", "loop"], "loop/trial.toml: cannot be read: Too many levels of symbolic links"),
     (["simulate", "loop", "--out", "x"], "loop: cannot be read: Too many levels of symbolic links"),
-    (["simulate", "", "--out", "x"], ".: expected a file, got a directory"),
+    (["simulate", "", "--out", "x"], "simulate: expected a value after it, got an empty one"),
+    (["reconstruct", "press_01", "--out", ""], "--out: expected a value after it, got an empty one"),
     (["live", "--twin", "."], ".: expected a file, got a directory"),
     (["reconstruct", "trial", "--from=-inf"], "--from: expected a finite time, got -inf"),
 ]
