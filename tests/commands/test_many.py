@@ -171,7 +171,7 @@ def test_a_worker_with_other_code_is_refused(tmp_path, monkeypatch) -> None:
     [
         (("--jobs", "2", "--scheduler", "tcp://x:1"), "--jobs and --scheduler: expected one of them, got both"),
         (("--scheduler", "nonsense://x"), "--scheduler: expected tcp://HOST:PORT, got 'nonsense://x'"),
-        (("--scheduler", ""), "--scheduler: expected tcp://HOST:PORT, got ''"),
+        (("--scheduler", ""), "--scheduler: expected a value after it, got an empty one"),
         (("--scheduler", "tcp://x:65536"), "--scheduler: expected tcp://HOST:PORT, got 'tcp://x:65536'"),
     ],
 )

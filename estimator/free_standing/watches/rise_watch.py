@@ -105,14 +105,14 @@ class RiseWatch:
         held = self._held(placed, sensors)
         if not np.isfinite(self._since_s):
             if is_still(samples):
-                self._start(t_s, held)
+                self._start(t_s, held, self._start_m_per_s(placed, covariance))
             return None
         sigma = force_sigma_m_per_s2(samples, sensors, self._settings)
         variance = self._move(step_s, placed, covariance, samples, sigma)
         height_m, m_per_s = np.sqrt(np.diagonal(variance))
         is_slow = abs(self._told[1]) <= RESTS_SIGMA * m_per_s
         if t_s - self._since_s > RISE_WATCH_S and is_still(samples) and is_slow:
-            self._start(t_s, held)
+            self._start(t_s, held, STARTS_M_PER_S)
             return None
         way = self._told - held
         is_high, is_fast = way[0] >= LIFTED_M, way[1] > LIFTED_SIGMA * m_per_s
@@ -138,9 +138,16 @@ class RiseWatch:
         velocity = state.velocity_m_per_s + np.cross(state.rate_rad_per_s, arm_m)
         return np.array([self._normal @ (state.position_m + arm_m), self._normal @ velocity])
 
-    def _start(self, t_s: float, held: NDArray[np.float64]) -> None:
+    def _start_m_per_s(self, placed: PlacedShape, covariance: NDArray[np.float64]) -> float:
+        """Return the standard deviation of the velocity of a robot that is still, and may have come down just now."""
+        if self._has_rested:
+            return STARTS_M_PER_S
+        velocity = placed.state.layout.velocity
+        return max(STARTS_M_PER_S, float(np.sqrt(self._normal @ covariance[velocity, velocity] @ self._normal)))
+
+    def _start(self, t_s: float, held: NDArray[np.float64], sigma_m_per_s: float) -> None:
         self._since_s, self._told = t_s, np.array([held[0], 0.0])
-        self._noise = np.diag([self._settings.floor_m**2, STARTS_M_PER_S**2])
+        self._noise = np.diag([self._settings.floor_m**2, sigma_m_per_s**2])
         self._by_bias = np.zeros(2)
 
     def _move(

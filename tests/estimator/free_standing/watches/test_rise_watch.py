@@ -130,3 +130,22 @@ def test_a_rise_of_a_robot_that_nothing_carries_needs_no_height(balanced, flies,
     assert (rise is not None) == (flies or is_above)
     if rise is not None:
         np.testing.assert_allclose(rise.way, [0.007, 0.12], atol=0.004)
+
+
+@pytest.mark.parametrize(("sigma_m_per_s", "rises"), [(0.005, True), (0.1, False)])
+def test_a_robot_that_may_have_come_down_just_now_does_not_rise_where_it_stops(balanced, sigma_m_per_s, rises) -> None:
+    """A force that stops it looks like a rise by 0.12 m/s, which is less than five sigmas of its velocity before."""
+    x, poses = balanced.node_position_m, robot_with_two_sensors(balanced)
+    for t_s in np.arange(0.0, 1.0, 0.02):
+        poses.step(float(t_s), x, SHAPE_M2, samples_of_two(float(t_s), 9.81 * UP))
+    held = replace(poses.state, position_m=poses.centre_m, velocity_m_per_s=np.zeros(3))
+    placed, covariance = PlacedShape(held, x - poses.centre_m, SHAPE_M2), poses.covariance.copy()
+    velocity = held.layout.velocity
+    covariance[velocity, velocity] = sigma_m_per_s**2 * np.eye(3)
+    watch = poses._rise_watch
+    watch.forget()
+    found = []
+    for k in range(8):
+        samples = replace(poses._samples, specific_force_m_per_s2=np.tile((9.81 + (k > 0)) * UP, (2, 1)))
+        found.append(watch.observe(1.0 + 0.02 * k, 0.02, placed, covariance, samples, flies=True, is_above=False))
+    assert any(rise is not None for rise in found) == rises
