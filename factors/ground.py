@@ -48,6 +48,23 @@ def clearance_jacobian(placed: PlacedShape, floor: Floor) -> NDArray[np.float64]
     return jacobian
 
 
+def velocity_along_floor(
+    placed: PlacedShape, axes: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (nodes, 2) E (v + w x a), the nodes' velocities along the floor, and (nodes, 2, size) their derivatives.
+
+    Args:
+        placed: the shape in the world, whose nodes are at the arms a from the centroid.
+        axes: (2, 3) E, along the floor.
+    """
+    state, at = placed.state, placed.state.layout
+    v = (state.velocity_m_per_s + cross(state.rate_rad_per_s, placed.arm_m)) @ axes.T
+    jacobian = np.zeros((len(v), 2, at.size))
+    jacobian[:, :, at.velocity] = axes
+    jacobian[:, :, at.rate] = -axes @ cross_matrix(placed.arm_m)
+    return v, jacobian
+
+
 def clearance_covariance_m2(placed: PlacedShape, covariance: NDArray[np.float64], floor: Floor) -> NDArray[np.float64]:
     """Return (nodes, nodes) the covariance of the nodes' heights by attitude, tilt of the floor, and shape.
 

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from ...factors.ground import clearance_covariance_m2, clearance_jacobian
+from ...factors.ground import clearance_covariance_m2, clearance_jacobian, velocity_along_floor
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_settings import PoseSettings
 from ...models.structure.floor import Floor
 from ...models.values.chi_squared import squared_distance
-from ...models.values.rotations import cross_matrix
 
 STANDING_SHARE = 0.25
 """Share of the nodes that stand."""
@@ -78,11 +77,8 @@ def may_have_landed(placed: PlacedShape, covariance: NDArray[np.float64], floor:
     e = np.array([max(height_m, 0.0), tilted.normal @ state.velocity_m_per_s])
     if squared_distance(e, S) > LANDED_SIGMA**2:
         return False
-    arm_m = placed.arm_m[np.argmin(tilted.clearance_m(placed.node_position_m))]
-    J = np.zeros((2, at.size))
-    J[:, at.velocity] = tilted.axes
-    J[:, at.rate] = -tilted.axes @ cross_matrix(arm_m)
-    u = tilted.axes @ (state.velocity_m_per_s + np.cross(state.rate_rad_per_s, arm_m))
+    lowest = int(np.argmin(tilted.clearance_m(placed.node_position_m)))
+    u, J = (of_nodes[lowest] for of_nodes in velocity_along_floor(placed, tilted.axes))
     return bool(squared_distance(u, J @ covariance @ J.T) < LANDED_SIGMA**2)
 
 

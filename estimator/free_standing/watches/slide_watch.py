@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ....factors.ground import velocity_along_floor
 from ....models.pose.placed import PlacedShape, Rows
 from ....models.pose.pose_state import PoseState
 from ....models.structure.floor import Floor
 from ....models.values.chi_squared import squared_distance
-from ....models.values.rotations import cross, cross_matrix
 from ....models.values.slip import Slip
 from ....models.values.time_series import low_pass_weight
 from ..footholds import Feet, put_down, slips, turned_sigma
@@ -243,11 +243,7 @@ def have_slowed(placed: PlacedShape, covariance: NDArray[np.float64], floor: Flo
         covariance: (size, size) of the errors of its state.
         floor: the floor.
     """
-    state, at = placed.state, placed.state.layout
-    v = (state.velocity_m_per_s + cross(state.rate_rad_per_s, placed.arm_m)) @ floor.axes.T
-    jacobian = np.zeros((len(v), 2, at.size))
-    jacobian[:, :, at.velocity] = floor.axes
-    jacobian[:, :, at.rate] = -floor.axes @ cross_matrix(placed.arm_m)
+    v, jacobian = velocity_along_floor(placed, floor.axes)
     variance = np.einsum("kai,ij,kaj->k", jacobian, covariance, jacobian)
     return np.asarray(np.sum(v**2, axis=1) < REST_M_PER_S**2 + variance)
 
