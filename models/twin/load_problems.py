@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from ..structure.structure import Structure
 from .loads import Hold, Press, RandomPresses, RandomTimes, Squeeze
 from .plan import Plan
-from .spread_loads import RandomHugs, RandomShakes, RandomTips, WindPlan
+from .spread_loads import HELD, RandomHugs, RandomLifts, RandomShakes, RandomTips, WindPlan
 
 MOST_LOADS = 2000
 """Largest number of loads that a table may draw: each step of the integration asks all of them. A press each second is
 1800 of them in half an hour."""
 STEPS_A_CYCLE = 20
 """Fewest steps of the integration in one cycle of a shake."""
-Load = Press | Squeeze | Hold | RandomPresses | RandomHugs | RandomShakes | RandomTips | WindPlan
+Load = Press | Squeeze | Hold | RandomPresses | RandomHugs | RandomShakes | RandomTips | RandomLifts | WindPlan
 
 
 def problems_of_loads(plan: Plan, structure: Structure) -> Iterator[tuple[str, str]]:
@@ -100,6 +100,15 @@ def _problems_of_course(key: str, load: Load, plan: Plan) -> Iterator[tuple[str,
         if load.frequency_hz[1] > highest_hz:
             expected = f"expected at most {highest_hz:g}, which is {STEPS_A_CYCLE} steps of mechanics.step_s a cycle"
             yield f"{key}.frequency_hz", f"{expected}, got {load.frequency_hz[1]}"
+    if isinstance(load, RandomTips):
+        yield from _problems_of_range(key, "force_n", load.force_n)
+    if isinstance(load, RandomLifts):
+        for name in ("height_m", "aside_m", "turn_rad"):
+            yield from _problems_of_range(key, name, getattr(load, name))
+        if plan.ground is None:
+            yield key, "expected [ground]: what is lifted does not have anchors"
+        if len(load.nodes) < HELD:
+            yield f"{key}.nodes", f"expected at least {HELD}, got {len(load.nodes)}"
     if isinstance(load, WindPlan):
         yield from _problems_of_range(key, "gust_period_s", load.gust_period_s)
 

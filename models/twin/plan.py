@@ -22,7 +22,7 @@ from .loads import Hold, Press, RandomPresses, Squeeze
 from .motors import MotorPlan
 from .slow_drift import DriftPlan
 from .specimens import HysteresisPlan, SensorPhysics
-from .spread_loads import RandomHugs, RandomShakes, RandomTips, WindPlan
+from .spread_loads import RandomHugs, RandomLifts, RandomShakes, RandomTips, WindPlan
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +82,7 @@ class LoadPlan:
     shake: tuple[RandomShakes, ...] = ()
     wind: tuple[WindPlan, ...] = ()
     tip: tuple[RandomTips, ...] = ()
+    lift: tuple[RandomLifts, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,17 +1,21 @@
-"""Loads on many nodes at once, and loads that swing or follow the nodes: hugs, tips, shakes and wind."""
+"""Loads on many nodes at once, and loads that swing or follow the nodes: hugs, tips, lifts, shakes and wind."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
+from ..structure.floor import UP
+from ..values.rotations import rotation
 from ..values.tables import AtLeastOne, NotNegative, Positive, Share
-from .loads import RandomTimes, Window
+from .loads import RandomTimes, Window, share_of
 
 MIDDLE_M = 1e-6
 """A node that is closer than this to the point to which a hug pushes it is not pushed: no direction is defined."""
+HELD = 3
+"""Number of nodes that a hand holds that lifts a structure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +113,84 @@ class Tip:
         full_n = np.zeros_like(node_position_m)
         full_n[highest] = self.force_n / len(highest)
         return full_n
+
+
+@dataclass(frozen=True, slots=True)
+class RandomLifts(RandomTimes):
+    """`[[load.lift]]`: a hand lifts a free-standing structure, carries it aside, turns it, and sets it down.
+
+    It holds the three nodes that are highest when it begins, each by a spring and a damper whose force grows and fades
+    as the hand rises and sinks. It carries and turns the structure from the middle of the rise to the middle of the
+    time in the air, and holds still from then on.
+    """
+
+    nodes: list[int]
+    """Those that may be held."""
+    height_m: tuple[Positive, Positive]
+    """Least and largest rise of the hand."""
+    aside_m: tuple[NotNegative, NotNegative]
+    """Shortest and longest way of the hand, in any direction along the ground."""
+    turn_rad: tuple[float, float]
+    """Least and largest turn about the vertical, to the left."""
+    stiffness_n_per_m: Positive
+    """Of the spring at each node."""
+    damping_n_s_per_m: NotNegative
+    """Of the damper at each node."""
+
+    def draw(self, rng: np.random.Generator) -> list["Lift"]:
+        """Return the lifts that one seed draws."""
+        lifts = []
+        for when in self.windows(rng):
+            heading = rng.uniform(0, 2 * np.pi)
+            way_m = rng.uniform(*self.aside_m) * np.array([np.cos(heading), np.sin(heading), 0.0])
+            height_m, turn_rad = rng.uniform(*self.height_m), rng.uniform(*self.turn_rad)
+            hand = self.stiffness_n_per_m, self.damping_n_s_per_m
+            lifts.append(Lift(when, np.array(self.nodes), height_m, way_m, turn_rad, *hand))
+        return lifts
+
+
+@dataclass(slots=True, eq=False)
+class Lift:
+    """One lift, see `RandomLifts`. It remembers what it holds: times are asked for in their order."""
+
+    when: Window
+    nodes: NDArray[np.int64]
+    """(nodes,) those that may be held."""
+    height_m: float
+    way_m: NDArray[np.float64]
+    """(3,) along the ground."""
+    turn_rad: float
+    stiffness_n_per_m: float
+    damping_n_s_per_m: float
+    _grip: tuple[NDArray[np.int64], NDArray[np.float64]] | None = field(default=None, init=False)
+    """(3,) nodes that the hand holds, and (3, 3) where they were when it took them."""
+    _before: tuple[float, NDArray[np.float64]] | None = field(default=None, init=False)
+    """Time of the last force, and (3, 3) from the nodes to the hand then."""
+
+    def full_n(self, t_s: float, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (nodes, 3) forces of the springs and dampers."""
+        if self._grip is None:
+            highest = self.nodes[np.argsort(node_position_m[self.nodes, 2])[-HELD:]]
+            self._grip = highest, node_position_m[highest]
+        held, grip_m = self._grip
+        apart_m = self._hand_m(t_s, grip_m) - node_position_m[held]
+        force_n = self.stiffness_n_per_m * apart_m
+        if self._before is not None:
+            before_s, before_m = self._before
+            force_n += self.damping_n_s_per_m * (apart_m - before_m) / (t_s - before_s)
+        self._before = t_s, apart_m
+        full_n = np.zeros_like(node_position_m)
+        full_n[held] = force_n
+        return full_n
+
+    def _hand_m(self, t_s: float, grip_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (3, 3) where the hand has the nodes that were at (3, 3) when it took them."""
+        when = self.when
+        share = np.clip((t_s - when.at_s - when.ramp_s / 2) / ((when.ramp_s + when.hold_s) / 2), 0.0, 1.0)
+        carried = (1 - np.cos(np.pi * share)) / 2
+        middle_m = grip_m.mean(axis=0)
+        turned_m = (grip_m - middle_m) @ rotation(carried * self.turn_rad * UP).T
+        return middle_m + turned_m + carried * self.way_m + self.height_m * share_of(when, t_s) * UP
 
 
 @dataclass(frozen=True, slots=True)

@@ -78,6 +78,7 @@ class RandomStreams:
     carried: np.random.Generator
     """For inertial sensors, ranges and positions."""
     motors: np.random.Generator
+    lifts: np.random.Generator
 
     @classmethod
     def of(cls, seed: int, boards: int) -> "RandomStreams":
@@ -88,7 +89,7 @@ class RandomStreams:
         """
         root = np.random.SeedSequence(seed)
         body, loads, rest, specimens, of_drift, *of_boards = map(np.random.default_rng, root.spawn(5 + boards))
-        return cls(body, loads, rest, specimens, of_drift, of_boards, *map(np.random.default_rng, root.spawn(9)))
+        return cls(body, loads, rest, specimens, of_drift, of_boards, *map(np.random.default_rng, root.spawn(10)))
 
 
 def simulate(plan: Plan, provenance: str, progress: Callable[[float], None] = lambda share: None) -> VirtualTrial:
@@ -201,6 +202,7 @@ def _loads(plan: Plan, streams: RandomStreams) -> Loads:
     loads += [shake for load in told.shake for shake in load.draw(streams.shakes)]
     loads += [load.draw(streams.wind) for load in told.wind]
     loads += [tip for load in told.tip for tip in load.draw(streams.tips)]
+    loads += [lift for load in told.lift for lift in load.draw(streams.lifts)]
     return Loads(loads)
 
 

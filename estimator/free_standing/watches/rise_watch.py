@@ -1,7 +1,7 @@
 """Whether the robot leaves the floor, which inertial sensors feel while the floor holds the pose down.
 
-A robot that is lifted rises. The mean point of the sensors has the height h, as the filter holds it, and the specific
-force f in the axes of the world. From a moment in which it is still, without the floor, it has the velocity v and the
+A robot that is lifted rises. The mean point of the sensors that are read in a frame has the height h, as the filter
+holds it, and the specific force f in the axes of the world. From a moment in which it is still, without the floor, it has the velocity v and the
 height z along the normal n,
 
     a = n . f - g n_z,     z <- z + v dt + a dt^2 / 2,     v <- v + a dt
@@ -98,15 +98,18 @@ class RiseWatch:
         self._still_s = self._still_s + step_s if is_still(samples) else 0.0
         self._has_rested |= self._still_s > SETTLES_S
         calm = samples.excess_m_per_s2[sensors] <= (SHOCK_M_PER_S2 if self._has_rested else CALM_M_PER_S2)
-        if not len(sensors) or not calm.all() or not np.array_equal(sensors, self._sensors):
+        if not len(sensors) or not calm.all():
             self.forget(self._still_s)
-            self._sensors = sensors
             return None
         held = self._held(placed, sensors)
         if not np.isfinite(self._since_s):
+            self._sensors = sensors
             if is_still(samples):
                 self._start(t_s, held, self._start_m_per_s(placed, covariance))
             return None
+        if not np.array_equal(sensors, self._sensors):
+            self._told += held - self._held(placed, self._sensors)
+            self._sensors = sensors
         sigma = force_sigma_m_per_s2(samples, sensors, self._settings)
         variance = self._move(step_s, placed, covariance, samples, sigma)
         height_m, m_per_s = np.sqrt(np.diagonal(variance))

@@ -42,6 +42,14 @@ def test_a_force_that_jumps_while_nothing_turns_is_left_out_unless_it_is_confirm
     assert [gate.passes(sample(k, rate=rate, force=force)) for k, force in enumerate(forces)] == expected
 
 
+def test_a_force_that_grows_from_sample_to_sample_is_a_lift() -> None:
+    """Each change is larger than a jump; the second confirms the first, and one that goes back as far does not."""
+    gate = ImuGate(1, RestClock(0.0))
+    forces = [9.8, 9.8, 11.0, 12.4, 13.7, 15.0, 15.1, 15.1, 0.0, 30.0, 15.1]
+    passed = [gate.passes(sample(k, rate=0.01, force=force)) for k, force in enumerate(forces)]
+    assert passed == [True, True, False, True, False, True, True, True, False, False, True]
+
+
 def test_a_sensor_that_repeats_itself_is_stuck_until_it_moves() -> None:
     """Four equal samples may be chance; the fifth and all that follow are left out."""
     gate = ImuGate(1, RestClock(0.0))

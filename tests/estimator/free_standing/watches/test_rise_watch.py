@@ -116,6 +116,19 @@ def test_a_robot_that_has_rested_for_a_moment_may_be_lifted_fast(balanced, rests
     assert poses.standing.nodes.any() != follows
 
 
+@pytest.mark.parametrize("lost", [0, 1])
+def test_a_lift_is_followed_through_a_frame_in_which_a_sensor_was_not_read(balanced, lost) -> None:
+    """It is accelerated by 2 m/s^2 for 0.3 s; the samples of one of two sensors are missing in the third frame."""
+    x, poses = balanced.node_position_m, robot_with_two_sensors(balanced)
+    for k in range(66):
+        t_s = 0.02 * k
+        samples = samples_of_two(t_s, (9.81 + 2.0 * (k >= 50)) * UP)
+        due = [replace(reading, due_s=t_s + 0.01) for reading in samples]
+        poses.step(t_s, x, SHAPE_M2, [reading for reading in due if k != 53 or reading.imu != lost])
+    assert not poses.standing.nodes.any()
+    assert poses.state.position_m[2] - poses.centre_m[2] == pytest.approx(0.102, abs=0.01)
+
+
 @pytest.mark.parametrize(("flies", "is_above"), [(True, False), (False, True), (False, False)])
 def test_a_rise_of_a_robot_that_nothing_carries_needs_no_height(balanced, flies, is_above) -> None:
     """At 1 m/s^2 for 0.12 s it has risen by 7 mm while the floor held it, and by 0.12 m/s."""
