@@ -368,7 +368,7 @@ class PoseFilter:
     def _watched_rise(self, frame: Frame) -> None:
         """Take the robot off the floor where inertial sensors say that it has risen from it."""
         at_rest = frame.t_s < self._rest_until_s
-        if frame.samples is None or at_rest:
+        if frame.samples is None or at_rest or np.isfinite(self._lifted_since_s):
             self._rise_watch.forget(np.inf if at_rest else 0.0)
             return
         placed, of_state, in_the_air = frame.placed(self.state), self.covariance, not self._standing.any()

@@ -105,10 +105,10 @@ def _problems_of_course(key: str, load: Load, plan: Plan) -> Iterator[tuple[str,
     if isinstance(load, RandomLifts):
         for name in ("height_m", "aside_m", "turn_rad"):
             yield from _problems_of_range(key, name, getattr(load, name))
-        if plan.ground is None:
-            yield key, "expected [ground]: what is lifted does not have anchors"
         if len(load.nodes) < HELD:
             yield f"{key}.nodes", f"expected at least {HELD}, got {len(load.nodes)}"
+        if plan.ground is None:
+            yield key, "expected [ground]: what is lifted has no anchors"
     if isinstance(load, WindPlan):
         yield from _problems_of_range(key, "gust_period_s", load.gust_period_s)
 

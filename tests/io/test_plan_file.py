@@ -108,6 +108,18 @@ force_n = [0.5, 1.0]
 direction = [0, 0, 0]
 direction_sigma = [1, 1, 1]
 """
+LIFT = """[[load.lift]]
+from_s = 3.0
+until_s = 20.0
+pause_s = [0.5, 1.0]
+duration_s = [2.0, 3.0]
+ramp_share = 0.3
+nodes = [3, 4, 5]
+height_m = [0.05, 0.2]
+aside_m = [0.0, 0.1]
+stiffness_n_per_m = 100.0
+damping_n_s_per_m = 2.0
+"""
 WIND = """[[load.wind]]
 at_s = 3.0
 ramp_s = 1.0
@@ -184,6 +196,9 @@ hidden_s = 1.0
         (f"{HUG.replace('3, 4, 5', '0, 4, 5')}together = [2, 3]", r"line {7}: load.hug\[0\].nodes: .*can move, .*got 0"),
         (f"{SHAKE}frequency_hz = [8.0, 5.0]", r"line {12}: load.shake\[0\].frequency_hz: expected \[least, most\]"),
         (f"{SHAKE}frequency_hz = [5.0, 80.0]", r"line {12}: load.shake\[0\].frequency_hz: expected at most 50, which is 20 steps"),
+        (f"{LIFT}turn_rad = [1.0, -1.0]", r"line {12}: load.lift\[0\].turn_rad: expected \[least, most\], got \[1.0, -1.0\]"),
+        (f"{LIFT}turn_rad = [-1.0, 1.0]", r"line {1}: load.lift\[0\]: expected \[ground\]: what is lifted has no anchors"),
+        (f"{LIFT.replace('3, 4, 5', '4, 5')}turn_rad = [-1.0, 1.0]", r"line {7}: load.lift\[0\].nodes: expected at least 3, got 2"),
         (f"{WIND}gust_share = 0.6", r"line {9}: load.wind\[0\].gust_share: .*at most 0.5, got 0.6"),
         (f"{WIND.replace('1, 0, 0', '0, 0, 0')}gust_share = 0.4", r"line {7}: load.wind\[0\].direction: .*got zero"),
     ],
