@@ -37,7 +37,7 @@ one axis reads 0 turned a robot at rest so far that it was 0.4 m off."""
 CHANGES = 5.0
 """Ratio of a jump to the mean change: samples of a sensor that is noisy, or that a motor shakes, are no jumps."""
 GOES_ON = 1.5
-"""Ratio of a change of the force to the jump before, up to which it confirms the jump: a hand that lifts a robot without
+"""Ratio of a change of the force to the jump before up to which it confirms the jump: a hand that lifts a robot without
 turning it changes the force in every sample."""
 CHANGE_WEIGHT = 0.05
 """Weight of one more sample in the mean change."""

@@ -190,7 +190,8 @@ class Lift:
         carried = (1 - np.cos(np.pi * share)) / 2
         middle_m = grip_m.mean(axis=0)
         turned_m = (grip_m - middle_m) @ rotation(carried * self.turn_rad * UP).T
-        return middle_m + turned_m + carried * self.way_m + self.height_m * share_of(when, t_s) * UP
+        hand_m = middle_m + carried * self.way_m + self.height_m * share_of(when, t_s) * UP
+        return np.asarray(hand_m + turned_m)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
 """Whether the robot leaves the floor, which inertial sensors feel while the floor holds the pose down.
 
 A robot that is lifted rises. The mean point of the sensors that are read in a frame has the height h, as the filter
-holds it, and the specific force f in the axes of the world. From a moment in which it is still, without the floor, it has the velocity v and the
-height z along the normal n,
+holds it, and the specific force f in the axes of the world. From a moment in which it is still, without the floor, it
+has the velocity v and the height z along the normal n,
 
     a = n . f - g n_z,     z <- z + v dt + a dt^2 / 2,     v <- v + a dt
 

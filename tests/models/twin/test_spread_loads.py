@@ -114,8 +114,7 @@ def test_a_hand_lifts_carries_and_turns_the_three_highest_nodes() -> None:
     lift = Loads([Lift(Window(5.0, 1.0, 2.0), np.arange(4), 0.2, np.array([0.3, 0, 0]), np.pi / 2, 10.0, 0.0)])
     assert not lift.force_n(4.9, SQUARE_AND_FOOT).any()
     np.testing.assert_allclose(lift.force_n(5.0001, SQUARE_AND_FOOT), 0, atol=1e-6)
-    middle = np.array([0, 2 / 3, 1.0])
-    turned = middle + [[2 / 3, 1, 0], [2 / 3, -1, 0], [-4 / 3, 0, 0]] + [0.3, 0, 0.2]
+    turned = np.array([0.3, 2 / 3, 1.2]) + np.array([[2 / 3, 1, 0], [2 / 3, -1, 0], [-4 / 3, 0, 0]])
     force_n = lift.force_n(7.0, SQUARE_AND_FOOT)
     np.testing.assert_allclose(force_n[:3], 10.0 * (turned - SQUARE_AND_FOOT[:3]), atol=1e-9)
     assert not force_n[3].any(), "it is not held"
@@ -129,15 +128,15 @@ def test_a_damper_in_the_hand_resists_the_node() -> None:
     lift.force_n(0.001, SQUARE_AND_FOOT)
     still_n = [lift.force_n(t_s, SQUARE_AND_FOOT) for t_s in (2.0, 2.1)]
     np.testing.assert_allclose(still_n[1][0], [0, 0, 1.0], atol=1e-9)
-    moved_n = lift.force_n(2.2, SQUARE_AND_FOOT + [0.02, 0, 0])
+    moved_n = lift.force_n(2.2, SQUARE_AND_FOOT + np.array([0.02, 0, 0]))
     np.testing.assert_allclose(moved_n[0], [-10 * 0.02 - 3 * 0.02 / 0.1, 0, 1.0], atol=1e-9)
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32))
 def test_random_lifts_stay_in_their_ranges(seed) -> None:
-    nodes = list(range(12))
-    random = RandomLifts(2.0, 29.0, (0.4, 1.5), (2.0, 3.5), 0.3, nodes, (0.05, 0.5), (0.1, 0.4), (-1.0, 2.0), 100.0, 2.0)
+    when = 2.0, 29.0, (0.4, 1.5), (2.0, 3.5), 0.3
+    random = RandomLifts(*when, list(range(12)), (0.05, 0.5), (0.1, 0.4), (-1.0, 2.0), 100.0, 2.0)
     for lift in random.draw(np.random.default_rng(seed)):
         assert 0.05 <= lift.height_m <= 0.5
         assert 0.1 <= np.linalg.norm(lift.way_m) <= 0.4

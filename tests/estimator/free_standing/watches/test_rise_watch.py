@@ -40,6 +40,7 @@ def test_a_robot_that_is_lifted_is_followed_in_the_air(balanced) -> None:
     assert not steps[-1].standing.nodes.any()
     assert steps[-1].standing.contradicted
     assert steps[-1].lifted_since_s == pytest.approx(1.0, abs=0.5), "the last watch that began before it"
+    assert len({step.lifted_since_s for step in steps}) == 2, "inf before, and one lift"
 
 
 def test_a_robot_that_is_put_down_stands_again_and_is_doubted_for_a_while(balanced) -> None:
