@@ -19,6 +19,7 @@ from ....models.structure.floor import Floor
 from ....models.structure.rest_shape import RestShape
 from ....models.structure.shape import Shape
 from ....models.values.aids import AidReading, PositionReading
+from ....models.values.stamps import is_due
 from ...smoother import LiveSmoother
 from ..contacts import Standing
 from ..length_change import LengthChange
@@ -209,7 +210,7 @@ class FaceWatch:
         """
         if self._faces is None:
             return False
-        if self._look is None and shape.t_s - self._looked_s >= 0.999 * FACES_EVERY_S:
+        if self._look is None and is_due(shape.t_s - self._looked_s, FACES_EVERY_S):
             self._look = self._begun(self._faces, shape)
         if self._look is None:
             return False
