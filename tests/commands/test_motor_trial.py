@@ -8,7 +8,7 @@ from shutil import copytree
 import numpy as np
 import pytest
 
-from command_line import run
+from command_line import printed_by, refusal_of, run
 from plan_edits import PLANS, replaced
 from tensegraph import Settings, Status, Trial, open_trial, reconstruct, simulate
 from tensegraph.factors.tendon import TautCables
@@ -50,11 +50,10 @@ def error_mm(trial: Trial, method: str) -> tuple[float, tuple[Status, ...]]:
 def test_natural_lengths_that_are_told_are_followed(trial, tmp_path) -> None:
     """Live, by the command line; the same trial with a file that tells of no motion is wrong, and not `ok`."""
     assert trial.files()[-1] == "natural_length0.csv"
-    result = run("reconstruct", trial.path, "--live", "--figures", "none", "--out", tmp_path / "told", cwd=tmp_path)
-    assert result.returncode == 0, result.stderr
-    assert "absurd" not in result.stdout
+    result = printed_by("reconstruct", trial.path, "--live", "--figures", "none", "--out", "told", cwd=tmp_path)
+    assert "absurd" not in result
     told_mm, status = error_mm(trial, "live")
-    assert f"{told_mm:.2f} mm" in result.stdout
+    assert f"{told_mm:.2f} mm" in result
     assert told_mm < 1.5
     assert status.count(Status.OK) > 0.9 * len(status)
 
@@ -89,8 +88,7 @@ def test_a_replay_and_the_twin_have_the_motors_too(trial) -> None:
 
 
 def test_a_replay_with_motors_is_recorded_again(trial, tmp_path) -> None:
-    result = run("live", "--replay", trial.path, "--speed", 4, "--record", "again", "--out", "live", cwd=tmp_path)
-    assert result.returncode == 0, result.stderr
+    printed_by("live", "--replay", trial.path, "--speed", 4, "--record", "again", "--out", "live", cwd=tmp_path)
     for name in ("natural_length0.csv", "board0.csv"):
         first, again = ((folder / name).read_text().splitlines() for folder in (trial.path, tmp_path / "again"))
         assert len(again) == len(first)
@@ -104,10 +102,8 @@ def test_a_motor_on_a_stiff_cable_is_refused_in_one_line(trial, tmp_path) -> Non
     told = (cable / "trial.toml").read_text()
     stiff = ("tendon_stiffness_n_per_m = 400", "push_back = 0.0\ntendon_stiffness_n_per_m = 20400")
     (cable / "trial.toml").write_text(replaced(told, stiff))
-    refused = run("reconstruct", cable, "--live", "--figures", "none", cwd=tmp_path)
-    assert refused.returncode == 2
-    assert "motor[0].tendons: expected no stiff cable, got tendon 3" in refused.stderr
-    assert len(refused.stderr.splitlines()) == 1
+    refused = refusal_of("reconstruct", cable, "--live", "--figures", "none", cwd=tmp_path)
+    assert "motor[0].tendons: expected no stiff cable, got tendon 3" in refused
 
 
 def test_rows_that_are_missing_are_counted_live_as_offline(trial, tmp_path) -> None:

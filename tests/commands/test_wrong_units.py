@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from command_line import run
+from command_line import printed_by, refusal_of, run
 from trial_edits import replaced
 
 
@@ -49,11 +49,9 @@ def test_a_wrong_unit_is_refused_by_that_word(
     trial_copy: Callable[..., Path], table: str, key: str, factor: float, place: str
 ) -> None:
     trial = trial_copy(trial=scaled(table, key, factor))
-    ended = run("reconstruct", trial, "--out", "result", cwd=trial.parent)
-    assert ended.returncode == 2
-    assert place in ended.stderr
-    assert "unit" in ended.stderr
-    assert len(ended.stderr.splitlines()) == 1
+    ended = refusal_of("reconstruct", trial, "--out", "result", cwd=trial.parent)
+    assert place in ended
+    assert "unit" in ended
     assert not (trial.parent / "result").exists()
 
 
@@ -64,10 +62,9 @@ def test_truth_in_millimetres_is_not_used_and_said(trial_copy: Callable[..., Pat
         return "\n".join([header, *(",".join([t, *(str(1000 * float(c)) for c in rest)]) for t, *rest in cells)]) + "\n"
 
     trial = trial_copy(rows=60, truth=in_millimetres)
-    ended = run("reconstruct", trial, "--live", "--figures", "none", cwd=trial.parent)
-    assert ended.returncode == 0
-    assert "not used: truth: expected nodes as far apart" in " ".join(ended.stdout.split())
-    assert "nan mm" not in ended.stdout
+    ended = printed_by("reconstruct", trial, "--live", "--figures", "none", cwd=trial.parent)
+    assert "not used: truth: expected nodes as far apart" in " ".join(ended.split())
+    assert "nan mm" not in ended
 
 
 def test_truth_of_another_time_is_told(trial_copy: Callable[..., Path]) -> None:
@@ -88,9 +85,7 @@ def test_an_integer_of_thousands_of_digits_is_refused(trial_copy: Callable[..., 
     trial = trial_copy()
     file = trial / "trial.toml"
     file.write_text(replaced("bits = 10", "bits = " + "9" * 5000)(file.read_text()))
-    ended = run("reconstruct", trial, cwd=trial.parent)
-    assert ended.returncode == 2
-    assert "cannot be read as TOML" in ended.stderr
+    assert "cannot be read as TOML" in refusal_of("reconstruct", trial, cwd=trial.parent)
 
 
 @pytest.mark.parametrize("y_m", [12.0, 0.05])
@@ -103,9 +98,8 @@ def test_a_node_of_the_rest_shape_far_away_is_refused(y_m: float, trial_copy: Ca
         return tomli_w.dumps(content)
 
     trial = trial_copy(trial=edit)
-    ended = run("reconstruct", trial, cwd=trial.parent)
-    assert ended.returncode == 2
-    assert "rest.node_position_m: expected rod 3 to be 0.3 m long, got " in ended.stderr
+    ended = refusal_of("reconstruct", trial, cwd=trial.parent)
+    assert "rest.node_position_m: expected rod 3 to be 0.3 m long, got " in ended
 
 
 @pytest.mark.parametrize("command", ["reconstruct", "structure"])
@@ -118,9 +112,8 @@ def test_a_tendon_without_length_in_the_rest_shape_is_refused(command: str, tria
         return tomli_w.dumps(content)
 
     trial = trial_copy(trial=edit)
-    ended = run(command, trial if command == "reconstruct" else trial / "trial.toml", cwd=trial.parent)
-    assert ended.returncode == 2
-    assert "rest.node_position_m: nodes 4 and 6, which tendon 12 joins, are at one place" in ended.stderr
+    ended = refusal_of(command, trial if command == "reconstruct" else trial / "trial.toml", cwd=trial.parent)
+    assert "rest.node_position_m: nodes 4 and 6, which tendon 12 joins, are at one place" in ended
 
 
 def test_truth_in_milliseconds_is_refused(trial_copy: Callable[..., Path]) -> None:
