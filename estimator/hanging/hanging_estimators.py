@@ -85,7 +85,7 @@ class HangingSmoother:
         hanging = self._poses.hanging(x)
         if frame is None or builder.statics is None or hanging.weight_n.sum() == 0:
             return None
-        balances = balances_at(x, frame, builder.statics, builder, self._settings.doubt.quiet_n)
+        balances = balances_at(x, frame, builder, self._settings.doubt.quiet_n)
         return self._of_hands.look(balances, hanging, step_s)
 
     def _hang(self, node_position_m: NDArray[np.float64], state: PoseState, covariance: NDArray[np.float64]) -> None:

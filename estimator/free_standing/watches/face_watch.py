@@ -221,19 +221,18 @@ class FaceWatch:
         if len(look.found) < LOOK_PARTS:
             return False
         self._look, self.may_tip = None, look.may_tip
-        self._faces.predict(look.step_s, look.may_tip)
         self._faces.update(np.concatenate(look.found), look.of_heights, look.step_s, look.may_tip)
         return True
 
     def _begun(self, faces: RestingFaces, shape: Shape) -> _Look | None:
         """Return a new look at the faces; None where the balance of forces does not tell them."""
-        frame, statics = self._shapes.linear, self._shapes.builder.statics
-        if frame is None or statics is None:
+        frame, builder = self._shapes.linear, self._shapes.builder
+        if frame is None or builder.statics is None:
             return None
         step_s = min(shape.t_s - self._looked_s, 1.0)
         self._looked_s = shape.t_s
         x = shape.node_position_m
-        balances = balances_at(x, frame, statics, self._shapes.builder, self._settings.quiet_n)
+        balances = balances_at(x, frame, builder, self._settings.quiet_n)
         nodes, clearance_m = clearances(shape.lengths.aids, self._poses.floor)
         rods, rod_height_m = self._poses.rod_heights()
         of_heights = faces.log_evidence_of_clearances(x, nodes, clearance_m)
