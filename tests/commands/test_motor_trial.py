@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from command_line import printed_by, refusal_of, run
+from pipelines import pipeline_of
 from plan_edits import PLANS, replaced
-from tensegraph import Settings, Status, Trial, open_trial, reconstruct, simulate
+from tensegraph import Status, Trial, open_trial, reconstruct, simulate
 from tensegraph.factors.tendon import TautCables
-from tensegraph.io.model_file import read_sensor_model
 from tensegraph.live.feeds import replay_feed, twin_feed
 from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.values.readings import NaturalLengthReading, arrival_s
-from tensegraph.pipeline import Pipeline
+from trial_edits import rewritten, rows_at
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -110,9 +110,7 @@ def test_rows_that_are_missing_are_counted_live_as_offline(trial, tmp_path) -> N
     """No row of the motors from 2 to 3.5 s: each tendon is without its natural length from 0.5 s after the last row."""
     gap = tmp_path / "gap"
     copytree(trial.path, gap)
-    header, *rows = (gap / "natural_length0.csv").read_text().splitlines(keepends=True)
-    kept = [row for row in rows if not 2.0 < float(row.split(",")[0]) < 3.5]
-    (gap / "natural_length0.csv").write_text("".join([header, *kept]))
+    rewritten(gap / "natural_length0.csv", rows_at(lambda t_s: not 2.0 < t_s < 3.5))
     offline = run("reconstruct", gap, "--live", "--figures", "none", "--out", "offline", cwd=tmp_path)
     live = run("live", "--replay", gap, "--speed", 1000, "--out", "live", cwd=tmp_path)
     told = []
@@ -140,6 +138,6 @@ def test_beside_motors_cables_are_slack_by_their_lengths_alone(has_motors, trial
         stiff_cables=np.flatnonzero(is_cable),
     )
     told = replace(told, mechanics=mechanics, motors=told.motors if has_motors else ())
-    (cables,) = Pipeline(told, Settings(), read_sensor_model()).factors
+    (cables,) = pipeline_of(told).factors
     assert isinstance(cables, TautCables)
     assert (cables.statics is None) == has_motors

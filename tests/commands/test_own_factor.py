@@ -15,7 +15,7 @@ from tensegraph.io.trial_directory import open_trial
 from tensegraph.models.own_factor import OwnFactor
 from tensegraph.models.structure.reconstruction import Reconstruction
 from tensegraph.models.values.readings import FactorRows
-from trial_edits import replaced
+from trial_edits import replaced, rewritten
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -142,7 +142,7 @@ def test_methods_that_use_no_factor_say_so(own_parts, trial_copy, tmp_path) -> N
 )
 def test_a_table_that_is_wrong_is_one_line(edit, message, own_parts, trial_copy, tmp_path) -> None:
     toml = with_tape(trial_copy(rows=10, name="press")) / "trial.toml"
-    toml.write_text(edit(toml.read_text()))
+    rewritten(toml, edit)
     assert message in refusal_of("reconstruct", "press", cwd=tmp_path)
 
 

@@ -8,7 +8,7 @@ import pytest
 import tomli_w
 
 from command_line import printed_by, refusal_of, run
-from trial_edits import replaced
+from trial_edits import replaced, rewritten, stamped
 
 
 def scaled(table: str, key: str, factor: float) -> Callable[[str], str]:
@@ -17,17 +17,6 @@ def scaled(table: str, key: str, factor: float) -> Callable[[str], str]:
         value = content[table][key]
         content[table][key] = [part * factor for part in value] if isinstance(value, list) else value * factor
         return tomli_w.dumps(content)
-
-    return edit
-
-
-def with_stamps(stamp: Callable[[float], float]) -> Callable[[str], str]:
-    """Edit the stamps of a CSV file."""
-
-    def edit(text: str) -> str:
-        header, *rows = text.splitlines()
-        cells = [row.split(",", 1) for row in rows]
-        return "\n".join([header, *(f"{stamp(float(t))},{rest}" for t, rest in cells)]) + "\n"
 
     return edit
 
@@ -68,7 +57,7 @@ def test_truth_in_millimetres_is_not_used_and_said(trial_copy: Callable[..., Pat
 
 
 def test_truth_of_another_time_is_told(trial_copy: Callable[..., Path]) -> None:
-    trial = trial_copy(rows=60, truth=with_stamps(lambda t_s: t_s + 1e4))
+    trial = trial_copy(rows=60, truth=stamped(lambda t_s: t_s + 1e4))
     ended = run("reconstruct", trial, "--live", "--figures", "none", cwd=trial.parent)
     assert "covers no frame" in " ".join(ended.stdout.split())
     assert "nan mm" not in ended.stdout
@@ -84,7 +73,7 @@ def test_toml_with_a_byte_order_mark_is_read(trial_copy: Callable[..., Path]) ->
 def test_an_integer_of_thousands_of_digits_is_refused(trial_copy: Callable[..., Path]) -> None:
     trial = trial_copy()
     file = trial / "trial.toml"
-    file.write_text(replaced("bits = 10", "bits = " + "9" * 5000)(file.read_text()))
+    rewritten(file, replaced("bits = 10", "bits = " + "9" * 5000))
     assert "cannot be read as TOML" in refusal_of("reconstruct", trial, cwd=trial.parent)
 
 
@@ -117,6 +106,6 @@ def test_a_tendon_without_length_in_the_rest_shape_is_refused(command: str, tria
 
 
 def test_truth_in_milliseconds_is_refused(trial_copy: Callable[..., Path]) -> None:
-    trial = trial_copy(rows=60, truth=with_stamps(lambda t_s: 1e3 * t_s))
+    trial = trial_copy(rows=60, truth=stamped(lambda t_s: 1e3 * t_s))
     ended = run("reconstruct", trial, "--live", "--figures", "none", cwd=trial.parent)
     assert "expected frames at most 1 s apart, got 20 s" in " ".join(ended.stdout.split())
