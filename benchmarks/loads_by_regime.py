@@ -4,26 +4,11 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from tensegraph import Reconstruction, Settings, open_trial
-from tensegraph.io.model_file import read_sensor_model
+from tensegraph import evaluate, reconstruct
 from tensegraph.io.reports.cells import or_dash
-from tensegraph.models.evaluation.evaluation import Evaluation
-from tensegraph.models.evaluation.metrics import evaluate
-from tensegraph.pipeline import Pipeline
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 REGIMES = ("quiet", "loaded", "slack")
-
-
-def evaluated(path: Path) -> Evaluation:
-    """Reconstruct a trial with the batch graph, and compare it with the truth."""
-    trial = open_trial(path)
-    description = trial.description
-    pipeline = Pipeline(description, Settings(), read_sensor_model())
-    shapes = pipeline.estimate(trial.readings(), "batch")
-    truth = trial.truth_of(trial.truth(), trial.true_loads())
-    estimate = Reconstruction.of(description.structure, shapes)
-    return evaluate(pipeline.rest.node_position_m, estimate, truth)
 
 
 def table(trials: Sequence[Path]) -> Iterator[str]:
@@ -31,7 +16,7 @@ def table(trials: Sequence[Path]) -> Iterator[str]:
     yield "| trial | loaded | others | seen | true | false alarms | right node | quiet | loaded | slack |"
     yield "|---" * 10 + "|"
     for path in trials:
-        evaluation = evaluated(path)
+        evaluation = evaluate(reconstruct(path), path)
         score = evaluation.loads
         if score is None:
             continue

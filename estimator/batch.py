@@ -20,6 +20,7 @@ from ..models.structure.shape import OtherShape, Reason, Shape, Status
 from ..models.structure.structure import Structure
 from ..models.values.errors import UNDETERMINED, IndeterminateError
 from ..models.values.readings import Flag, TendonLengths
+from ..models.values.stamps import is_due
 from ..models.values.time_series import any_before, interpolated, median_step_s, parts
 from .changes.change_watch import Change
 from .doubt import Doubt
@@ -28,7 +29,7 @@ from .lag_compensation import VELOCITY_HOLDS_S
 from .lasting_errors import LastingErrors, frames_near
 from .linear_frame import FrameData, linearised_frames
 from .mode_choice import is_uncertain, stacked_modes
-from .sensor_drift import DriftState, is_of_a_board, smoothed
+from .sensor_drift import DriftState, is_of_a_board, smoothed_drift
 from .smoother import AHEAD_S, LiveSmoother
 from .uncertainty import Assessment, FrameEvidence, Mixture
 from .watches.rebound_watch import ReboundWatch
@@ -229,7 +230,7 @@ class BatchOptimizer:
     ) -> list[WeightedLengths]:
         """Return the lengths with mode, drift, health and sigma as the live pass and later frames tell them."""
         frames = _without_stuck(live.modes.smoothed(frames), self._settings.gate.stuck_s)
-        admitted = _admitted(frames, shapes, smoothed(live.drift.kept or []))
+        admitted = _admitted(frames, shapes, smoothed_drift(live.drift.kept or []))
         for lengths in admitted:
             self._builder.check_determined(lengths)
         return [
@@ -359,7 +360,7 @@ def _some_of(frames: Sequence[TendonLengths]) -> Iterator[TendonLengths]:
     for k, lengths in enumerate(frames):
         if (
             latest is None
-            or lengths.t_s - latest.t_s >= 0.999 * LEARN_EVERY_S
+            or is_due(lengths.t_s - latest.t_s, LEARN_EVERY_S)
             or (np.abs(lengths.length_m - latest.length_m) > LEARN_EVERY_M).any()
             or k == len(frames) - 1
         ):

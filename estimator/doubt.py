@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from ..models.estimation import DoubtSettings
 from ..models.structure.shape import Reason
 from ..models.values.readings import Flag, TendonLengths
+from ..models.values.stamps import is_due
 from ..models.values.time_series import Regimes, any_before
 from .graph import GraphBuilder
 from .linear_frame import LinearFrame
@@ -112,7 +113,7 @@ class ModelDoubt:
         """
         statics = self._builder.statics
         step_s = t_s - self._updated_s if np.isfinite(self._updated_s) else self._settings.update_every_s
-        if statics is None or step_s < 0.999 * self._settings.update_every_s:
+        if statics is None or not is_due(step_s, self._settings.update_every_s):
             return
         self._updated_s = t_s
         self._loads.predict(step_s)

@@ -288,7 +288,7 @@ def length_evidence(
     return by_length.T @ by_length - crossed @ solved[:, :-1], crossed @ solved[:, -1] - by_length.T @ error
 
 
-def smoothed(updates: Sequence[DriftUpdate]) -> list[DriftState]:
+def smoothed_drift(updates: Sequence[DriftUpdate]) -> list[DriftState]:
     """Return the states given all updates, later ones too (Rauch, Tung and Striebel)."""
     if not updates:
         return []

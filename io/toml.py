@@ -5,7 +5,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import tomlkit
 
@@ -14,6 +14,7 @@ from ..models.values.errors import InputError, reason_of
 from ..models.values.tables import parse_table, unknown_keys
 from .input_files import LARGEST_TOML_BYTES, check_regular
 
+Kind = TypeVar("Kind")
 DEEPEST = 64
 """Number of tables and lists within one another above which a file is not read on; a plan has four. What walks through
 a table calls itself at each level, and the time that a dotted key takes grows with the square of its parts."""
@@ -79,17 +80,27 @@ def _check_values(table: dict[str, Any]) -> None:
 
 
 def read_settings(path: Path | None) -> Settings:
-    """Return the settings of a configuration file, or the defaults.
+    """Return the settings of a configuration file, or the defaults; see `read_as`."""
+    return read_as(Settings, path, "is no setting; a run's run.toml lists them all")
+
+
+def read_as(kind: type[Kind], path: Path | None, unknown: str) -> Kind:
+    """Return the tables of a file as a dataclass, or its defaults without a file.
+
+    Args:
+        kind: the dataclass.
+        path: of the file.
+        unknown: what an error says of a key that it does not have.
 
     Raises:
-        InputError: for a file that cannot be read, an unknown setting, or a value that is not allowed.
+        InputError: for a file that cannot be read, an unknown key, or a value that is not allowed.
     """
     if path is None:
-        return Settings()
+        return kind()
     table = read_toml(path)
-    for key in unknown_keys(Settings, table):
-        raise InputError(f"{path}: {key.name}: is no setting; a run's run.toml lists them all{key.hint}")
-    return parse_table(Settings, table, str(path))
+    for key in unknown_keys(kind, table):
+        raise InputError(f"{path}: {key.name}: {unknown}{key.hint}")
+    return parse_table(kind, table, str(path))
 
 
 LONG_STATEMENT = 1000

@@ -113,8 +113,9 @@ def truth_of_trial(trial: Trial, path: Path | None, estimate: Reconstruction, of
     truth = trial.truth_of(positions, trial.true_loads())
     if path is not None or not offset_s:
         return truth
+    loads, contacts = truth.loads, truth.contacts
     return replace(
         truth,
-        loads=truth.loads.shifted(offset_s) if truth.loads else None,
-        contacts=truth.contacts.shifted(offset_s) if truth.contacts else None,
+        loads=loads and replace(loads, t_s=loads.t_s + offset_s),
+        contacts=contacts and replace(contacts, t_s=contacts.t_s + offset_s),
     )

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 import tomlkit
 
+from pipelines import pipeline_of
 from roll import soon_tipped
 from tensegraph import Flag, InputError, Reconstruction, Settings, Status, open_trial
 from tensegraph.factors.tendon import TautCables
-from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.sensor.frames import FrameSettings
 from tensegraph.models.structure.shape import Reason
 from tensegraph.models.trial_description import TrialDescription
-from tensegraph.pipeline import Pipeline, estimator_of, reconstruct, stream
+from tensegraph.pipeline import estimator_of, reconstruct, stream
 from told_rows import rows_of
-from trial_edits import cell, lines
+from trial_edits import cell, lines, rewritten, stamped
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 UNTIL_TIPPED_S = 3.0
@@ -66,7 +66,7 @@ def test_a_slow_board_is_named(trial_copy, every, least, most, text) -> None:
         return [rows[0], *(f"{host_s},{number},{others}" for number, (host_s, _, others) in enumerate(cells))]
 
     trial = open_trial(trial_copy(rows=200, board0=lines(thinned)))
-    pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
+    pipeline = pipeline_of(trial.description)
     frames = list(pipeline.lengths(trial.readings()))
     assert least <= np.mean([np.isnan(frame.length_m[:12]).all() for frame in frames]) < most
     assert pipeline.warnings() == ({"board 0": text} if text else {})
@@ -76,10 +76,9 @@ def test_a_robot_that_rolls_keeps_its_frames_at_slow_boards(tmp_path) -> None:
     """Boards of 10 rows a second: between two of them it may turn by a radian, which inertial sensors follow."""
     path = soon_tipped(tmp_path / "roll", UNTIL_TIPPED_S)
     for board in path.glob("board*.csv"):
-        header, *rows = board.read_text().splitlines()
-        board.write_text("\n".join([header, *rows[::5], ""]))
+        rewritten(board, lines(lambda rows: rows[:1] + rows[1::5]))
     trial = open_trial(path)
-    pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
+    pipeline = pipeline_of(trial.description)
     shapes = Reconstruction.of(trial.description.structure, pipeline.estimate(trial.readings(), "live"))
     assert np.median(np.diff(shapes.t_s)) == pytest.approx(0.02)
     assert not pipeline.warnings()
@@ -134,24 +133,18 @@ def test_a_board_that_counts_past_its_end_goes_on(trial_copy, plain) -> None:
 def test_rows_out_of_order_are_dropped_and_counted(trial_copy) -> None:
     path = trial_copy(board0=lines(lambda rows: [*rows[:50], rows[51], rows[50], *rows[52:]]))
     trial = open_trial(path)
-    pipeline = pipeline_of(trial)
+    pipeline = pipeline_of(trial.description)
     frames = list(pipeline.lengths(trial.readings()))
     assert pipeline.boards.counts[0].dropped_rows == 1
     assert len(frames) > 100
-
-
-def pipeline_of(trial, model=None) -> Pipeline:
-    from tensegraph.io.model_file import read_sensor_model
-
-    return Pipeline(trial.description, Settings(), model or read_sensor_model())
 
 
 @pytest.mark.parametrize("name", ["press_01", "roll_02"])
 def test_many_frames_at_a_time_give_the_same_lengths(name) -> None:
     """Of boards alone, and with an inertial sensor, whose samples stay with their frame."""
     trial = open_trial(EXAMPLES / name)
-    one_by_one = pipeline_of(trial).lengths(islice(trial.readings(), 800))
-    many = pipeline_of(trial).lengths(islice(trial.readings(), 800), 150)
+    one_by_one = pipeline_of(trial.description).lengths(islice(trial.readings(), 800))
+    many = pipeline_of(trial.description).lengths(islice(trial.readings(), 800), 150)
     for one, other in zip(one_by_one, many, strict=True):
         assert one.t_s == other.t_s
         np.testing.assert_allclose(one.length_m, other.length_m, atol=1e-12)
@@ -195,7 +188,7 @@ def told(example) -> TrialDescription:
 
 def as_resistance(path, trial) -> None:
     """Rewrite a trial of counts as one of resistance."""
-    pipeline = pipeline_of(trial)
+    pipeline = pipeline_of(trial.description)
     readings = [pipeline.boards.reading(row) for row in trial.readings()]
     both = {}
     for reading in readings:
@@ -221,10 +214,7 @@ def test_resistances_with_stamps_in_milliseconds_are_refused(trial_copy) -> None
     """Each row would be followed by a thousand frames without a reading."""
     path = trial_copy(rows=30)
     as_resistance(path, open_trial(path))
-    header, *rows = (path / "resistance.csv").read_text().splitlines()
-    cells = [row.split(",", 1) for row in rows]
-    text = "\n".join([header, *(f"{1e3 * float(t_s):.3f},{rest}" for t_s, rest in cells), ""])
-    (path / "resistance.csv").write_text(text)
+    rewritten(path / "resistance.csv", stamped(lambda t_s: 1e3 * t_s))
     with pytest.raises(InputError, match=r"resistance\.csv: column t_s: .* at most 0\.5 s apart, got 20 s "):
         reconstruct(path, "live")
 
@@ -304,7 +294,7 @@ def test_anchors_that_are_not_where_lengths_between_them_say_are_in_doubt(moved_
     true_m = told.structure.tendon_length_m(plain.node_position_m[0])
     noise_m = 0.001 * np.random.default_rng(1).standard_normal((10, 24))
     read = rows_of(true_m + noise_m, 0.001)
-    resting = Pipeline(trial, Settings(), read_sensor_model())
+    resting = pipeline_of(trial)
     assert not any(shape.doubt for shape in resting.shapes(read, "frame"))
     assert (resting.rest.wrong == ("anchors",)) is expected
     moving = replace(trial, rest_seconds=0.0)
@@ -313,7 +303,7 @@ def test_anchors_that_are_not_where_lengths_between_them_say_are_in_doubt(moved_
 
 def test_what_was_watched_in_one_run_is_nothing_to_the_next(plain, told) -> None:
     """The lengths of a run, whose rest is another shape, and then right ones, by the same pipeline."""
-    pipeline = Pipeline(told, Settings(), read_sensor_model())
+    pipeline = pipeline_of(told)
     read = rows_of(plain.predicted_m, 0.001, plain.t_s)[:20]
     others = [replace(one, length_m=one.length_m[::-1]) for one in read]
     in_doubt = [
@@ -328,7 +318,7 @@ def test_lengths_at_rest_tell_a_rest_shape_that_nobody_measured(method, told, ex
     trial = replace(told, rest_position_m=None, rest_seconds=1.0)
     truth = open_trial(example).truth()
     read = rows_of(trial.structure.tendon_length_m(truth.node_position_m), 0.0005, truth.t_s)[:65]
-    pipeline = Pipeline(trial, Settings(), read_sensor_model())
+    pipeline = pipeline_of(trial)
     shapes = Reconstruction.of(trial.structure, pipeline.shapes(read, method))
     assert (pipeline.rest.source, pipeline.rest.wrong) == ("lengths", ())
     np.testing.assert_allclose(shapes.node_position_m, truth.node_position_m[:65], atol=0.0015)
@@ -361,7 +351,7 @@ def test_a_length_that_is_wrong_from_the_rest_on_is_left_out_or_in_doubt(method,
 
 def test_the_rest_is_read_once_for_several_methods(plain, told) -> None:
     """As `compare` does it: the frames after the rest are given to one method after the other."""
-    pipeline = Pipeline(replace(told, rest_position_m=None), Settings(), read_sensor_model())
+    pipeline = pipeline_of(replace(told, rest_position_m=None))
     read = rows_of(plain.length_m, plain.sigma_m, plain.t_s)
     whole = Reconstruction.of(told.structure, pipeline.shapes(read, "frame"))
     frames = list(pipeline.after_rest(read))
@@ -380,7 +370,7 @@ def test_factors_of_a_frame_stand_beside_those_of_its_trial(plain, told) -> None
 
     tape = Tape()
     cables = replace(told.mechanics, stiff_cables=np.array([9]))
-    pipeline = Pipeline(replace(told, mechanics=cables), Settings(), read_sensor_model())
+    pipeline = pipeline_of(replace(told, mechanics=cables))
     read = [replace(one, factors=(tape,)) for one in rows_of(plain.length_m)[:3]]
     for frame in pipeline.lengths(read):
         assert frame.factors == (*pipeline.factors, tape)
@@ -495,7 +485,7 @@ class TestReferenceStrips:
 def test_geometry_that_contradicts_the_forces_at_rest_is_doubted_by_every_method(trial_copy, method) -> None:
     """Live and batch doubt it themselves; the other methods know no doubt of their own."""
     trial = open_trial(trial_copy(rows=100))
-    pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
+    pipeline = pipeline_of(trial.description)
     pipeline.rest = replace(pipeline.rest, wrong=("hubs",))
     shapes = list(pipeline.estimate(trial.readings(), method))
     assert {shape.doubt for shape in shapes} == {Reason.GEOMETRY}

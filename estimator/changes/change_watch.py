@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ...models.structure.shape import Reason, Shape
 from ...models.structure.structure import Structure
 from ...models.values.readings import SensorDrift, TendonLengths
+from ...models.values.stamps import is_due
 from ...models.values.time_series import Regimes
 from ..doubt import evidence_share
 from ..graph import GraphBuilder
@@ -102,7 +103,7 @@ class ChangeWatch:
             used_scale: factor by which the sigmas of the measured lengths were multiplied in the frame.
         """
         step_s = shape.t_s - self._updated_s if np.isfinite(self._updated_s) else UPDATE_EVERY_S
-        if self._builder.statics is None or step_s < 0.999 * UPDATE_EVERY_S:
+        if self._builder.statics is None or not is_due(step_s, UPDATE_EVERY_S):
             return
         self._updated_s = shape.t_s
         self._evidence = None if shape.doubt is Reason.MOTION else self._evidence_of(frame, shape, used_scale)

@@ -25,7 +25,7 @@ from ..whole_trial.trial_chain import Progress, no_progress
 from .contacts import Standing, nothing_stands
 from .imu_trust import without_sensors
 from .pose_filter import PoseFilter
-from .pose_smoother import PoseStep, contradiction, smoothed
+from .pose_smoother import PoseStep, contradiction, smoothed_poses
 from .resting_faces import resting_faces
 from .stable_face import StableFace
 from .watches.face_watch import FACES_EVERY_S, FaceWatch
@@ -216,7 +216,9 @@ class FreeStandingOptimizer:
                 covariance,
                 in_the_air if lifted else step.standing.probability,
             )
-            for shape, (state, covariance), lifted, step in zip(shapes, smoothed(steps), is_lifted, steps, strict=True)
+            for shape, (state, covariance), lifted, step in zip(
+                shapes, smoothed_poses(steps), is_lifted, steps, strict=True
+            )
         ]
 
     def _poses(
@@ -235,7 +237,9 @@ class FreeStandingOptimizer:
             in_the_air = nothing_stands(self._rest.structure.node_count)
             contacts = [in_the_air if lifted else told for lifted, told in zip(is_lifted, contacts, strict=True)]
             steps = self._filtered(frames, shapes, contacts, slides)
-        return [(state, covariance, step) for (state, covariance), step in zip(smoothed(steps), steps, strict=True)]
+        return [
+            (state, covariance, step) for (state, covariance), step in zip(smoothed_poses(steps), steps, strict=True)
+        ]
 
     def _filtered(
         self,

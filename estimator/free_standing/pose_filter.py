@@ -278,8 +278,7 @@ class PoseFilter:
             stop: see `SlideWatch.stop_rows`.
         """
         rows = self._model.rows(predicted, frame, self._standing, self.trust.is_used, held)
-        rows += [*stop, *self._held_rows(predicted.placed, predicted.covariance, frame.step_s)]
-        rows += self._rows_in_the_air(predicted, frame)
+        rows += [*stop, *self._held_rows(predicted, frame)]
         self.state, self.covariance = self._model.corrected(predicted, frame, rows)
         if not self._standing.any():
             self.state = self._model.above_floor(self.state, self.covariance, predicted, frame)
@@ -289,8 +288,8 @@ class PoseFilter:
         self._samples = frame.samples
         self._last_s = frame.t_s
 
-    def _rows_in_the_air(self, predicted: Prediction, frame: Frame) -> list[Rows]:
-        """Return the rows of a robot that is held still in the air, as inertial sensors feel."""
+    def _held_rows(self, predicted: Prediction, frame: Frame) -> list[Rows]:
+        """Return the rows of what else holds the robot: a hand that keeps it still in the air, as its sensors feel."""
         if self._standing.any():
             self._held_watch.lift()
             return []
@@ -478,10 +477,6 @@ class PoseFilter:
         used = np.flatnonzero(self.trust.is_used)
         length_m = np.linalg.norm(self._imus.rod_m(self._body_before_m)[used], axis=1)
         return self._imus.ends[used], length_m * (self._imus.direction(self.state)[used] @ self.floor.normal)
-
-    def _held_rows(self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float) -> list[Rows]:
-        """Return the rows of what else holds the structure: nothing, if it stands free."""
-        return []
 
 
 def _angle(turn: NDArray[np.float64], other: NDArray[np.float64]) -> float:

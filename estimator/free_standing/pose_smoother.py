@@ -58,7 +58,7 @@ class PoseStep:
     """Whether beacons contradict the rest, or many of them the pose, see `RangeTrust`."""
 
 
-def smoothed(steps: Sequence[PoseStep]) -> list[tuple[PoseState, NDArray[np.float64]]]:
+def smoothed_poses(steps: Sequence[PoseStep]) -> list[tuple[PoseState, NDArray[np.float64]]]:
     """Return state and covariance in each step, given all steps, by the smoother of Rauch, Tung and Striebel."""
     state, covariance = steps[-1].state, steps[-1].covariance
     found = [(state, covariance)]

@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from scipy.special import logsumexp
 
-from ...models.balance.statics import Statics
 from ...models.balance.support import standing
 from ...models.estimation import DoubtSettings
 from ...models.pose.robot import FreeStandingRobot
@@ -74,40 +73,24 @@ class Balance:
 
 
 def balances_at(
-    node_position_m: NDArray[np.float64], frame: LinearFrame, statics: Statics, builder: GraphBuilder, quiet_n: float
+    node_position_m: NDArray[np.float64], frame: LinearFrame, builder: GraphBuilder, quiet_n: float
 ) -> list[Balance]:
     """Return the balance of one frame as told, and for each of `LESS_QUIET`, all as probable as each other.
 
     Args:
         node_position_m: (nodes, 3) the shape.
         frame: its factors, linearised at it.
-        statics: its balance of forces.
-        builder: of the graph, for the variance that unknown mechanics add.
+        builder: of the graph, with the balance of forces, and the variance that unknown mechanics add.
         quiet_n: standard deviation of the balance at a node without load.
     """
+    assert builder.statics is not None, "faces and hands need the balance of forces"
     sigma_n = quiet_n * np.array([1.0, *LESS_QUIET])
     variances_n2 = builder.internal_variance_n2 + sigma_n[:, None] ** 2
-    return balances_of(frame, statics.outer_force_jacobian(node_position_m), statics.outer_force_n, variances_n2)
-
-
-def balances_of(
-    frame: LinearFrame,
-    outer_jacobian: NDArray[np.float64],
-    outer_n: NDArray[np.float64],
-    variances_n2: NDArray[np.float64],
-) -> list[Balance]:
-    """Return the balance of one frame for each of several variances of a balance without load.
-
-    Args:
-        frame: the factors of the frame, linearised at a shape.
-        outer_jacobian: (rows, 3 nodes) A.
-        outer_n: (nodes, 3) the outer forces that the frame's residuals contain.
-        variances_n2: (balances, rows) S.
-    """
+    outer_jacobian = builder.statics.outer_force_jacobian(node_position_m)  # A
     held, gradient = frame.without_forces()
     by_shape = frame.force_jacobian
     solved = np.linalg.solve(held, np.column_stack([by_shape.T, gradient]))
-    r = frame.force_n - by_shape @ solved[:, -1] - outer_jacobian @ outer_n.ravel()
+    r = frame.force_n - by_shape @ solved[:, -1] - outer_jacobian @ builder.statics.outer_force_n.ravel()
     of_shape = by_shape @ solved[:, :-1]
     return [_balance(of_shape + np.diag(variance_n2), outer_jacobian, r) for variance_n2 in variances_n2]
 
@@ -154,19 +137,18 @@ class RestingFaces:
         up = np.concatenate([of_faces, of_edges])
         return np.asarray(up / np.linalg.norm(up, axis=1, keepdims=True))
 
-    def predict(self, step_s: float, may_tip: float) -> None:
-        """Carry the probabilities over a time step.
+    def update(
+        self, log_evidence: NDArray[np.float64], of_heights: NDArray[np.float64], step_s: float, may_tip: float
+    ) -> None:
+        """Carry the probabilities over a time step, and multiply them by the evidence of one frame.
 
         Args:
+            log_evidence: (faces + edges,) of the balance.
+            of_heights: (faces + edges,) of known heights.
             step_s: the time step.
             may_tip: see `LengthChange.may_have_tipped`.
         """
         self.probability = self.probability @ self._transition(step_s, may_tip)
-
-    def update(
-        self, log_evidence: NDArray[np.float64], of_heights: NDArray[np.float64], step_s: float, may_tip: float
-    ) -> None:
-        """Multiply the probabilities by the evidence of one frame, of the balance and of known heights."""
         ratio = np.maximum(log_evidence - log_evidence.max(), -MOST_EVIDENCE)
         of_heights = np.maximum(of_heights - of_heights.max(), -MOST_EVIDENCE)
         share = (1 - may_tip) * step_s / SAME_S + may_tip * step_s / SAME_MOVING_S
@@ -244,7 +226,7 @@ class RestingFaces:
         """Yield the log evidence of a frame for each face, and then each edge, in some parts that take equally long.
 
         Args:
-            balances: alternatives of equal probability, see `balances_of`.
+            balances: alternatives of equal probability, see `balances_at`.
             node_position_m: (nodes, 3) the shape.
             parts: their number.
         """

@@ -20,9 +20,10 @@ from ...models.settings import Settings
 from ...models.structure.rest_shape import RestShape
 from ...models.structure.shape import Reason, Shape
 from ...models.values.readings import TendonLengths
+from ...models.values.stamps import is_due
 from ..batch import BatchOptimizer, without_lag
 from ..free_standing.imu_trust import without_sensors
-from ..free_standing.pose_smoother import PoseStep, smoothed
+from ..free_standing.pose_smoother import PoseStep, smoothed_poses
 from ..free_standing.resting_faces import balances_at
 from ..free_standing.world import support_of
 from ..smoother import LiveSmoother
@@ -59,7 +60,7 @@ class HangingSmoother:
     def update(self, lengths: TendonLengths) -> tuple[Shape, PoseStep]:
         """Return the shape in one more frame, in body coordinates, and its pose."""
         shape = self._poses.without_contradictions(self.shapes.update(lengths))
-        if shape.t_s - self._looked_s > 0.999 * LOOK_EVERY_S:
+        if is_due(shape.t_s - self._looked_s, LOOK_EVERY_S):
             self._hands = self._look(shape, min(shape.t_s - self._looked_s, 1.0))
             self._looked_s = shape.t_s
         step = self._poses.hang(shape, self._hands, shape.lengths.aids)
@@ -84,7 +85,7 @@ class HangingSmoother:
         hanging = self._poses.hanging(x)
         if frame is None or builder.statics is None or hanging.weight_n.sum() == 0:
             return None
-        balances = balances_at(x, frame, builder.statics, builder, self._settings.doubt.quiet_n)
+        balances = balances_at(x, frame, builder, self._settings.doubt.quiet_n)
         return self._of_hands.look(balances, hanging, step_s)
 
     def _hang(self, node_position_m: NDArray[np.float64], state: PoseState, covariance: NDArray[np.float64]) -> None:
@@ -119,7 +120,7 @@ class HangingOptimizer:
         left_out = [shape.contradicted_positions for shape in shapes]
         supports = [
             weight_of(self._rest, shape.node_position_m, state, covariance)
-            for shape, (state, covariance) in zip(shapes, smoothed(steps), strict=True)
+            for shape, (state, covariance) in zip(shapes, smoothed_poses(steps), strict=True)
         ]
         shapes = [shape.without_covariance() for shape in shapes]
         del steps  # their covariances are large
@@ -133,7 +134,7 @@ class HangingOptimizer:
         doubts = [Reason.IMU if contradicted.any() else doubt for _, doubt in live.kept]
         if steps[-1].doubts_ranges:  # those of before may be wrong, too
             doubts = [doubt or Reason.RANGES for doubt in doubts]
-        poses = smoothed(steps)
+        poses = smoothed_poses(steps)
         for shape, (state, covariance), step, doubt, nodes in zip(shapes, poses, steps, doubts, left_out, strict=True):
             shape = replace(shape, contradicted_positions=nodes)
             yield hung_in_world(shape, self._rest, state, covariance, step, doubt)

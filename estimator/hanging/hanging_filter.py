@@ -99,22 +99,19 @@ class HangingFilter(PoseFilter):
         nothing = self._nothing_stands
         return self.step(shape.t_s, shape.node_position_m, shape.covariance_m2, aids, nothing, nothing.nodes)
 
-    def _held_rows(self, placed: PlacedShape, covariance: NDArray[np.float64], step_s: float) -> list[Rows]:
-        structure = self._rest.structure
+    def _held_rows(self, predicted: Prediction, frame: Frame) -> list[Rows]:
+        """Return the rows of what holds the structure: its anchors, and the balance of torques."""
+        placed, covariance, structure = predicted.placed, predicted.covariance, self._rest.structure
         rows = [anchor_rows(placed, structure.anchors, structure.anchor_position_m, self._anchor_m)]
         self.is_contradicted = False
         if self._hands is not None:
-            torque = self._torque_rows(placed, self._hands, step_s)
+            torque = self._torque_rows(placed, self._hands, frame.step_s)
             against = contradicted(torque, covariance)
             in_full = against & (not self.trust.is_used.any())  # what sensors tell, a hand unseen does not change
             rows.append(limited(torque, covariance, in_full))
             self._has_spun |= self._swing.seen_rad > FAST_RAD and self._spins_unseen()
             self.is_contradicted = self._has_spun or (bool(against.any()) and not self._turn_is_measured())
         return [self._without_heading(each, placed.state) for each in rows] if self._suspension.is_ball else rows
-
-    def _rows_in_the_air(self, predicted: Prediction, frame: Frame) -> list[Rows]:
-        """Return no rows: what holds the structure is told by `_held_rows`."""
-        return []
 
     def _without_heading(self, rows: Rows, state: PoseState) -> Rows:
         """Return rows that say nothing of a turn about the vertical through the one anchor, see `without_turn`."""

@@ -11,11 +11,10 @@ from ...models.calibration.recordings import Recording
 from ...models.calibration.strip_rig import RESISTANCE_OHM, TIME_S, StripRig
 from ...models.sensor.stretching import SETTLING_S
 from ...models.values.errors import InputError
-from ...models.values.tables import parse_table, unknown_keys
 from ...models.values.units import OTHER_UNIT
 from ..csv import CsvFile
 from ..provenance import sha256_of
-from ..toml import read_toml
+from ..toml import read_as
 
 MOST_STRAIN = 5.0
 """Strain beyond that of every rubber strip, as of one that is told in per cent."""
@@ -43,19 +42,8 @@ class RecordingFolder:
 
 
 def read_rig(path: Path | None) -> StripRig:
-    """Return the rig described in a TOML file, or the default.
-
-    Raises:
-        InputError: for a file that cannot be read, an unknown key, or a value that is not allowed.
-    """
-    if path is None:
-        return StripRig()
-    table = read_toml(path)
-    for key in unknown_keys(StripRig, table):
-        raise InputError(
-            f"{path}: {key.name}: is no key of a rig: expected columns, units, gauge_length_mm, ...{key.hint}"
-        )
-    return parse_table(StripRig, table, str(path))
+    """Return the rig described in a TOML file, or the default; see `read_as`."""
+    return read_as(StripRig, path, "is no key of a rig: expected columns, units, gauge_length_mm, ...")
 
 
 def rig_text(rig: StripRig) -> str:

@@ -33,7 +33,8 @@ class StaticEstimator:
     @classmethod
     def fit(cls, recordings: Sequence[Recording], unified: bool) -> "StaticEstimator":
         """Return the estimator fitted to recordings on the common curve; unified includes bent samples."""
-        change, strain = _samples(recordings, unified)
+        inputs, strain = rate_samples(recordings, np.empty(0), unified)
+        change = inputs[:, 0]
         order = np.argsort(change, kind="stable")
         fitted = isotonic_regression(strain[order]).x
         knots = np.unique(np.linspace(0, len(order) - 1, 400).astype(np.int64))
@@ -70,13 +71,6 @@ class PolynomialEstimator:
         """Return strain and sigma, see `StrainEstimator`."""
         inputs = rate_inputs(change, running_means(change, step_s, FILTERS_S))
         return _with_constant_sigma(products(inputs / self.scale) @ self.coefficients, self.sigma)
-
-
-def _samples(recordings: Sequence[Recording], unified: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (samples,) dR/R and (samples,) strain of all samples that count."""
-    change = np.concatenate([r.change[r.counted(unified)] for r in recordings])
-    strain = np.concatenate([r.strain[r.counted(unified)] for r in recordings])
-    return change, strain
 
 
 def _spread(error: NDArray[np.float64]) -> float:

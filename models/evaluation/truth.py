@@ -1,6 +1,6 @@
 """The truth with which an estimate is compared: positions, loads and faults. No estimator may use it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,10 +38,6 @@ class TrueLoads:
     force_n: NDArray[np.float64]
     """(times, nodes, 3) in the anchors' frame; nan where it was not measured."""
 
-    def shifted(self, offset_s: float) -> "TrueLoads":
-        """Return the same loads, later by a time."""
-        return replace(self, t_s=self.t_s + offset_s)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueContacts:
@@ -60,10 +56,6 @@ class TrueContacts:
         longest_s = self.t_s[after] - self.t_s[after - 1]
         known = np.minimum(np.abs(before_s), np.abs(after_s)) <= longest_s
         return np.where(known[:, None], self.standing[nearest], np.nan)
-
-    def shifted(self, offset_s: float) -> "TrueContacts":
-        """Return the same contacts, later by a time."""
-        return replace(self, t_s=self.t_s + offset_s)
 
 
 @dataclass(frozen=True, slots=True)

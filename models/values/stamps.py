@@ -23,6 +23,11 @@ def is_later(t_s: float, latest_s: float) -> bool:
     return is_written_later and t_s - latest_s > SHORTEST_STEP_S - ROUNDING_S
 
 
+def is_due(since_s: float, every_s: float) -> bool:
+    """Return whether what is done at most once in `every_s` is due, so long since the last time, but for rounding."""
+    return since_s >= 0.999 * every_s
+
+
 def check_stamp(name: str, t_s: float) -> None:
     """Check that a stamp is a time, after which others may come.
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from capture_files import OFFSET_S, RATE_PPM, motive_text, take_of, write_c3d
-from command_line import run
+from command_line import printed_by, refusal_of, run
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -16,9 +16,7 @@ NODES = [4, 11, 8, 0, 6, 2, 10, 9, 3, 1, 7, 5]
 
 def evaluated(folder, result, *arguments) -> dict:
     """The numbers that `--json` prints."""
-    done = run("evaluate", result, *arguments, "--json", "--out", folder / "captured", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)[0]
+    return json.loads(printed_by("evaluate", result, *arguments, "--json", "--out", folder / "captured", cwd=folder))[0]
 
 
 def test_motion_capture_gives_what_clean_truth_gives(tmp_path, example, true_positions) -> None:
@@ -75,9 +73,8 @@ def test_markers_are_told_of_a_capture_that_the_command_line_names(done, tmp_pat
     arguments = ("--trial", tmp_path / "press", "--offset", OFFSET_S)
     capture = evaluated(done[0], "results/press", *arguments, "--truth", tmp_path / "take.csv")["capture"]
     assert [mark["node"] for mark in capture["markers"]] == NODES[:5]
-    without = run("evaluate", "results/press", *arguments, cwd=done[0])
-    assert without.returncode == 2
-    assert "has no truth: expected [truth] in trial.toml, or --truth FILE" in without.stderr
+    without = refusal_of("evaluate", "results/press", *arguments, cwd=done[0])
+    assert "has no truth: expected [truth] in trial.toml, or --truth FILE" in without
 
 
 def test_an_offset_of_stamped_positions(done, tmp_path) -> None:
@@ -94,7 +91,5 @@ def test_an_offset_of_stamped_positions(done, tmp_path) -> None:
 
 def test_what_is_wrong_is_one_line(done, tmp_path) -> None:
     (tmp_path / "bad.csv").write_text("Format Version,1.23,Length Units,Feet\n")
-    bad = run("evaluate", "live", "--truth", tmp_path / "bad.csv", cwd=done[0])
-    assert bad.returncode == 2
-    assert bad.stderr.count("\n") == 1
-    assert "bad.csv: row 1: Length Units: expected a unit of length" in bad.stderr
+    bad = refusal_of("evaluate", "live", "--truth", tmp_path / "bad.csv", cwd=done[0])
+    assert "bad.csv: row 1: Length Units: expected a unit of length" in bad

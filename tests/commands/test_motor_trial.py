@@ -8,15 +8,15 @@ from shutil import copytree
 import numpy as np
 import pytest
 
-from command_line import run
+from command_line import printed_by, refusal_of, run
+from pipelines import pipeline_of
 from plan_edits import PLANS, replaced
-from tensegraph import Settings, Status, Trial, open_trial, reconstruct, simulate
+from tensegraph import Status, Trial, open_trial, reconstruct, simulate
 from tensegraph.factors.tendon import TautCables
-from tensegraph.io.model_file import read_sensor_model
 from tensegraph.live.feeds import replay_feed, twin_feed
 from tensegraph.models.evaluation.metrics import node_rmse_m
 from tensegraph.models.values.readings import NaturalLengthReading, arrival_s
-from tensegraph.pipeline import Pipeline
+from trial_edits import rewritten, rows_at
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -50,11 +50,10 @@ def error_mm(trial: Trial, method: str) -> tuple[float, tuple[Status, ...]]:
 def test_natural_lengths_that_are_told_are_followed(trial, tmp_path) -> None:
     """Live, by the command line; the same trial with a file that tells of no motion is wrong, and not `ok`."""
     assert trial.files()[-1] == "natural_length0.csv"
-    result = run("reconstruct", trial.path, "--live", "--figures", "none", "--out", tmp_path / "told", cwd=tmp_path)
-    assert result.returncode == 0, result.stderr
-    assert "absurd" not in result.stdout
+    result = printed_by("reconstruct", trial.path, "--live", "--figures", "none", "--out", "told", cwd=tmp_path)
+    assert "absurd" not in result
     told_mm, status = error_mm(trial, "live")
-    assert f"{told_mm:.2f} mm" in result.stdout
+    assert f"{told_mm:.2f} mm" in result
     assert told_mm < 1.5
     assert status.count(Status.OK) > 0.9 * len(status)
 
@@ -89,8 +88,7 @@ def test_a_replay_and_the_twin_have_the_motors_too(trial) -> None:
 
 
 def test_a_replay_with_motors_is_recorded_again(trial, tmp_path) -> None:
-    result = run("live", "--replay", trial.path, "--speed", 4, "--record", "again", "--out", "live", cwd=tmp_path)
-    assert result.returncode == 0, result.stderr
+    printed_by("live", "--replay", trial.path, "--speed", 4, "--record", "again", "--out", "live", cwd=tmp_path)
     for name in ("natural_length0.csv", "board0.csv"):
         first, again = ((folder / name).read_text().splitlines() for folder in (trial.path, tmp_path / "again"))
         assert len(again) == len(first)
@@ -104,19 +102,15 @@ def test_a_motor_on_a_stiff_cable_is_refused_in_one_line(trial, tmp_path) -> Non
     told = (cable / "trial.toml").read_text()
     stiff = ("tendon_stiffness_n_per_m = 400", "push_back = 0.0\ntendon_stiffness_n_per_m = 20400")
     (cable / "trial.toml").write_text(replaced(told, stiff))
-    refused = run("reconstruct", cable, "--live", "--figures", "none", cwd=tmp_path)
-    assert refused.returncode == 2
-    assert "motor[0].tendons: expected no stiff cable, got tendon 3" in refused.stderr
-    assert len(refused.stderr.splitlines()) == 1
+    refused = refusal_of("reconstruct", cable, "--live", "--figures", "none", cwd=tmp_path)
+    assert "motor[0].tendons: expected no stiff cable, got tendon 3" in refused
 
 
 def test_rows_that_are_missing_are_counted_live_as_offline(trial, tmp_path) -> None:
     """No row of the motors from 2 to 3.5 s: each tendon is without its natural length from 0.5 s after the last row."""
     gap = tmp_path / "gap"
     copytree(trial.path, gap)
-    header, *rows = (gap / "natural_length0.csv").read_text().splitlines(keepends=True)
-    kept = [row for row in rows if not 2.0 < float(row.split(",")[0]) < 3.5]
-    (gap / "natural_length0.csv").write_text("".join([header, *kept]))
+    rewritten(gap / "natural_length0.csv", rows_at(lambda t_s: not 2.0 < t_s < 3.5))
     offline = run("reconstruct", gap, "--live", "--figures", "none", "--out", "offline", cwd=tmp_path)
     live = run("live", "--replay", gap, "--speed", 1000, "--out", "live", cwd=tmp_path)
     told = []
@@ -144,6 +138,6 @@ def test_beside_motors_cables_are_slack_by_their_lengths_alone(has_motors, trial
         stiff_cables=np.flatnonzero(is_cable),
     )
     told = replace(told, mechanics=mechanics, motors=told.motors if has_motors else ())
-    (cables,) = Pipeline(told, Settings(), read_sensor_model()).factors
+    (cables,) = pipeline_of(told).factors
     assert isinstance(cables, TautCables)
     assert (cables.statics is None) == has_motors

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import run
+from command_line import printed_by
 from plan_edits import SHORT_REST, replaced
 from roll import roll
 from tensegraph.io.positions import read_positions
@@ -33,10 +33,9 @@ def trial(tmp_path) -> Path:
 
 
 def test_a_frame_is_found_at_rest_and_told(trial, tmp_path) -> None:
-    result = run("reconstruct", trial, "--live", "--figures", "none", "--out", "told", cwd=tmp_path)
-    assert result.returncode == 0, result.stderr
-    assert "frame of position 0" in result.stdout
-    assert "position 1: rows in an unknown frame" in result.stdout
+    result = printed_by("reconstruct", trial, "--live", "--figures", "none", "--out", "told", cwd=tmp_path)
+    assert "frame of position 0" in result
+    assert "position 1: rows in an unknown frame" in result
     table = tomllib.loads((tmp_path / "told" / "run.toml").read_text())
     seen, hidden = table["own_frame"]
     assert hidden["unknown"] == "expected three nodes or more while the robot is at rest, got 0"
@@ -53,10 +52,9 @@ def test_a_frame_is_found_at_rest_and_told(trial, tmp_path) -> None:
 
 
 def test_live_tells_the_frame_and_why_another_is_not_known(trial, tmp_path) -> None:
-    result = run("live", "--replay", trial, "--speed", "4", "--out", "told", cwd=tmp_path)
-    assert result.returncode == 0, result.stderr
-    assert "frame of position 0: origin at (1." in result.stdout
-    assert "frame of position 1: not known, its positions are not used: expected three nodes" in result.stdout
+    result = printed_by("live", "--replay", trial, "--speed", "4", "--out", "told", cwd=tmp_path)
+    assert "frame of position 0: origin at (1." in result
+    assert "frame of position 1: not known, its positions are not used: expected three nodes" in result
     seen, hidden = tomllib.loads((tmp_path / "told" / "run.toml").read_text())["own_frame"]
     assert seen["nodes"] == [2, 4, 9, 11]
     assert "unknown" in hidden

@@ -13,6 +13,7 @@ import tensegraph as tg
 from command_line import run
 from roll import soon_tipped
 from tensegraph.models.calibration.recipe import TrainingSettings
+from tensegraph.scoring.run_score import truth_of_trial
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -38,6 +39,8 @@ def test_evaluate_with_another_truth_and_offset(done, tmp_path) -> None:
     moved = tg.evaluate(result, folder / "press", tmp_path / "moved.csv", offset_s=1.0)
     difference_m = moved.compared.true_m - plain.compared.true_m
     np.testing.assert_allclose(difference_m, np.broadcast_to([0, 0, 0.003], difference_m.shape), atol=1e-9)
+    own, late = (truth_of_trial(tg.open_trial(folder / "press"), None, result, offset_s) for offset_s in (0.0, 5.0))
+    np.testing.assert_array_equal(late.loads.t_s, own.loads.t_s + 5.0)  # loads are on the clock of the positions
 
 
 def test_a_run_with_another_sensor_model_is_evaluated(done) -> None:

@@ -10,7 +10,7 @@ import urllib.request
 import numpy as np
 import pytest
 
-from command_line import run
+from command_line import refusal_of, run
 from tensegraph.commands.view import read_viewed
 from tensegraph.io.reports.terminal import Terminal
 
@@ -24,18 +24,13 @@ def test_what_is_no_result_is_refused(tmp_path) -> None:
 
 def test_two_results_of_one_name_are_refused(done) -> None:
     folder, *_ = done
-    refused = run("view", "live", "./live", cwd=folder)
-    assert refused.returncode == 2
-    assert "two of these are named live" in refused.stderr
+    assert "two of these are named live" in refusal_of("view", "live", "./live", cwd=folder)
 
 
 def test_without_rerun_one_line_says_what_to_install(done, monkeypatch) -> None:
     folder, *_ = done
     monkeypatch.setitem(sys.modules, "rerun", None)
-    refused = run("view", "live", cwd=folder)
-    assert refused.returncode == 2
-    assert refused.stderr.endswith("pip install 'tensegraph[rerun]'\n")
-    assert refused.stderr.count("\n") == 1
+    assert refusal_of("view", "live", cwd=folder).endswith("pip install 'tensegraph[rerun]'\n")
 
 
 def test_the_truth_stands_at_the_frames(done) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import run
+from command_line import printed_by
 from roll import roll, soon_tipped
 
 
@@ -22,10 +22,9 @@ def told(folder: Path, change, edit=lambda text: text, *, make=soon_tipped) -> P
 
 def reconstructed(trial: Path, *options: str) -> tuple[str, list[dict[str, str]]]:
     """Return the summary of `reconstruct` in one line, and the rows of status.csv."""
-    ended = run("reconstruct", trial, *options, "--figures", "none", "--out", "result", cwd=trial.parent)
-    assert ended.returncode == 0, ended.stderr
+    ended = printed_by("reconstruct", trial, *options, "--figures", "none", "--out", "result", cwd=trial.parent)
     with (trial.parent / "result" / "status.csv").open() as lines:
-        return " ".join(ended.stdout.replace("│", " ").split()), list(csv.DictReader(lines))
+        return " ".join(ended.replace("│", " ").split()), list(csv.DictReader(lines))
 
 
 @pytest.mark.parametrize(

@@ -10,13 +10,12 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 import tensegraph as tg
+from pipelines import pipeline_of
 from tensegraph.estimator.lag_compensation import VELOCITY_HOLDS_S, LagCompensation
 from tensegraph.estimator.smoother import LiveSmoother
-from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.evaluation.alignment import interpolated_within
 from tensegraph.models.structure.shape import Shape, Status
 from tensegraph.models.values.readings import TendonLengths
-from tensegraph.pipeline import Pipeline
 
 LAG_S = 0.04
 NOISE_M = 1e-3
@@ -88,7 +87,7 @@ def test_presses_of_the_example_are_followed_better(example) -> None:
     In the first thirteen of thirty seconds.
     """
     trial = tg.open_trial(example)
-    pipeline = Pipeline(trial.description, tg.Settings(), read_sensor_model())
+    pipeline = pipeline_of(trial.description)
     smoother = LiveSmoother(pipeline.rest.structure, pipeline.rest, pipeline.settings)
     late = [smoother.update(lengths) for lengths in pipeline.lengths(islice(trial.readings(), 1300), 500)]
     compensation = LagCompensation()

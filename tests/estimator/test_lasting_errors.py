@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 import tensegraph as tg
+from pipelines import pipeline_of
 from tensegraph.estimator.lasting_errors import (
     BALANCE_SHARE,
     CREEP_S,
@@ -21,13 +22,11 @@ from tensegraph.estimator.lasting_errors import (
     LastingErrors,
     frames_near,
 )
-from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.evaluation.alignment import interpolated_within
 from tensegraph.models.structure.rest_shape import RestShape
 from tensegraph.models.structure.shape import Reason, Shape, Status
 from tensegraph.models.structure.structure import Structure
 from tensegraph.models.values.readings import BENDING, STRETCHING, Flag, SensorDrift, TendonLengths
-from tensegraph.pipeline import Pipeline
 
 SIGMA_M = 1e-3
 NODE = 5
@@ -206,7 +205,7 @@ def test_frames_within_half_a_second_are_near() -> None:
 def test_pressed_and_fast_nodes_are_in_their_ellipsoids(example, method: str) -> None:
     """On half of the example: more than 80 % of the nodes far from rest or fast, and hardly any beyond 99.9 %."""
     trial = tg.open_trial(example)
-    pipeline = Pipeline(trial.description, tg.Settings(), read_sensor_model())
+    pipeline = pipeline_of(trial.description)
     shapes = list(pipeline.shapes(pipeline.lengths(islice(trial.readings(), 1300), 500), method))
     free = trial.description.structure.free_nodes
     truth = trial.truth()

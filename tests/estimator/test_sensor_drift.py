@@ -12,7 +12,7 @@ from tensegraph.estimator.batch import BatchOptimizer
 from tensegraph.estimator.graph import FrameSearch, GraphBuilder
 from tensegraph.estimator.linear_frame import linearised
 from tensegraph.estimator.rest.rest_step import rest_step
-from tensegraph.estimator.sensor_drift import DriftState, DriftUpdate, is_of_a_board, length_evidence, smoothed
+from tensegraph.estimator.sensor_drift import DriftState, DriftUpdate, is_of_a_board, length_evidence, smoothed_drift
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.estimator.uncertainty import FrameEvidence
 from tensegraph.factors.noise import weigh
@@ -50,7 +50,7 @@ def test_smoother_agrees_with_least_squares_of_all_times() -> None:
             prior[2 * k : 2 * k + 2, 2 * j : 2 * j + 2] = block.T
     reads = np.eye(10)[::2]
     gain = prior @ reads.T @ np.linalg.inv(reads @ prior @ reads.T + 0.1 * np.eye(5))
-    states = smoothed(updates)
+    states = smoothed_drift(updates)
     np.testing.assert_allclose(np.concatenate([s.mean for s in states]), gain @ readings, atol=1e-6)
     left = prior - gain @ reads @ prior
     np.testing.assert_allclose([s.covariance[0, 0] for s in states], np.diag(left)[::2], atol=1e-6)

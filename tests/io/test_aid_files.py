@@ -12,6 +12,7 @@ from tensegraph import InputError, open_trial
 from tensegraph.io.aid_files import aid_row
 from tensegraph.models.trial_description import describe_trial
 from tensegraph.models.values.aids import AidReading, ImuReading, PositionReading, RangeReading
+from trial_edits import rewritten, stamped
 
 RANGES = "t_s,beacon,node,range_m\n0.0,0,3,2.5\n0.1,1,4,2.6\n"
 POSITIONS = "t_s,node,x_m,y_m,z_m\n0.0,3,0.1,0.2,0.3\n0.0,4,0.1,0.2,0.3\n"
@@ -71,10 +72,7 @@ def test_lengths_in_milliseconds_of_a_robot_with_an_inertial_sensor_are_refused(
 
 def test_stamps_of_an_inertial_sensor_in_milliseconds_are_refused(trial) -> None:
     path = trial()
-    header, *rows = (path / "imu0.csv").read_text().splitlines()
-    cells = [row.split(",") for row in rows]
-    told = [header, *(",".join([f"{1000 * float(t_s):.1f}", *rest]) for t_s, *rest in cells)]
-    (path / "imu0.csv").write_text("\n".join(told) + "\n")
+    rewritten(path / "imu0.csv", stamped(lambda t_s: 1000 * t_s))
     with pytest.raises(
         InputError, match=r"imu0.csv: column t_s: expected rows at most 0.5 s apart, .* is the unit right"
     ):

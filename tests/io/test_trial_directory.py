@@ -10,7 +10,7 @@ import tomli_w
 
 from tensegraph import InputError, open_trial
 from tensegraph.pipeline import reconstruct
-from trial_edits import cell, lines, replaced
+from trial_edits import cell, lines, replaced, rewritten, stamped
 
 REFUSED = [
     ("board0", cell(7, 5, "abc"), r"board0.csv: row 7, column adc2: expected a finite number, got 'abc'"),
@@ -49,7 +49,7 @@ REFUSED = [
 def test_what_can_not_be_read_is_refused_in_one_line(trial_copy, file, edit, message) -> None:
     path = trial_copy(rows=30, trial=lambda text: text) if file != "trial" else trial_copy(rows=30)
     target = path / ("trial.toml" if file == "trial" else f"{file}.csv")
-    target.write_text(edit(target.read_text()))
+    rewritten(target, edit)
     with pytest.raises(InputError, match=message) as error:
         reconstruct(path, "frame")
     assert "\n" not in str(error.value)
@@ -186,10 +186,7 @@ def test_dates_and_times_of_a_user_are_hashed_too(example, tmp_path) -> None:
 def test_boards_on_two_clocks_are_refused(example, tmp_path) -> None:
     """Frames of one would be 54 years after those of the other."""
     shutil.copytree(example, tmp_path / "press")
-    board = tmp_path / "press" / "board1.csv"
-    header, *rows = board.read_text().splitlines()
-    cells = [row.split(",", 1) for row in rows]
-    board.write_text("\n".join([header, *(f"{1.7e9 + float(host_s):.6f},{rest}" for host_s, rest in cells), ""]))
+    rewritten(tmp_path / "press" / "board1.csv", stamped(lambda host_s: 1.7e9 + host_s))
     message = r"board0\.csv and board1\.csv: expected first rows at most 600 s apart, got 1\.7e\+09 s: is host_s of one clock in all, and is its unit right"
     with pytest.raises(InputError, match=message):
         next(open_trial(tmp_path / "press").readings())

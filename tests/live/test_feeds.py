@@ -8,6 +8,7 @@ from tensegraph.live.feeds import replay_feed
 from tensegraph.live.rig import Rig
 from tensegraph.models.sensor.clock import ClockSettings
 from tensegraph.models.values.link import LinkState
+from trial_edits import stamped
 
 
 def test_a_rig_without_boards_is_refused(rig) -> None:
@@ -55,12 +56,7 @@ def test_a_rig_s_sensors_are_told_by_board_and_number(rig) -> None:
 
 def test_the_seconds_of_a_replay_count_from_its_first_reading(trial_copy) -> None:
     """The example, and the same whose host's clock started a day before: one second of rows at 50 Hz of two boards."""
-
-    def a_day_later(text: str) -> str:
-        header, *rows = text.splitlines()
-        stamped = [row.split(",", 1) for row in rows]
-        return "\n".join([header, *(f"{float(host_s) + 86_400:.6f},{rest}" for host_s, rest in stamped), ""])
-
+    a_day_later = stamped(lambda host_s: host_s + 86_400)
     later = trial_copy(name="later", board0=a_day_later, board1=a_day_later)
     for path in (trial_copy(), later):
         with replay_feed(path, 1e6, None, seconds=1.0) as feed:

@@ -20,16 +20,16 @@ import pytest
 import tensegraph
 import undrawn_command
 from command_line import start
+from pipelines import pipeline_of
 from plan_edits import PLANS, SHORT_REST, replaced
 from tensegraph import BoardReading, open_trial
 from tensegraph.cli import main
 from tensegraph.commands.live import LiveSource
 from tensegraph.estimator.smoother import LiveSmoother
 from tensegraph.io.boards.protocol import frame
-from tensegraph.io.model_file import read_sensor_model
 from tensegraph.io.result import write_tables
 from tensegraph.models.values.aids import ImuReading
-from tensegraph.pipeline import ESTIMATORS, Pipeline
+from tensegraph.pipeline import ESTIMATORS
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -102,7 +102,7 @@ def test_a_replay_that_is_too_fast_skips_as_it_says(trial_copy, typed, monkeypat
     assert table["skipped_frames"] > 50
     assert table["frames"] > 3
     trial = open_trial(path)
-    frames = Pipeline(trial.description, tensegraph.Settings(), read_sensor_model()).lengths(trial.readings())
+    frames = pipeline_of(trial.description).lengths(trial.readings())
     assert table["frames"] + table["skipped_frames"] == len(list(frames))
     assert table["latency"]["median_ms"] < 1000
     latency = np.genfromtxt(path.parent / "replay" / "latency.csv", delimiter=",", names=True)

@@ -35,6 +35,20 @@ def run(*arguments, cwd: Path) -> subprocess.CompletedProcess:
     return subprocess.CompletedProcess(words, code, out.getvalue(), error.getvalue())
 
 
+def printed_by(*arguments, cwd: Path) -> str:
+    """Run a command that ends well, see `run`, and return what it prints."""
+    ended = run(*arguments, cwd=cwd)
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
+
+
+def refusal_of(*arguments, cwd: Path) -> str:
+    """Run a command that is refused, see `run`, and return the one line that says why."""
+    ended = run(*arguments, cwd=cwd)
+    assert (ended.returncode, ended.stderr.count("\n")) == (2, 1), ended.stderr
+    return ended.stderr
+
+
 def run_process(*arguments, cwd: Path, timeout_s: float = 120, **environment) -> subprocess.CompletedProcess:
     """Run `python -m tensegraph` in a directory, as a user does."""
     command = [sys.executable, "-m", "tensegraph", *map(str, arguments)]

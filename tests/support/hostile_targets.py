@@ -12,7 +12,7 @@ import tomli_w
 
 import tensegraph as tg
 from capture_files import motive_text, qualisys_text, take_of, trc_text, vicon_text, write_c3d
-from command_line import run
+from command_line import printed_by
 from plan_edits import PLANS
 from roll import ROLL
 from structures import YAML
@@ -119,8 +119,7 @@ MOTOR = {
 def simulated(folder: Path, name: str, edits: Tables) -> None:
     """Write the trial of a shortened plan into a directory."""
     (folder / "plan.toml").write_text(tomli_w.dumps(plan_of(name, edits)))
-    ended = run("simulate", "plan.toml", "--out", "made", cwd=folder)
-    assert ended.returncode == 0, ended.stderr
+    printed_by("simulate", "plan.toml", "--out", "made", cwd=folder)
     for file in (folder / "made").iterdir():
         shutil.move(file, folder / file.name)
     (folder / "made").rmdir()
@@ -192,8 +191,7 @@ def result(folder: Path) -> None:
     """A trial in a directory of its own, and the result made from it, of a robot with loads and contacts."""
     (folder / "trial").mkdir()
     roll(folder / "trial")
-    ended = run("reconstruct", "trial", "--live", "--figures", "none", "--out", "result", cwd=folder)
-    assert ended.returncode == 0, ended.stderr
+    printed_by("reconstruct", "trial", "--live", "--figures", "none", "--out", "result", cwd=folder)
 
 
 def captured(folder: Path) -> None:
@@ -209,8 +207,7 @@ def captured(folder: Path) -> None:
     take = take_of(truth.t_s, truth.node_position_m, [4, 0, 2, 5, 3, 1], rate_hz=50.0)
     markers = {name: {"node": int(node)} for name, node in zip(take.names, take.node, strict=False)}
     edited(folder / "trial" / "trial.toml", lambda trial: trial["truth"].update(markers=markers))
-    ended = run("reconstruct", "trial", "--live", "--figures", "none", "--out", "result", cwd=folder)
-    assert ended.returncode == 0, ended.stderr
+    printed_by("reconstruct", "trial", "--live", "--figures", "none", "--out", "result", cwd=folder)
     (folder / "motive.csv").write_text(motive_text(take), newline="")
     (folder / "vicon.csv").write_text(vicon_text(take).replace("Robot:", ""))
     (folder / "take.tsv").write_text(qualisys_text(take))
@@ -226,8 +223,7 @@ def structures(folder: Path) -> None:
     kept = ("tendon_stiffness_n_per_m", "rod_mass_kg", "push_back")
     mechanics = {name: tables["mechanics"][name] for name in kept}
     (folder / "prism.toml").write_text(tomli_w.dumps({"structure": tables["structure"], "mechanics": mechanics}))
-    ended = run("structure", "prism.toml", "--out", "robot.xml", cwd=folder)
-    assert ended.returncode == 0, ended.stderr
+    printed_by("structure", "prism.toml", "--out", "robot.xml", cwd=folder)
 
 
 def strips(folder: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from plan_edits import replaced
-from trial_edits import cut
+from trial_edits import cut, rewritten
 
 ROLL = Path(__file__).parents[2] / "examples" / "roll_02"
 REST_S = 0.5
@@ -18,7 +18,7 @@ def roll(folder: Path, until_s: float = np.inf, edit=lambda text: text) -> Path:
     """Return a copy of the trial without what comes later, with its trial.toml edited."""
     shutil.copytree(ROLL, folder)
     cut(folder, until_s)
-    (folder / "trial.toml").write_text(edit((folder / "trial.toml").read_text()))
+    rewritten(folder / "trial.toml", edit)
     return folder
 
 

@@ -1,24 +1,38 @@
 """Edits of the files of a trial, for `trial_copy`, and of those of any other."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from numpy.typing import NDArray
+
+Edit = Callable[[str], str]
+"""An edit of the text of a file."""
+
+
+def rewritten(file: Path, edit: Edit) -> None:
+    """Write a file anew, edited."""
+    file.write_text(edit(file.read_text()))
 
 
 def cut(trial: Path, until_s: float) -> None:
     """Leave of a trial's readings, truth and loads only what comes before a time."""
     for file in trial.glob("*.csv"):
-        header, *rows = file.read_text().splitlines(keepends=True)
-        file.write_text("".join([header, *(row for row in rows if float(row.split(",")[0]) < until_s)]))
+        rewritten(file, rows_at(lambda t_s: t_s < until_s))
 
 
-def shifted(trial: Path, by_s: float) -> None:
-    """Shift the stamps of a trial's readings, truth and loads, the first column of each file."""
-    for file in trial.glob("*.csv"):
-        header, *rows = file.read_text().splitlines(keepends=True)
-        later = (f"{float(t_s) + by_s:.6f},{rest}" for t_s, rest in (row.split(",", 1) for row in rows))
-        file.write_text("".join([header, *later]))
+def rows_at(holds: Callable[[float], bool]) -> Edit:
+    """An edit of a table that leaves the rows of some times, the first column."""
+    return lines(lambda rows: rows[:1] + [row for row in rows[1:] if holds(float(row.split(",")[0]))])
+
+
+def stamped(stamp: Callable[[float], float]) -> Edit:
+    """An edit of the times of a table, the first column."""
+
+    def edit(rows):
+        cells = (row.split(",", 1) for row in rows[1:])
+        return rows[:1] + [f"{stamp(float(t_s)):.6f},{rest}" for t_s, rest in cells]
+
+    return lines(edit)
 
 
 def write_positions(file: Path, t_s: Iterable[float], node_position_m: NDArray, nodes: Iterable[int]) -> None:

@@ -19,6 +19,7 @@ from ....models.structure.floor import Floor
 from ....models.structure.rest_shape import RestShape
 from ....models.structure.shape import Shape
 from ....models.values.aids import AidReading, PositionReading
+from ....models.values.stamps import is_due
 from ...smoother import LiveSmoother
 from ..contacts import Standing
 from ..length_change import LengthChange
@@ -209,7 +210,7 @@ class FaceWatch:
         """
         if self._faces is None:
             return False
-        if self._look is None and shape.t_s - self._looked_s >= 0.999 * FACES_EVERY_S:
+        if self._look is None and is_due(shape.t_s - self._looked_s, FACES_EVERY_S):
             self._look = self._begun(self._faces, shape)
         if self._look is None:
             return False
@@ -220,19 +221,18 @@ class FaceWatch:
         if len(look.found) < LOOK_PARTS:
             return False
         self._look, self.may_tip = None, look.may_tip
-        self._faces.predict(look.step_s, look.may_tip)
         self._faces.update(np.concatenate(look.found), look.of_heights, look.step_s, look.may_tip)
         return True
 
     def _begun(self, faces: RestingFaces, shape: Shape) -> _Look | None:
         """Return a new look at the faces; None where the balance of forces does not tell them."""
-        frame, statics = self._shapes.linear, self._shapes.builder.statics
-        if frame is None or statics is None:
+        frame, builder = self._shapes.linear, self._shapes.builder
+        if frame is None or builder.statics is None:
             return None
         step_s = min(shape.t_s - self._looked_s, 1.0)
         self._looked_s = shape.t_s
         x = shape.node_position_m
-        balances = balances_at(x, frame, statics, self._shapes.builder, self._settings.quiet_n)
+        balances = balances_at(x, frame, builder, self._settings.quiet_n)
         nodes, clearance_m = clearances(shape.lengths.aids, self._poses.floor)
         rods, rod_height_m = self._poses.rod_heights()
         of_heights = faces.log_evidence_of_clearances(x, nodes, clearance_m)

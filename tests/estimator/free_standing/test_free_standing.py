@@ -9,12 +9,11 @@ import pytest
 import tomli_w
 
 from roll import ROLL, roll, soon_tipped
-from tensegraph import InputError, open_trial, reconstruct
-from tensegraph import evaluate as tg_evaluate
-from tensegraph.models.evaluation.metrics import evaluate
+from tensegraph import InputError, evaluate, open_trial, reconstruct
+from tensegraph.models.evaluation import metrics
 from tensegraph.models.structure.lengths import member_length_m
 from tensegraph.models.structure.shape import Reason, Status
-from trial_edits import lines
+from trial_edits import lines, rewritten
 
 
 @pytest.fixture(scope="module", params=["live", pytest.param("batch", marks=pytest.mark.long)])
@@ -25,9 +24,8 @@ def rolled(request, tmp_path_factory):
     """
     trial = open_trial(roll(tmp_path_factory.mktemp("rolled") / "roll_02", 9.0))
     reconstruction = reconstruct(trial, request.param)
-    d = trial.description
     truth = trial.truth_of(trial.truth(), trial.true_loads())
-    return reconstruction, evaluate(d.rest_position_m, reconstruction, truth)
+    return reconstruction, metrics.evaluate(trial.description.rest_position_m, reconstruction, truth)
 
 
 def test_the_robot_is_followed(rolled) -> None:
@@ -90,7 +88,7 @@ def test_without_a_floor_the_shape_is_described_in_body_coordinates(tmp_path) ->
     assert body.contacts is None
     assert np.abs(body.centroid_m - body.centroid_m[0]).max() < 0.005
     assert np.median(body.node_sigma_m) < 0.004
-    score = tg_evaluate(body, trial)  # of the shape alone: the robot has tipped, and nothing tells it
+    score = evaluate(body, trial)  # of the shape alone: the robot has tipped, and nothing tells it
     assert score.in_body
     assert score.absolute.nodes.rmse_m < 0.003
     assert score.pose.shape_rmse_m == pytest.approx(score.absolute.nodes.rmse_m)
@@ -100,10 +98,7 @@ def test_without_a_floor_the_shape_is_described_in_body_coordinates(tmp_path) ->
 @pytest.mark.parametrize("until_s", [2.8, pytest.param(7.0, marks=pytest.mark.long)], ids=["one tip", "two tips"])
 def test_without_any_aid_it_is_followed_too(until_s, tmp_path) -> None:
     trial = open_trial(without(tmp_path / "bare", "imu", until_s=until_s))
-    reconstruction = reconstruct(trial, "batch")
-    truth = trial.truth_of(trial.truth())
-    d = trial.description
-    pose = evaluate(d.rest_position_m, reconstruction, truth).pose
+    pose = evaluate(reconstruct(trial, "batch"), trial).pose
     assert pose.contacts.still_precision > 0.95
     assert pose.still_tilt_rms_deg < 2.0
     assert pose.drift_share < 0.06
@@ -150,7 +145,7 @@ def test_a_sensor_that_is_slower_than_the_frames_is_felt_in_all_of_them(tmp_path
     samples = np.column_stack([samples[:, -1, 0], samples[:, :, 1:].mean(axis=1)])
     (path / "imu0.csv").write_text("\n".join([header, *(",".join(f"{x:.4f}" for x in row) for row in samples), ""]))
     trial = open_trial(path)
-    evaluation = evaluate(trial.description.rest_position_m, reconstruct(trial, "live"), trial.truth_of(trial.truth()))
+    evaluation = evaluate(reconstruct(trial, "live"), trial)
     assert evaluation.pose.tilt_rms_deg < 3
     assert evaluation.consistency.coverage_95 > 0.8
 
@@ -172,12 +167,9 @@ FAULTS = [
 def test_without_its_sensor_the_robot_is_followed_by_the_balance_of_forces(fault, until_s, tmp_path) -> None:
     """The sensor fails after one second, before the first tip; in the longer trial it misses the second, too."""
     path = soon_tipped(tmp_path / "failed", until_s)
-    (path / "imu0.csv").write_text(lines(fault)((path / "imu0.csv").read_text()))
+    rewritten(path / "imu0.csv", lines(fault))
     trial = open_trial(path)
-    truth = trial.truth_of(trial.truth())
-    result = reconstruct(trial, "live")
-    d = trial.description
-    pose = evaluate(d.rest_position_m, result, truth).pose
+    pose = evaluate(reconstruct(trial, "live"), trial).pose
     assert pose.still_tilt_rms_deg < 2.0
     assert pose.contacts.still_precision > 0.9
 
@@ -185,8 +177,7 @@ def test_without_its_sensor_the_robot_is_followed_by_the_balance_of_forces(fault
 def test_without_mechanics_contacts_are_told_by_heights(tmp_path) -> None:
     path = without(tmp_path / "no_mechanics", "mechanics", until_s=2.8)
     trial = open_trial(path)
-    result = reconstruct(trial, "live")
-    pose = evaluate(trial.description.rest_position_m, result, trial.truth_of(trial.truth())).pose
+    pose = evaluate(reconstruct(trial, "live"), trial).pose
     assert pose.still_tilt_rms_deg < 3.0
 
 

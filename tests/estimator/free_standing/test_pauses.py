@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 import tomli_w
 
+from pipelines import pipeline_of
 from roll import ROLL, roll
-from tensegraph import Settings, Trial, open_trial, reconstruct
-from tensegraph.io.model_file import read_sensor_model
+from tensegraph import Trial, open_trial, reconstruct
 from tensegraph.models.evaluation.metrics import node_rmse_m
-from tensegraph.pipeline import Pipeline
 
 PAUSE_S = (3.5, 5.0)
 END_S = 5.4
@@ -37,7 +36,7 @@ def paused(tmp_path_factory) -> Trial:
 
 def test_frames_go_on_at_their_rate_with_what_is_read(paused) -> None:
     """A robot in a hand, or on anchors, has no frames there: nothing tells how it moves."""
-    frames = list(Pipeline(paused.description, Settings(), read_sensor_model()).lengths(paused.readings()))
+    frames = list(pipeline_of(paused.description).lengths(paused.readings()))
     in_pause = [frame for frame in frames if PAUSE_S[0] < frame.t_s < PAUSE_S[1]]
     assert len(in_pause) == pytest.approx(75, abs=2)
     assert not any(frame.usable.any() for frame in in_pause)

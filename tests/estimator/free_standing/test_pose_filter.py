@@ -7,7 +7,7 @@ import pytest
 
 from tensegraph.estimator.free_standing.contacts import Standing, nothing_stands
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
-from tensegraph.estimator.free_standing.pose_smoother import contradiction, smoothed
+from tensegraph.estimator.free_standing.pose_smoother import contradiction, smoothed_poses
 from tensegraph.estimator.free_standing.prediction import heading_direction
 from tensegraph.estimator.free_standing.tipping import ANY_HEADING_RAD, tipping
 from tensegraph.models.pose.placed import PlacedShape
@@ -133,7 +133,7 @@ def test_the_smoother_is_no_less_certain_than_the_filter(balanced, robot) -> Non
     poses = PoseFilter(balanced, robot, PoseSettings())
     x = balanced.node_position_m
     steps = [poses.step(0.02 * k, x, EXACT_M2, ()) for k in range(60)]
-    states = smoothed(steps)
+    states = smoothed_poses(steps)
     assert states[-1][0] is steps[-1].state
     for step, (_, covariance) in zip(steps, states, strict=True):
         assert (np.diag(covariance)[:6] <= np.diag(step.covariance)[:6] * 1.001).all()
@@ -231,7 +231,7 @@ def test_a_sensor_that_was_silent_is_taken_on_again_where_it_rests(balanced, rob
     at = steps[-1].state.layout
     sigma = np.sqrt(np.diag(steps[-1].covariance)[at.imu_turn])
     assert (np.abs(errors.ravel()) < 4 * sigma).all()
-    for state, covariance in smoothed(steps):
+    for state, covariance in smoothed_poses(steps):
         assert np.isfinite(state.imu_turn).all()
         assert np.linalg.eigvalsh(covariance).min() > -1e-9
 

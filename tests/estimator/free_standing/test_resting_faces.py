@@ -5,7 +5,7 @@ import pytest
 
 from balance import pressed
 from tensegraph.estimator.free_standing.estimators import FreeStandingSmoother
-from tensegraph.estimator.free_standing.resting_faces import Balance, RestingFaces, _gain, _gain_of_squeeze, balances_of
+from tensegraph.estimator.free_standing.resting_faces import Balance, RestingFaces, _gain, _gain_of_squeeze, balances_at
 from tensegraph.models.balance.support import standing
 from tensegraph.models.estimation import DoubtSettings
 from tensegraph.models.pose.robot import FreeStandingRobot
@@ -99,7 +99,6 @@ def test_a_look_is_told_some_frames_later(frames_per_s, in_batch, told_s, balanc
 def told(faces, evidence: np.ndarray, may_tip: float, looks: int) -> np.ndarray:
     """Return (50,) the probability of each face and edge after some looks with the same evidence."""
     for _ in range(looks):
-        faces.predict(0.2, may_tip)
         faces.update(evidence, np.zeros(50), 0.2, may_tip)
     assert faces.probability.sum() == pytest.approx(1)
     return np.bincount(faces._hypothesis, faces.probability)
@@ -215,9 +214,7 @@ def test_the_balance_says_what_forces_act(structure, balanced) -> None:
     (lengths,) = rows_of([structure.tendon_length_m(x)], 1e-4)
     builder = GraphBuilder(structure, balanced, NoiseSettings())
     frame = linearised(builder, x, weigh(lengths, builder.noise))
-    statics = builder.statics
-    variances_n2 = builder.internal_variance_n2 + np.array([[0.03], [0.3]]) ** 2
-    balance, less_quiet = balances_of(frame, statics.outer_force_jacobian(x), statics.outer_force_n, variances_n2)
+    balance, *_, less_quiet = balances_at(x, frame, builder, 0.03)
     assert np.trace(less_quiet.information) < np.trace(balance.information)
     estimate = np.linalg.solve(balance.information + np.eye(36) / 3.0**2, -balance.gradient).reshape(12, 3)
-    assert np.argmax(np.linalg.norm(estimate - statics.outer_force_n, axis=1)) == 5
+    assert np.argmax(np.linalg.norm(estimate - builder.statics.outer_force_n, axis=1)) == 5

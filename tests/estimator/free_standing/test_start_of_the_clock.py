@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipelines import pipeline_of
 from plan_edits import SHORT_REST, replaced
 from roll import roll
-from tensegraph import Reconstruction, Settings, open_trial
-from tensegraph.io.model_file import read_sensor_model
+from tensegraph import Reconstruction, open_trial
 from tensegraph.io.positions import read_positions
 from tensegraph.pipeline import Pipeline
-from trial_edits import shifted, write_positions
+from trial_edits import rewritten, stamped, write_positions
 
 SEEN = (2, 4, 9, 11)
 TURNED = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -28,7 +28,7 @@ def until_after_the_rest(folder: Path) -> Path:
 
 def reconstructed(folder: Path, method: str) -> tuple[Reconstruction, Pipeline]:
     trial = open_trial(folder)
-    pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
+    pipeline = pipeline_of(trial.description)
     shapes = pipeline.estimate(trial.readings(), method)
     return Reconstruction.of(trial.description.structure, shapes), pipeline
 
@@ -37,7 +37,8 @@ def reconstructed(folder: Path, method: str) -> tuple[Reconstruction, Pipeline]:
 def test_a_clock_that_starts_later_gives_the_same_shapes(method, tmp_path) -> None:
     """The robot rests for a second from the first frame on, with an inertial sensor and motion capture."""
     plain, later = until_after_the_rest(tmp_path / "plain"), until_after_the_rest(tmp_path / "later")
-    shifted(later, 100.0)
+    for file in later.glob("*.csv"):
+        rewritten(file, stamped(lambda t_s: t_s + 100.0))
     expected, _ = reconstructed(plain, method)
     found, pipeline = reconstructed(later, method)
     assert found.t_s == pytest.approx(expected.t_s + 100.0)

@@ -6,13 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipelines import pipeline_of
 from plan_edits import CAUSES, PLANS, SHORT, replaced
-from tensegraph import Settings, Status, simulate
+from tensegraph import Status, simulate
 from tensegraph.estimator.watches.rebound_watch import DEFORMATION_MEMORY_S, ReboundWatch
-from tensegraph.io.model_file import read_sensor_model
 from tensegraph.models.structure.external_loads import ExternalLoads
 from tensegraph.models.structure.shape import Reason, Shape
-from tensegraph.pipeline import Pipeline
 
 STEP_S = 0.02
 FINGER_N = 1.5
@@ -159,7 +158,7 @@ def test_strips_with_three_times_the_memory_are_found_out(plan, tmp_path) -> Non
         shutil.copy(CAUSES[name], tmp_path / "causes")
     (tmp_path / "press.toml").write_text(replaced(PLANS["press"].read_text(), *SHORT, *LONGER))
     trial = simulate(tmp_path / "causes" / f"{plan}.toml", tmp_path / plan, 2)
-    pipeline = Pipeline(trial.description, Settings(), read_sensor_model())
+    pipeline = pipeline_of(trial.description)
     frames = list(pipeline.lengths(trial.readings(), 500))
     batch = [shape.doubt for shape in pipeline.shapes(frames, "batch")]
     live = [shape.doubt for shape in pipeline.shapes(frames, "live")]

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from command_line import run
+from command_line import printed_by
 from structures import written
 from tensegraph import InputError, read_structure
 from tensegraph.models.structure.lengths import member_length_m
@@ -122,9 +122,8 @@ class TestHubs:
 
     def test_are_kept_in_toml_and_said(self, tmp_path: Path) -> None:
         written(tmp_path, model(self.TENDONS, bodies=self.BODY, before=OLD))
-        shown = run("structure", "robot.xml", "--out", "robot.toml", cwd=tmp_path)
-        assert shown.returncode == 0, shown.stderr
-        assert "tendons end up to 0.006 m beside the ends of rods" in shown.stdout
+        shown = printed_by("structure", "robot.xml", "--out", "robot.toml", cwd=tmp_path)
+        assert "tendons end up to 0.006 m beside the ends of rods" in shown
         assert read_structure(tmp_path / "robot.toml").geometry.hub_radius_m == pytest.approx(0.006)
 
     def test_a_wide_group_is_a_rigid_body(self, tmp_path: Path) -> None:

@@ -180,7 +180,6 @@ def test_a_part_without_the_rest_has_no_displacements_and_no_faults_of_before() 
 def test_contacts_are_known_between_their_times_alone() -> None:
     contacts = TrueContacts(np.array([1.0, 1.1, 1.2]), np.array([[True], [False], [True]]))
     np.testing.assert_array_equal(contacts.at(np.array([0.5, 1.0, 1.09, 1.29, 2.0]))[:, 0], [np.nan, 1, 0, 1, np.nan])
-    np.testing.assert_array_equal(contacts.shifted(5.0).at(np.array([6.0]))[:, 0], [1])
 
 
 def replace_tendons(structure: Structure, tendons) -> Structure:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from plan_edits import PLANS, replaced
-from tensegraph import open_trial, reconstruct, simulate
-from tensegraph.models.evaluation.metrics import evaluate
+from tensegraph import evaluate, open_trial, reconstruct, simulate
 from tensegraph.models.twin.carried_sensors import ImuPlan, PositionPlan, RangePlan
 from tensegraph.models.twin.engine import TwinMotion
 from tensegraph.models.values.aids import ImuReading
@@ -54,10 +53,7 @@ def test_it_stands_on_the_floor_wherever_a_file_has_it_and_tells_its_hubs(tmp_pa
 
 def test_the_estimate_follows_it(rolled) -> None:
     """A trial that nothing was tuned on."""
-    result = reconstruct(rolled, "live")
-    d = rolled.description
-    truth = rolled.truth_of(rolled.truth())
-    evaluation = evaluate(d.rest_position_m, result, truth)
+    evaluation = evaluate(reconstruct(rolled, "live"), rolled)
     assert evaluation.pose.tilt_rms_deg < 2.0
     assert evaluation.pose.contacts.precision > 0.9
     assert evaluation.pose.contacts.recall > 0.9
