@@ -14,7 +14,8 @@ After `RISE_WATCH_S` the watch starts again as soon as the robot is still and |v
 deviations of it: the sensors of a robot that rises steadily measure what they measure at rest. After a shock, which may
 be beyond the range of the sensors, the watch waits until the robot is still. What is a shock depends on whether the
 robot has rested, for `SETTLES_S`, since the watch was last forgotten: a hand that throws the robot accelerates it as
-much as feet do that strike the floor, so that more than `CALM_M_PER_S2` is followed only from rest.
+much as feet do that strike the floor, so that more than `CALM_M_PER_S2` is followed only from rest. What accelerates a
+robot further that rises from rest already, by `LIFTED_SIGMA` standard deviations of v, is no floor.
 """
 
 from dataclasses import dataclass
@@ -67,6 +68,7 @@ class RiseWatch:
         self._since_s = -np.inf
         self._still_s = 0.0
         self._has_rested = False
+        self._rises = False
         self._sensors = np.zeros(0, dtype=np.int64)
         self._told = np.zeros(2)
         self._noise = np.zeros((2, 2))
@@ -98,7 +100,7 @@ class RiseWatch:
         self._still_s = self._still_s + step_s if is_still(samples) else 0.0
         self._has_rested |= self._still_s > SETTLES_S
         calm = samples.excess_m_per_s2[sensors] <= (SHOCK_M_PER_S2 if self._has_rested else CALM_M_PER_S2)
-        if not len(sensors) or not calm.all():
+        if not len(sensors) or not (calm.all() or self._rises):
             self.forget(self._still_s)
             return None
         held = self._held(placed, sensors)
@@ -114,6 +116,7 @@ class RiseWatch:
         variance = self._move(step_s, placed, covariance, samples, sigma)
         height_m, m_per_s = np.sqrt(np.diagonal(variance))
         is_slow = abs(self._told[1]) <= RESTS_SIGMA * m_per_s
+        self._rises = self._has_rested and bool(self._told[1] > LIFTED_SIGMA * m_per_s)
         if t_s - self._since_s > RISE_WATCH_S and is_still(samples) and is_slow:
             self._start(t_s, held, STARTS_M_PER_S)
             return None
@@ -131,7 +134,7 @@ class RiseWatch:
             still_s: for how long it has been still; inf where it is known to be at rest.
         """
         self._since_s = -np.inf
-        self._has_rested = False
+        self._has_rested = self._rises = False
         self._still_s = still_s
 
     def _held(self, placed: PlacedShape, sensors: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -117,6 +117,24 @@ def test_a_robot_that_has_rested_for_a_moment_may_be_lifted_fast(balanced, rests
     assert poses.standing.nodes.any() != follows
 
 
+@pytest.mark.parametrize(("calm_s", "follows"), [(0.06, True), (0.0, False)])
+def test_a_robot_that_rises_already_is_followed_through_a_shock(balanced, calm_s, follows) -> None:
+    """A hand accelerates it by 4 m/s^2 for 0.06 s, then by 22 and more; what begins with that is a blow."""
+    x, poses = balanced.node_position_m, robot_with_two_sensors(balanced)
+    rise_m = m_per_s = 0.0
+    for t_s in np.arange(0.0, 1.2, 0.02):
+        calm, shock = 1.0 <= t_s < 1.0 + calm_s, 1.0 + calm_s <= t_s < 1.06 + calm_s
+        lift_m_per_s2 = 4.0 * calm + (22.0 + 20.0 * (t_s - 1.0)) * shock
+        rise_m, m_per_s = rise_m + 0.02 * m_per_s + 0.0002 * lift_m_per_s2, m_per_s + 0.02 * lift_m_per_s2
+        samples = samples_of_two(float(t_s), (9.81 + lift_m_per_s2) * UP)
+        last = [replace(one, specific_force_m_per_s2=1.001 * one.specific_force_m_per_s2) for one in samples[2:]]
+        poses.step(float(t_s), x, SHAPE_M2, [*samples[:2], *last])  # equal ones would be at the end of the range
+    assert poses.standing.nodes.any() != follows
+    if follows:
+        sigma_m = float(np.sqrt(poses.covariance[5, 5]))
+        assert abs(poses.state.position_m[2] - poses.centre_m[2] - rise_m) < 3 * sigma_m < 0.2
+
+
 @pytest.mark.parametrize("lost", [0, 1])
 def test_a_lift_is_followed_through_a_frame_in_which_a_sensor_was_not_read(balanced, lost) -> None:
     """It is accelerated by 2 m/s^2 for 0.3 s; the samples of one of two sensors are missing in the third frame."""
