@@ -47,9 +47,17 @@ def lines_of(file: TextIO, path: Path) -> Iterator[str]:
     """Yield the lines of an open file, each with its end.
 
     Raises:
-        InputError: for a line that is too long to be one.
+        InputError: for a line that is too long to be one, and for a file that the system cannot read.
     """
-    for row, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), start=1):
+    row = 0
+    while True:
+        row += 1
+        try:
+            line = file.readline(LONGEST_LINE + 1)
+        except OSError as error:
+            raise InputError(f"{path}: row {row}: cannot be read: {reason_of(error)}") from error
+        if not line:
+            return
         if len(line) > LONGEST_LINE:
             raise InputError(f"{path}: row {row}: expected at most {LONGEST_LINE} characters in a line")
         yield line

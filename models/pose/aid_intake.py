@@ -62,6 +62,7 @@ class AidIntake:
         Those older than `OLD_S` are left out, as those of a clock that is another one.
         """
         self.imu_gate.count_frame(lengths.t_s)
+        self.use.count_frame(lengths.t_s)
         if not self._waiting:
             return lengths
         until = bisect_right(self._waiting, lengths.t_s, key=lambda aid: aid.t_s)
@@ -77,7 +78,8 @@ class AidIntake:
 
     def counts(self) -> dict[str, int]:
         """Return how many readings were left out, by what they are of and why."""
-        return self.imu_gate.counts() | self.own_frames.counts() | self._filled_positions.counts()
+        parts = (self.imu_gate, self.use, self.own_frames, self._filled_positions)
+        return {name: count for part in parts for name, count in part.counts().items()}
 
     def _admitted(self, reading: AidReading) -> AidReading | None:
         """Return a reading as the estimators use it; None where it is left out."""

@@ -1,4 +1,4 @@
-"""Whether other sensors are used: a recording without a single reading in use is told, with the likely cause.
+"""Whether other sensors are used: a recording of which nothing or little is used is told, with the likely cause.
 
 Why samples of an inertial sensor that are of the time of the frames are not used, `ImuGate` tells.
 """
@@ -34,6 +34,8 @@ class _ReadAndUsed:
     """Number of those that are of the time of a frame."""
     outlying: int = 0
     """Number of those that were left out of it."""
+    silent_frames: int = 0
+    """Number of frames for which none had come for longer than `OLD_S`."""
     ratios: list[float] = field(default_factory=list)
     """Of each reading of one instant: the range, or the distance from the first node, to that at rest."""
 
@@ -61,6 +63,18 @@ class AidUse:
         self._recordings = {number: _ReadAndUsed() for number in numbers}
         self._reference: dict[int, PositionReading] = {}
         self._span_s = (np.nan, np.nan)
+        self._frames = 0
+
+    def count_frame(self, t_s: float) -> None:
+        """Count in one more frame, for which all readings up to its time have been read, which recordings are silent."""
+        self._frames += 1
+        for recording in self._recordings.values():
+            recording.silent_frames += not t_s - recording.last_s <= OLD_S
+
+    def counts(self) -> dict[str, int]:
+        """Return in how many frames each recording was silent; `ImuGate` counts those of inertial sensors."""
+        used = {} if self._is_held else self._recordings
+        return {f"{kind} {n}: silent frames": one.silent_frames for (kind, n), one in used.items() if kind != "imu"}
 
     def read(self, reading: AidReading) -> None:
         """Count a reading that has arrived, as it was recorded."""
@@ -97,7 +111,11 @@ class AidUse:
 
     def _out_of_time(self, kind: Kind, recording: _ReadAndUsed) -> str:
         """Return what is told of a recording in use most of which is of another time; empty where it is not."""
-        if kind == "imu" or recording.in_time >= LEAST_IN_TIME * recording.read:
+        if kind == "imu":
+            return ""
+        if recording.silent_frames > (1 - LEAST_IN_TIME) * self._frames:
+            return f"no reading for {recording.silent_frames} of {self._frames} frames: is t_s in s?"
+        if recording.in_time >= LEAST_IN_TIME * recording.read:
             return ""
         first_s, last_s = self._span_s
         late = f"{recording.read - recording.in_time} of {recording.read} readings"

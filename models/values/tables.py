@@ -99,6 +99,7 @@ def parse_table(kind: type[T], table: Mapping[str, Any], where: str | Callable[[
     """
     try:
         parsed = TypeAdapter(kind).validate_python(dict(table))
+        _check_types(parsed, table, "")
         check_ranges(table)
     except InputError as error:
         key, _, text = str(error).partition(": ")
@@ -107,6 +108,23 @@ def parse_table(kind: type[T], table: Mapping[str, Any], where: str | Callable[[
         key, problem = _problem(error, table)
         raise InputError(f"{where if isinstance(where, str) else where(key)}: {key}: {problem}") from error
     return parsed
+
+
+def _check_types(parsed: Any, given: Any, key: str) -> None:
+    """Refuse a number between quotes, and true or false in place of a number or the other way round.
+
+    Pydantic converts them: `"0.3"` would escape the check of its range.
+    """
+    if is_dataclass(parsed) and isinstance(given, Mapping):
+        for name in (field.name for field in fields(parsed) if field.name in given):
+            _check_types(getattr(parsed, name), given[name], f"{key}.{name}" if key else name)
+    elif isinstance(parsed, list | tuple) and isinstance(given, list | tuple):
+        for index, (one, given_one) in enumerate(zip(parsed, given, strict=False)):
+            _check_types(one, given_one, f"{key}[{index}]")
+    elif isinstance(parsed, int | float):
+        is_truth = isinstance(parsed, bool)
+        if isinstance(given, str) or isinstance(given, bool) != is_truth:
+            raise InputError(f"{key}: expected {_TRUTH if is_truth else _NUMBER}, got {_shortened(given)}")
 
 
 def _problem(error: ValidationError, table: Mapping[str, Any]) -> tuple[str, str]:

@@ -50,25 +50,21 @@ def check_ranges(table: Mapping[str, Any]) -> None:
     """Check every number of a table, as from TOML; infinite ones are left to those who know whether they are allowed.
 
     Raises:
-        InputError: with the key of the number, or of what is true or false although its name has a unit.
+        InputError: with the key of the number.
     """
     for key, name, value in _numbers(table, "", ""):
         limit = largest(name)
-        if isinstance(value, bool):
-            if limit != LARGEST_NUMBER:
-                raise InputError(f"{key}: expected a number, got {str(value).lower()}")
-            continue
         if abs(value) > limit and not (isinstance(value, float) and math.isinf(value)):
             raise InputError(f"{key}: {beyond(value, limit)}")
 
 
 def _numbers(value: Any, key: str, name: str) -> Iterator[tuple[str, str, float]]:
-    """Yield the dotted key, the name and the value of each number, and of what is true or false."""
+    """Yield the dotted key, the name and the value of each number."""
     if isinstance(value, Mapping):
         for inner, part in value.items():
             yield from _numbers(part, f"{key}.{inner}" if key else inner, inner)
     elif isinstance(value, Sequence) and not isinstance(value, str):
         for index, part in enumerate(value):
             yield from _numbers(part, f"{key}[{index}]", name)
-    elif isinstance(value, int | float):
+    elif isinstance(value, int | float) and not isinstance(value, bool):
         yield key, name, value

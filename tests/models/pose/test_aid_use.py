@@ -56,6 +56,22 @@ def test_a_wrong_unit_is_told_by_the_ratio_of_distances(shape, scale, told) -> N
     assert all(f"distances are {told} times those expected: are all units m?" in text for text in both.values())
 
 
+def test_frames_after_a_recording_has_ended_are_counted(shape) -> None:
+    """Readings come until 0.5 s; a second later the recording is silent. With hardly any reading the unit is asked."""
+    use = AidUse(X, 1, 1, (0,), is_held=False)
+    for reading in read():
+        use.read(reading)
+    for k in range(80):
+        use.count_frame(0.05 * k)
+        aids = tuple(read()) if k == 10 else ()
+        use.observe(replace(shape, t_s=0.05 * k, lengths=replace(shape.lengths, aids=aids)))
+    assert use.counts() == {"range 0: silent frames": 49, "position 0: silent frames": 49}
+    assert use.lines() == {"imu 0": "no reading used: none has come"}
+    for k in range(80, 600):
+        use.count_frame(0.05 * k)
+    assert use.lines()["position 0"] == "no reading for 569 of 600 frames: is t_s in s?"
+
+
 def test_another_clock_is_told_by_the_first_stamp(shape) -> None:
     for late_s in (3600, -3600):
         both = lines(shape, read(late_s=late_s), used=True)

@@ -28,12 +28,6 @@ def test_a_number_beyond_is_named_with_its_key(value: float) -> None:
         check_ranges({"load": [{"height_m": 1.0}, {"height_m": value}]})
 
 
-def test_true_is_no_number() -> None:
-    check_ranges({"enabled": True})
-    with pytest.raises(InputError, match=r"^pose\.lifted_m: expected a number, got true$"):
-        check_ranges({"pose": {"lifted_m": True}})
-
-
 def test_infinite_is_left_to_the_field() -> None:
     check_ranges({"shape_prior_m": float("inf")})
 
