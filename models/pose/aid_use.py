@@ -66,7 +66,7 @@ class AidUse:
         self._frames = 0
 
     def count_frame(self, t_s: float) -> None:
-        """Count in one more frame, for which all readings up to its time have been read, which recordings are silent."""
+        """Count which recordings are silent in one more frame; all readings up to its time have been read."""
         self._frames += 1
         for recording in self._recordings.values():
             recording.silent_frames += not t_s - recording.last_s <= OLD_S
