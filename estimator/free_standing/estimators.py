@@ -63,6 +63,7 @@ class FreeStandingSmoother:
         self._poses = PoseFilter(rest, robot, settings.pose)
         self._faces = FaceWatch(rest, robot, self._poses, self.shapes, settings)
         self._last_m = rest.node_position_m
+        self._is_lifted = False
         self._stand_on(self._poses.state, self._poses.covariance, self._poses.standing)
         self.kept: list[_Kept] | None = None
         """What was learned in each frame, for a smoother that puts a list here; live, memory is bounded."""
@@ -85,6 +86,9 @@ class FreeStandingSmoother:
         step = self._faces.judged(self._poses.step(shape.t_s, x, shape.covariance_m2, aids, stands))
         self._last_m = x
         self._stand_on(step.state, step.covariance, step.standing)
+        if np.isfinite(step.lifted_since_s) != self._is_lifted:
+            self._is_lifted = not self._is_lifted
+            self.shapes.doubt.change_hands()
         if self.kept is not None:
             kept = _Kept(
                 standing=step.standing,

@@ -112,6 +112,10 @@ class Regimes:
         self._memory_s = memory_s
         self.probability = prior
 
+    def forget(self) -> None:
+        """Take it as unknown again which regime there is."""
+        self.probability = self._prior
+
     def predict(self, step_s: float) -> None:
         """Carry the probabilities over a time step."""
         stay = np.exp(-step_s / self._memory_s)
