@@ -77,7 +77,6 @@ class ImuTrust:
         self._is_outvoted = np.zeros(imus, dtype=np.bool_)
         self._is_in_dispute = np.zeros(imus, dtype=np.bool_)
         self._was_cut_off = np.zeros(imus, dtype=np.bool_)
-        self._have_misled = np.zeros(imus, dtype=np.bool_)
         self._is_given_up = np.zeros(imus, dtype=np.bool_)
         self._disagreed = np.zeros(imus)
         self._last_s = np.nan
@@ -97,8 +96,8 @@ class ImuTrust:
 
     @property
     def contradicted(self) -> NDArray[np.bool_]:
-        """(imus,) sensors that contradict rods, gravity or others, whose rates were cut off, or that have misled."""
-        return self._contradicted(self.is_trusted) | self._have_misled
+        """(imus,) sensors that contradict rods, gravity, themselves or the others, or whose rates were cut off."""
+        return self._contradicted(self.is_trusted)
 
     @property
     def told_wrongly(self) -> NDArray[np.bool_]:
@@ -113,10 +112,6 @@ class ImuTrust:
     def start(self, imus: ImuArray, arm_m: NDArray[np.float64]) -> None:
         """Lose the sensors whose turn about their rods gravity does not tell, with (nodes, 3) nodes in world axes."""
         self.is_lost = self.is_lost | ~imus.is_inclined(arm_m)
-
-    def doubt(self) -> None:
-        """Doubt the sensors that are used now: a blow misled them, and what they told stays in place and heading."""
-        self._have_misled = self._have_misled | self.is_used
 
     def give_up(self) -> None:
         """Trust no sensor any more that is used now."""

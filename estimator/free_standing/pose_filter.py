@@ -127,8 +127,6 @@ class PoseFilter:
         if frame.samples is not None:
             self.trust.observe(self._imus, predicted.placed, frame.samples, frame.t_s, frame.step_s)
         predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, stayed)
-        if self._slide_watch.was_none:
-            self.trust.doubt()
         if by_heights:
             self._watched_rise(frame)
             standing = self._watched_stand(frame, standing)

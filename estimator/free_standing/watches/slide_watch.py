@@ -11,17 +11,9 @@ velocity v, of covariance S_v,
 
 or until it has stopped: friction brakes whatever slides, so that a robot which stands has no velocity where inertial
 sensors feel for `STOPPED_S` that nothing brakes it. After a blow, which they do not measure, v may be wrong by far.
-
-What gains speed for `GAINS_S` does not slide, as no hand pushes so: the feet hold, and the attitude is wrong, by which
-gravity seems to accelerate the robot along the floor. With the way s since the foothold, and the time t since then, the
-errors of turn, velocity and place are
-
-    d_R = -n x v / (g t),     d_v = -v,     d_p = -s
-
-They are corrected, and d d^T is added to the covariance: a hand may push it after all. The sensors are doubted.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +21,7 @@ from numpy.typing import NDArray
 from ....factors.ground import velocity_along_floor
 from ....models.pose.placed import PlacedShape, Rows
 from ....models.pose.pose_state import PoseState
-from ....models.structure.floor import GRAVITY_M_PER_S2, Floor
+from ....models.structure.floor import Floor
 from ....models.values.chi_squared import squared_distance
 from ....models.values.slip import Slip
 from ....models.values.time_series import low_pass_weight
@@ -60,8 +52,6 @@ STOPPED_M_PER_S = 0.01
 """Standard deviation of its velocity then, per axis."""
 STANDING_M_PER_S = 0.003
 """The same of a robot that has not been seen to slide, and whose feet keep their places in its shape."""
-GAINS_S = 0.3
-"""Time for which a hand that drags the robot does not accelerate it; a push on sliding feet is shorter."""
 MOVES_SIGMA = 3.0
 """Speed in standard deviations from which a robot is not taken to be still."""
 
@@ -87,9 +77,6 @@ class SlideWatch:
         self._unheld: UnheldPose | None = None
         self._slid = np.zeros(nodes, dtype=np.bool_)
         self._unbraked_s = 0.0
-        self._gains_s = 0.0
-        self.was_none = False
-        """Whether what seemed to slide was found in this frame to hold."""
         self._deforms_m_per_s = np.zeros(3)
         self.since_s = np.full(nodes, np.inf)
         """(nodes,) since when each node that slides has done so at the earliest; inf where it does not."""
@@ -137,12 +124,9 @@ class SlideWatch:
         self._slid = self.slides
         self._feel(predicted, frame, before)
         self._see(frame, stayed)
-        self.was_none = bool(self._slid.any()) and self._gains_s > GAINS_S
         model, floor = self._model, self._model.floor
         if self._slid.any():
             slow = have_slowed(predicted.placed, predicted.covariance, floor) | self._has_stopped
-            if self.was_none:
-                predicted, slow = self._held_again(predicted, frame.t_s, stayed), np.ones_like(stayed)
             self.since_s = np.where(stayed & ~slow, self.since_s, np.inf)
         if (self._slid & ~self.slides).any():  # their new footholds are those of the next watch
             self._unheld = None
@@ -186,30 +170,12 @@ class SlideWatch:
         return self._unbraked_s > STOPPED_S
 
     def _feel(self, predicted: Prediction, frame: Frame, before: Pose) -> None:
-        """Learn for how long inertial sensors have felt that nothing brakes the robot, and that a slide gains speed."""
-        state, axes = predicted.placed.state, self._model.floor.axes
-        v, v_before = axes @ state.velocity_m_per_s, axes @ before.state.velocity_m_per_s
-        is_braked = float(np.linalg.norm(v - v_before)) > BRAKES_M_PER_S2 * frame.step_s
+        """Learn for how long inertial sensors have felt that nothing brakes the robot."""
+        state = predicted.placed.state
+        gained_m_per_s = self._model.floor.axes @ (state.velocity_m_per_s - before.state.velocity_m_per_s)
+        is_braked = float(np.linalg.norm(gained_m_per_s)) > BRAKES_M_PER_S2 * frame.step_s
         turns = float(np.linalg.norm(state.rate_rad_per_s)) > STILL_RAD_PER_S
         self._unbraked_s = self._unbraked_s + frame.step_s if frame.is_felt and not (is_braked or turns) else 0.0
-        gains = self._slid.any() and float(v @ (v - v_before)) > 0
-        self._gains_s = max(self._gains_s + (frame.step_s if gains else -frame.step_s), 0.0)
-
-    def _held_again(self, predicted: Prediction, t_s: float, stayed: NDArray[np.bool_]) -> Prediction:
-        """Return the prediction of a robot whose feet hold although they seemed to slide, see above."""
-        floor, state = self._model.floor, predicted.placed.state
-        at = state.layout
-        v = floor.axes @ state.velocity_m_per_s
-        way_m = -self._model.feet(predicted, stayed & self._slid).rows.error.reshape(-1, 2).mean(axis=0)
-        since_s = t_s - float(self.since_s[self._slid].min())
-        errors = np.zeros(at.size)
-        errors[at.turn] = -np.cross(floor.normal, floor.axes.T @ v) / (GRAVITY_M_PER_S2 * since_s)
-        errors[at.imu_turn] = np.tile(errors[at.turn], len(state.imu_turn))
-        errors[at.velocity] = -floor.axes.T @ v
-        errors[at.position] = -floor.axes.T @ way_m
-        self._gains_s = 0.0
-        placed = predicted.placed.at(state.moved(errors))
-        return replace(predicted, placed=placed, covariance=predicted.covariance + np.outer(errors, errors))
 
     def _see(self, frame: Frame, stayed: NDArray[np.bool_]) -> None:
         """Learn how fast the feet move in the body, because the structure deforms."""

@@ -12,7 +12,6 @@ from tensegraph.estimator.free_standing.prediction import Prediction
 from tensegraph.estimator.free_standing.watches.slide_watch import have_slowed, slid_before
 from tensegraph.models.pose.placed import PlacedShape, Rows
 from tensegraph.models.structure.floor import UP, Floor
-from tensegraph.models.values.rotations import rotation, rotation_vector
 
 SHAPE_M2 = 1e-6 * np.eye(36)
 
@@ -127,22 +126,3 @@ def test_a_robot_that_nothing_brakes_has_stopped(balanced) -> None:
     assert step.state.position_m == pytest.approx(poses.centre_m, abs=0.03)
     assert not np.isfinite(step.slides_since_s).any()
     assert not step.contradicted_imus.any()
-
-
-def test_what_gains_speed_does_not_slide(balanced) -> None:
-    """A blow has turned robot and sensors by 5 degrees, by which gravity seems to accelerate it: it stays in its place.
-
-    Without that, it would slide by 0.4 m.
-    """
-    poses, x = robot_with_two_sensors(balanced), balanced.node_position_m
-    for k in range(50):
-        poses.step(0.02 * k, x, SHAPE_M2, samples_of_two(0.02 * k, 9.81 * UP))
-    blow = rotation(np.array([0.08, 0.0, 0.0]))
-    poses.state = replace(poses.state, turn=blow @ poses.state.turn, imu_turn=blow @ poses.state.imu_turn)
-    steps = [poses.step(0.02 * k, x, SHAPE_M2, samples_of_two(0.02 * k, 9.81 * UP)) for k in range(50, 150)]
-    assert any(np.isfinite(step.slides_since_s).any() for step in steps)
-    away_m = [np.linalg.norm(step.state.position_m - poses.centre_m) for step in steps]
-    assert max(away_m) < 0.1
-    assert away_m[-1] < 0.05
-    assert np.linalg.norm(rotation_vector(steps[-1].state.turn)) < np.deg2rad(1.0)
-    assert steps[-1].contradicted_imus.all()
