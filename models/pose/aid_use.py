@@ -110,17 +110,18 @@ class AidUse:
         return {name: line for name, line in lines.items() if line}
 
     def _out_of_time(self, kind: Kind, recording: _ReadAndUsed) -> str:
-        """Return what is told of a recording in use most of which is of another time; empty where it is not."""
+        """Return what is told of a recording in use that is of another time than most frames; empty where it is not."""
         if kind == "imu":
             return ""
-        if recording.silent_frames > (1 - LEAST_IN_TIME) * self._frames:
-            return f"no reading for {recording.silent_frames} of {self._frames} frames: is t_s in s?"
-        if recording.in_time >= LEAST_IN_TIME * recording.read:
-            return ""
         first_s, last_s = self._span_s
-        late = f"{recording.read - recording.in_time} of {recording.read} readings"
-        its = f"{recording.first_s:.2f} to {recording.last_s:.2f} s"
-        return f"{late}, {its}, are not of the time of the frames, {first_s:.2f} to {last_s:.2f} s: is t_s in s?"
+        if recording.in_time < LEAST_IN_TIME * recording.read:
+            late = f"{recording.read - recording.in_time} of {recording.read} readings"
+            its = f"{recording.first_s:.2f} to {recording.last_s:.2f} s"
+            return f"{late}, {its}, are not of the time of the frames, {first_s:.2f} to {last_s:.2f} s: is t_s in s?"
+        if recording.silent_frames > (1 - LEAST_IN_TIME) * self._frames:
+            silent = f"no reading for {recording.silent_frames} of {self._frames} frames"
+            return f"{silent}, the last at {recording.last_s:.2f} s: does it end, or is t_s not in s?"
+        return ""
 
     def _unused(self, kind: Kind, recording: _ReadAndUsed) -> str:
         """Return what is told of a recording of which nothing was used; empty where that is told elsewhere."""

@@ -27,7 +27,8 @@ they have waited."""
 COUNTED = 100
 """Number of steps between samples from which their mean and its scatter are known."""
 DUE_STEPS = 10
-"""Number of steps from which their mean tells when the next sample is due: a robot may be moved within a second."""
+"""Number of steps, none of which is short as in a packet, from which their mean tells when the next sample is due: a
+robot may be moved within a second."""
 LATE = 1.5
 """Ratio of the time since the newest sample to the mean time between two, above which a sample is missing."""
 FAR = 8.0
@@ -72,7 +73,7 @@ class ImuCadence:
     @property
     def due_s(self) -> float:
         """When the sample after the newest should have come; infinite while that is not known, and of packets."""
-        if self._steps < DUE_STEPS or self._is_packed:
+        if self._steps < (COUNTED if self._packed else DUE_STEPS) or self._is_packed:
             return math.inf
         return self._measured_s + LATE * self._period_s
 

@@ -37,8 +37,8 @@ one axis reads 0 turned a robot at rest so far that it was 0.4 m off."""
 CHANGES = 5.0
 """Ratio of a jump to the mean change: samples of a sensor that is noisy, or that a motor shakes, are no jumps."""
 GOES_ON = 1.5
-"""Ratio of a change of the force to the jump before up to which it confirms the jump: a hand that lifts a robot without
-turning it changes the force in every sample."""
+"""Ratio of a change of the force to the jump before, in the same direction, up to which it confirms the jump: a hand
+that lifts a robot without turning it changes the force in every sample."""
 CHANGE_WEIGHT = 0.05
 """Weight of one more sample in the mean change."""
 TURNS_RAD_PER_S = 0.05
@@ -130,14 +130,14 @@ class ImuGate:
         self._change_m_per_s2[imu] += CHANGE_WEIGHT * (change - self._change_m_per_s2[imu])
         is_still = max(map(abs, values[:3] + passed[:3])) < TURNS_RAD_PER_S
 
-        def is_near(before: list[float], most_force: float) -> bool:
+        def is_near(before: list[float]) -> bool:
             if _furthest(values[:3], before[:3]) > MOST_JUMP_RAD_PER_S:
                 return False
             return not is_still or _furthest(values[3:], before[3:]) <= most_force
 
-        jumps = not is_near(passed, most_force)
+        jumps = not is_near(passed)
         if jumps and jumped is not None:
-            jumps = not is_near(jumped, max(most_force, GOES_ON * _furthest(jumped[3:], passed[3:])))
+            jumps = not (is_near(jumped) or (is_still and _goes_on(passed[3:], jumped[3:], values[3:])))
         if jumps:
             self._jumped[imu] = values
         else:
@@ -181,6 +181,12 @@ class ImuGate:
         counts = {f"imu {i}: absurd samples": int(n) for i, n in enumerate(self.absurd)}
         counts |= {f"imu {i}: stuck samples": int(n) for i, n in enumerate(self.stuck)}
         return counts | {f"imu {i}: silent frames": int(n) for i, n in enumerate(self.silent_frames)}
+
+
+def _goes_on(passed: list[float], jumped: list[float], force: list[float]) -> bool:
+    """Return whether a specific force goes on in the direction of the jump before it, by about as much."""
+    onward = sum((f - j) * (j - p) for p, j, f in zip(passed, jumped, force, strict=True))
+    return onward > 0 and _furthest(force, jumped) <= GOES_ON * _furthest(jumped, passed)
 
 
 def _furthest(values: list[float], others: list[float]) -> float:

@@ -118,6 +118,9 @@ def _check_types(parsed: Any, given: Any, key: str) -> None:
     if is_dataclass(parsed) and isinstance(given, Mapping):
         for name in (field.name for field in fields(parsed) if field.name in given):
             _check_types(getattr(parsed, name), given[name], f"{key}.{name}" if key else name)
+    elif isinstance(parsed, Mapping) and isinstance(given, Mapping):
+        for name in given:
+            _check_types(parsed.get(name), given[name], f"{key}.{name}")
     elif isinstance(parsed, list | tuple) and isinstance(given, list | tuple):
         for index, (one, given_one) in enumerate(zip(parsed, given, strict=False)):
             _check_types(one, given_one, f"{key}[{index}]")

@@ -98,6 +98,15 @@ def test_lines_keep_their_ends() -> None:
     assert list(lines_of(StringIO(longest), Path("x"))) == [longest]
 
 
+def test_a_file_that_the_system_cannot_read_is_named(tmp_path) -> None:
+    """The memory of a process is a regular file, which cannot be read at its beginning, as one of a failing disk."""
+    if not Path("/proc/self/mem").exists():
+        pytest.skip("Linux alone has such a file")
+    (tmp_path / "board0.csv").symlink_to("/proc/self/mem")
+    with pytest.raises(InputError, match=r"board0\.csv: .*cannot be read: Input/output error$"):
+        list(CsvFile(tmp_path / "board0.csv", ["t_s"]))
+
+
 def test_a_name_with_a_zero_byte_is_no_file() -> None:
     with pytest.raises(InputError, match="cannot be read: embedded null byte"):
         check_regular(Path("a\0b"))

@@ -15,7 +15,8 @@ deviations of it: the sensors of a robot that rises steadily measure what they m
 be beyond the range of the sensors, the watch waits until the robot is still. What is a shock depends on whether the
 robot has rested, for `SETTLES_S`, since the watch was last forgotten: a hand that throws the robot accelerates it as
 much as feet do that strike the floor, so that more than `CALM_M_PER_S2` is followed only from rest. What accelerates a
-robot further that rises from rest already, by `LIFTED_SIGMA` standard deviations of v, is no floor.
+robot that rises from rest already, by `LIFTED_SIGMA` standard deviations of v, is no floor. While samples of one of
+several sensors are missing, the others are followed.
 """
 
 from dataclasses import dataclass
@@ -108,6 +109,10 @@ class RiseWatch:
             self._sensors = sensors
             if is_still(samples):
                 self._start(t_s, held, self._start_m_per_s(placed, covariance))
+            return None
+        gone = np.setdiff1d(self._sensors, sensors)
+        if not samples.are_missing[gone].all():  # one that is trusted no more has told what is not true
+            self.forget(self._still_s)
             return None
         if not np.array_equal(sensors, self._sensors):
             self._told += held - self._held(placed, self._sensors)

@@ -69,7 +69,9 @@ def test_frames_after_a_recording_has_ended_are_counted(shape) -> None:
     assert use.lines() == {"imu 0": "no reading used: none has come"}
     for k in range(80, 600):
         use.count_frame(0.05 * k)
-    assert use.lines()["position 0"] == "no reading for 569 of 600 frames: is t_s in s?"
+    assert use.lines()["position 0"] == (
+        "no reading for 569 of 600 frames, the last at 0.50 s: does it end, or is t_s not in s?"
+    )
 
 
 def test_another_clock_is_told_by_the_first_stamp(shape) -> None:

@@ -40,6 +40,8 @@ REFUSED = [
     ("length_m = [0.3, '0.3']", "length_m[1]: expected a number, got '0.3'"),
     ("count = true", "count: expected a number, got true"),
     ("part = [{pair = [0, true]}]", "part[0].pair[1]: expected a number, got true"),
+    ("part = [{spot = {x = '1.0'}}]", "part[0].spot.x: expected a number, got '1.0'"),
+    ("part = [{spot = {x = true}}]", "part[0].spot.x: expected a number, got true"),
     ("known = 'no'", "known: expected true or false, got 'no'"),
     ("known = 1", "known: expected true or false, got 1"),
     ("length_m = [0.3, -0.3]", "length_m[1]: expected a number greater than 0, got -0.3"),
