@@ -80,6 +80,28 @@ def test_a_few_loads_raise_no_doubt_and_many_do(structure, balanced, lengths_of)
     assert found["many"].node_sigma_m.mean() > 1.5 * found["one"].node_sigma_m.mean()
 
 
+@pytest.mark.parametrize("are_told", [True, False])
+def test_hands_that_let_go_leave_no_doubt(structure, balanced, lengths_of, are_told) -> None:
+    """Many nodes are loaded for 6 s, and none after that: without a word of hands, the doubt lasts for seconds."""
+    many = np.zeros((12, 3))
+    many[structure.free_nodes, 0] = 0.8
+    frames = at_shape(structure, balanced, lengths_of, many, 6.0)
+    frames += [replace(one, t_s=6.0 + one.t_s) for one in at_shape(structure, balanced, lengths_of, 0.0, 2.0)]
+    smoother = LiveSmoother(structure, balanced, Settings())
+    smoother.keep()
+    doubts = []
+    for frame in frames:
+        if are_told and frame.t_s == 6.0:
+            smoother.doubt.change_hands()
+        smoother.update(frame)
+        doubts.append(smoother.doubt.present.reason)
+    assert doubts[59] is Reason.LOADS
+    assert doubts[64] is (None if are_told else Reason.LOADS)
+    smoothed = [doubt.reason for doubt in smoother.doubt.smoothed(frames)]
+    assert smoothed[59] is Reason.LOADS
+    assert smoothed[64] is (None if are_told else Reason.LOADS)
+
+
 @pytest.mark.parametrize("estimator", [LiveSmoother, BatchOptimizer])
 def test_contradicting_lengths_widen_the_ellipsoids_and_say_so(estimator, structure, balanced, lengths_of) -> None:
     """Errors of 4 mm under sigmas of 0.4 mm: the truth stays inside, and no single sensor is blamed for all."""
