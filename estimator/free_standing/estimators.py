@@ -86,9 +86,9 @@ class FreeStandingSmoother:
         step = self._faces.judged(self._poses.step(shape.t_s, x, shape.covariance_m2, aids, stands))
         self._last_m = x
         self._stand_on(step.state, step.covariance, step.standing)
-        if np.isfinite(step.lifted_since_s) != self._is_lifted:
-            self._is_lifted = not self._is_lifted
-            self.shapes.doubt.change_hands()
+        was_lifted, self._is_lifted = self._is_lifted, bool(np.isfinite(step.lifted_since_s))
+        if self._is_lifted and not was_lifted:
+            self.shapes.doubt.take()
         if self.kept is not None:
             kept = _Kept(
                 standing=step.standing,

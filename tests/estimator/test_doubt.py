@@ -81,25 +81,22 @@ def test_a_few_loads_raise_no_doubt_and_many_do(structure, balanced, lengths_of)
 
 
 @pytest.mark.parametrize("are_told", [True, False])
-def test_hands_that_let_go_leave_no_doubt(structure, balanced, lengths_of, are_told) -> None:
-    """Many nodes are loaded for 6 s, and none after that: without a word of hands, the doubt lasts for seconds."""
+def test_hands_that_take_a_robot_leave_no_doubt_before(structure, balanced, lengths_of, are_told) -> None:
+    """Many nodes are loaded from 3 s on: a smoother that is not told of hands doubts the second before as well."""
     many = np.zeros((12, 3))
     many[structure.free_nodes, 0] = 0.8
-    frames = at_shape(structure, balanced, lengths_of, many, 6.0)
-    frames += [replace(one, t_s=6.0 + one.t_s) for one in at_shape(structure, balanced, lengths_of, 0.0, 2.0)]
+    frames = at_shape(structure, balanced, lengths_of, 0.0, 3.0)
+    frames += [replace(one, t_s=3.0 + one.t_s) for one in at_shape(structure, balanced, lengths_of, many, 6.0)]
     smoother = LiveSmoother(structure, balanced, Settings())
     smoother.keep()
-    doubts = []
-    for frame in frames:
-        if are_told and frame.t_s == 6.0:
-            smoother.doubt.change_hands()
+    for k, frame in enumerate(frames):
+        if are_told and k == 30:
+            smoother.doubt.take()
         smoother.update(frame)
-        doubts.append(smoother.doubt.present.reason)
-    assert doubts[59] is Reason.LOADS
-    assert doubts[64] is (None if are_told else Reason.LOADS)
+    assert smoother.doubt.present.reason is Reason.LOADS
     smoothed = [doubt.reason for doubt in smoother.doubt.smoothed(frames)]
-    assert smoothed[59] is Reason.LOADS
-    assert smoothed[64] is (None if are_told else Reason.LOADS)
+    assert smoothed[31] is Reason.LOADS
+    assert (Reason.LOADS in smoothed[20:30]) != are_told
 
 
 @pytest.mark.parametrize("estimator", [LiveSmoother, BatchOptimizer])
