@@ -36,7 +36,7 @@ change: what turns it, or an impact at the end of a tip, turns the sensor, too. 
 one axis reads 0 turned a robot at rest so far that it was 0.4 m off."""
 CHANGES = 5.0
 """Ratio of a jump to the mean change: samples of a sensor that is noisy, or that a motor shakes, are no jumps."""
-GOES_ON = 1.5
+ONWARD = 1.5
 """Ratio of a change of the force to the jump before, in the same direction, up to which it confirms the jump: a hand
 that lifts a robot without turning it changes the force in every sample."""
 CHANGE_WEIGHT = 0.05
@@ -186,7 +186,7 @@ class ImuGate:
 def _goes_on(passed: list[float], jumped: list[float], force: list[float]) -> bool:
     """Return whether a specific force goes on in the direction of the jump before it, by about as much."""
     onward = sum((f - j) * (j - p) for p, j, f in zip(passed, jumped, force, strict=True))
-    return onward > 0 and _furthest(force, jumped) <= GOES_ON * _furthest(jumped, passed)
+    return onward > 0 and _furthest(force, jumped) <= ONWARD * _furthest(jumped, passed)
 
 
 def _furthest(values: list[float], others: list[float]) -> float:
