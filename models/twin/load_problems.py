@@ -16,6 +16,18 @@ MOST_LOADS = 2000
 1800 of them in half an hour."""
 STEPS_A_CYCLE = 20
 """Fewest steps of the integration in one cycle of a shake."""
+RANGES = (
+    "pause_s",
+    "duration_s",
+    "together",
+    "force_n",
+    "frequency_hz",
+    "gust_period_s",
+    "height_m",
+    "aside_m",
+    "turn_rad",
+)
+"""Keys with the least and the most of what the seed draws, where they are no single number."""
 Load = Press | Squeeze | Hold | RandomPresses | RandomHugs | RandomShakes | RandomTips | RandomLifts | WindPlan
 
 
@@ -25,6 +37,7 @@ def problems_of_loads(plan: Plan, structure: Structure) -> Iterator[tuple[str, s
     for kind in fields(plan.load):
         for index, load in enumerate(getattr(plan.load, kind.name)):
             key = f"load.{kind.name}[{index}]"
+            yield from _problems_of_ranges(key, load)
             if isinstance(load, RandomTimes):
                 yield from _problems_of_random(key, load, plan)
             yield from _problems_of_course(key, load, plan)
@@ -63,8 +76,6 @@ def _problems_of_nodes(key: str, nodes: Sequence[int], pushable: NDArray[np.int6
 
 def _problems_of_random(key: str, load: RandomTimes, plan: Plan) -> Iterator[tuple[str, str]]:
     """Yield what is wrong with the times of a load that is drawn."""
-    for name in ("pause_s", "duration_s"):
-        yield from _problems_of_range(key, name, getattr(load, name))
     if load.duration_s[0] < plan.mechanics.step_s:
         yield f"{key}.duration_s", f"expected mechanics.step_s or more, got {load.duration_s[0]:g}"
     most = (load.until_s - load.from_s) / (load.pause_s[0] + load.duration_s[0])
@@ -81,11 +92,8 @@ def _problems_of_random(key: str, load: RandomTimes, plan: Plan) -> Iterator[tup
 
 def _problems_of_course(key: str, load: Load, plan: Plan) -> Iterator[tuple[str, str]]:
     """Yield what is wrong with a load's own numbers."""
-    if isinstance(load, RandomPresses | RandomHugs | RandomShakes):
-        yield from _problems_of_range(key, "together", load.together)
-        yield from _problems_of_range(key, "force_n", load.force_n)
-        if load.together[1] > len(load.nodes):
-            yield f"{key}.together", f"expected at most {len(load.nodes)}, the number of nodes, got {load.together[1]}"
+    if isinstance(load, RandomPresses | RandomHugs | RandomShakes) and load.together[1] > len(load.nodes):
+        yield f"{key}.together", f"expected at most {len(load.nodes)}, the number of nodes, got {load.together[1]}"
     if (
         isinstance(load, RandomPresses | RandomShakes)
         and not np.any(load.direction)
@@ -95,28 +103,23 @@ def _problems_of_course(key: str, load: Load, plan: Plan) -> Iterator[tuple[str,
     if isinstance(load, RandomHugs) and load.together[0] < 2:
         yield f"{key}.together", f"expected at least 2 nodes, got {load.together[0]}"
     if isinstance(load, RandomShakes):
-        yield from _problems_of_range(key, "frequency_hz", load.frequency_hz)
         highest_hz = 1 / (STEPS_A_CYCLE * plan.mechanics.step_s)
         if load.frequency_hz[1] > highest_hz:
             expected = f"expected at most {highest_hz:g}, which is {STEPS_A_CYCLE} steps of mechanics.step_s a cycle"
             yield f"{key}.frequency_hz", f"{expected}, got {load.frequency_hz[1]}"
-    if isinstance(load, RandomTips):
-        yield from _problems_of_range(key, "force_n", load.force_n)
     if isinstance(load, RandomLifts):
-        for name in ("height_m", "aside_m", "turn_rad"):
-            yield from _problems_of_range(key, name, getattr(load, name))
         if len(load.nodes) < HELD:
             yield f"{key}.nodes", f"expected at least {HELD}, got {len(load.nodes)}"
         if plan.ground is None:
             yield key, "expected [ground]: what is lifted has no anchors"
-    if isinstance(load, WindPlan):
-        yield from _problems_of_range(key, "gust_period_s", load.gust_period_s)
 
 
-def _problems_of_range(key: str, name: str, bounds: tuple[float, float]) -> Iterator[tuple[str, str]]:
-    low, high = bounds
-    if low > high:
-        yield f"{key}.{name}", f"expected [least, most], got [{low}, {high}]"
+def _problems_of_ranges(key: str, load: Load) -> Iterator[tuple[str, str]]:
+    """Yield of which range the least is above the most."""
+    for name in RANGES:
+        bounds = getattr(load, name, None)
+        if isinstance(bounds, tuple) and bounds[0] > bounds[1]:
+            yield f"{key}.{name}", f"expected [least, most], got [{bounds[0]}, {bounds[1]}]"
 
 
 def _listed(nodes: Sequence[int] | NDArray[np.int64]) -> str:
