@@ -84,38 +84,27 @@ def test_an_error_of_the_rest_shape_needs_a_rest_shape_that_is_measured(tmp_path
         read_plan(path)
 
 
-HUG = """[[load.hug]]
-from_s = 3.0
+RANDOM = """from_s = 3.0
 until_s = 20.0
 pause_s = [0.5, 1.0]
 duration_s = [2.0, 3.0]
 ramp_share = 0.3
 nodes = [3, 4, 5]
-force_n = [0.5, 1.0]
+"""
+HUG = f"""[[load.hug]]
+{RANDOM}force_n = [0.5, 1.0]
 force_spread = 0.3
 axis = [0, 0, 0]
 direction_sigma = 0.0
 """
-SHAKE = """[[load.shake]]
-from_s = 3.0
-until_s = 20.0
-pause_s = [0.5, 1.0]
-duration_s = [2.0, 3.0]
-ramp_share = 0.3
-nodes = [3, 4, 5]
-together = [1, 1]
+SHAKE = f"""[[load.shake]]
+{RANDOM}together = [1, 1]
 force_n = [0.5, 1.0]
 direction = [0, 0, 0]
 direction_sigma = [1, 1, 1]
 """
-LIFT = """[[load.lift]]
-from_s = 3.0
-until_s = 20.0
-pause_s = [0.5, 1.0]
-duration_s = [2.0, 3.0]
-ramp_share = 0.3
-nodes = [3, 4, 5]
-height_m = [0.05, 0.2]
+LIFT = f"""[[load.lift]]
+{RANDOM}height_m = [0.05, 0.2]
 aside_m = [0.0, 0.1]
 stiffness_n_per_m = 100.0
 damping_n_s_per_m = 2.0
