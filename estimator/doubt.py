@@ -93,21 +93,21 @@ class ModelDoubt:
         self._shaken = False
         self.kept: list[tuple[float, NDArray[np.float64], NDArray[np.float64]]] | None = None
         """Time and probabilities after each update, for a smoother that puts a list here; live, memory is bounded."""
-        self._taken: list[int] = []
-        """Numbers of kept updates before which hands took the robot."""
+        self._forgotten: list[int] = []
+        """Numbers of kept updates before which hands took the robot, and loads were forgotten."""
 
     def see(self, lengths: TendonLengths) -> None:
         """Take note of whether the robot is shaken in one more frame."""
         self._shaken = self._is_shaken(lengths, self._shaken)
 
-    def take(self) -> None:
+    def forget_loads(self) -> None:
         """Take note that hands have just taken the robot: they loaded none of its nodes before.
 
         Whether they have let it go is not known.
         """
         self._loads.forget()
         if self.kept is not None:
-            self._taken.append(len(self.kept))
+            self._forgotten.append(len(self.kept))
 
     @property
     def present(self) -> Doubt:
@@ -143,7 +143,7 @@ class ModelDoubt:
             return [self._doubt(bool(shakes), self._loads.probability, self._scale.probability) for shakes in shaken]
         t_s = np.array([update[0] for update in self.kept])
         loads = np.array([update[1] for update in self.kept])
-        stretches = [slice(*ends) for ends in pairwise([0, *self._taken, len(t_s)])]
+        stretches = [slice(*ends) for ends in pairwise([0, *self._forgotten, len(t_s)])]
         loads = np.concatenate([self._loads.smoothed(t_s[stretch], loads[stretch]) for stretch in stretches])
         scales = self._scale.smoothed(t_s, np.array([update[2] for update in self.kept]))
         latest = np.maximum(np.searchsorted(t_s, times_s, side="right") - 1, 0)

@@ -3,6 +3,7 @@
 import os
 import stat
 from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 from typing import TextIO
 
@@ -49,9 +50,7 @@ def lines_of(file: TextIO, path: Path) -> Iterator[str]:
     Raises:
         InputError: for a line that is too long to be one, and for a file that the system cannot read.
     """
-    row = 0
-    while True:
-        row += 1
+    for row in count(1):
         try:
             line = file.readline(LONGEST_LINE + 1)
         except OSError as error:

@@ -88,7 +88,7 @@ class FreeStandingSmoother:
         self._stand_on(step.state, step.covariance, step.standing)
         was_lifted, self._is_lifted = self._is_lifted, bool(np.isfinite(step.lifted_since_s))
         if self._is_lifted and not was_lifted:
-            self.shapes.doubt.take()
+            self.shapes.doubt.forget_loads()
         if self.kept is not None:
             kept = _Kept(
                 standing=step.standing,

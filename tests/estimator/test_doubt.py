@@ -91,7 +91,7 @@ def test_hands_that_take_a_robot_leave_no_doubt_before(structure, balanced, leng
     smoother.keep()
     for k, frame in enumerate(frames):
         if are_told and k == 30:
-            smoother.doubt.take()
+            smoother.doubt.forget_loads()
         smoother.update(frame)
     assert smoother.doubt.present.reason is Reason.LOADS
     smoothed = [doubt.reason for doubt in smoother.doubt.smoothed(frames)]
