@@ -43,6 +43,7 @@ from .watches.jump_watch import JumpWatch
 from .watches.place_watch import PlaceWatch
 from .watches.range_trust import RangeTrust
 from .watches.rise_watch import RiseWatch, risen
+from .watches.shake_watch import ShakeWatch, shaken
 from .watches.slide_watch import SlideWatch
 from .watches.stand_watch import StandWatch
 
@@ -91,6 +92,7 @@ class PoseFilter:
         self._lifted_since_s = np.inf
         self._slide_watch = SlideWatch(self._model, len(self._standing))
         self._rise_watch = RiseWatch(self._imus, robot.floor, settings)
+        self._shake_watch = ShakeWatch(settings.shape_lag_s)
         self._stand_watch = StandWatch()
         self._held_watch = HeldWatch()
         self._doubted_turn: NDArray[np.float64] | None = None
@@ -142,6 +144,7 @@ class PoseFilter:
             predicted_covariance=predicted.covariance,
             state=self.state,
             covariance=self.covariance,
+            shaken_m2=self._shake_watch.shaken_m2,
             standing=standing,
             slips=tuple(found),
             slides_since_s=self._slide_watch.since_s,
@@ -168,7 +171,9 @@ class PoseFilter:
         positions = [reading for reading in aids if isinstance(reading, PositionReading)]
         ranges = [reading for reading in aids if isinstance(reading, RangeReading)]
         before_s, before_m = self._last_s, self._body_before_m
-        frame = Frame(t_s, before_s, step_s, before_m, body_m, body_covariance_m2, positions, ranges, samples)
+        self._shake_watch.observe(samples, step_s)
+        covariance_m2 = shaken(body_covariance_m2, self._shake_watch.shaken_m2)
+        frame = Frame(t_s, before_s, step_s, before_m, body_m, covariance_m2, positions, ranges, samples)
         predicted = self._model.predicted(frame, self._pose, self._standing)
         while frame.samples is not None and self.trust.outvotes(self._imus, predicted):
             frame = replace(frame, samples=self.trust.used(frame.samples))
@@ -392,7 +397,8 @@ class PoseFilter:
         """
         aids = shape.lengths.aids
         positions = [reading for reading in aids if isinstance(reading, PositionReading)]
-        placed = PlacedShape(self.state, shape.node_position_m - self.centre_m, shape.covariance_m2)
+        covariance_m2 = shaken(shape.covariance_m2, self._shake_watch.shaken_m2)
+        placed = PlacedShape(self.state, shape.node_position_m - self.centre_m, covariance_m2)
         step_s = self._step_s(shape.t_s)
         trusted = self._position_trust.trusted(shape.t_s, positions, placed, self.covariance, step_s)
         used = set(trusted)  # readings are equal only to themselves

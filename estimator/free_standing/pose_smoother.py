@@ -38,6 +38,8 @@ class PoseStep:
     state: PoseState
     covariance: NDArray[np.float64]
     """(size, size)"""
+    shaken_m2: float
+    """Variance of each node's place in the shape, per axis, that shaking adds, see `ShakeWatch`."""
     standing: Standing
     """Which nodes stand."""
     slips: tuple[Slip, ...]

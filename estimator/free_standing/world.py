@@ -16,6 +16,7 @@ from ...models.structure.shape import OtherShape, Reason, Shape
 from .contacts import Standing
 from .pose_smoother import PoseStep
 from .tipping import tipping
+from .watches.shake_watch import shaken
 
 
 def support_of(
@@ -30,6 +31,12 @@ def support_of(
     if tilt > 1.0:
         return weightless(rest.node_mass_kg)
     return standing(rest.node_mass_kg, node_position_m, state.turn.T @ UP, tilt, carried)
+
+
+def placed_by(state: PoseState, shape: Shape, rest: RestShape, step: PoseStep) -> PlacedShape:
+    """Return a shape of body coordinates as a state places it, with the variance that shaking adds to its own."""
+    body_m = shape.node_position_m - rest.node_position_m.mean(axis=0)
+    return PlacedShape(state, body_m, shaken(shape.covariance_m2, step.shaken_m2))
 
 
 def in_world(
@@ -56,7 +63,7 @@ def in_world(
         settings: when a second shape is told.
     """
     stands = step.standing
-    placed = PlacedShape(state, shape.node_position_m - rest.node_position_m.mean(axis=0), shape.covariance_m2)
+    placed = placed_by(state, shape, rest, step)
     x = placed.node_position_m
     tilted = floor.tilted(state.floor_tilt)
     total = turned_covariance_m2(placed, covariance, heading_pivot_m(state, covariance, tilted.normal))

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from ...models.balance.support import Support
 from ...models.pose.large_turn import turned_covariance_m2
-from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_state import PoseState
 from ...models.pose.robot import HangingRobot
 from ...models.settings import Settings
@@ -25,7 +24,7 @@ from ..batch import BatchOptimizer, without_lag
 from ..free_standing.imu_trust import without_sensors
 from ..free_standing.pose_smoother import PoseStep, smoothed_poses
 from ..free_standing.resting_faces import balances_at
-from ..free_standing.world import support_of
+from ..free_standing.world import placed_by, support_of
 from ..smoother import LiveSmoother
 from ..whole_trial.trial_chain import Progress, no_progress
 from .hands import Hands, HandTorque
@@ -170,10 +169,10 @@ def hung_in_world(
         rest: the rest shape, whose centroid is the origin of the pose.
         state: the pose.
         covariance: (size, size) of its errors.
-        step: of the filter, which tells which ranges are not used.
+        step: of the filter.
         doubt: what the pose tells against the model.
     """
-    placed = PlacedShape(state, shape.node_position_m - rest.node_position_m.mean(axis=0), shape.covariance_m2)
+    placed = placed_by(state, shape, rest, step)
     if doubt is not None:
         shape = shape.in_doubt(doubt)
     pivot_m = rest.structure.anchor_position_m.mean(axis=0)
