@@ -12,7 +12,8 @@ or ranges have told that it is above the floor, it has risen as the sensors say:
 
 After `RISE_WATCH_S` the watch starts again as soon as the robot is still and |v| is at most `RESTS_SIGMA` standard
 deviations of it: the sensors of a robot that rises steadily measure what they measure at rest. After a shock, which may
-be beyond the range of the sensors, the watch waits until the robot is still. What is a shock depends on whether the
+be beyond the range of the sensors, the watch waits until the robot is still, and starts once more after `SETTLES_S`, as
+the floor tells its velocity better by then. What is a shock depends on whether the
 robot has rested, for `SETTLES_S`, since the watch was last forgotten: a hand that throws the robot accelerates it as
 much as feet do that strike the floor, so that more than `CALM_M_PER_S2` is followed only from rest. What accelerates a
 robot that rises from rest already, by `LIFTED_SIGMA` standard deviations of v, is no floor. While samples of one of
@@ -99,7 +100,8 @@ class RiseWatch:
         """
         sensors = np.flatnonzero(samples.count)
         self._still_s = self._still_s + step_s if is_still(samples) else 0.0
-        self._has_rested |= self._still_s > SETTLES_S
+        has_settled = self._still_s > SETTLES_S and not self._has_rested
+        self._has_rested |= has_settled
         calm = samples.excess_m_per_s2[sensors] <= (SHOCK_M_PER_S2 if self._has_rested else CALM_M_PER_S2)
         if not len(sensors) or not (calm.all() or self._rises):
             self.forget(self._still_s)
@@ -108,7 +110,7 @@ class RiseWatch:
         if not np.isfinite(self._since_s):
             self._sensors = sensors
             if is_still(samples):
-                self._start(t_s, held, self._start_m_per_s(placed, covariance))
+                self._start(t_s, held, STARTS_M_PER_S if self._has_rested else self._held_m_per_s(placed, covariance))
             return None
         gone = np.setdiff1d(self._sensors, sensors)
         if not samples.are_missing[gone].all():  # one that is trusted no more has told what is not true
@@ -124,6 +126,10 @@ class RiseWatch:
         self._rises = self._has_rested and bool(self._told[1] > LIFTED_SIGMA * m_per_s)
         if t_s - self._since_s > RISE_WATCH_S and is_still(samples) and is_slow:
             self._start(t_s, held, STARTS_M_PER_S)
+            return None
+        held_m_per_s = self._held_m_per_s(placed, covariance)
+        if has_settled and abs(self._told[1]) <= RESTS_SIGMA * held_m_per_s < m_per_s:
+            self._start(t_s, held, held_m_per_s)  # the floor has told its velocity since the shock
             return None
         way = self._told - held
         is_high, is_fast = way[0] >= LIFTED_M, way[1] > LIFTED_SIGMA * m_per_s
@@ -149,10 +155,8 @@ class RiseWatch:
         velocity = state.velocity_m_per_s + np.cross(state.rate_rad_per_s, arm_m)
         return np.array([self._normal @ (state.position_m + arm_m), self._normal @ velocity])
 
-    def _start_m_per_s(self, placed: PlacedShape, covariance: NDArray[np.float64]) -> float:
-        """Return the standard deviation of the velocity of a robot that is still, and may have come down just now."""
-        if self._has_rested:
-            return STARTS_M_PER_S
+    def _held_m_per_s(self, placed: PlacedShape, covariance: NDArray[np.float64]) -> float:
+        """Return the standard deviation of the velocity, as the filter says, of a robot that may have come down."""
         velocity = placed.state.layout.velocity
         return max(STARTS_M_PER_S, float(np.sqrt(self._normal @ covariance[velocity, velocity] @ self._normal)))
 
