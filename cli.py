@@ -115,6 +115,7 @@ def _make_usable() -> None:
         os.environ.pop("COLUMNS", None)
     if os.environ.get("MPLBACKEND", "").startswith("module://"):  # of a notebook, which may be of another environment
         del os.environ["MPLBACKEND"]
+    os.environ["MATPLOTLIBRC"] = os.devnull  # figures are the same for all, and need no TeX as the user's own may
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a home without a place for its cache
 
 

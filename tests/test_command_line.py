@@ -241,12 +241,18 @@ def test_a_mistake_at_the_options_is_one_line(tmp_path, typed, told) -> None:
     assert re.fullmatch(f"tensegraph: {told}\n", refusal_of(*typed, cwd=tmp_path))
 
 
-def test_a_notebook_and_a_screen_without_columns_are_no_hindrance(trial_copy, tmp_path) -> None:
-    """The kernel of a notebook names its own backend of matplotlib, which need not be in this environment."""
+def test_a_notebook_own_settings_of_figures_and_a_screen_without_columns_are_no_hindrance(trial_copy, tmp_path) -> None:
+    """The kernel of a notebook names its own backend of matplotlib, which need not be in this environment.
+
+    A user whose own figures are set in TeX may have none of its programs here.
+    """
     path = trial_copy(rows=60)
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "matplotlibrc").write_text("text.usetex: True\nfigure.autolayout: True\n")
     typed = ("reconstruct", path, "--method", "frame", "--out", tmp_path / "out")
-    done = run_process(*typed, cwd=tmp_path, MPLBACKEND="module://nowhere.backend_inline", COLUMNS="0")
-    assert done.returncode == 0, done.stderr
+    screen = {"MPLBACKEND": "module://nowhere.backend_inline", "COLUMNS": "0"}
+    done = run_process(*typed, cwd=tmp_path, **screen, MPLCONFIGDIR=str(tmp_path / "own"))
+    assert (done.returncode, done.stderr) == (0, "")
     assert "written to" in done.stdout
     assert (tmp_path / "out" / "shape.png").is_file()
 
