@@ -20,6 +20,8 @@ Made = TypeVar("Made")
 ADDRESS = re.compile(r"tcp://[^\s/@]+:(\d{1,5})")
 """Address of a scheduler, with its port; other transports need certificates, or are of one process."""
 LAST_PORT = 65535
+ANSWERS_S = 10.0
+"""Time within which a scheduler has to answer."""
 DIED = "its process died while no other job was being done: is there enough memory?"
 
 
@@ -149,7 +151,7 @@ class Many:
 
         connect: Any = Client  # the library has no types
         try:
-            client = connect(scheduler, set_as_default=False)
+            client = connect(scheduler, timeout=ANSWERS_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InputError(f"--scheduler {scheduler}: no scheduler answers: {error}") from error
         with client, parallel_config(backend="dask", client=client):
