@@ -13,11 +13,11 @@ or ranges have told that it is above the floor, it has risen as the sensors say:
 After `RISE_WATCH_S` the watch starts again as soon as the robot is still and |v| is at most `RESTS_SIGMA` standard
 deviations of it: the sensors of a robot that rises steadily measure what they measure at rest. After a shock, which may
 be beyond the range of the sensors, the watch waits until the robot is still, and starts once more after `SETTLES_S`, as
-the floor tells its velocity better by then. What is a shock depends on whether the
-robot has rested, for `SETTLES_S`, since the watch was last forgotten: a hand that throws the robot accelerates it as
-much as feet do that strike the floor, so that more than `CALM_M_PER_S2` is followed only from rest. What accelerates a
-robot that rises from rest already, by `LIFTED_SIGMA` standard deviations of v, is no floor. While samples of one of
-several sensors are missing, the others are followed.
+the floor tells its velocity better by then. What is a shock depends on whether the robot has rested, for `SETTLES_S`,
+since the watch was last forgotten: a hand that throws the robot accelerates it as much as feet do that strike the
+floor, so that more than `CALM_M_PER_S2` is followed only from rest. What accelerates a robot that rises from rest
+already, by `LIFTED_SIGMA` standard deviations of v, is no floor. While samples of one of several sensors are missing,
+the others are followed.
 """
 
 from dataclasses import dataclass
