@@ -3,6 +3,7 @@
 import logging
 import math
 import os
+import signal
 import sys
 import warnings
 from collections.abc import Iterator
@@ -94,6 +95,7 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show how long ea
 def main() -> None:
     """Run the command line; an error of the input or of the disk is printed as one line on stderr, with exit code 2."""
     _make_usable()
+    signal.signal(signal.SIGTERM, _end_in_order)
     try:
         with _warnings_as_lines():
             _check_arguments(sys.argv)
@@ -117,6 +119,11 @@ def _make_usable() -> None:
         del os.environ["MPLBACKEND"]
     os.environ["MATPLOTLIBRC"] = os.devnull  # figures are the same for all, and need no TeX as the user's own may
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a home without a place for its cache
+
+
+def _end_in_order(number: int, _: object) -> None:
+    """End at a signal as at an error, so that workers end too and nothing unfinished is left; the shell's exit code."""
+    sys.exit(128 + number)
 
 
 def _check_arguments(words: list[str]) -> None:

@@ -98,6 +98,26 @@ def test_a_killed_worker_loses_nothing_and_again_does_what_is_missing(one_by_one
     assert "written to two/a" in run(*words[:-2], cwd=folder).stdout  # a table of it was gone
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_command_that_is_stopped_takes_its_workers_with_it(one_by_one, tmp_path, number) -> None:
+    words = ["reconstruct", *"abd", "--method", "frame", "--out", str(tmp_path / "out"), "--jobs", "2"]
+    command = [sys.executable, "-m", "tensegraph", *words]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(command, cwd=one_by_one, env=os.environ | SCREEN, text=True, **pipes)
+    while not (workers := loky_workers(process.pid)):
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode in (1, 128 + number)
+    assert "resource_tracker" not in errors
+    ends = time.monotonic() + 10
+    while left := [worker for worker in workers if Path(f"/proc/{worker}").exists()]:
+        assert time.monotonic() < ends, left
+        time.sleep(0.05)
+    assert not list(tmp_path.glob("out/**/shape.csv"))
+
+
 def test_a_cluster_gives_the_same_files(one_by_one, tmp_path) -> None:
     """A scheduler and two workers, each a process, of which this command knows the address alone."""
     distributed = pytest.importorskip("distributed")
