@@ -231,6 +231,16 @@ def test_what_is_wrong_with_c3d(path_of) -> None:
             read_truth(path, 4)
 
 
+def test_a_c3d_file_that_was_cut_short_is_refused(path_of) -> None:
+    path = path_of("take.c3d")
+    data = (path.read_bytes()[16] - 1) * 512  # word 9 of the header, whose high byte is 0 here
+    frame = 16 * len(TAKE.names)
+    path.write_bytes(path.read_bytes()[: data + 3 * frame])
+    told = rf"take\.c3d: cannot be read as C3D: expected the {len(TAKE.t_s)} frames of its header, got 3: was the copy"
+    with pytest.raises(InputError, match=told):
+        read_truth(path, 3)
+
+
 def test_a_c3d_file_that_ends_its_reader_is_refused(path_of) -> None:
     """Labels of 255 dimensions are a segmentation fault in ezc3d."""
     path = path_of("take.c3d")
