@@ -54,7 +54,7 @@ def _frames_told(path: Path) -> int:
         start.seek((header[0] - 1) * 512 + 3)
         order = ">" if start.read(1) == MIPS else "<"
     first, last = struct.unpack_from(f"{order}2H", header, 6)
-    return last - first + 1
+    return int(last - first + 1)
 
 
 def _limit_memory() -> None:

@@ -99,44 +99,53 @@ class RiseWatch:
             is_above: whether positions or ranges have told that it is above the floor.
         """
         sensors = np.flatnonzero(samples.count)
-        self._still_s = self._still_s + step_s if is_still(samples) else 0.0
-        has_settled = self._still_s > SETTLES_S and not self._has_rested
-        self._has_rested |= has_settled
-        calm = samples.excess_m_per_s2[sensors] <= (SHOCK_M_PER_S2 if self._has_rested else CALM_M_PER_S2)
-        if not len(sensors) or not (calm.all() or self._rises):
+        has_settled = self._has_settled(step_s, samples)
+        if not self._is_followed(samples, sensors):
             self.forget(self._still_s)
             return None
-        held = self._held(placed, sensors)
+        held, held_m_per_s = self._held(placed, sensors), self._held_m_per_s(placed, covariance)
         if not np.isfinite(self._since_s):
             self._sensors = sensors
             if is_still(samples):
-                self._start(t_s, held, STARTS_M_PER_S if self._has_rested else self._held_m_per_s(placed, covariance))
-            return None
-        gone = np.setdiff1d(self._sensors, sensors)
-        if not samples.are_missing[gone].all():  # one that is trusted no more has told what is not true
-            self.forget(self._still_s)
+                self._start(t_s, held, STARTS_M_PER_S if self._has_rested else held_m_per_s)
             return None
         if not np.array_equal(sensors, self._sensors):
             self._told += held - self._held(placed, self._sensors)
             self._sensors = sensors
         sigma = force_sigma_m_per_s2(samples, sensors, self._settings)
         variance = self._move(step_s, placed, covariance, samples, sigma)
-        height_m, m_per_s = np.sqrt(np.diagonal(variance))
-        is_slow = abs(self._told[1]) <= RESTS_SIGMA * m_per_s
+        m_per_s = float(np.sqrt(variance[1, 1]))
+        speed_m_per_s = abs(self._told[1])
         self._rises = self._has_rested and bool(self._told[1] > LIFTED_SIGMA * m_per_s)
-        if t_s - self._since_s > RISE_WATCH_S and is_still(samples) and is_slow:
+        if t_s - self._since_s > RISE_WATCH_S and is_still(samples) and speed_m_per_s <= RESTS_SIGMA * m_per_s:
             self._start(t_s, held, STARTS_M_PER_S)
             return None
-        held_m_per_s = self._held_m_per_s(placed, covariance)
-        if has_settled and abs(self._told[1]) <= RESTS_SIGMA * held_m_per_s < m_per_s:
+        if has_settled and speed_m_per_s <= RESTS_SIGMA * held_m_per_s < m_per_s:
             self._start(t_s, held, held_m_per_s)  # the floor has told its velocity since the shock
             return None
         way = self._told - held
-        is_high, is_fast = way[0] >= LIFTED_M, way[1] > LIFTED_SIGMA * m_per_s
-        has_risen = (is_high and (is_fast or way[0] >= LIFTED_SIGMA * height_m)) or (flies and is_fast)
+        has_risen = _has_risen(way, variance, flies=flies)
         if not has_risen and not is_above:
             return None
         return Rise(self._since_s if has_risen else t_s, way, variance)
+
+    def _has_settled(self, step_s: float, samples: ImuSamples) -> bool:
+        """Return whether the robot has been still for `SETTLES_S` with this frame, for the first time."""
+        self._still_s = self._still_s + step_s if is_still(samples) else 0.0
+        has_settled = self._still_s > SETTLES_S and not self._has_rested
+        self._has_rested |= has_settled
+        return has_settled
+
+    def _is_followed(self, samples: ImuSamples, sensors: NDArray[np.int64]) -> bool:
+        """Return whether sensors feel no shock, and all others that were followed are missing.
+
+        One that is trusted no more has told what is not true.
+        """
+        calm = samples.excess_m_per_s2[sensors] <= (SHOCK_M_PER_S2 if self._has_rested else CALM_M_PER_S2)
+        if not len(sensors) or not (calm.all() or self._rises):
+            return False
+        gone = np.setdiff1d(self._sensors, sensors)
+        return not np.isfinite(self._since_s) or bool(samples.are_missing[gone].all())
 
     def forget(self, still_s: float = 0.0) -> None:
         """Start again when the robot is still.
@@ -196,3 +205,11 @@ def risen(
     G = np.zeros((at.size, 2))
     G[at.position, 0] = G[at.velocity, 1] = n
     return state.moved(G @ rise.way), covariance + G @ rise.covariance @ G.T
+
+
+def _has_risen(way: NDArray[np.float64], variance: NDArray[np.float64], *, flies: bool) -> bool:
+    """Return whether a (2,) way off the floor, see `Rise`, is more than its (2, 2) covariance allows."""
+    height_m, m_per_s = way
+    sigma_m, sigma_m_per_s = np.sqrt(np.diagonal(variance))
+    is_high, is_fast = height_m >= LIFTED_M, m_per_s > LIFTED_SIGMA * sigma_m_per_s
+    return bool((is_high and (is_fast or height_m >= LIFTED_SIGMA * sigma_m)) or (flies and is_fast))
