@@ -83,7 +83,8 @@ REASON_ADVICE = {
     Reason.SENSORS: "lengths contradict each other beyond their sigma, or a row repeats: tare again, or calibrate",
     Reason.MOTION: "the robot is shaken faster than its sensors follow: move it slower",
     Reason.LOADS: "many nodes are loaded at once, of which lengths say little: trust the ellipsoids, not the centres",
-    Reason.GEOMETRY: "the geometry in trial.toml contradicts itself, or the forces at rest: measure it again",
+    Reason.GEOMETRY: "the geometry in trial.toml contradicts itself, or the forces at rest: measure it again, and tell "
+    "what the robot carries (knot_mass_kg)",
     Reason.CHANGE: "a rod or a tendon is not as long as at rest: did a clamp slip, a rod bow, a tendon catch?",
     Reason.BOARD: "the sensors of one board are off alike: check its supply, reference and plug, and tare again",
     Reason.REST: "sensors do not fit the rest shape: was it still, are R0, anchors, boards and columns right?",

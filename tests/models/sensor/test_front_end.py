@@ -297,6 +297,21 @@ class TestFrontEnd:
             assert (lengths.sigma_m > 0).all()
 
 
+@pytest.mark.parametrize("codes", [0.35, 1.0, 2.0])
+def test_noise_of_the_converter_is_no_shaking(model: SensorModel, codes: float) -> None:
+    """One code is 0.004 of dR/R where both resistors of a divider are equal; a minute at rest, on 24 sensors."""
+    change = model.gauge.change(np.full(24, 0.08), BendingCurve())
+    noise = 0.004 * codes * np.random.default_rng(16).standard_normal((3000, 24))
+    frames = [
+        ResistanceFrame(0.02 * k, 6e6 * (1 + change + row), np.full(24, 6e3), np.zeros(24, dtype=np.int64))
+        for k, row in enumerate(noise)
+    ]
+    lengths = front_end(model, count=24, rest_s=2.0).lengths(frames)
+    shaken = np.array([of_frame.flags & int(Flag.SHAKEN) != 0 for of_frame in lengths])
+    assert shaken.mean() < 0.02
+    assert np.mean(shaken.mean(axis=1) > 0.4) < 0.01  # else the robot counts as shaken
+
+
 def test_motion_while_it_is_tared_widens_sigma_for_good(model: SensorModel) -> None:
     """The lengths of all tendons change by 3 mm in the second of rest: half of that is in sigma, and it is said."""
     change = np.where(np.arange(50) < 25, 0.08, 0.08 + 0.003 / 0.17 * model.gauge.slope(np.zeros(1))[0])
