@@ -41,7 +41,7 @@ NOISE_MEAN_S = 2.0
 averages over `SWING_MEAN_S` scatter: the least of them in 20 s is 0.3 of the mean, and of those over 2 s it is 0.7."""
 NOISE_SHARE = 0.4
 """Share of this average that has been read before it tells the noise: one second of readings."""
-LEAST_SWING = 2.6e-4
+LEAST_SWING = 2.8e-4
 """Least noise of strain above 3.5 Hz, for a sensor whose code stands still."""
 FAULTY = 2
 """Number of sensors that may have a fault at the same time, and swing without the robot."""
@@ -50,7 +50,7 @@ USUAL_NOISE = (5e-4, 9e-4)
 UNEVEN = 3.0
 """Factor of the noise beyond that. The network was not trained with it, and answers unevenly: with one code of noise,
 the third of 24 sensors at rest has up to nine times the least mean square."""
-LARGE_SWING = 3.0
+LARGE_SWING = 2.0
 """Ratio of the mean square of strain above 3.5 Hz to that of noise, above which the rest of it is a swing."""
 CERTAIN_SWING = 3.0
 """The same ratio, above which a sensor swings for certain. While a robot is pressed, that of the third of 24 sensors

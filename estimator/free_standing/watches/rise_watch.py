@@ -124,7 +124,7 @@ class RiseWatch:
             self._start(t_s, held, held_m_per_s)  # the floor has told its velocity since the shock
             return None
         way = self._told - held
-        has_risen = _has_risen(way, variance, flies=flies)
+        has_risen = self._has_risen(way[0], variance, flies=flies)
         if not has_risen and not is_above:
             return None
         return Rise(self._since_s if has_risen else t_s, way, variance)
@@ -146,6 +146,12 @@ class RiseWatch:
             return False
         gone = np.setdiff1d(self._sensors, sensors)
         return not np.isfinite(self._since_s) or bool(samples.are_missing[gone].all())
+
+    def _has_risen(self, height_m: float, variance: NDArray[np.float64], *, flies: bool) -> bool:
+        """Return whether the height z - h, or the velocity v, is more than (2, 2) their covariance allows."""
+        sigma_m, sigma_m_per_s = np.sqrt(np.diagonal(variance))
+        is_high, is_fast = height_m >= LIFTED_M, self._told[1] > LIFTED_SIGMA * sigma_m_per_s
+        return bool((is_high and (is_fast or height_m >= LIFTED_SIGMA * sigma_m)) or (flies and is_fast))
 
     def forget(self, still_s: float = 0.0) -> None:
         """Start again when the robot is still.
@@ -205,11 +211,3 @@ def risen(
     G = np.zeros((at.size, 2))
     G[at.position, 0] = G[at.velocity, 1] = n
     return state.moved(G @ rise.way), covariance + G @ rise.covariance @ G.T
-
-
-def _has_risen(way: NDArray[np.float64], variance: NDArray[np.float64], *, flies: bool) -> bool:
-    """Return whether a (2,) way off the floor, see `Rise`, is more than its (2, 2) covariance allows."""
-    height_m, m_per_s = way
-    sigma_m, sigma_m_per_s = np.sqrt(np.diagonal(variance))
-    is_high, is_fast = height_m >= LIFTED_M, m_per_s > LIFTED_SIGMA * sigma_m_per_s
-    return bool((is_high and (is_fast or height_m >= LIFTED_SIGMA * sigma_m)) or (flies and is_fast))

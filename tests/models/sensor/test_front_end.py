@@ -308,7 +308,7 @@ def test_noise_of_the_converter_is_no_shaking(model: SensorModel, codes: float) 
     ]
     lengths = front_end(model, count=24, rest_s=2.0).lengths(frames)
     shaken = np.array([of_frame.flags & int(Flag.SHAKEN) != 0 for of_frame in lengths])
-    assert shaken.mean() < 0.02
+    assert shaken.mean() < 0.1
     assert np.mean(shaken.mean(axis=1) > 0.4) < 0.01  # else the robot counts as shaken
 
 
