@@ -61,6 +61,14 @@ def test_a_robot_that_is_told_to_stand_is_lifted_no_more(balanced) -> None:
     assert np.isinf(step.lifted_since_s)
 
 
+def test_a_slow_lift_is_felt_by_the_velocity_that_sensors_tell(balanced) -> None:
+    """At 0.3 m/s^2, by 48 mm in all. The filter, which the floor holds, follows a part of that velocity."""
+    poses, steps = lifted(balanced, 0.3, 2.1)
+    rise_m, sigma_m = poses.state.position_m[2] - poses.centre_m[2], float(np.sqrt(poses.covariance[5, 5]))
+    assert np.isfinite(steps[70].lifted_since_s)
+    assert abs(rise_m - 0.048) < 3 * sigma_m < 0.11
+
+
 def test_a_robot_that_trembles_on_the_floor_is_not_lifted(balanced) -> None:
     _, steps = lifted(balanced, 0.05, 2.0)
     assert all(np.isinf(step.lifted_since_s) and step.standing.nodes.any() for step in steps)
