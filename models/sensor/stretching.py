@@ -68,7 +68,7 @@ w^2 T^2 >= SLOW_SHARE / (1 - SLOW_SHARE)."""
 SLOW_SHARE = 0.35
 """Part of T^2 v^2 that makes a slow swing: above 1.2 Hz. Sensors are then 0.1 s late, and show half of the swing or
 less. In trials with presses, hugs, wind and slack tendons the third of the sensors that swing most stays below
-2.2 times the noise; swung by hand at 1 to 4 Hz it is 50 to 150 times that."""
+2.2 times the noise; swung by hand at 1 to 4 Hz it is some 40 to 130 times that."""
 ONSET_S = 0.15
 """Time for which sensors swing at least in a robot that is shaken; the rate of a press is known after that time."""
 STRAIN_RATE_S = 0.2
