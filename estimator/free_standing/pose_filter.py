@@ -474,7 +474,7 @@ class PoseFilter:
         if abs(heading) > MISSED_RAD:  # the pose before was wrong, and so are its footholds
             stayed = np.zeros_like(stayed)
         turn = rotation(heading * normal) @ turn
-        return tipped(predicted, turn, pivot_m, stayed, self._floor, self._settings)
+        return tipped(predicted, turn, pivot_m, stands, stayed, self._floor, self._settings)
 
     def rod_heights(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return (known, 2) ends of rods whose sensors are used, and (known,) the second's height above the first."""

@@ -41,6 +41,7 @@ def tipped(
     predicted: Prediction,
     turn: NDArray[np.float64],
     pivot_m: NDArray[np.float64],
+    stands: NDArray[np.bool_],
     stayed: NDArray[np.bool_],
     floor: Floor,
     settings: PoseSettings,
@@ -53,7 +54,8 @@ def tipped(
         predicted: before the turn.
         turn: (3, 3) in the world.
         pivot_m: (3,) the point.
-        stayed: (nodes,) which nodes have stood before and after it.
+        stands: (nodes,) which nodes stand after it.
+        stayed: (nodes,) which of them have stood before it, too.
         floor: the floor.
         settings: for the motion that follows.
     """
@@ -65,6 +67,8 @@ def tipped(
     if not stayed.any():
         rolled_m = np.zeros(3)
         turned_rad, moved_m = ANY_HEADING_RAD, angle * _rolls_m(placed, floor)
+    elif rolled_about_one_node(stands, stayed):
+        turned_rad, moved_m = angle, angle * _rolls_m(placed, floor)
     state = replace(
         placed.state,
         turn=turn @ placed.state.turn,
@@ -82,6 +86,19 @@ def tipped(
     G[at.position, at.turn] = about_pivot
     G *= np.repeat([turned_rad, moved_m, settings.turn_rad_per_s, settings.motion_m_per_s], 3)
     return Prediction(placed.at(state), F @ predicted.transition, F @ predicted.covariance @ F.T + G @ G.T, np.zeros(3))
+
+
+def rolled_about_one_node(stands: NDArray[np.bool_], stayed: NDArray[np.bool_]) -> bool:
+    """Return whether a structure came to lie on a face of which one node alone has stood before.
+
+    The two faces share no edge over which it could tip. It has rolled over another face between them, of which one did
+    not see on which side of the node it is: heading and place are as uncertain as the turn is large.
+
+    Args:
+        stands: (nodes,) which nodes stand now.
+        stayed: (nodes,) which of them have stood before.
+    """
+    return np.count_nonzero(stands) > 2 and np.count_nonzero(stayed) == 1
 
 
 def misplaced(predicted: Prediction, misled_rad: float, floor: Floor) -> Prediction:

@@ -13,6 +13,7 @@ from tensegraph.estimator.free_standing.tipping import (
     ANY_HEADING_RAD,
     LANDING_RAD_PER_RAD05,
     misplaced,
+    rolled_about_one_node,
     tipped,
     tipping,
 )
@@ -41,7 +42,7 @@ def after_tip(state, stayed=STAYED, floor=NO_CAPS) -> Prediction:
     """Return the prediction tipped onto three nodes."""
     before = prediction(state)
     turn, pivot_m = tipping(before.placed.node_position_m, STANDS, stayed, FLOOR.normal)
-    return tipped(before, turn, pivot_m, stayed, floor, PoseSettings())
+    return tipped(before, turn, pivot_m, STANDS, stayed, floor, PoseSettings())
 
 
 def turned(state, angle: float):
@@ -112,12 +113,25 @@ def test_a_robot_that_has_rolled_over_several_faces_heads_anywhere() -> None:
     assert FLOOR.normal @ turn @ FLOOR.normal == pytest.approx(ANY_HEADING_RAD**2, rel=1e-3)
 
 
+def test_a_robot_that_has_rolled_about_one_node_may_head_either_way_round_it() -> None:
+    """By hand: heading and place are as uncertain as after a turn by its angle, onto a face that shares no edge."""
+    one = np.isin(np.arange(12), [2])
+    after = after_tip(STATE, stayed=one)
+    angle = np.linalg.norm(rotation_vector(after.placed.state.turn @ STATE.turn.T))
+    turn = after.covariance[STATE.layout.turn, STATE.layout.turn]
+    assert FLOOR.normal @ turn @ FLOOR.normal == pytest.approx(angle**2, rel=1e-3)
+    assert [rolled_about_one_node(STANDS, stayed) for stayed in (one, STAYED)] == [True, False]
+    two = np.isin(np.arange(12), [0, 2])  # an edge, onto which it tips about one of its nodes
+    assert not rolled_about_one_node(two, one)
+
+
 @pytest.mark.parametrize("floor_m", [0.0, 1.0, -0.3])
 def test_it_has_rolled_by_its_height_above_the_floor_wherever_the_floor_is(floor_m) -> None:
     """By hand: a centroid 0.2 m above the centres of caps of 10 mm rolls by 0.21 m times the angle, per axis."""
     state = replace(STATE, position_m=np.array([0.4, -0.7, floor_m + 0.21]))
     turn, nothing = rotation(np.array([0.9, 0.0, 0.0])), np.zeros(12, dtype=np.bool_)
-    after = tipped(prediction(state), turn, state.position_m, nothing, Floor(floor_m + 0.01, UP), PoseSettings())
+    floor = Floor(floor_m + 0.01, UP)
+    after = tipped(prediction(state), turn, state.position_m, STANDS, nothing, floor, PoseSettings())
     place = STATE.layout.position
     assert after.covariance[place, place] == pytest.approx((0.21 * 0.9) ** 2 * np.eye(3), abs=1e-5)
 
