@@ -19,6 +19,15 @@ That also has the evidence of the frames in which sensors were not yet known to 
 The drifts of sensors have nothing to do with the board that reads them. Where those of one board differ from the others
 in the mean by more than `BOARD_SIGMA` of what they differ by among themselves, it is the board that has changed, and
 the estimated drifts are wrong.
+
+Lengths may contradict each other for another reason, as that a tendon has snapped. Drifts that explain this are larger
+than the rates which are given to them: with the estimated rates r_e of the n sensors that measure on b boards, and the
+mean r_b of those of each board,
+
+    sum (r_e - r_b)^2 / ((n - b) s_o^2) > `REFUTED`
+
+refutes them. Then no drift is estimated any more, and the lengths go on contradicting each other, which is a doubt of
+`ModelDoubt`.
 """
 
 from collections.abc import Sequence
@@ -42,6 +51,10 @@ BOARD_SIGMA = 5.0
 """Difference of the drifts of one board to those of the others, in standard deviations, from which the board changed:
 1.5 at most in trials in which each sensor drifts by its own 3 %, 6 to 9 where the reference of one board sags."""
 
+REFUTED = 1.3
+"""Mean square of the estimated rates over the variance that is given to them, above which no drift explains the
+lengths: 0.4 at most in trials in which sensors drift by themselves, 0.8 where the reference of one board sags, 1.7 and
+more where a tendon has snapped."""
 FEWEST_OF_A_BOARD = 6
 """Number of sensors on a board, and on all others, from which their drifts tell how much sensors differ."""
 
@@ -137,6 +150,7 @@ class OwnDrift:
         self._state: DriftState | None = None
         self._prediction: tuple[DriftState, NDArray[np.float64]] | None = None
         self._updated_s = np.nan
+        self._is_given_up = False
         self._before: list[tuple[float, _Evidence | None]] = []  # at no drift; None where some node is loaded
         self._looked_s = np.nan
         self.begins = False
@@ -146,7 +160,9 @@ class OwnDrift:
         of the frames before are in it, too."""
 
     def admit(self, lengths: TendonLengths, contradicted: bool = False) -> TendonLengths:
-        """Return the lengths without the drift as estimated so far; unchanged while sensors do not drift apart.
+        """Return the lengths without the drift as estimated so far.
+
+        They are unchanged while sensors do not drift apart, and once no drift explains them.
 
         Args:
             lengths: of one frame.
@@ -157,7 +173,8 @@ class OwnDrift:
             self._first_s = self._looked_s = lengths.t_s
         drift = lengths.drift
         self._prediction = None
-        if drift is None or self._builder.statics is None:
+        self.begins = False
+        if drift is None or self._builder.statics is None or self._is_given_up:
             return lengths
         if contradicted:
             self._least_rate_per_s = CONTRADICTED_RATE_PER_S
@@ -181,6 +198,26 @@ class OwnDrift:
             self._keep_evidence(shape)
             return
         self._learn(*self._prediction, self._evidence(shape))
+        if self._is_refuted(shape.lengths):
+            self._give_up()
+
+    def _is_refuted(self, lengths: TendonLengths) -> bool:
+        """Return whether the estimated rates are larger than those that are given to them, within boards."""
+        assert self._state is not None and lengths.drift is not None
+        board = lengths.drift.board
+        board = np.zeros(self._count, dtype=np.int64) if board is None else board
+        rates_per_s = self._state.mean[self._count :]
+        groups = [rates_per_s[board == number] for number in np.unique(board[board >= 0])]
+        squared = sum(float(((group - group.mean()) ** 2).sum()) for group in groups)
+        independent = sum(len(group) - 1 for group in groups)
+        return squared > REFUTED * independent * self._rate_variance
+
+    def _give_up(self) -> None:
+        """Forget what was estimated, in the frames before, too."""
+        self._is_given_up = True
+        self._state = None
+        if self.kept is not None:
+            self.kept = []
 
     def _keep_evidence(self, shape: Shape) -> None:
         """Keep, for a smoother, what a frame says of drift while sensors are not known to drift apart."""

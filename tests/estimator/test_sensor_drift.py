@@ -20,6 +20,7 @@ from tensegraph.models.sensor.reference_drift import drift_transition
 from tensegraph.models.structure.external_loads import ExternalLoads
 from tensegraph.models.structure.mechanics import Mechanics
 from tensegraph.models.structure.rest_shape import GeometrySigma, RestShape
+from tensegraph.models.structure.shape import Reason
 from tensegraph.models.values.readings import ModelError, SensorDrift, TendonLengths
 
 PER_CHANGE_M = 0.14
@@ -220,6 +221,20 @@ def test_lengths_that_contradict_each_other_begin_it(example_structure, still, l
     smoother.drift.admit(lengths)
     assert smoother.drift.admit(replace(lengths, t_s=5.0), contradicted=True).drift.covariance_m2 is not None
     assert smoother.drift.begins
+
+
+@pytest.mark.parametrize("estimator", [LiveSmoother, BatchOptimizer])
+def test_lengths_that_no_drift_explains_stay_in_doubt(estimator, example_structure, still, lengths_of) -> None:
+    """From 4 s on, lengths contradict each other by 9 mm, as where a tendon has snapped; no drift is that fast."""
+    apart_m = 0.009 * np.sign(np.random.default_rng(4).standard_normal(24))
+    apart_m[~example_structure.is_free_tendon] = 0.0
+    frames = [
+        with_drift(lengths_of(example_structure, still.node_position_m, t, noise=apart_m * (t > 4)), 0.0)
+        for t in np.arange(0, 20, 0.1)
+    ]
+    shapes = list(estimator(example_structure, still, Settings()).estimate(frames))
+    assert {shape.doubt for shape in shapes[60:]} == {Reason.SENSORS}
+    assert shapes[-1].lengths.drift.covariance_m2 is None
 
 
 @pytest.mark.parametrize(("of_second_board", "expected"), [(0.0, False), (0.005, False), (0.03, True)])
