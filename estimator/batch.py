@@ -32,6 +32,7 @@ from .mode_choice import is_uncertain, stacked_modes
 from .sensor_drift import DriftState, is_of_a_board, smoothed_drift
 from .smoother import AHEAD_S, LiveSmoother
 from .uncertainty import Assessment, FrameEvidence, Mixture
+from .watches.past_motion import PastMotion
 from .watches.rebound_watch import ReboundWatch
 from .whole_trial.parts import STACKED, WINDOW
 from .whole_trial.second_shapes import frames_to_search, second_shapes
@@ -256,6 +257,7 @@ class BatchOptimizer:
         t_s = problem.t_s
         search = np.array(frames_to_search(t_s, self._settings.branch.look_every_s))
         rebounds = self._rebounds(trial, position_m)
+        read_s, past = self._past(trial, position_m)
         lasting = LastingErrors(self._builder.structure, self._builder.rest)
         velocity_m_per_s = np.gradient(position_m, t_s, axis=0) if len(t_s) > 1 else np.zeros_like(position_m)
         near = frames_near(t_s)
@@ -270,9 +272,11 @@ class BatchOptimizer:
                 change = trial.changes[k]
                 if change is not None:
                     shape = change.doubted(shape, self._builder.structure.free_coordinates)
-                shape = shape.in_doubt(Reason.BOARD) if of_a_board else shape
+                shape = rebounds.widened(shape.in_doubt(Reason.BOARD) if of_a_board else shape)
+                if shape.status is Status.PRIOR_ONLY:
+                    shape = past.widened(shape, float(np.abs(read_s - shape.t_s).min(initial=np.inf)))
                 velocities, error_scale = velocity_m_per_s[near[k]], trial.doubts[k].error_scale
-                shape = lasting.of_trial(rebounds.widened(shape), velocity_m_per_s[k], velocities, error_scale)
+                shape = lasting.of_trial(shape, velocity_m_per_s[k], velocities, error_scale)
                 yield shape.beside(other)
 
     def _rebounds(self, trial: _Problem, position_m: NDArray[np.float64]) -> ReboundWatch:
@@ -284,6 +288,14 @@ class BatchOptimizer:
         for measured, doubt, loads_n in zip(trial.measured, trial.doubts, force_n, strict=True):
             rebounds.learn(measured.lengths, loads_n, in_motion=doubt.reason is Reason.MOTION)
         return rebounds
+
+    def _past(self, trial: _Problem, position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], PastMotion]:
+        """Return the times of all frames in which lengths were read, and what their shapes tell of those without."""
+        structure = self._builder.structure
+        has_lengths = [status_of(one.lengths, structure) is not Status.PRIOR_ONLY for one in trial.measured]
+        past = PastMotion(structure.free_coordinates)
+        past.learn(position_m[has_lengths])
+        return trial.t_s[has_lengths], past
 
     def _shape(self, trial: _Problem, assessment: Assessment, k: int, converged: bool) -> Shape:
         """Return the shape of one frame, with the status that its lengths and the doubt about it give."""

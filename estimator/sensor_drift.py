@@ -203,7 +203,8 @@ class OwnDrift:
 
     def _is_refuted(self, lengths: TendonLengths) -> bool:
         """Return whether the estimated rates are larger than those that are given to them, within boards."""
-        assert self._state is not None and lengths.drift is not None
+        assert self._state is not None
+        assert lengths.drift is not None
         board = lengths.drift.board
         board = np.zeros(self._count, dtype=np.int64) if board is None else board
         rates_per_s = self._state.mean[self._count :]

@@ -26,6 +26,7 @@ from .linear_frame import LinearFrame, linearised
 from .mode_choice import BATCH_SHARE, ModeChoice
 from .sensor_drift import OwnDrift, is_of_a_board
 from .uncertainty import FrameEvidence
+from .watches.past_motion import PastMotion
 from .watches.rebound_watch import ReboundWatch
 
 FIRST_BYSTANDER = 2**60
@@ -61,6 +62,7 @@ class LiveSmoother:
         self.doubt = ModelDoubt(self.builder, settings.doubt)
         self.changes = ChangeWatch(self.builder)
         self.rebounds = ReboundWatch(rest, settings.doubt.load_n)
+        self._past = PastMotion(structure.free_coordinates)
         self._compensation = LagCompensation()
         self._lasting = LastingErrors(structure, rest)
         self.modes = ModeChoice(self.builder, settings.front_end.ambiguous_probability)
@@ -151,7 +153,7 @@ class LiveSmoother:
         shape = self.changes.doubted(shape)
         if is_of_a_board(shape.lengths.drift):
             shape = shape.in_doubt(Reason.BOARD)
-        return self.rebounds.observe(shape)
+        return self._past.observe(self.rebounds.observe(shape))
 
     def _smoothed(self, measured: WeightedLengths) -> NDArray[np.float64]:
         """Add the newest frame to the graph, and return its (nodes, 3) positions."""
