@@ -98,7 +98,7 @@ def rolled_about_one_node(stands: NDArray[np.bool_], stayed: NDArray[np.bool_]) 
         stands: (nodes,) which nodes stand now.
         stayed: (nodes,) which of them have stood before.
     """
-    return np.count_nonzero(stands) > 2 and np.count_nonzero(stayed) == 1
+    return int(np.count_nonzero(stands)) > 2 and int(np.count_nonzero(stayed)) == 1
 
 
 def misplaced(predicted: Prediction, misled_rad: float, floor: Floor) -> Prediction:
