@@ -20,14 +20,8 @@ The drifts of sensors have nothing to do with the board that reads them. Where t
 in the mean by more than `BOARD_SIGMA` of what they differ by among themselves, it is the board that has changed, and
 the estimated drifts are wrong.
 
-Lengths may contradict each other for another reason, as that a tendon has snapped. Drifts that explain this are larger
-than the rates which are given to them: with the estimated rates r_e of the n sensors that measure on b boards, and the
-mean r_b of those of each board,
-
-    sum (r_e - r_b)^2 / ((n - b) s_o^2) > `REFUTED`
-
-refutes them. Then no drift is estimated any more, and the lengths go on contradicting each other, which is a doubt of
-`ModelDoubt`.
+Lengths that contradict each other may do so for another reason, as that a tendon has snapped. A drift explains them at
+once: where they still contradict each other `EXPLAINS_WITHIN_S` after it was admitted, it is none, and is forgotten.
 """
 
 from collections.abc import Sequence
@@ -47,14 +41,17 @@ LOADED = 2.0
 """Load over the standard deviation of the balance of forces above which a node is loaded, if that is certain."""
 CONTRADICTED_RATE_PER_S = 5e-4
 """Sigma of the sensors' own rates when their lengths contradict each other: 1.8 % in a minute."""
+CONTRADICTED = 0.2
+"""Probability that the lengths are less exact than their sigmas say, above which sensors may drift apart."""
+STILL_CONTRADICTED = 0.5
+"""The same, above which the drift that was admitted for this does not explain them."""
+EXPLAINS_WITHIN_S = 1.0
+"""Time after which it has to: with drifts of the twin the probability is below 0.05 after a second, with a tendon that
+has snapped above 0.7."""
 BOARD_SIGMA = 5.0
 """Difference of the drifts of one board to those of the others, in standard deviations, from which the board changed:
 1.5 at most in trials in which each sensor drifts by its own 3 %, 6 to 9 where the reference of one board sags."""
 
-REFUTED = 1.3
-"""Mean square of the estimated rates over the variance that is given to them, above which no drift explains the
-lengths: 0.4 at most in trials in which sensors drift by themselves, 0.8 where the reference of one board sags, 1.7 and
-more where a tendon has snapped."""
 FEWEST_OF_A_BOARD = 6
 """Number of sensors on a board, and on all others, from which their drifts tell how much sensors differ."""
 
@@ -150,7 +147,8 @@ class OwnDrift:
         self._state: DriftState | None = None
         self._prediction: tuple[DriftState, NDArray[np.float64]] | None = None
         self._updated_s = np.nan
-        self._is_given_up = False
+        self._judged_s = np.inf
+        self._may_be_drift = True
         self._before: list[tuple[float, _Evidence | None]] = []  # at no drift; None where some node is loaded
         self._looked_s = np.nan
         self.begins = False
@@ -159,25 +157,23 @@ class OwnDrift:
         """Every update, for a smoother that puts a list here; live, memory is bounded. Once sensors drift apart, those
         of the frames before are in it, too."""
 
-    def admit(self, lengths: TendonLengths, contradicted: bool = False) -> TendonLengths:
-        """Return the lengths without the drift as estimated so far.
-
-        They are unchanged while sensors do not drift apart, and once no drift explains them.
+    def admit(self, lengths: TendonLengths, inexact: float | None = 0.0) -> TendonLengths:
+        """Return the lengths without the drift as estimated so far; unchanged while sensors do not drift apart.
 
         Args:
             lengths: of one frame.
-            contradicted: whether the lengths contradict each other by more than their sigma. Then sensors may drift
-                apart although the references, by chance, do not.
+            inexact: probability that the lengths contradict each other by more than their sigma; None where it is not
+                known. If they do, sensors may drift apart although the references, by chance, do not.
         """
         if np.isnan(self._first_s):
             self._first_s = self._looked_s = lengths.t_s
         drift = lengths.drift
         self._prediction = None
         self.begins = False
-        if drift is None or self._builder.statics is None or self._is_given_up:
+        if drift is None or self._builder.statics is None:
             return lengths
-        if contradicted:
-            self._least_rate_per_s = CONTRADICTED_RATE_PER_S
+        if inexact is not None:
+            self._judge(lengths.t_s, inexact, drift.own_rate_per_s)
         rate_per_s = max(drift.own_rate_per_s, self._least_rate_per_s)
         self.begins = self._state is None and rate_per_s > 0
         if self._state is None and not self.begins:
@@ -198,24 +194,27 @@ class OwnDrift:
             self._keep_evidence(shape)
             return
         self._learn(*self._prediction, self._evidence(shape))
-        if self._is_refuted(shape.lengths):
-            self._give_up()
 
-    def _is_refuted(self, lengths: TendonLengths) -> bool:
-        """Return whether the estimated rates are larger than those that are given to them, within boards."""
-        assert self._state is not None
-        assert lengths.drift is not None
-        board = lengths.drift.board
-        board = np.zeros(self._count, dtype=np.int64) if board is None else board
-        rates_per_s = self._state.mean[self._count :]
-        groups = [rates_per_s[board == number] for number in np.unique(board[board >= 0])]
-        squared = sum(float(((group - group.mean()) ** 2).sum()) for group in groups)
-        independent = sum(len(group) - 1 for group in groups)
-        return squared > REFUTED * independent * self._rate_variance
+    def _judge(self, t_s: float, inexact: float, own_rate_per_s: float) -> None:
+        """Decide whether a drift is to explain that lengths contradict each other, and whether it has.
 
-    def _give_up(self) -> None:
-        """Forget what was estimated, in the frames before, too."""
-        self._is_given_up = True
+        Args:
+            t_s: time of the frame.
+            inexact: probability that they do.
+            own_rate_per_s: what references tell of the sensors' own rates.
+        """
+        if self._may_be_drift and not self._least_rate_per_s and inexact > CONTRADICTED:
+            self._least_rate_per_s = CONTRADICTED_RATE_PER_S
+            self._judged_s = t_s + EXPLAINS_WITHIN_S
+        elif t_s >= self._judged_s:
+            self._judged_s = np.inf
+            if inexact > STILL_CONTRADICTED and not own_rate_per_s:
+                self._forget()
+
+    def _forget(self) -> None:
+        """Forget the drift, in the frames before, too: it is none."""
+        self._may_be_drift = False
+        self._least_rate_per_s = self._rate_variance = 0.0
         self._state = None
         if self.kept is not None:
             self.kept = []

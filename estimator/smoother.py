@@ -45,8 +45,6 @@ AHEAD_S = 0.045
 structure that collapses has moved by centimetres, and the next start would be as far off: exact lengths at 10 Hz were
 12 to 16 mm off in six of sixteen runs on four trials of the twin, and from the last shape they are 2.7 mm off at most.
 """
-CONTRADICTED = 0.2
-"""Probability that the lengths are less exact than their sigmas say, above which sensors may drift apart."""
 
 INDETERMINATE = "linear system detected while working near variable"
 """Words of gtsam's error when the factors leave a variable undetermined."""
@@ -122,9 +120,8 @@ class LiveSmoother:
         self.doubt.see(lengths)
         before = self.doubt.present
         scale = before.length_scale
-        steady = self.drift.admit(
-            self.modes.choose(lengths), before.inexact > CONTRADICTED and before.reason is not Reason.MOTION
-        )
+        inexact = None if before.reason is Reason.MOTION else before.inexact
+        steady = self.drift.admit(self.modes.choose(lengths), inexact)
         measured = weigh(steady, self.builder.noise).scaled(scale)
         if self._health and self.drift.begins:  # those that were left out before may have drifted
             self._health.use_all()
