@@ -4,6 +4,9 @@ Backwards over the steps of `PoseFilter`, with the transition F, the covariance 
 
     G = P F^T (P-)^-1,   d_k <- d_k + G (d_k+1 - d-_k+1),   P_k <- P_k + G (P_k+1 - P-_k+1) G^T
 
+Where a copy of the filter takes over, as when feet begin to slide (`SlideWatch`), P- does not follow from P: it may be
+less than F P F^T. The motion noise P- - F P F^T counts without its negative part then, or P_k might become negative.
+
 What later frames add to a pose is within its covariance P. Where it is not, they contradict those before, as after an
 error of the sensors that no sigma tells: then one of both is wrong, for as far back as the smoother carries it.
 """
@@ -25,6 +28,8 @@ each other: 3.5 at most in development trials; 60 and more where inertial sensor
 ran away."""
 LEAST_POSE_SIGMA = 1e-3
 """Least of these standard deviations, in rad and m."""
+ROUNDED_SHARE = 1e-9
+"""Share of a variance by which rounding may change it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,12 +72,27 @@ def smoothed_poses(steps: Sequence[PoseStep]) -> list[tuple[PoseState, NDArray[n
     for k in range(len(steps) - 2, -1, -1):
         after, now = steps[k + 1], steps[k]
         tiny = 1e-16 * np.eye(len(covariance))
-        gain = np.linalg.solve(after.predicted_covariance + tiny, after.transition @ now.covariance).T
-        covariance = now.covariance + gain @ (covariance - after.predicted_covariance) @ gain.T
+        carried = after.transition @ now.covariance
+        predicted = _at_least(carried @ after.transition.T, after.predicted_covariance)
+        gain = np.linalg.solve(predicted + tiny, carried).T
+        covariance = now.covariance + gain @ (covariance - predicted) @ gain.T
         covariance = 0.5 * (covariance + covariance.T)
         state = now.state.moved(gain @ after.predicted.errors_to(state))
         found.append((state, covariance))
     return found[::-1]
+
+
+def _at_least(carried: NDArray[np.float64], predicted: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (size, size) P-, or if some variance of it is less than that of F P F^T, the latter and the rest above it.
+
+    Args:
+        carried: (size, size) F P F^T.
+        predicted: (size, size) P-.
+    """
+    if (np.diag(predicted) >= (1 - ROUNDED_SHARE) * np.diag(carried)).all():
+        return predicted
+    value, vector = np.linalg.eigh(predicted - carried)
+    return np.asarray(carried + (vector * np.maximum(value, 0.0)) @ vector.T)
 
 
 def contradiction(step: PoseStep, state: PoseState) -> NDArray[np.float64] | None:

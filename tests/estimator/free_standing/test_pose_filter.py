@@ -129,6 +129,23 @@ def test_a_node_that_positions_lift_is_not_held_by_the_floor(balanced, robot) ->
     assert node_m == pytest.approx(at(0.56), abs=0.004)
 
 
+def test_a_copy_that_is_more_certain_than_the_filter_leaves_no_negative_variance(balanced, robot) -> None:
+    """By hand: 1 m^2 before, carried on; the copy that takes over has 0.04 m^2, and is known to 0.01 m^2 later.
+
+    With P- = F P F^T = 1, as no noise is negative, P_k = 1 + (0.01 - 1) = 0.01; with 0.04 it would be 1 - 25 * 0.03.
+    """
+    poses = PoseFilter(balanced, robot, PoseSettings())
+    step = poses.step(0.0, balanced.node_position_m, EXACT_M2, ())
+    size, place = len(step.covariance), step.state.layout.position.start
+    before, predicted, after = (1e-6 * np.eye(size) for _ in range(3))
+    before[place, place], predicted[place, place], after[place, place] = 1.0, 0.04, 0.01
+    now = replace(step, covariance=before)
+    later = replace(step, transition=np.eye(size), predicted_covariance=predicted, covariance=after)
+    _, smoothed = smoothed_poses([now, later])[0]
+    assert smoothed[place, place] == pytest.approx(0.01)
+    assert np.linalg.eigvalsh(smoothed)[0] > 0
+
+
 def test_the_smoother_is_no_less_certain_than_the_filter(balanced, robot) -> None:
     poses = PoseFilter(balanced, robot, PoseSettings())
     x = balanced.node_position_m
