@@ -118,6 +118,10 @@ class ImuTrust:
         self._is_given_up = self._is_given_up | self.is_used
         self.is_trusted = self.is_trusted & ~self.is_used
 
+    def lose(self) -> None:
+        """Lose the sensors that are used, until they rest and agree with their rods again."""
+        self.is_lost = self.is_lost | self.is_used
+
     def used(self, samples: ImuSamples) -> ImuSamples:
         """Return the samples without those of sensors that are not used."""
         return samples if self.is_used.all() else replace(samples, count=np.where(self.is_used, samples.count, 0))

@@ -40,6 +40,8 @@ from .prediction import Frame, Prediction
 from .tipping import MISSED_RAD, has_landed, heading_missed, misplaced, tipped, tipping
 from .watches.held_watch import HeldWatch
 from .watches.jump_watch import JumpWatch
+from .watches.lone_sensor_watch import LoneSensorWatch
+from .watches.measured_attitude import are_parallel
 from .watches.place_watch import PlaceWatch
 from .watches.range_trust import RangeTrust
 from .watches.rise_watch import RiseWatch, risen
@@ -69,6 +71,8 @@ class PoseFilter:
         """(3,) c, the origin of body coordinates."""
         self._imus = self._model.imus
         self._floor = robot.floor
+        self._rest = rest
+        self._rods_of_imus = rest.structure.rods[[imu.rod for imu in robot.imus]].reshape(-1, 2)
         self._rest_until_s = robot.rest_until_s
         self.state = state_at_rest(rest.node_position_m, robot)
         self.covariance = covariance_at_rest(self.state, robot.floor, settings)
@@ -94,6 +98,7 @@ class PoseFilter:
         self._rise_watch = RiseWatch(self._imus, robot.floor, settings)
         self._shake_watch = ShakeWatch(settings.shape_lag_s)
         self._stand_watch = StandWatch()
+        self._lone_sensor_watch = LoneSensorWatch(self._imus, settings.floor_m)
         self._held_watch = HeldWatch()
         self._doubted_turn: NDArray[np.float64] | None = None
         self._misled_rad = 0.0
@@ -129,6 +134,8 @@ class PoseFilter:
         if frame.samples is not None:
             self.trust.observe(self._imus, predicted.placed, frame.samples, frame.t_s, frame.step_s)
         predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, stayed)
+        self._read_s[[reading.node for reading in frame.positions]] = t_s
+        self._watch_lone_sensor(frame)
         if by_heights:
             self._watched_rise(frame)
             standing = self._watched_stand(frame, standing)
@@ -350,9 +357,7 @@ class PoseFilter:
         """
         if not self._standing.any():
             standing = self._contacts.lift()
-        self._read_s[[reading.node for reading in frame.positions]] = frame.t_s
-        is_seen = np.sum(frame.t_s - self._read_s < READING_HOLDS_S) > 1
-        if frame.samples is None or is_seen or frame.t_s < self._rest_until_s:
+        if frame.samples is None or self._is_seen(frame.t_s) or frame.t_s < self._rest_until_s:
             return standing
         placed, of_state = frame.placed(self.state), self.covariance
         standing = self._stand_watch.observe(
@@ -360,6 +365,21 @@ class PoseFilter:
         )
         self._remember_doubted(is_doubted=standing.contradicted and bool(standing.others))
         return standing
+
+    def _is_seen(self, t_s: float) -> bool:
+        """Return whether the positions of two nodes or more were read in the last moments."""
+        return int(np.sum(t_s - self._read_s < READING_HOLDS_S)) > 1
+
+    def _watch_lone_sensor(self, frame: Frame) -> None:
+        """Lose sensors that do not tell the turn about their rods where they have lost a robot that stands."""
+        used = self.trust.is_used
+        is_alone = are_parallel(self._rods_of_imus[used], self._rest) and not self._is_seen(frame.t_s)
+        if frame.samples is None or not is_alone or not self._standing.any():
+            return
+        if self._lone_sensor_watch.observe(
+            frame.placed(self.state), self.floor, self._standing, frame.samples, used, frame.step_s
+        ):
+            self.trust.lose()
 
     def _remember_doubted(self, *, is_doubted: bool) -> None:
         """Keep the turn at which the robot cannot stand; when it can again, the way to there was wrong by the rest."""

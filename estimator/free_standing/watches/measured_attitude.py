@@ -41,6 +41,8 @@ class MeasuredAttitude:
             lengths: with the readings of other sensors.
             used_imus: (imus,) which inertial sensors count.
         """
+        if not used_imus.any():
+            self._imu_s = -np.inf
         for reading in lengths.aids:
             if isinstance(reading, PositionReading):
                 self._node_s[reading.node] = reading.t_s

@@ -1,0 +1,97 @@
+"""Whether a lone sensor has lost the robot: its limits by hand, and in a filter with one sensor and with two."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poses import robot_with_two_sensors
+from tensegraph.estimator.free_standing.pose_filter import PoseFilter
+from tensegraph.estimator.free_standing.pose_start import state_at_rest
+from tensegraph.estimator.free_standing.watches.lone_sensor_watch import LoneSensorWatch
+from tensegraph.factors.imu import ImuArray
+from tensegraph.models.pose.imu_samples import ImuSamples
+from tensegraph.models.pose.placed import PlacedShape
+from tensegraph.models.pose.pose_settings import PoseSettings
+from tensegraph.models.pose.robot import FreeStandingRobot
+from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
+from tensegraph.models.values.aids import Imu, ImuReading
+
+AXIS = np.array([0.0, 0.0, 1.0])
+ACROSS = np.array([1.0, 0.0, 0.0])
+NONE = np.zeros(1, dtype=np.bool_)
+
+
+def samples_of(rate_rad_per_s: np.ndarray) -> ImuSamples:
+    force = GRAVITY_M_PER_S2 * UP[None]
+    return ImuSamples(rate_rad_per_s[None], force, np.ones(1, dtype=np.int64), NONE, np.full(1, 0.02), NONE, NONE)
+
+
+class Robot:
+    """A robot at rest on nodes 0 to 2, with a sensor, as a watch sees it in one frame after another."""
+
+    def __init__(self, balanced) -> None:
+        imus = (Imu(0, 0.5, AXIS),)
+        self.floor = Floor(float(balanced.node_position_m[0, 2]), UP)
+        state = state_at_rest(
+            balanced.node_position_m, FreeStandingRobot(floor=self.floor, imus=imus, rest_seconds=0.2)
+        )
+        body_m = balanced.node_position_m - state.position_m
+        self.placed = PlacedShape(state, body_m, 1e-6 * np.eye(36))
+        self.height_m = float(self.floor.clearance_m(state.position_m)) + self.floor.cap_radius_m
+        self.watch = LoneSensorWatch(ImuArray(imus, balanced.structure.rods), floor_m=0.0)
+        self.stands = np.isin(np.arange(12), [0, 1, 2])
+
+    def is_lost(self, rate_rad_per_s: np.ndarray, below_m: float = 0.0, frames: int = 1) -> bool:
+        """Return whether it is lost after some frames in which node 1 seems to be below the floor."""
+        body_m = self.placed.body_m.copy()
+        body_m[1, 2] -= below_m
+        placed = replace(self.placed, body_m=body_m)
+        used, samples = np.ones(1, dtype=np.bool_), samples_of(rate_rad_per_s)
+        for _ in range(frames):
+            lost = self.watch.observe(placed, self.floor, self.stands, samples, used, 0.02)
+        return lost
+
+
+@pytest.mark.parametrize(
+    ("share", "axis", "expected"), [(0.38, ACROSS, False), (0.40, ACROSS, True), (2.0, AXIS, False)]
+)
+def test_the_rate_by_hand(balanced, share: float, axis: np.ndarray, expected: bool) -> None:
+    """The limit is 0.39 sqrt(g / h) across the rod; the rod may spin about itself as fast as it will."""
+    robot = Robot(balanced)
+    rate = share * np.sqrt(GRAVITY_M_PER_S2 / robot.height_m)
+    assert robot.is_lost(rate * axis) == expected
+
+
+@pytest.mark.parametrize(
+    ("rate", "below_m", "frames", "expected"),
+    [(1.0, 0.008, 2, False), (1.0, 0.008, 5, True), (1.0, 0.004, 50, False), (0.1, 0.008, 50, False)],
+    ids=["a blow", "in a tip", "a little", "without a turn"],
+)
+def test_the_floor_by_hand(balanced, rate: float, below_m: float, frames: int, expected: bool) -> None:
+    """8 mm at a sigma of 1 mm: 64 (1 - exp(-t / 0.1 s)) is 21 after two frames and 40 after five. 4 mm make 16."""
+    assert Robot(balanced).is_lost(rate * ACROSS, below_m, frames) == expected
+
+
+def turned(poses: PoseFilter, balanced, imus: int) -> np.ndarray:
+    """Return (imus,) which sensors are lost after 0.1 s in which all rods turn at 4 rad/s about a level axis."""
+    rods = balanced.structure.rods
+    first, second = balanced.node_position_m[rods[0]]
+    level = np.cross(second - first, UP)
+    rate = 4.0 * level / np.linalg.norm(level)
+    for k in range(31):
+        t_s = 0.02 * k
+        w = rate if t_s > 0.5 else np.zeros(3)
+        force = GRAVITY_M_PER_S2 * UP
+        aids = [ImuReading(i, t_s - 0.01 + 0.01 * half, w, force) for half in (0, 1) for i in range(imus)]
+        poses.step(t_s, balanced.node_position_m, 1e-8 * np.eye(36), aids)
+    return poses.trust.is_lost
+
+
+def test_one_sensor_is_lost_and_two_in_different_directions_are_not(balanced) -> None:
+    x, rods = balanced.node_position_m, balanced.structure.rods
+    along = x[rods[0, 1]] - x[rods[0, 0]]
+    floor = Floor(float(x[0, 2]), UP)
+    robot = FreeStandingRobot(floor=floor, imus=(Imu(0, 0.5, along / np.linalg.norm(along)),), rest_seconds=0.5)
+    assert turned(PoseFilter(balanced, robot, PoseSettings()), balanced, 1).tolist() == [True]
+    assert not turned(robot_with_two_sensors(balanced), balanced, 2).any()
