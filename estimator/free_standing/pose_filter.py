@@ -99,6 +99,8 @@ class PoseFilter:
         self._shake_watch = ShakeWatch(settings.shape_lag_s)
         self._stand_watch = StandWatch()
         self._lone_sensor_watch = LoneSensorWatch(self._imus, settings.floor_m)
+        self.lost_robot = False
+        """Whether the inertial sensors have lost the robot in a tip, see `LoneSensorWatch`, and are not back yet."""
         self._held_watch = HeldWatch()
         self._doubted_turn: NDArray[np.float64] | None = None
         self._misled_rad = 0.0
@@ -380,6 +382,7 @@ class PoseFilter:
             frame.placed(self.state), self.floor, self._standing, frame.samples, used, frame.step_s
         ):
             self.trust.lose()
+            self.lost_robot = True
 
     def _remember_doubted(self, *, is_doubted: bool) -> None:
         """Keep the turn at which the robot cannot stand; when it can again, the way to there was wrong by the rest."""
@@ -473,6 +476,7 @@ class PoseFilter:
             back = self.trust.back(self._imus, self._body_before_m @ self.state.turn.T, samples)
         if not len(back):
             return self.trust.used(samples), None
+        self.lost_robot = False
         turn = self._imu_turns(samples)
         self.state, self.covariance, F = taken_on_again(self.state, self.covariance, back, turn, self._settings)
         self._slide_watch.restart()

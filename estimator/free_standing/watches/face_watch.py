@@ -145,6 +145,8 @@ class FaceWatch:
             self._tipped_s = -np.inf
             self._faces.stand_on(step.standing.nodes)
             self._look = None
+        elif self._poses.lost_robot and not self.knows_attitude:
+            step = replace(step, standing=replace(step.standing, contradicted=True))
         up = self.measured_up(step)
         if up is not None and self._stable:
             self._stable.turned_to(up)

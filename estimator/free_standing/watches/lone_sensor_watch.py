@@ -9,8 +9,8 @@ alone. The rest is told by the nodes that stand, as long as these are the right 
   correction, over its standard deviation by shape and floor, the mean square of the last `FLOOR_MEMORY_S` is above
   `FLOOR_CONTRADICTS` while the rod turns. A robot that does not turn may be lifted, which the sensor feels.
 
-Then the sensor is lost, as one that was silent: the robot is followed without it until it rests on a face that forces
-tell.
+Then the sensor is lost, as one that was silent: the robot is followed without it, in doubt, until it rests on a face
+that forces tell.
 """
 
 import numpy as np

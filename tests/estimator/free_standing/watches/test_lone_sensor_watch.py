@@ -1,11 +1,14 @@
 """Whether a lone sensor has lost the robot: its limits by hand, and in a filter with one sensor and with two."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from plan_edits import PLANS, replaced
 from poses import robot_with_two_sensors
+from tensegraph import reconstruct, simulate
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
 from tensegraph.estimator.free_standing.pose_start import state_at_rest
 from tensegraph.estimator.free_standing.watches.lone_sensor_watch import LoneSensorWatch
@@ -15,6 +18,7 @@ from tensegraph.models.pose.placed import PlacedShape
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.pose.robot import FreeStandingRobot
 from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
+from tensegraph.models.structure.shape import Reason, Status
 from tensegraph.models.values.aids import Imu, ImuReading
 
 AXIS = np.array([0.0, 0.0, 1.0])
@@ -95,3 +99,23 @@ def test_one_sensor_is_lost_and_two_in_different_directions_are_not(balanced) ->
     robot = FreeStandingRobot(floor=floor, imus=(Imu(0, 0.5, along / np.linalg.norm(along)),), rest_seconds=0.5)
     assert turned(PoseFilter(balanced, robot, PoseSettings()), balanced, 1).tolist() == [True]
     assert not turned(robot_with_two_sensors(balanced), balanced, 2).any()
+
+
+def test_a_robot_with_one_sensor_that_rolls_over_several_faces_is_in_doubt_until_forces_tell_a_face(tmp_path) -> None:
+    """It turns by 180 degrees within a second. Without the watch it was `ok` and 0.3 m off for a second and a half."""
+    shutil.copy(PLANS["press"], tmp_path)
+    edits = ("duration_s = 24.0", "duration_s = 9.0"), ("until_s = 23.0", "until_s = 9.0")
+    whole = replaced(PLANS["roll"].read_text(), *edits)
+    before, first, second = whole.split("[[imu]]")
+    plan = tmp_path / "roll.toml"
+    plan.write_text(f"{before}[[imu]]{first}{second[second.index('[load]') :]}")
+    trial = simulate(plan, tmp_path / "trial", 13)
+    result, truth = reconstruct(trial, "live"), trial.truth()
+    at = np.minimum(np.searchsorted(truth.t_s, result.t_s - 1e-9), len(truth.t_s) - 1)
+    error_m = np.linalg.norm(result.node_position_m - truth.node_position_m[at], axis=-1).max(axis=-1)
+    is_ok = np.array([status is Status.OK for status in result.status])
+    sigma_m = result.node_sigma_m.min(axis=-1)
+    assert error_m.max() > 0.2
+    assert (is_ok & (error_m > 5 * sigma_m)).mean() < 0.03
+    assert Reason.CONTACTS in result.doubts
+    assert sigma_m[-1] > 0.2, "heading and place are unknown"
