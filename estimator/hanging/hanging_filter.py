@@ -63,8 +63,6 @@ class HangingFilter(PoseFilter):
         )
         super().__init__(rest, robot, settings.pose, unknown)
         self._anchor_m = robot.anchor_m
-        self._rest = rest
-        self._rods_of_imus = rest.structure.rods[[imu.rod for imu in robot.imus]]
         self._suspension = Suspension.of(rest.structure, rest.node_mass_kg)
         self._nothing_stands = nothing_stands(rest.structure.node_count)
         self._standing = self._nothing_stands.nodes
