@@ -372,15 +372,16 @@ class PoseFilter:
         """Return whether the positions of two nodes or more were read in the last moments."""
         return int(np.sum(t_s - self._read_s < READING_HOLDS_S)) > 1
 
+    def _leave_one_turn(self) -> bool:
+        """Return whether the inertial sensors in use, all on parallel rods, do not tell the turn about these."""
+        return are_parallel(self._rods_of_imus[self.trust.is_used], self._rest)
+
     def _watch_lone_sensor(self, frame: Frame) -> None:
         """Lose sensors that do not tell the turn about their rods where they have lost a robot that stands."""
-        used = self.trust.is_used
-        is_alone = are_parallel(self._rods_of_imus[used], self._rest) and not self._is_seen(frame.t_s)
-        if frame.samples is None or not is_alone or not self._standing.any():
+        if frame.samples is None or not self._standing.any() or self._is_seen(frame.t_s) or not self._leave_one_turn():
             return
-        if self._lone_sensor_watch.observe(
-            frame.placed(self.state), self.floor, self._standing, frame.samples, used, frame.step_s
-        ):
+        placed, used = frame.placed(self.state), self.trust.is_used
+        if self._lone_sensor_watch.observe(placed, self.floor, self._standing, frame.samples, used, frame.step_s):
             self.trust.lose()
             self.lost_robot = True
 

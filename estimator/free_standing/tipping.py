@@ -66,9 +66,9 @@ def tipped(
     turned_rad, moved_m = LANDING_RAD_PER_RAD05 * np.sqrt(angle), LANDING_M_PER_RAD05 * np.sqrt(angle)
     if not stayed.any():
         rolled_m = np.zeros(3)
-        turned_rad, moved_m = ANY_HEADING_RAD, angle * _rolls_m(placed, floor)
+        turned_rad, moved_m = ANY_HEADING_RAD, angle * rolls_m(placed, floor)
     elif rolled_about_one_node(stands, stayed):
-        turned_rad, moved_m = angle, angle * _rolls_m(placed, floor)
+        turned_rad, moved_m = angle, angle * rolls_m(placed, floor)
     state = replace(
         placed.state,
         turn=turn @ placed.state.turn,
@@ -91,8 +91,8 @@ def tipped(
 def rolled_about_one_node(stands: NDArray[np.bool_], stayed: NDArray[np.bool_]) -> bool:
     """Return whether a structure came to lie on a face of which one node alone has stood before.
 
-    The two faces share no edge over which it could tip. It has rolled over another face between them, of which one did
-    not see on which side of the node it is: heading and place are as uncertain as the turn is large.
+    The two faces share no edge over which it could tip. It has rolled over another face between them, on either side
+    of the node: heading and place are as uncertain as the turn is large.
 
     Args:
         stands: (nodes,) which nodes stand now.
@@ -116,11 +116,11 @@ def misplaced(predicted: Prediction, misled_rad: float, floor: Floor) -> Predict
     at = placed.state.layout
     variance = np.zeros(at.size)
     variance[at.turn] = (misled_rad * floor.normal) ** 2
-    variance[at.position] = (misled_rad * _rolls_m(placed, floor)) ** 2
+    variance[at.position] = (misled_rad * rolls_m(placed, floor)) ** 2
     return predicted.then(placed, np.eye(at.size), variance)
 
 
-def _rolls_m(placed: PlacedShape, floor: Floor) -> float:
+def rolls_m(placed: PlacedShape, floor: Floor) -> float:
     """Return the way of the centroid per angle: its height above the floor, and the radius of a cap."""
     return float(floor.clearance_m(placed.state.position_m)) + floor.cap_radius_m
 

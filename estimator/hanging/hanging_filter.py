@@ -29,7 +29,6 @@ from ..free_standing.contacts import nothing_stands
 from ..free_standing.pose_filter import PoseFilter
 from ..free_standing.pose_smoother import PoseStep
 from ..free_standing.prediction import Frame, Prediction, heading_direction, without_turn
-from ..free_standing.watches.measured_attitude import are_parallel
 from .hands import HandTorque, Hanging, Swing
 
 CONTRADICTION = 3.0
@@ -119,7 +118,7 @@ class HangingFilter(PoseFilter):
 
     def _spins_unseen(self) -> bool:
         """Return whether the inertial sensors in use, all on parallel rods, do not tell how a body on a ball spins."""
-        return self._suspension.is_ball and are_parallel(self._rods_of_imus[self.trust.is_used], self._rest)
+        return self._suspension.is_ball and self._leave_one_turn()
 
     def _turn_is_measured(self) -> bool:
         """Return whether the inertial sensors in use tell all of how the structure is turned but its heading."""

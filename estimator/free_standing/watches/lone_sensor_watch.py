@@ -21,7 +21,7 @@ from ....models.pose.imu_samples import ImuSamples
 from ....models.pose.placed import PlacedShape
 from ....models.structure.floor import GRAVITY_M_PER_S2, Floor
 from ....models.values.time_series import low_pass_weight
-from ..tipping import TIPS_RAD_PER_S
+from ..tipping import TIPS_RAD_PER_S, rolls_m
 
 ROLLS_ON = 0.39
 """The rate, times the root of h / g, above which a robot may roll on: 3.4 rad/s at a height of 0.13 m. In tips onto the
@@ -71,6 +71,5 @@ class LoneSensorWatch:
         self._mean_square += float(low_pass_weight(step_s, FLOOR_MEMORY_S)) * (squared - self._mean_square)
         across = np.cross(self._imus.axis, samples.rate_rad_per_s)[used]
         rate_rad_per_s = float(np.linalg.norm(across, axis=1).max())
-        centroid_m = max(float(floor.clearance_m(placed.state.position_m)), 0.0) + floor.cap_radius_m
-        rolls_on = rate_rad_per_s > ROLLS_ON * float(np.sqrt(GRAVITY_M_PER_S2 / centroid_m))
+        rolls_on = rate_rad_per_s**2 * rolls_m(placed, floor) > ROLLS_ON**2 * GRAVITY_M_PER_S2
         return rolls_on or (rate_rad_per_s > TIPS_RAD_PER_S and self._mean_square > FLOOR_CONTRADICTS)
