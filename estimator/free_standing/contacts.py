@@ -36,6 +36,9 @@ EXACT_M = 0.003
 the attitude, whose error lasts: frames then count in proportion to the inverse of the variance. Where each counted in
 full, after 0.1 s without samples in a tip, three nodes seemed to stand of which one did, and a robot with six sensors
 was 136 mm off in place of 16."""
+EDGE_LOG_RATIO = 0.7
+"""A tip over an edge has to be twice as probable as another face to be told: while hands push a robot that stands, one
+over some edge is about as probable as that."""
 HYSTERESIS = 0.2
 """A node is put on the floor above, and lifted below, the probability of a half by this difference."""
 
@@ -116,18 +119,20 @@ class Standing:
         alternatives = sum(p for p, other in self.others if not np.any(nodes & ~other))
         return alternatives + (self._unless_others if not np.any(nodes & ~self.nodes) else 0.0)
 
-    def other_face(self, log_ratio: float) -> tuple[float, NDArray[np.bool_]] | None:
-        """Return the likeliest other face, unless the log probability ratio of what stands to it is above a limit.
+    def likeliest_other(self, log_ratio: float) -> tuple[float, NDArray[np.bool_]] | None:
+        """Return the likeliest other face or edge, unless it is much less probable than what stands.
+
+        Args:
+            log_ratio: the log of the probability ratio of what stands to a face, from which that face does not count;
+                an edge does not from `EDGE_LOG_RATIO` less.
 
         Returns:
-            The log ratio, and (nodes,) which nodes would stand; None where there is no such face.
+            The log ratio, and (nodes,) which nodes would stand; None where there is no such face or edge.
         """
-        faces = [(p, nodes) for p, nodes in self.others if nodes.sum() > 2]
-        if not faces:
-            return None
-        p, nodes = max(faces, key=lambda face: face[0])
-        ratio = float(np.log(max(self._unless_others, CERTAIN) / p))
-        return (ratio, nodes) if ratio < log_ratio else None
+        this = np.log(max(self._unless_others, CERTAIN))
+        ratios = [(float(this - np.log(p)), nodes) for p, nodes in self.others]
+        near = [(r, nodes) for r, nodes in ratios if r < log_ratio - (EDGE_LOG_RATIO if nodes.sum() <= 2 else 0.0)]
+        return min(near, key=lambda other: other[0], default=None)
 
     @property
     def _unless_others(self) -> float:

@@ -18,6 +18,8 @@ face the structure comes to lean over one of its edges. From there it falls back
 rolls on, onto any face. It lands only while the lengths change, see `length_change`; a structure whose lengths stay the
 same stands on the face on which it has stood. Errors of the lengths stay the same meanwhile: hysteresis follows the
 strain, not time. The evidence of frames in which nothing changes therefore counts as that of one frame in two seconds.
+Such errors do not explain that the evidence changes. In a slow push the lengths change little as the robot begins to
+lean, and the forces are others from then on: the change counts in full, once, in `SAME_MOVING_S`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,6 +34,7 @@ from ...models.balance.support import standing
 from ...models.estimation import DoubtSettings
 from ...models.pose.robot import FreeStandingRobot
 from ...models.structure.rest_shape import RestShape
+from ...models.values.time_series import low_pass_weight
 from ..graph import GraphBuilder
 from ..linear_frame import LinearFrame
 from .contacts import Standing
@@ -128,6 +131,7 @@ class RestingFaces:
         self._hypothesis = np.concatenate([np.arange(len(faces)), edge])
         self.probability: NDArray[np.float64]
         """(states,) of the faces, and of the tips over each edge from either face"""
+        self._usual: NDArray[np.float64] | None = None  # evidence of the last moment
         self.stand_on(standing_nodes)
 
     def up(self, node_position_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -151,8 +155,13 @@ class RestingFaces:
         self.probability = self.probability @ self._transition(step_s, may_tip)
         ratio = np.maximum(log_evidence - log_evidence.max(), -MOST_EVIDENCE)
         of_heights = np.maximum(of_heights - of_heights.max(), -MOST_EVIDENCE)
-        share = (1 - may_tip) * step_s / SAME_S + may_tip * step_s / SAME_MOVING_S
-        likelihood = np.exp(min(share, 1.0) * ratio + of_heights)[self._hypothesis]
+        usual = ratio if self._usual is None else self._usual
+        news = ratio - usual
+        self._usual = usual + low_pass_weight(step_s, SAME_MOVING_S) * news
+        still_s, moving_s = (1 - may_tip) * step_s, may_tip * step_s
+        of_forces = min(still_s / SAME_S + moving_s / SAME_MOVING_S, 1.0) * ratio
+        of_forces += min(still_s / SAME_MOVING_S, 1.0) * news
+        likelihood = np.exp(of_forces + of_heights)[self._hypothesis]
         self.probability = self.probability * likelihood / (self.probability @ likelihood)
 
     def stand_on(self, nodes: NDArray[np.bool_]) -> None:

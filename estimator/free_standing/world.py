@@ -50,8 +50,8 @@ def in_world(
 ) -> Shape:
     """Return a shape of body coordinates in the world.
 
-    Where other nodes may stand, the covariance includes where the nodes would be then. The shape on another face that
-    is about as probable is told beside it.
+    Where other nodes may stand, the covariance includes where the nodes would be then. The shape on another face, or
+    halfway over an edge, that is about as probable is told beside it.
 
     Args:
         shape: in body coordinates.
@@ -70,7 +70,7 @@ def in_world(
     for probability, nodes in stands.others:
         away_m = (_standing_on(x, nodes, stands, tilted) - x).ravel()
         total += probability * np.outer(away_m, away_m)
-    if other := stands.other_face(settings.log_ratio):
+    if other := stands.likeliest_other(settings.log_ratio):
         log_ratio, nodes = other
         shape = shape.with_other(OtherShape(_standing_on(x, nodes, stands, tilted), log_ratio))
     if stands.contradicted:

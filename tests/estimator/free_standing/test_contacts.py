@@ -72,14 +72,21 @@ def test_the_probability_of_nodes_is_that_of_the_faces_that_have_them() -> None:
     assert standing.probability_of(np.isin(np.arange(12), [0, 4])) == 0.0
 
 
-def test_the_likeliest_other_face_is_told_where_it_is_about_as_probable() -> None:
-    """Of 0 1 2 with 0.6, the edge 0 1 with 0.2, 0 1 3 with 0.15 and 0 2 4 with 0.05: 0 1 3, by a log ratio of log 4."""
+@pytest.mark.parametrize(
+    ("limit", "told", "ratio"),
+    [(3.0, [0, 1], 3), (1.7, [0, 1, 3], 4), (1.3, None, None)],
+)
+def test_the_likeliest_other_face_or_edge_is_told_where_it_is_about_as_probable(limit, told, ratio) -> None:
+    """Of 0 1 2 with 0.6, the edge 0 1 with 0.2, 0 1 3 with 0.15 and 0 2 4 with 0.05: an edge has a lower limit."""
     sets = [np.isin(np.arange(12), nodes) for nodes in ([0, 1, 2], [0, 1], [0, 1, 3], [0, 2, 4])]
     standing = Standing(sets[0], np.zeros(12), tuple(zip((0.2, 0.15, 0.05), sets[1:], strict=True)))
-    log_ratio, nodes = standing.other_face(3.0)
-    assert abs(log_ratio - np.log(4)) < 1e-12
-    np.testing.assert_array_equal(nodes, sets[2])
-    assert standing.other_face(1.3) is None
+    other = standing.likeliest_other(limit)
+    if told is None:
+        assert other is None
+        return
+    log_ratio, nodes = other
+    assert abs(log_ratio - np.log(ratio)) < 1e-12
+    assert np.flatnonzero(nodes).tolist() == told
 
 
 @pytest.mark.parametrize(

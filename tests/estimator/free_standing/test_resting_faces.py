@@ -134,6 +134,15 @@ def test_a_structure_whose_lengths_stay_the_same_stays_where_it_is(fresh) -> Non
     assert np.argmax(told(fresh, evidence, 0.0, 100)) == target
 
 
+def test_evidence_that_changes_counts_at_once_without_a_change_of_the_lengths(fresh, structure, balanced) -> None:
+    """As a robot is pushed slowly, evidence turns to an edge. Had it always been so, it would tell little."""
+    start, edge, _ = beside(fresh)
+    on_face, on_edge = (np.where(np.arange(50) == h, 0.0, -4.0) for h in (start, edge))
+    always = told(fresh, on_edge, 0.0, 2)[edge]
+    told(fresh, on_face, 0.0, 20)
+    assert told(fresh, on_edge, 0.0, 2)[edge] > 2 * always
+
+
 def test_it_leans_over_an_edge_without_a_change_and_falls_back(fresh) -> None:
     start, edge, target = beside(fresh)
     before = told(fresh, np.zeros(50), 0.0, 1)[edge]
