@@ -34,6 +34,7 @@ from .smoother import AHEAD_S, LiveSmoother
 from .uncertainty import Assessment, FrameEvidence, Mixture
 from .watches.past_motion import PastMotion
 from .watches.rebound_watch import ReboundWatch
+from .watches.steady_load import SteadyLoad
 from .whole_trial.parts import STACKED, WINDOW
 from .whole_trial.second_shapes import frames_to_search, second_shapes
 from .whole_trial.trial_balance import TrialBalance
@@ -256,7 +257,7 @@ class BatchOptimizer:
         trial = replace(problem, balance=balance)
         t_s = problem.t_s
         search = np.array(frames_to_search(t_s, self._settings.branch.look_every_s))
-        rebounds = self._rebounds(trial, position_m)
+        rebounds, steady_load = self._of_loads(trial, position_m)
         read_s, past = self._past(trial, position_m)
         lasting = LastingErrors(self._builder.structure, self._builder.rest)
         velocity_m_per_s = np.gradient(position_m, t_s, axis=0) if len(t_s) > 1 else np.zeros_like(position_m)
@@ -273,21 +274,24 @@ class BatchOptimizer:
                 if change is not None:
                     shape = change.doubted(shape, self._builder.structure.free_coordinates)
                 shape = rebounds.widened(shape.in_doubt(Reason.BOARD) if of_a_board else shape)
+                shape = steady_load.widened(shape)
                 if shape.status is Status.PRIOR_ONLY:
                     shape = past.widened(shape, float(np.abs(read_s - shape.t_s).min(initial=np.inf)))
                 velocities, error_scale = velocity_m_per_s[near[k]], trial.doubts[k].error_scale
                 shape = lasting.of_trial(shape, velocity_m_per_s[k], velocities, error_scale)
                 yield shape.beside(other)
 
-    def _rebounds(self, trial: _Problem, position_m: NDArray[np.float64]) -> ReboundWatch:
-        """Return what all presses of the trial tell of the memory of the strips."""
-        rebounds = ReboundWatch(self._builder.rest, self._settings.doubt.load_n)
+    def _of_loads(self, trial: _Problem, position_m: NDArray[np.float64]) -> tuple[ReboundWatch, SteadyLoad]:
+        """Return what all loads of the trial tell of the memory of the strips, and of the rest."""
+        rest, finger_n = self._builder.rest, self._settings.doubt.load_n
+        rebounds, steady_load = ReboundWatch(rest, finger_n), SteadyLoad(rest, finger_n)
         if trial.balance is None:
-            return rebounds
+            return rebounds, steady_load
         force_n = averaged_forces(trial.balance.load_n(position_m), trial.t_s, trial.frames_per_push)
-        for measured, doubt, loads_n in zip(trial.measured, trial.doubts, force_n, strict=True):
+        for measured, doubt, loads_n, x_m in zip(trial.measured, trial.doubts, force_n, position_m, strict=True):
             rebounds.learn(measured.lengths, loads_n, in_motion=doubt.reason is Reason.MOTION)
-        return rebounds
+            steady_load.learn(measured.lengths, loads_n, x_m)
+        return rebounds, steady_load
 
     def _past(self, trial: _Problem, position_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], PastMotion]:
         """Return the times of all frames in which lengths were read, and what their shapes tell of those without."""

@@ -28,6 +28,7 @@ from .sensor_drift import OwnDrift, is_of_a_board
 from .uncertainty import FrameEvidence
 from .watches.past_motion import PastMotion
 from .watches.rebound_watch import ReboundWatch
+from .watches.steady_load import SteadyLoad
 
 FIRST_BYSTANDER = 2**60
 """Key of the first of `_bystanders`, beyond those of all frames."""
@@ -60,6 +61,7 @@ class LiveSmoother:
         self.doubt = ModelDoubt(self.builder, settings.doubt)
         self.changes = ChangeWatch(self.builder)
         self.rebounds = ReboundWatch(rest, settings.doubt.load_n)
+        self._steady_load = SteadyLoad(rest, settings.doubt.load_n)
         self._past = PastMotion(structure.free_coordinates)
         self._compensation = LagCompensation()
         self._lasting = LastingErrors(structure, rest)
@@ -150,7 +152,7 @@ class LiveSmoother:
         shape = self.changes.doubted(shape)
         if is_of_a_board(shape.lengths.drift):
             shape = shape.in_doubt(Reason.BOARD)
-        return self._past.observe(self.rebounds.observe(shape))
+        return self._past.observe(self._steady_load.observe(self.rebounds.observe(shape)))
 
     def _smoothed(self, measured: WeightedLengths) -> NDArray[np.float64]:
         """Add the newest frame to the graph, and return its (nodes, 3) positions."""
