@@ -32,6 +32,7 @@ from ...models.values.rotations import rotation, rotation_vector
 from ...models.values.slip import Slip
 from .contacts import ContactsByHeight, Standing
 from .footholds import Feet, let_slide, put_down
+from .heading_search import HeadingSearch, headed, is_lost
 from .imu_trust import ImuTrust, is_still, taken_on_again
 from .pose_model import Pose, PoseModel
 from .pose_smoother import PoseStep
@@ -88,6 +89,7 @@ class PoseFilter:
         """Which inertial sensors are used."""
         self._position_trust = PositionTrust(rest, robot.rest_until_s, settings.position_m)
         self._range_trust = RangeTrust(self._model.numbers_of_pair, robot.rest_until_s, settings)
+        self._heading_search = HeadingSearch(self._model.numbers_of_pair, settings)
         self._jump_watch = JumpWatch(settings)
         self.knows_attitude = True
         """Whether the robot is turned as told, so that inertial sensors which are heard again may be turned with it."""
@@ -133,6 +135,7 @@ class PoseFilter:
         by_heights = standing is None
         standing = self._contacts_of(predicted, frame, standing)
         predicted, stayed, landed = self._put_on_feet(predicted, frame, standing, by_heights=by_heights)
+        predicted = self._headed(predicted, frame)
         if frame.samples is not None:
             self.trust.observe(self._imus, predicted.placed, frame.samples, frame.t_s, frame.step_s)
         predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, stayed)
@@ -219,6 +222,23 @@ class PoseFilter:
             stayed, landed, self._misled_rad = np.zeros_like(stayed), standing.nodes, 0.0
         return predicted, stayed, landed
 
+    def _headed(self, predicted: Prediction, frame: Frame) -> Prediction:
+        """Return the prediction with the heading that ranges tell, if it was lost and they tell it now."""
+        if not self._has_lost_heading(predicted, frame):
+            if frame.ranges:
+                self._heading_search.restart()
+            return predicted
+        floor = self._floor.tilted(predicted.placed.state.floor_tilt)
+        found = self._heading_search.observe(predicted, frame, self._standing, floor)
+        if found is None:
+            return predicted
+        self._range_trust.trust_again()
+        return headed(predicted, found, self._floor)
+
+    def _has_lost_heading(self, predicted: Prediction, frame: Frame) -> bool:
+        """Return whether ranges alone tell the heading, and it is too uncertain for derivatives by it."""
+        return bool(frame.ranges) and not self._is_seen(frame.t_s) and is_lost(predicted, self._floor)
+
     def _corrected_on_feet(
         self,
         predicted: Prediction,
@@ -291,9 +311,10 @@ class PoseFilter:
             held: the nodes that footholds hold.
             stop: see `SlideWatch.stop_rows`.
         """
-        rows = self._model.rows(predicted, frame, self._standing, self.trust.is_used, held)
+        is_lost = self._has_lost_heading(predicted, frame)
+        rows = self._model.rows(predicted, frame, self._standing, self.trust.is_used, held, is_lost=is_lost)
         rows += [*stop, *self._held_rows(predicted, frame)]
-        self.state, self.covariance = self._model.corrected(predicted, frame, rows)
+        self.state, self.covariance = self._model.corrected(predicted, frame, rows, is_lost=is_lost)
         if not self._standing.any():
             self.state = self._model.above_floor(self.state, self.covariance, predicted, frame)
         self._jump_watch.keep(frame.placed(self.state), frame)

@@ -95,6 +95,8 @@ class PoseModel:
         stands: NDArray[np.bool_],
         used_imus: NDArray[np.bool_],
         held: Feet | None,
+        *,
+        is_lost: bool = False,
     ) -> list[Rows]:
         """Return the rows of all aids in one frame.
 
@@ -104,6 +106,7 @@ class PoseModel:
             stands: (nodes,) which nodes stand.
             used_imus: (imus,) which inertial sensors are used.
             held: the nodes that footholds hold; None if none is held.
+            is_lost: whether the heading is too uncertain for derivatives by it; ranges then have no rows.
         """
         settings, floor, placed = self.settings, self.floor, predicted.placed
         repeats = max(settings.shape_holds_s / frame.step_s, 1.0)
@@ -113,13 +116,13 @@ class PoseModel:
             rows.append(held.rows.lasting(repeats))
         if frame.samples is not None:
             rows.append(self.imus.direction_rows(placed, repeats, np.flatnonzero(used_imus)))
-        if self._is_blind(frame):
+        if is_lost or self._is_blind(frame):
             rows = [without_heading(stacked(rows), placed.state, floor)]
         if frame.samples is not None:
             rows.append(self.imus.gravity_rows(placed.state, frame.samples, settings))
         if frame.positions:
             rows.append(self._position_rows(placed, frame))
-        if frame.ranges:
+        if frame.ranges and not is_lost:
             rows.append(self._range_rows(predicted, frame)[0])
         if frame.t_s < self.rest_until_s:
             rows.append(rest_rows(placed.state, self.centre_m))
@@ -128,10 +131,17 @@ class PoseModel:
         return rows
 
     def corrected(
-        self, predicted: Prediction, frame: Frame, rows: Sequence[Rows]
+        self, predicted: Prediction, frame: Frame, rows: Sequence[Rows], *, is_lost: bool = False
     ) -> tuple[PoseState, NDArray[np.float64]]:
-        """Return the state and (size, size) its covariance after the correction by the rows of a frame."""
-        if self._is_blind(frame):
+        """Return the state and (size, size) its covariance after the correction by the rows of a frame.
+
+        Args:
+            predicted: what is expected of the frame.
+            frame: the frame.
+            rows: of its aids.
+            is_lost: as for `rows`.
+        """
+        if is_lost or self._is_blind(frame):
             return predicted.corrected_blindly(stacked(rows), self.floor)
         return predicted.corrected(stacked(rows))
 
@@ -169,8 +179,11 @@ class PoseModel:
         return not (frame.positions or frame.ranges or frame.t_s < self.rest_until_s)
 
     def _range_rows(self, predicted: Prediction, frame: Frame) -> tuple[Rows, list[RangeReading]]:
-        sigma_m = self.settings.range_m
-        return range_rows(predicted.placed, frame.ranges, self.numbers_of_pair, predicted.covariance, sigma_m)
+        placed, sigma_m = predicted.placed, self.settings.range_m
+        rows, outliers = range_rows(placed, frame.ranges, self.numbers_of_pair, predicted.covariance, sigma_m)
+        if frame.t_s < self.rest_until_s:  # all of an error that lasts is the offset then
+            rows.jacobian[:, placed.state.layout.beacon_error] = 0.0
+        return rows, outliers
 
     def _position_rows(self, placed: PlacedShape, frame: Frame) -> Rows:
         return position_rows(placed, frame.positions, frame.t_s, self.settings.position_m)

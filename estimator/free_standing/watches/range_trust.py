@@ -15,7 +15,8 @@ less than an outlier. The mean e of their errors by the predicted pose over `REC
 with the weights w of the readings in the mean, and without the error of the beacon in J, tell it: what the pose is
 wrong by, all readings have in common, and their noise they have not. A beacon that is off by more than `OFF_SIGMA` is
 left out until it is not. Where half of the beacons that are read, or more, are off, the pose may be what is wrong:
-their ranges are used, and in doubt from then on, because the offsets that are estimated may be what was wrong.
+their ranges are used, and in doubt from then on, because the offsets that are estimated may be what was wrong; until a
+search over all headings finds a pose that they fit.
 """
 
 from collections import Counter, defaultdict
@@ -108,6 +109,14 @@ class RangeTrust:
     def in_doubt(self) -> bool:
         """Whether a recording's beacons are elsewhere than told, or half of those read have been off together."""
         return bool(self._misplaced) or self._were_many
+
+    def trust_again(self) -> None:
+        """Take note that the ranges of all beacons fit together, as a search over all headings has found.
+
+        What seemed to be off before was the pose.
+        """
+        self._recent.clear()
+        self._were_many = False
 
     def left_out(self, frame: Frame, predicted: Prediction) -> list[RangeReading]:
         """Return the ranges of a frame that are not to be used.
