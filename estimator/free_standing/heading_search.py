@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import softmax
 
+from ...factors.range import NEAREST_M
 from ...models.pose.pose_settings import PoseSettings
 from ...models.structure.floor import Floor
 from ...models.values.aids import RangeReading
@@ -40,8 +41,8 @@ LEAST_PAIRS = 3
 """Number of pairs from which is searched."""
 STARTS = 16
 """Number of angles from which is searched."""
-STEPS = 8
-"""Number of steps of Gauss and Newton from each."""
+STEPS = 20
+"""Number of steps of Gauss and Newton from each, the first half with Huber's kernel."""
 OUTLYING = 4.0
 """Error of a pair, in standard deviations, as which a larger one counts."""
 FITS = 4.0
@@ -76,11 +77,15 @@ class _Ranges:
     def minima(self, floor: Floor) -> list[tuple[float, NDArray[np.float64]]]:
         """Return J, and (3,) angle and shift, at each minimum, the least first."""
         x = np.column_stack([np.linspace(-np.pi, np.pi, STARTS, endpoint=False), np.zeros((STARTS, 2))])
-        for _ in range(STEPS):
-            r, H = self._near(x, floor)
+        for step in range(STEPS):
+            r, H = self._errors(x, floor)
+            share = np.abs(r) / OUTLYING
+            is_far = 2 * step < STEPS  # from the minimum, so that all seem to be outliers
+            weight = 1 / np.sqrt(np.maximum(share, 1.0)) if is_far else np.where(share < 1, 1.0, 0.0)
+            r, H = weight * r, weight[..., None] * H
             slope = np.einsum("spi,sp->si", H, r) - x * [0.0, FAR_M**-2, FAR_M**-2]
-            step = np.linalg.solve(np.swapaxes(H, 1, 2) @ H + PRIOR, slope[..., None])[..., 0]
-            x = x + np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+            moves = np.linalg.solve(np.swapaxes(H, 1, 2) @ H + PRIOR, slope[..., None])[..., 0]
+            x = x + np.clip(moves, -LONGEST_STEP, LONGEST_STEP)
         r, _ = self._errors(x, floor)
         J = np.sum(x[:, 1:] ** 2, axis=1) / FAR_M**2 + np.sum(np.minimum(r**2, OUTLYING**2), axis=1)
         minima: list[tuple[float, NDArray[np.float64]]] = []
@@ -93,22 +98,17 @@ class _Ranges:
         self, x: NDArray[np.float64], range_covariance_m2: NDArray[np.float64], floor: Floor
     ) -> NDArray[np.float64]:
         """Return the (3, 3) covariance of a minimum, where errors of the ranges have a (pairs, pairs) covariance."""
-        H = self._near(x[None], floor)[1][0]
+        r, H = (of_one[0] for of_one in self._errors(x[None], floor))
+        H[np.abs(r) >= OUTLYING] = 0.0
         least = np.linalg.inv(H.T @ H + PRIOR)
-        gain = least @ (H / self.sigma_m[:, None]).T
+        gain = least @ H.T / self.sigma_m
         return np.asarray(gain @ range_covariance_m2 @ gain.T + least @ PRIOR @ least)
-
-    def _near(self, x: NDArray[np.float64], floor: Floor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return r and minus its derivative, which are zero where r is that of an outlier."""
-        r, H = self._errors(x, floor)
-        near = np.abs(r) < OUTLYING
-        return np.where(near, r, 0.0), np.where(near[..., None], H, 0.0)
 
     def _errors(self, x: NDArray[np.float64], floor: Floor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (n, pairs) r of (n, 3) angles and shifts, and (n, pairs, 3) minus its derivative."""
         turned_m = self.arm_m @ np.swapaxes(rotation(x[:, :1] * floor.normal), 1, 2)
         away_m = (self.centre_m + x[:, 1:] @ floor.axes)[:, None] + turned_m - self.beacon_m
-        distance_m = np.linalg.norm(away_m, axis=-1)
+        distance_m = np.maximum(np.linalg.norm(away_m, axis=-1), NEAREST_M)
         u = away_m / distance_m[..., None]
         by_angle = np.sum(u * cross(floor.normal, turned_m), axis=-1)
         slope = np.concatenate([by_angle[..., None], u @ floor.axes.T], axis=-1)
@@ -208,39 +208,43 @@ def is_lost(predicted: Prediction, floor: Floor) -> bool:
 def headed(predicted: Prediction, found: Headed, floor: Floor) -> Prediction:
     """Return the prediction with robot, feet and sensors turned about the floor's normal, and moved along the floor.
 
-    With the directions D of such a turn about p, and M of such moves, in the errors d of the state,
+    With the turn T of all vectors, and the directions D of a turn about p and M of moves in the errors d of the state,
 
-        d <- (1 - D n^T - M E^T) d + D a + M s
+        d <- (1 - D n^T - M E^T) T d + D a + M s
 
     so that errors of heading and place before are replaced by those of the search, a and s.
 
     Args:
         predicted: before.
         found: where it heads and is.
-        floor: the floor as it is estimated.
+        floor: the floor as told.
     """
     placed, before = predicted.placed, predicted.placed.state
-    at, n, axes = before.layout, floor.normal, floor.axes
-    turn = rotation(found.angle_rad * n)
-    moved_m = found.shift_m @ axes
-    foothold_m = before.foothold_m @ axes - before.position_m
+    at, tilted = before.layout, floor.tilted(before.floor_tilt)
+    n, axes = tilted.normal, tilted.axes
+    turn, moved_m = rotation(found.angle_rad * n), found.shift_m @ axes
+    foothold_m = before.foothold_m @ floor.axes - before.position_m
     state = replace(
         before,
         turn=turn @ before.turn,
         position_m=before.position_m + moved_m,
         rate_rad_per_s=turn @ before.rate_rad_per_s,
         velocity_m_per_s=turn @ before.velocity_m_per_s,
-        foothold_m=(before.position_m + foothold_m @ turn.T + moved_m) @ axes.T,
+        foothold_m=(before.position_m + foothold_m @ turn.T + moved_m) @ floor.axes.T,
         imu_turn=turn @ before.imu_turn,
     )
     M = np.zeros((at.size, 2))
     M[at.position] = axes.T
-    M[at.foothold] = np.tile(np.eye(2), (len(before.foothold_m), 1))
+    M[at.foothold] = np.tile(floor.axes @ axes.T, (len(before.foothold_m), 1))
     D = heading_direction(state, floor) - M @ axes @ cross(n, state.position_m)
-    D[at.position] = 0.0
-    F = np.eye(at.size)
-    F[:, at.turn] -= np.outer(D, n)
-    F[:, at.position] -= M @ axes
+    T = np.eye(at.size)
+    for part, by in (
+        (slice(0, at.foothold.start), turn),
+        (at.imu_turn, turn),
+        (at.foothold, floor.axes @ turn @ floor.axes.T),
+    ):
+        T[part, part] = np.kron(np.eye((part.stop - part.start) // len(by)), by)
+    F = T - np.outer(D, n @ T[at.turn]) - M @ axes @ T[at.position]
     by_search = np.column_stack([D, M])
     covariance = F @ predicted.covariance @ F.T + by_search @ found.covariance @ by_search.T
     return Prediction(placed.at(state), F @ predicted.transition, covariance, predicted.turned)
