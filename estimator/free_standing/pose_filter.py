@@ -32,13 +32,13 @@ from ...models.values.rotations import rotation, rotation_vector
 from ...models.values.slip import Slip
 from .contacts import ContactsByHeight, Standing
 from .footholds import Feet, let_slide, put_down
-from .heading_search import HeadingSearch, headed, is_lost
 from .imu_trust import ImuTrust, is_still, taken_on_again
 from .pose_model import Pose, PoseModel
 from .pose_smoother import PoseStep
 from .pose_start import covariance_at_rest, state_at_rest
 from .prediction import Frame, Prediction
 from .tipping import MISSED_RAD, has_landed, heading_missed, misplaced, tipped, tipping
+from .watches.heading_search import HeadingSearch, headed, is_lost
 from .watches.held_watch import HeldWatch
 from .watches.jump_watch import JumpWatch
 from .watches.lone_sensor_watch import LoneSensorWatch

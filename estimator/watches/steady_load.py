@@ -28,7 +28,7 @@ LEAST_MEANS = 20
 """Number of means from which they count: 10 s."""
 LEAST_LOAD = 0.2
 """Least load that stays, over the standard deviation of that of a finger."""
-NEAR = 0.3
+CLOSE = 0.3
 """Distance from c, over its size, up to which a mean is near it, and size up to which one is small."""
 NEAR_SHARE = 0.35
 """In 5 simulated trials that were tared under 0.5 to 1 N the share is up to 0.48 to 0.60. In 20 others it is at most
@@ -96,11 +96,11 @@ class SteadyLoad:
         load_n, deformation_m = (np.array(means) for means in zip(*self._means, strict=True))
         newest_n, size_n = load_n[-1], np.linalg.norm(load_n, axis=-1)
         newest_size_n = size_n[-1]
-        near = np.linalg.norm(load_n - newest_n, axis=-1) < NEAR * newest_size_n
+        near = np.linalg.norm(load_n - newest_n, axis=-1) < CLOSE * newest_size_n
         is_weight = -(newest_n @ UP) > DOWN * newest_size_n
         stays = (newest_size_n > self._least_n) & (near.mean(axis=0) > NEAR_SHARE) & ~is_weight
         self._steady_n = np.where(stays, newest_size_n, self._steady_n)
-        self._steady_n[(size_n < NEAR * self._steady_n).mean(axis=0) >= SMALL_SHARE] = 0.0
+        self._steady_n[(size_n < CLOSE * self._steady_n).mean(axis=0) >= SMALL_SHARE] = 0.0
         if stays.any():  # between presses, the load that stays is the largest
             at = int(np.argmax(stays * newest_size_n))
             alone = near[:, at] & (size_n.argmax(axis=1) == at)

@@ -2,7 +2,8 @@
 
 A node in sight has the error e in this frame, by the pose that is expected, and had e' in the frame before, by the
 corrected pose. What is new is e - e': a pose that is wrong, as after a tip that no position told, is no jump. Nor is a
-node that appears where the pose does not expect it.
+node that appears where the pose does not expect it. Nodes that are off each in another way are outliers, or those of a
+robot that tips unseen; so may be a node that is alone in sight.
 """
 
 from dataclasses import replace
@@ -17,6 +18,9 @@ from ....models.pose.position_gate import MOST_SIGMA
 from ....models.values.aids import READING_HOLDS_S
 from ....models.values.chi_squared import squared_distance
 from ..prediction import Frame, Prediction
+
+ALIKE = 0.5
+"""Scatter of what is new of several nodes, over its mean, up to which they are off alike."""
 
 
 class JumpWatch:
@@ -39,8 +43,9 @@ class JumpWatch:
         rows = position_rows(predicted.placed, in_sight, frame.t_s, self._settings.position_m)
         before_m = np.concatenate([self._before[reading.node][1] for reading in in_sight])
         slides_m = self._settings.motion_m_per_s * frame.step_s
-        misfit = common_misfit(replace(rows, error=rows.error - before_m), predicted.covariance, slides_m)
-        self.has_jumped |= misfit > MOST_SIGMA**2
+        news_m = rows.error - before_m
+        misfit = common_misfit(replace(rows, error=news_m), predicted.covariance, slides_m)
+        self.has_jumped |= misfit > MOST_SIGMA**2 and _are_alike(news_m.reshape(-1, 3))
 
     def keep(self, corrected: PlacedShape, frame: Frame) -> None:
         """Keep the errors of the positions of a frame by the corrected pose."""
@@ -52,6 +57,13 @@ class JumpWatch:
 
     def _is_in_sight(self, node: int, t_s: float) -> bool:
         return node in self._before and t_s - self._before[node][0] < READING_HOLDS_S
+
+
+def _are_alike(news_m: NDArray[np.float64]) -> bool:
+    """Return whether (nodes, 3) two vectors or more differ from their mean by less than `ALIKE` of it, rms."""
+    mean_m = news_m.mean(axis=0)
+    scatter_m = np.sqrt(np.mean(np.sum((news_m - mean_m) ** 2, axis=1)))
+    return len(news_m) > 1 and bool(scatter_m < ALIKE * np.linalg.norm(mean_m))
 
 
 def common_misfit(rows: Rows, covariance: NDArray[np.float64], moves_m: float) -> float:

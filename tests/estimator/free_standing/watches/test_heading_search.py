@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from poses import any_state
-from tensegraph.estimator.free_standing.heading_search import Headed, HeadingSearch, headed
 from tensegraph.estimator.free_standing.prediction import Frame, Prediction
+from tensegraph.estimator.free_standing.watches.heading_search import Headed, HeadingSearch, headed
 from tensegraph.models.pose.placed import PlacedShape
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.structure.floor import UP, Floor

@@ -7,7 +7,7 @@ correct the state, but are collected as long as the robot stands on the same nod
 ranges of each pair of beacon and node, its offset o_k of variance P_k, and the nodes turned by an angle a about the
 floor's normal through p and moved by d along the floor,
 
-    J(a, d) = |d|^2 / FAR_M^2 + sum_k min(r_k^2, OUTLYING^2),    r_k = (y_k - o_k - |x_k(a, d) - b_k|) / s_k
+    J(a, d) = |d|^2 / STRAYED_M^2 + sum_k min(r_k^2, OUTLIER_AT^2),     r_k = (y_k - o_k - |x_k(a, d) - b_k|) / s_k
     s_k^2 = (pi / 2) sigma_y^2 / n_k + P_k + FREE_M^2
 
 has some minima J_i at a_i, d_i, of the probabilities exp(-J_i / 2) |C_i|^1/2. C_i is their covariance, with what
@@ -23,15 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import softmax
 
-from ...factors.range import NEAREST_M
-from ...models.pose.pose_settings import PoseSettings
-from ...models.structure.floor import Floor
-from ...models.values.aids import RangeReading
-from ...models.values.rotations import cross, rotation
-from ...models.values.stamps import is_due
-from .prediction import Frame, Prediction, heading_direction
-from .tipping import ANY_HEADING_RAD
-from .watches.range_trust import FREE_M
+from ....factors.range import NEAREST_M
+from ....models.pose.pose_settings import PoseSettings
+from ....models.structure.floor import Floor
+from ....models.values.aids import RangeReading
+from ....models.values.rotations import cross, rotation
+from ....models.values.stamps import is_due
+from ..prediction import Frame, Prediction, heading_direction
+from ..tipping import ANY_HEADING_RAD
+from .range_trust import FREE_M
 
 LOST_RAD = 0.5
 """Standard deviation of the heading above which it is searched for; after a tip over one edge it is 0.2."""
@@ -39,21 +39,21 @@ LEAST_S = 0.5
 """Time for which ranges are collected before the first search, and after which it is repeated."""
 LEAST_PAIRS = 3
 """Number of pairs from which is searched."""
-STARTS = 16
+ANGLES = 16
 """Number of angles from which is searched."""
-STEPS = 20
+DESCENTS = 20
 """Number of steps of Gauss and Newton from each, the first half with Huber's kernel."""
-OUTLYING = 4.0
+OUTLIER_AT = 4.0
 """Error of a pair, in standard deviations, as which a larger one counts."""
-FITS = 4.0
+FITTING = 4.0
 """Mean of r^2 up to which ranges fit; it is 4 where a fifth of the pairs have outliers."""
 MOST_OF_PAIR = 20
 """Number of the latest ranges of a pair that count."""
 LONGEST_STEP = 0.3
 """Longest step of the angle in rad, and of the place in m."""
-FAR_M = 1.0
+STRAYED_M = 1.0
 """How far the robot may be from where it is thought to be, per axis."""
-PRIOR = np.diag([1 / ANY_HEADING_RAD, 1 / FAR_M, 1 / FAR_M]) ** 2
+BEFORE_RANGES = np.diag([1 / ANY_HEADING_RAD, 1 / STRAYED_M, 1 / STRAYED_M]) ** 2
 """Information on angle and place without ranges."""
 SAME_RAD = 0.5
 """Angle within which minima are one."""
@@ -76,18 +76,18 @@ class _Ranges:
 
     def minima(self, floor: Floor) -> list[tuple[float, NDArray[np.float64]]]:
         """Return J, and (3,) angle and shift, at each minimum, the least first."""
-        x = np.column_stack([np.linspace(-np.pi, np.pi, STARTS, endpoint=False), np.zeros((STARTS, 2))])
-        for step in range(STEPS):
+        x = np.column_stack([np.linspace(-np.pi, np.pi, ANGLES, endpoint=False), np.zeros((ANGLES, 2))])
+        for step in range(DESCENTS):
             r, H = self._errors(x, floor)
-            share = np.abs(r) / OUTLYING
-            is_far = 2 * step < STEPS  # from the minimum, so that all seem to be outliers
+            share = np.abs(r) / OUTLIER_AT
+            is_far = 2 * step < DESCENTS  # from the minimum, so that all seem to be outliers
             weight = 1 / np.sqrt(np.maximum(share, 1.0)) if is_far else np.where(share < 1, 1.0, 0.0)
             r, H = weight * r, weight[..., None] * H
-            slope = np.einsum("spi,sp->si", H, r) - x * [0.0, FAR_M**-2, FAR_M**-2]
-            moves = np.linalg.solve(np.swapaxes(H, 1, 2) @ H + PRIOR, slope[..., None])[..., 0]
+            slope = np.einsum("spi,sp->si", H, r) - x * [0.0, STRAYED_M**-2, STRAYED_M**-2]
+            moves = np.linalg.solve(np.swapaxes(H, 1, 2) @ H + BEFORE_RANGES, slope[..., None])[..., 0]
             x = x + np.clip(moves, -LONGEST_STEP, LONGEST_STEP)
         r, _ = self._errors(x, floor)
-        J = np.sum(x[:, 1:] ** 2, axis=1) / FAR_M**2 + np.sum(np.minimum(r**2, OUTLYING**2), axis=1)
+        J = np.sum(x[:, 1:] ** 2, axis=1) / STRAYED_M**2 + np.sum(np.minimum(r**2, OUTLIER_AT**2), axis=1)
         minima: list[tuple[float, NDArray[np.float64]]] = []
         for k in np.argsort(J):
             if all(abs(_wrapped(x[k, 0] - other[0])) > SAME_RAD for _, other in minima):
@@ -99,10 +99,10 @@ class _Ranges:
     ) -> NDArray[np.float64]:
         """Return the (3, 3) covariance of a minimum, where errors of the ranges have a (pairs, pairs) covariance."""
         r, H = (of_one[0] for of_one in self._errors(x[None], floor))
-        H[np.abs(r) >= OUTLYING] = 0.0
-        least = np.linalg.inv(H.T @ H + PRIOR)
+        H[np.abs(r) >= OUTLIER_AT] = 0.0
+        least = np.linalg.inv(H.T @ H + BEFORE_RANGES)
         gain = least @ H.T / self.sigma_m
-        return np.asarray(gain @ range_covariance_m2 @ gain.T + least @ PRIOR @ least)
+        return np.asarray(gain @ range_covariance_m2 @ gain.T + least @ BEFORE_RANGES @ least)
 
     def _errors(self, x: NDArray[np.float64], floor: Floor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (n, pairs) r of (n, 3) angles and shifts, and (n, pairs, 3) minus its derivative."""
@@ -181,7 +181,7 @@ class HeadingSearch:
         )
         minima = ranges.minima(floor)
         least, best = minima[0]
-        if least > FITS * len(readings):
+        if least > FITTING * len(readings):
             return None
         A = np.zeros((len(readings), at.size))
         A[rows, offset] = A[rows, error] = 1.0
