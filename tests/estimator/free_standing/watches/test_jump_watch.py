@@ -41,6 +41,8 @@ GAP: dict[int, float] = {}
     [
         ([SEEN, {3: 0.05, 8: 0.05}], True),
         ([SEEN, {3: 0.05, 8: -0.05}], False),  # apart: the robot has turned
+        ([SEEN, {3: 0.03, 8: 0.14}], False),  # one of both is an outlier
+        ([{3: 0.0}, {3: 0.1}], False),  # so may be the only one in sight
         ([{3: 0.05, 8: 0.05}, {3: 0.05, 8: 0.05}], False),  # the pose is wrong, and was
         ([{3: 0.0}, {3: 0.0, 8: 0.1}], False),  # node 8 comes into sight
         ([SEEN, *10 * [GAP], {3: 0.05, 8: 0.05}], False),  # out of sight the robot may move
