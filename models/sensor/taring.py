@@ -33,6 +33,10 @@ MOVED_STRAIN = 0.0082
 than the limit at the rig, where the operator is asked to tare again: in the development trials the third largest change
 is 0.5 to 1.1 mm, all of it noise."""
 
+LEAST_READINGS = 4
+"""Number of readings of a block, which lasts longer where they are slow: of single ones, noise alone looks like motion
+on two of eleven trials at 5 Hz."""
+
 
 class Taring:
     """Converts the readings of each sensor to the common gauge curve.
@@ -149,14 +153,17 @@ class Taring:
 
     def _watch(self, t_s: float, change: NDArray[np.float64]) -> None:
         """Add readings to the present block of the time in which the structure should stand still."""
-        if t_s >= self._block_until_s:
+        if t_s >= self._block_until_s and not 0 < self._block[1].max() < LEAST_READINGS:
             self._close_block()
             self._block_until_s = t_s + BLOCK_S
         seen = np.isfinite(change)
         self._block[:, seen] += np.stack([change[seen], np.ones(seen.sum())])
 
     def _close_block(self) -> None:
-        """Compare the averages of one more block of time with those before."""
+        """Compare the averages of one more block of time with those before; the last one may have too few readings."""
+        if self._block[1].max() < LEAST_READINGS:
+            self._block[:] = 0.0
+            return
         with np.errstate(invalid="ignore"):
             mean = self._block[0] / self._block[1]
         self._block[:] = 0.0

@@ -59,3 +59,19 @@ class TestTaring:
         taring.common_change(0.0, np.array([0.1, 0.3, 0.3, 0.02]))
         assert taring.in_doubt
         assert not taring.misfit.any()
+
+    @pytest.mark.parametrize("rate_hz", [4, 5, 10, 50])
+    def test_noise_of_slow_readings_is_no_motion_and_a_press_is(self, rate_hz) -> None:
+        """The noise of a reading is 0.0028 of strain; a press makes 0.03 on half of the tendons."""
+        rng = np.random.default_rng(7)
+        t_s = np.arange(0, 2.2, 1 / rate_hz)
+        pressed = (t_s > 0.9)[:, None] * (np.arange(24) % 2) * 0.03
+        found = []
+        for of_hand in (0.0, pressed):
+            for change in 0.1 + 0.0028 * rng.standard_normal((20, len(t_s), 24)) + of_hand:
+                rest = RestLengths(2.0, np.full(24, 1.1), np.full(24, 1e-4))
+                taring = Taring(a_gauge(), BendingCurve(), rest, np.ones(24))
+                for t, row in zip(t_s.tolist(), change, strict=True):
+                    taring.common_change(t, row)
+                found.append(taring.moved)
+        assert found == 20 * [False] + 20 * [True]
