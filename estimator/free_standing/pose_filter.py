@@ -38,7 +38,7 @@ from .pose_smoother import PoseStep
 from .pose_start import covariance_at_rest, state_at_rest
 from .prediction import Frame, Prediction
 from .tipping import MISSED_RAD, has_landed, heading_missed, misplaced, tipped, tipping
-from .watches.heading_search import HeadingSearch, headed, is_lost
+from .watches.heading_search import HeadingSearch, headed
 from .watches.held_watch import HeldWatch
 from .watches.jump_watch import JumpWatch
 from .watches.lone_sensor_watch import LoneSensorWatch
@@ -224,7 +224,7 @@ class PoseFilter:
 
     def _headed(self, predicted: Prediction, frame: Frame) -> Prediction:
         """Return the prediction with the heading that ranges tell, if it was lost and they tell it now."""
-        if not self._has_lost_heading(predicted, frame):
+        if not self._model.has_lost_heading(predicted, frame):
             if frame.ranges:
                 self._heading_search.restart()
             return predicted
@@ -234,10 +234,6 @@ class PoseFilter:
             return predicted
         self._range_trust.trust_again()
         return headed(predicted, found, self._floor)
-
-    def _has_lost_heading(self, predicted: Prediction, frame: Frame) -> bool:
-        """Return whether ranges alone tell the heading, and it is too uncertain for derivatives by it."""
-        return bool(frame.ranges) and not self._is_seen(frame.t_s) and is_lost(predicted, self._floor)
 
     def _corrected_on_feet(
         self,
@@ -311,10 +307,9 @@ class PoseFilter:
             held: the nodes that footholds hold.
             stop: see `SlideWatch.stop_rows`.
         """
-        is_lost = self._has_lost_heading(predicted, frame)
-        rows = self._model.rows(predicted, frame, self._standing, self.trust.is_used, held, is_lost=is_lost)
+        rows = self._model.rows(predicted, frame, self._standing, self.trust.is_used, held)
         rows += [*stop, *self._held_rows(predicted, frame)]
-        self.state, self.covariance = self._model.corrected(predicted, frame, rows, is_lost=is_lost)
+        self.state, self.covariance = self._model.corrected(predicted, frame, rows)
         if not self._standing.any():
             self.state = self._model.above_floor(self.state, self.covariance, predicted, frame)
         self._jump_watch.keep(frame.placed(self.state), frame)

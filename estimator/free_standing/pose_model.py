@@ -25,6 +25,7 @@ from .footholds import Feet, walk_variance_m2
 from .pose_motion import PoseMotion
 from .pose_start import rest_rows
 from .prediction import Frame, Prediction, following_heading, without_heading
+from .watches.heading_search import is_lost
 
 BELOW_M = 0.001
 """Depth below the floor from which a node that does not stand is lifted to it."""
@@ -95,8 +96,6 @@ class PoseModel:
         stands: NDArray[np.bool_],
         used_imus: NDArray[np.bool_],
         held: Feet | None,
-        *,
-        is_lost: bool = False,
     ) -> list[Rows]:
         """Return the rows of all aids in one frame.
 
@@ -106,7 +105,6 @@ class PoseModel:
             stands: (nodes,) which nodes stand.
             used_imus: (imus,) which inertial sensors are used.
             held: the nodes that footholds hold; None if none is held.
-            is_lost: whether the heading is too uncertain for derivatives by it; ranges then have no rows.
         """
         settings, floor, placed = self.settings, self.floor, predicted.placed
         repeats = max(settings.shape_holds_s / frame.step_s, 1.0)
@@ -116,13 +114,13 @@ class PoseModel:
             rows.append(held.rows.lasting(repeats))
         if frame.samples is not None:
             rows.append(self.imus.direction_rows(placed, repeats, np.flatnonzero(used_imus)))
-        if is_lost or self._is_blind(frame):
+        if self._is_blind(predicted, frame):
             rows = [without_heading(stacked(rows), placed.state, floor)]
         if frame.samples is not None:
             rows.append(self.imus.gravity_rows(placed.state, frame.samples, settings))
         if frame.positions:
             rows.append(self._position_rows(placed, frame))
-        if frame.ranges and not is_lost:
+        if frame.ranges and not self.has_lost_heading(predicted, frame):
             rows.append(self._range_rows(predicted, frame)[0])
         if frame.t_s < self.rest_until_s:
             rows.append(rest_rows(placed.state, self.centre_m))
@@ -131,17 +129,10 @@ class PoseModel:
         return rows
 
     def corrected(
-        self, predicted: Prediction, frame: Frame, rows: Sequence[Rows], *, is_lost: bool = False
+        self, predicted: Prediction, frame: Frame, rows: Sequence[Rows]
     ) -> tuple[PoseState, NDArray[np.float64]]:
-        """Return the state and (size, size) its covariance after the correction by the rows of a frame.
-
-        Args:
-            predicted: what is expected of the frame.
-            frame: the frame.
-            rows: of its aids.
-            is_lost: as for `rows`.
-        """
-        if is_lost or self._is_blind(frame):
+        """Return the state and (size, size) its covariance after the correction by the rows of a frame."""
+        if self._is_blind(predicted, frame):
             return predicted.corrected_blindly(stacked(rows), self.floor)
         return predicted.corrected(stacked(rows))
 
@@ -174,9 +165,14 @@ class PoseModel:
         """Return the recordings of the ranges of which `rows` has none, because they are outliers."""
         return tuple(reading.pair[0] for reading in self._range_rows(predicted, frame)[1])
 
-    def _is_blind(self, frame: Frame) -> bool:
-        """Return whether nothing in a frame tells where the robot heads, but for gravity on a slope."""
-        return not (frame.positions or frame.ranges or frame.t_s < self.rest_until_s)
+    def has_lost_heading(self, predicted: Prediction, frame: Frame) -> bool:
+        """Return whether ranges alone tell the heading, and it is too uncertain for derivatives by it."""
+        return bool(frame.ranges) and not frame.positions and is_lost(predicted, self.floor)
+
+    def _is_blind(self, predicted: Prediction, frame: Frame) -> bool:
+        """Return whether no row of a frame tells where the robot heads, but for gravity on a slope."""
+        has_ranges = frame.ranges and not self.has_lost_heading(predicted, frame)
+        return not (frame.positions or has_ranges or frame.t_s < self.rest_until_s)
 
     def _range_rows(self, predicted: Prediction, frame: Frame) -> tuple[Rows, list[RangeReading]]:
         placed, sigma_m = predicted.placed, self.settings.range_m

@@ -75,8 +75,13 @@ def test_ranges_to_one_node_tell_its_place_alone(balanced) -> None:
     assert error[1:] @ np.linalg.solve(found.covariance[1:, 1:], error[1:]) < 16
 
 
-def test_a_tenth_of_reflections_does_no_harm(balanced) -> None:
-    found = search(lost(balanced.node_position_m), -2.5, [0.2, -0.1], late=lambda rng, b: 0.8 * (rng.random() < 0.1))
+@pytest.mark.parametrize(
+    "late",
+    [lambda rng, b: 0.8 * (rng.random() < 0.1), lambda rng, b: 1.0 * (b == 2)],
+    ids=["a_tenth_reflected", "somebody_before_a_beacon"],
+)
+def test_ranges_that_are_too_long_do_no_harm(balanced, late) -> None:
+    found = search(lost(balanced.node_position_m), -2.5, [0.2, -0.1], late=late)
     assert (np.abs(errors(found, -2.5, [0.2, -0.1])) < 4 * np.sqrt(np.diag(found.covariance))).all()
 
 
