@@ -38,7 +38,7 @@ from .pose_smoother import PoseStep
 from .pose_start import covariance_at_rest, state_at_rest
 from .prediction import Frame, Prediction
 from .tipping import MISSED_RAD, has_landed, heading_missed, misplaced, tipped, tipping
-from .watches.heading_search import HeadingSearch, headed
+from .watches.heading_search import HeadingSearch, headed, is_lost
 from .watches.held_watch import HeldWatch
 from .watches.jump_watch import JumpWatch
 from .watches.lone_sensor_watch import LoneSensorWatch
@@ -135,7 +135,7 @@ class PoseFilter:
         by_heights = standing is None
         standing = self._contacts_of(predicted, frame, standing)
         predicted, stayed, landed = self._put_on_feet(predicted, frame, standing, by_heights=by_heights)
-        predicted = self._headed(predicted, frame)
+        predicted, frame = self._headed(predicted, frame)
         if frame.samples is not None:
             self.trust.observe(self._imus, predicted.placed, frame.samples, frame.t_s, frame.step_s)
         predicted, found = self._corrected_on_feet(predicted, frame, sliding, landed, stayed)
@@ -222,18 +222,19 @@ class PoseFilter:
             stayed, landed, self._misled_rad = np.zeros_like(stayed), standing.nodes, 0.0
         return predicted, stayed, landed
 
-    def _headed(self, predicted: Prediction, frame: Frame) -> Prediction:
-        """Return the prediction with the heading that ranges tell, if it was lost and they tell it now."""
-        if not self._model.has_lost_heading(predicted, frame):
-            if frame.ranges:
-                self._heading_search.restart()
-            return predicted
+    def _headed(self, predicted: Prediction, frame: Frame) -> tuple[Prediction, Frame]:
+        """Return prediction and frame; while a robot that stands has lost its heading, a search takes the ranges."""
+        if not frame.ranges:
+            return predicted, frame
         floor = self._floor.tilted(predicted.placed.state.floor_tilt)
+        if not self._standing.any() or self._is_seen(frame.t_s) or not is_lost(predicted, floor):
+            self._heading_search.restart()
+            return predicted, frame
         found = self._heading_search.observe(predicted, frame, self._standing, floor)
-        if found is None:
-            return predicted
-        self._range_trust.trust_again()
-        return headed(predicted, found, self._floor)
+        if found is not None:
+            self._range_trust.trust_again()
+            predicted = headed(predicted, found, self._floor)
+        return predicted, replace(frame, ranges=[])
 
     def _corrected_on_feet(
         self,

@@ -25,7 +25,6 @@ from .footholds import Feet, walk_variance_m2
 from .pose_motion import PoseMotion
 from .pose_start import rest_rows
 from .prediction import Frame, Prediction, following_heading, without_heading
-from .watches.heading_search import is_lost
 
 BELOW_M = 0.001
 """Depth below the floor from which a node that does not stand is lifted to it."""
@@ -114,13 +113,13 @@ class PoseModel:
             rows.append(held.rows.lasting(repeats))
         if frame.samples is not None:
             rows.append(self.imus.direction_rows(placed, repeats, np.flatnonzero(used_imus)))
-        if self._is_blind(predicted, frame):
+        if self._is_blind(frame):
             rows = [without_heading(stacked(rows), placed.state, floor)]
         if frame.samples is not None:
             rows.append(self.imus.gravity_rows(placed.state, frame.samples, settings))
         if frame.positions:
             rows.append(self._position_rows(placed, frame))
-        if frame.ranges and not self.has_lost_heading(predicted, frame):
+        if frame.ranges:
             rows.append(self._range_rows(predicted, frame)[0])
         if frame.t_s < self.rest_until_s:
             rows.append(rest_rows(placed.state, self.centre_m))
@@ -132,7 +131,7 @@ class PoseModel:
         self, predicted: Prediction, frame: Frame, rows: Sequence[Rows]
     ) -> tuple[PoseState, NDArray[np.float64]]:
         """Return the state and (size, size) its covariance after the correction by the rows of a frame."""
-        if self._is_blind(predicted, frame):
+        if self._is_blind(frame):
             return predicted.corrected_blindly(stacked(rows), self.floor)
         return predicted.corrected(stacked(rows))
 
@@ -165,14 +164,9 @@ class PoseModel:
         """Return the recordings of the ranges of which `rows` has none, because they are outliers."""
         return tuple(reading.pair[0] for reading in self._range_rows(predicted, frame)[1])
 
-    def has_lost_heading(self, predicted: Prediction, frame: Frame) -> bool:
-        """Return whether ranges alone tell the heading, and it is too uncertain for derivatives by it."""
-        return bool(frame.ranges) and not frame.positions and is_lost(predicted, self.floor)
-
-    def _is_blind(self, predicted: Prediction, frame: Frame) -> bool:
-        """Return whether no row of a frame tells where the robot heads, but for gravity on a slope."""
-        has_ranges = frame.ranges and not self.has_lost_heading(predicted, frame)
-        return not (frame.positions or has_ranges or frame.t_s < self.rest_until_s)
+    def _is_blind(self, frame: Frame) -> bool:
+        """Return whether nothing in a frame tells where the robot heads, but for gravity on a slope."""
+        return not (frame.positions or frame.ranges or frame.t_s < self.rest_until_s)
 
     def _range_rows(self, predicted: Prediction, frame: Frame) -> tuple[Rows, list[RangeReading]]:
         placed, sigma_m = predicted.placed, self.settings.range_m

@@ -37,8 +37,6 @@ LOST_RAD = 0.5
 """Standard deviation of the heading above which it is searched for; after a tip over one edge it is 0.2."""
 LEAST_S = 0.5
 """Time for which ranges are collected before the first search, and after which it is repeated."""
-LEAST_PAIRS = 3
-"""Number of pairs from which is searched."""
 ANGLES = 16
 """Number of angles from which is searched."""
 DESCENTS = 20
@@ -142,19 +140,17 @@ class HeadingSearch:
         Args:
             predicted: what is expected of the frame, of a robot whose heading is lost.
             frame: the frame.
-            standing: (nodes,) which nodes stand.
+            standing: (nodes,) which nodes stand, some at least.
             floor: the floor as it is estimated.
         """
         if not np.array_equal(standing, self._standing):
             self.restart()
             self._standing = standing
-        if not standing.any():
-            return None
         for reading in frame.ranges:
             self._readings.setdefault(reading.pair, deque(maxlen=MOST_OF_PAIR)).append(reading)
         if np.isnan(self._searched_s):
             self._searched_s = frame.t_s
-        if not is_due(frame.t_s - self._searched_s, LEAST_S) or len(self._readings) < LEAST_PAIRS:
+        if not is_due(frame.t_s - self._searched_s, LEAST_S):
             return None
         self._searched_s = frame.t_s
         return self._found(predicted, floor)
