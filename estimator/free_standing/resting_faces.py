@@ -19,7 +19,8 @@ rolls on, onto any face. It lands only while the lengths change, see `length_cha
 same stands on the face on which it has stood. Errors of the lengths stay the same meanwhile: hysteresis follows the
 strain, not time. The evidence of frames in which nothing changes therefore counts as that of one frame in two seconds.
 Such errors do not explain that the evidence changes. In a slow push the lengths change little as the robot begins to
-lean, and the forces are others from then on: the change counts in full, once, in `SAME_MOVING_S`.
+lean, and the forces are others from then on: a change in which the lengths stay the same counts in full, once, in
+`SAME_MOVING_S`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -157,7 +158,7 @@ class RestingFaces:
         of_heights = np.maximum(of_heights - of_heights.max(), -MOST_EVIDENCE)
         usual = ratio if self._usual is None else self._usual
         news = ratio - usual
-        self._usual = usual + low_pass_weight(step_s, SAME_MOVING_S) * news
+        self._usual = usual + max(float(low_pass_weight(step_s, SAME_MOVING_S)), may_tip) * news
         still_s, moving_s = (1 - may_tip) * step_s, may_tip * step_s
         of_forces = min(still_s / SAME_S + moving_s / SAME_MOVING_S, 1.0) * ratio
         of_forces += min(still_s / SAME_MOVING_S, 1.0) * news
