@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..models.pose.imu_agreement import LEAST_M_PER_S2
 from ..models.pose.imu_samples import ImuSamples
 from ..models.pose.placed import PlacedShape, Rows, put_blocks
 from ..models.pose.pose_settings import PoseSettings
@@ -68,6 +69,12 @@ class ImuArray:
         """Return (imus,) whether gravity tells the turns about their rods, with (nodes, 3) nodes in world axes."""
         upright = np.cross(self.rod_direction(node_m), UP)
         return np.asarray(np.linalg.norm(upright, axis=1) > LEAST_INCLINED)
+
+    def inclination(self, samples: ImuSamples) -> NDArray[np.float64]:
+        """Return (imus,) f . a / |f|, the sine of the angle of each rod to the horizontal, if its sensor is at rest."""
+        force = samples.specific_force_m_per_s2
+        size = np.maximum(np.linalg.norm(force, axis=1), LEAST_M_PER_S2)
+        return np.asarray(np.sum(force * self.axis, axis=1) / size)
 
     def arm_m(self, arm_m: NDArray[np.float64], imus: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return (3,), the mean place of some sensors, from (nodes, 3) places of the nodes."""

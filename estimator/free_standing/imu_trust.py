@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...factors.imu import ImuArray
-from ...models.pose.imu_agreement import CONTRADICTS_SIGMA, LEAST_M_PER_S2, ImuAgreement
+from ...models.pose.imu_agreement import CONTRADICTS_SIGMA, ImuAgreement
 from ...models.pose.imu_samples import ImuSamples
 from ...models.pose.placed import PlacedShape
 from ...models.pose.pose_settings import PoseSettings
@@ -140,6 +140,10 @@ class ImuTrust:
         self.is_trusted = self.is_trusted & self._agreement.moves_as_told
         self.is_lost = self.is_lost | is_silent | ~self._agreement.has_size
         self._was_cut_off = self._was_cut_off | samples.rate_is_cut_off
+
+    def tells_gravity(self, samples: ImuSamples) -> NDArray[np.bool_]:
+        """Return (imus,) which lost sensors move slowly, and nothing has contradicted their gravity so far."""
+        return self.is_lost & ~self.contradicted & move_slowly(samples)
 
     def outvotes(self, imus: ImuArray, predicted: Prediction) -> bool:
         """Return whether a sensor is outvoted, which is lost then; what is expected of the frame needs it no longer.
@@ -268,6 +272,4 @@ def is_still(samples: ImuSamples) -> bool:
 
 def _apart(imus: ImuArray, arm_m: NDArray[np.float64], samples: ImuSamples) -> NDArray[np.float64]:
     """Return (imus,) how far sensors that move slowly contradict the inclination of their rods."""
-    force = samples.specific_force_m_per_s2
-    size = np.maximum(np.linalg.norm(force, axis=1), LEAST_M_PER_S2)
-    return np.asarray(np.abs(np.sum(force * imus.axis, axis=1) / size - imus.rod_direction(arm_m) @ UP))
+    return np.asarray(np.abs(imus.inclination(samples) - imus.rod_direction(arm_m) @ UP))

@@ -519,12 +519,18 @@ class PoseFilter:
         return tipped(predicted, turn, pivot_m, stands, stayed, self._floor, self._settings)
 
     def rod_heights(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return (known, 2) ends of rods whose sensors are used, and (known,) the second's height above the first."""
+        """Return (known, 2) ends of rods with sensors, and (known,) the second's height above the first.
+
+        A sensor that is lost tells it, too, where it moves slowly on a level floor: gravity is told in its own axes.
+        """
         if self._samples is None:
             return np.zeros((0, 2), dtype=np.int64), np.zeros(0)
-        used = np.flatnonzero(self.trust.is_used)
-        length_m = np.linalg.norm(self._imus.rod_m(self._body_before_m)[used], axis=1)
-        return self._imus.ends[used], length_m * (self._imus.direction(self.state)[used] @ self.floor.normal)
+        used, normal = self.trust.is_used, self.floor.normal
+        along = np.where(used, self._imus.direction(self.state) @ normal, self._imus.inclination(self._samples))
+        is_level = self._floor.tilt_count == 0 and np.array_equal(normal, UP)
+        known = used | (self.trust.tells_gravity(self._samples) & is_level)
+        length_m = np.linalg.norm(self._imus.rod_m(self._body_before_m), axis=1)
+        return self._imus.ends[known], (length_m * along)[known]
 
 
 def _angle(turn: NDArray[np.float64], other: NDArray[np.float64]) -> float:

@@ -177,6 +177,15 @@ class RestingFaces:
         """Which nodes stand: those of the most probable face or edge."""
         return self._standing(self.probability)
 
+    @property
+    def probability_with_leaning(self) -> float:
+        """That of the most probable face, and of leaning over one of its edges, from where it falls back."""
+        faces = len(self._faces)
+        of_faces = self.probability[:faces]
+        leaning = np.bincount(self._from, self.probability[faces:], minlength=faces)
+        likeliest = int(np.argmax(of_faces))
+        return float(of_faces[likeliest] + leaning[likeliest])
+
     def smoothed(self, step_s: float, filtered: NDArray[np.float64], may_tip: NDArray[np.float64]) -> list[Standing]:
         """Return which nodes stood, given all evidence.
 

@@ -45,7 +45,7 @@ class PoseSettings:
     """Random walk of this bias."""
     deformation_rad_per_s: AngularRate = 0.1
     """Rate at which a rod turns against the body, because the structure deforms."""
-    spin_rad_per_s: AngularRate = 0.3
+    spin_rad_per_s: AngularRate = 0.2
     """Rate at which a rod spins about itself against the body, in which tendons hold it loosely."""
     force_m_per_s2: Positive = 0.1
     """Noise of the specific force over a frame, in slow motion."""

@@ -162,7 +162,8 @@ class FaceWatch:
         """Return in how many looks in succession forces have told one face."""
         if self._faces is None or not looked:
             return self._sure_looks
-        return self._sure_looks + 1 if self._faces.probability.max() > CERTAIN_FACE else 0
+        sure = self._faces.probability.max() > SURE_FACE
+        return self._sure_looks + 1 if sure and self._faces.probability_with_leaning > CERTAIN_FACE else 0
 
     def _with_doubt(self, step: PoseStep) -> PoseStep:
         """Return the step with the faces that forces tell beside its own, if they do not tell its own."""

@@ -1,13 +1,11 @@
 """Whether a lone inertial sensor has lost the robot: it does not tell the turn about its rod, in a tip or a roll.
 
-A rod may spin in the structure, so that a sensor on it, or several on parallel rods, tell the direction of the rod
-alone. The rest is told by the nodes that stand, as long as these are the right ones. They may be wrong ones
-
-- where the robot rolls on over further faces. With the rate w of the rod across its axis, and the height h of the
-  centroid above the floor, it may where w > `ROLLS_ON` sqrt(g / h);
-- where the floor contradicts the pose. Of the height e of the standing node that is furthest from the floor, after the
-  correction, over its standard deviation by shape and floor, the mean square of the last `FLOOR_MEMORY_S` is above
-  `FLOOR_CONTRADICTS` while the rod turns. A robot that does not turn may be lifted, which the sensor feels.
+Tendons hold a rod in the structure so that it spins little, but a sensor on it, or several on parallel rods, tell the
+direction of the rod alone where it does. The rest is told by the nodes that stand, as long as these are the right ones.
+They are wrong where the floor contradicts the pose. Of the height e of the standing node that is furthest from the
+floor, after the correction, over its standard deviation by shape and floor, the mean square of the last
+`FLOOR_MEMORY_S` is then above `FLOOR_CONTRADICTS` while the rod turns. A robot that does not turn may be lifted, which
+the sensor feels.
 
 Then the sensor is lost, as one that was silent: the robot is followed without it, in doubt, until it rests on a face
 that forces tell.
@@ -19,18 +17,14 @@ from numpy.typing import NDArray
 from ....factors.imu import ImuArray
 from ....models.pose.imu_samples import ImuSamples
 from ....models.pose.placed import PlacedShape
-from ....models.structure.floor import GRAVITY_M_PER_S2, Floor
+from ....models.structure.floor import Floor
 from ....models.values.time_series import low_pass_weight
-from ..tipping import TIPS_RAD_PER_S, rolls_m
+from ..tipping import TIPS_RAD_PER_S
 
-ROLLS_ON = 0.39
-"""The rate, times the root of h / g, above which a robot may roll on: 3.4 rad/s at a height of 0.13 m. In tips onto the
-next face of roll_02 and roll_04 it is 3.0 rad/s at most; a six-strut that lies on a face needs 2.5 rad/s to climb over
-an edge, without losses."""
 FLOOR_MEMORY_S = 0.1
 """Time constant of the mean square: feet that strike the floor contradict the pose for a frame or two."""
 FLOOR_CONTRADICTS = 25.0
-"""The mean square: below 20 in tips onto the next face, 26 to 79 in those that were lost below `ROLLS_ON`."""
+"""The mean square: below 20 in tips onto the next face, 26 to 79 in those that were lost."""
 
 
 class LoneSensorWatch:
@@ -71,5 +65,4 @@ class LoneSensorWatch:
         self._mean_square += float(low_pass_weight(step_s, FLOOR_MEMORY_S)) * (squared - self._mean_square)
         across = np.cross(self._imus.axis, samples.rate_rad_per_s)[used]
         rate_rad_per_s = float(np.linalg.norm(across, axis=1).max())
-        rolls_on = rate_rad_per_s**2 * rolls_m(placed, floor) > ROLLS_ON**2 * GRAVITY_M_PER_S2
-        return rolls_on or (rate_rad_per_s > TIPS_RAD_PER_S and self._mean_square > FLOOR_CONTRADICTS)
+        return rate_rad_per_s > TIPS_RAD_PER_S and self._mean_square > FLOOR_CONTRADICTS

@@ -253,6 +253,25 @@ def test_a_sensor_that_was_silent_is_taken_on_again_where_it_rests(balanced, rob
         assert np.linalg.eigvalsh(covariance).min() > -1e-9
 
 
+@pytest.mark.parametrize("is_level", [True, False])
+def test_a_lost_sensor_that_rests_tells_how_its_rod_is_inclined(balanced, robot, is_level: bool) -> None:
+    """Its rod lies otherwise than in the pose that was lost. Heights are those above a floor, which may slope."""
+    if not is_level:
+        robot = replace(robot, floor=replace(robot.floor, normal=rotation(np.array([0.1, 0.0, 0.0])) @ UP))
+    imu = Imu(0, 0.5, np.array([0.0, 0.0, 1.0]))
+    poses = PoseFilter(balanced, replace(robot, imus=(imu,)), PoseSettings())
+    a, b = balanced.structure.rods[0]
+    poses.knows_attitude = False
+    for k, sine in enumerate([0.6, 0.28]):
+        force = GRAVITY_M_PER_S2 * np.array([np.sqrt(1 - sine**2), 0.0, sine])
+        poses.step(0.02 * k, balanced.node_position_m, EXACT_M2, [ImuReading(0, 0.02 * k, np.zeros(3), force)])
+        poses.trust.lose()
+    ends, height_m = poses.rod_heights()
+    length_m = np.linalg.norm(balanced.node_position_m[b] - balanced.node_position_m[a])
+    assert ends.tolist() == ([[a, b]] if is_level else [])
+    assert height_m == pytest.approx([0.28 * length_m] if is_level else [])
+
+
 @pytest.mark.parametrize("silent", [False, True])
 def test_inertial_sensors_on_a_level_floor_do_not_find_a_heading_that_is_lost(balanced, robot, silent: bool) -> None:
     """Both shake for two seconds, or are silent for as long: neither they nor the floor know of the vertical's turn."""

@@ -152,6 +152,17 @@ def test_it_leans_over_an_edge_without_a_change_and_falls_back(fresh) -> None:
     assert told(fresh, np.zeros(50), 0.0, 10)[start] > 0.9
 
 
+def test_a_face_counts_with_the_edges_over_which_it_begins_to_lean(fresh) -> None:
+    start, edge, target = beside(fresh)
+    falls_back, lands = (
+        (fresh._hypothesis == edge).nonzero()[0][fresh._from[fresh._hypothesis[20:] == edge] == f]
+        for f in (start, target)
+    )
+    fresh.probability = np.zeros(80)
+    fresh.probability[start], fresh.probability[falls_back], fresh.probability[lands] = 0.85, 0.11, 0.04
+    assert fresh.probability_with_leaning == pytest.approx(0.96)
+
+
 def test_probabilities_stay_such(fresh) -> None:
     for may_tip in (0.0, 0.3, 1.0):
         step = fresh._transition(0.2, may_tip)

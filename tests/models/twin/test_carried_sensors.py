@@ -41,14 +41,14 @@ def test_it_stands_on_the_floor_wherever_a_file_has_it_and_tells_its_hubs(tmp_pa
     """Half a metre above, as in the models of others."""
     (tmp_path / "press.toml").write_text(PLANS["press"].read_text())
     above_m = (resting(12)[1] + np.array([0, 0, 0.5])).tolist()
-    told = f"anchors = []\nnode_position_m = {above_m}\nhub_radius_m = 0.008"
+    told = f"anchors = []\nnode_position_m = {above_m}"
     short = (("duration_s = 24.0", "duration_s = 2.5"), ("anchors = []", told))
     untouched = PLANS["roll"].read_text().partition("[[load.tip]]")[0]
     (tmp_path / "roll.toml").write_text(replaced(untouched, *short))
     trial = simulate(tmp_path / "roll.toml", tmp_path / "roll_01")
     assert trial.truth().node_position_m[0, :, 2].min() == pytest.approx(0.01, abs=3e-4)
     assert trial.description.rest_position_m[:, 2].min() == pytest.approx(0.01, abs=1.5e-3)
-    assert trial.description.geometry.hub_radius_m == 0.008
+    assert trial.description.geometry.hub_radius_m == 0.0025
 
 
 def test_the_estimate_follows_it(rolled) -> None:

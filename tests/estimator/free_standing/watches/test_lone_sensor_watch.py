@@ -18,7 +18,7 @@ from tensegraph.models.pose.placed import PlacedShape
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.pose.robot import FreeStandingRobot
 from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
-from tensegraph.models.structure.shape import Reason, Status
+from tensegraph.models.structure.shape import Status
 from tensegraph.models.values.aids import Imu, ImuReading
 
 AXIS = np.array([0.0, 0.0, 1.0])
@@ -42,7 +42,6 @@ class Robot:
         )
         body_m = balanced.node_position_m - state.position_m
         self.placed = PlacedShape(state, body_m, 1e-6 * np.eye(36))
-        self.height_m = float(self.floor.clearance_m(state.position_m)) + self.floor.cap_radius_m
         self.watch = LoneSensorWatch(ImuArray(imus, balanced.structure.rods), floor_m=0.0)
         self.stands = np.isin(np.arange(12), [0, 1, 2])
 
@@ -55,16 +54,6 @@ class Robot:
         for _ in range(frames):
             lost = self.watch.observe(placed, self.floor, self.stands, samples, used, 0.02)
         return lost
-
-
-@pytest.mark.parametrize(
-    ("share", "axis", "expected"), [(0.38, ACROSS, False), (0.40, ACROSS, True), (2.0, AXIS, False)]
-)
-def test_the_rate_by_hand(balanced, share: float, axis: np.ndarray, expected: bool) -> None:
-    """The limit is 0.39 sqrt(g / h) across the rod; the rod may spin about itself as fast as it will."""
-    robot = Robot(balanced)
-    rate = share * np.sqrt(GRAVITY_M_PER_S2 / robot.height_m)
-    assert robot.is_lost(rate * axis) == expected
 
 
 @pytest.mark.parametrize(
@@ -101,8 +90,8 @@ def test_one_sensor_is_lost_and_two_in_different_directions_are_not(balanced) ->
     assert not turned(robot_with_two_sensors(balanced), balanced, 2).any()
 
 
-def test_a_robot_with_one_sensor_that_rolls_over_several_faces_is_in_doubt_until_forces_tell_a_face(tmp_path) -> None:
-    """It turns by 180 degrees within a second. Without the watch it was `ok` and 0.3 m off for a second and a half."""
+def test_a_robot_with_one_sensor_that_rolls_over_several_faces_is_followed(tmp_path) -> None:
+    """It turns by 150 degrees within a second, and its rods spin by 10 at most, as tendons hold them."""
     shutil.copy(PLANS["press"], tmp_path)
     edits = ("duration_s = 24.0", "duration_s = 9.0"), ("until_s = 23.0", "until_s = 9.0")
     whole = replaced(PLANS["roll"].read_text(), *edits)
@@ -115,7 +104,7 @@ def test_a_robot_with_one_sensor_that_rolls_over_several_faces_is_in_doubt_until
     error_m = np.linalg.norm(result.node_position_m - truth.node_position_m[at], axis=-1).max(axis=-1)
     is_ok = np.array([status is Status.OK for status in result.status])
     sigma_m = result.node_sigma_m.min(axis=-1)
-    assert error_m.max() > 0.2
+    assert np.linalg.norm(np.diff(truth.node_position_m[:, 0], axis=0), axis=-1).sum() > 0.3
+    assert error_m.max() < 0.1
     assert (is_ok & (error_m > 5 * sigma_m)).mean() < 0.03
-    assert Reason.CONTACTS in result.doubts
-    assert sigma_m[-1] > 0.2, "heading and place are unknown"
+    assert sigma_m[-1] < 0.05
