@@ -40,7 +40,8 @@ LOOK_PARTS = 3
 LEAST_LIKELY = 0.02
 """Probability of the face on which the robot stands by heights, below which forces contradict it."""
 CERTAIN_FACE = 0.95
-"""Probability of a face in each of `SURE_LOOKS`, from which inertial sensors are turned as the robot stands on it."""
+"""Probability of a face, with those of leaning over one of its edges, in each of `SURE_LOOKS`, from which inertial
+sensors are turned as the robot stands on it."""
 SURE_LOOKS = 3
 """Number of looks in succession."""
 SURE_FACE = 0.8
@@ -162,8 +163,8 @@ class FaceWatch:
         """Return in how many looks in succession forces have told one face."""
         if self._faces is None or not looked:
             return self._sure_looks
-        sure = self._faces.probability.max() > SURE_FACE
-        return self._sure_looks + 1 if sure and self._faces.probability_with_leaning > CERTAIN_FACE else 0
+        sure = _tells_a_face(self._faces) and self._faces.probability_with_leaning > CERTAIN_FACE
+        return self._sure_looks + 1 if sure else 0
 
     def _with_doubt(self, step: PoseStep) -> PoseStep:
         """Return the step with the faces that forces tell beside its own, if they do not tell its own."""
@@ -200,9 +201,8 @@ class FaceWatch:
         """
         if self._faces is None:
             return False
-        stands = self._faces.standing
-        sure = self._faces.probability.max() > SURE_FACE and stands.nodes.sum() > 2
-        if not sure or np.array_equal(stands.nodes, self._poses.standing.nodes):
+        agrees = np.array_equal(self._faces.standing.nodes, self._poses.standing.nodes)
+        if agrees or not _tells_a_face(self._faces):
             self._agreed_s = self._t_s
         return self._t_s - self._agreed_s > CONTRADICTS_S
 
@@ -247,6 +247,11 @@ class FaceWatch:
             parts=faces.log_evidence_in_parts(balances, x, LOOK_PARTS),
             found=[],
         )
+
+
+def _tells_a_face(faces: RestingFaces) -> bool:
+    """Return whether the balance of forces tells a face, and no tip over an edge."""
+    return float(faces.probability.max()) > SURE_FACE and int(faces.standing.nodes.sum()) > 2
 
 
 def clearances(aids: Sequence[AidReading], floor: Floor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
