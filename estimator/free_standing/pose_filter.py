@@ -37,7 +37,7 @@ from .pose_model import Pose, PoseModel
 from .pose_smoother import PoseStep
 from .pose_start import covariance_at_rest, state_at_rest
 from .prediction import Frame, Prediction
-from .tipping import MISSED_RAD, has_landed, heading_missed, misplaced, tipped, tipping
+from .tipping import MISSED_RAD, TIPS_RAD_PER_S, has_landed, heading_missed, misplaced, tipped, tipping
 from .watches.heading_search import HeadingSearch, headed, is_lost
 from .watches.held_watch import HeldWatch
 from .watches.jump_watch import JumpWatch
@@ -163,6 +163,7 @@ class PoseFilter:
             lifted_since_s=self._lifted_since_s,
             contradicted_imus=self.trust.contradicted,
             imus_told_wrongly=self.trust.told_wrongly,
+            spun_about=self._spun_about(t_s),
             strays=strays,
             outlying_ranges=self._model.outlying_ranges(predicted, frame)
             + tuple(reading.pair[0] for reading in left_out),
@@ -392,6 +393,14 @@ class PoseFilter:
     def _leave_one_turn(self) -> bool:
         """Return whether the inertial sensors in use, all on parallel rods, do not tell the turn about these."""
         return are_parallel(self._rods_of_imus[self.trust.is_used], self._rest)
+
+    def _spun_about(self, t_s: float) -> NDArray[np.float64] | None:
+        """Return `PoseStep.spun_about`."""
+        tips = self._standing.any() and np.linalg.norm(self.state.rate_rad_per_s) > TIPS_RAD_PER_S
+        used = np.flatnonzero(self.trust.is_used)
+        if not tips or not len(used) or self._is_seen(t_s) or not self._leave_one_turn():
+            return None
+        return np.asarray(self._imus.direction(self.state)[used[0]])
 
     def _watch_lone_sensor(self, frame: Frame) -> None:
         """Lose sensors that do not tell the turn about their rods where they have lost a robot that stands."""

@@ -57,6 +57,9 @@ class PoseStep:
     """(imus,) see `ImuTrust.contradicted`."""
     imus_told_wrongly: NDArray[np.bool_]
     """(imus,) see `ImuTrust.told_wrongly`."""
+    spun_about: NDArray[np.float64] | None
+    """(3,) direction in the world about which the robot may be turned wrongly, as rods with sensors spin while it tips;
+    None where it does not tip, or more than sensors on parallel rods tell how it is turned."""
     strays: bool
     """Whether the robot is further from where it was held last than it is long."""
     outlying_ranges: tuple[int, ...]

@@ -12,13 +12,15 @@ from tensegraph import reconstruct, simulate
 from tensegraph.estimator.free_standing.pose_filter import PoseFilter
 from tensegraph.estimator.free_standing.pose_start import state_at_rest
 from tensegraph.estimator.free_standing.watches.lone_sensor_watch import LoneSensorWatch
+from tensegraph.estimator.free_standing.world import in_world
 from tensegraph.factors.imu import ImuArray
+from tensegraph.models.estimation import BranchSettings
 from tensegraph.models.pose.imu_samples import ImuSamples
 from tensegraph.models.pose.placed import PlacedShape
 from tensegraph.models.pose.pose_settings import PoseSettings
 from tensegraph.models.pose.robot import FreeStandingRobot
 from tensegraph.models.structure.floor import GRAVITY_M_PER_S2, UP, Floor
-from tensegraph.models.structure.shape import Status
+from tensegraph.models.structure.shape import Shape, Status
 from tensegraph.models.values.aids import Imu, ImuReading
 
 AXIS = np.array([0.0, 0.0, 1.0])
@@ -88,6 +90,35 @@ def test_one_sensor_is_lost_and_two_in_different_directions_are_not(balanced) ->
     robot = FreeStandingRobot(floor=floor, imus=(Imu(0, 0.5, along / np.linalg.norm(along)),), rest_seconds=0.5)
     assert turned(PoseFilter(balanced, robot, PoseSettings()), balanced, 1).tolist() == [True]
     assert not turned(robot_with_two_sensors(balanced), balanced, 2).any()
+
+
+@pytest.mark.parametrize(("rate_rad_per_s", "imus", "spins"), [(0.5, 1, True), (0.1, 1, False), (0.5, 2, False)])
+def test_the_rod_of_a_lone_sensor_may_have_spun_while_the_robot_tips(
+    balanced, lengths_of, rate_rad_per_s: float, imus: int, spins: bool
+) -> None:
+    """Its only sensors are on parallel rods: the ellipsoids hold a turn by 3 degrees about the rod, and the feet."""
+    x, rods = balanced.node_position_m, balanced.structure.rods
+    along = [(x[b] - x[a]) / np.linalg.norm(x[b] - x[a]) for a, b in rods[[0, 2]]]
+    floor = Floor(float(x[0, 2]), UP)
+    sensors = (Imu(0, 0.5, along[0]), Imu(2, 0.5, along[1]))[:imus]
+    poses = PoseFilter(balanced, FreeStandingRobot(floor=floor, imus=sensors, rest_seconds=0.1), PoseSettings())
+    for k in range(20):
+        rate, force = rate_rad_per_s * along[0] * (k > 15), GRAVITY_M_PER_S2 * UP
+        aids = [ImuReading(i, 0.02 * k, rate, force) for i in range(imus)]
+        step = poses.step(0.02 * k, x, 1e-8 * np.eye(36), aids)
+    assert (step.spun_about is not None) == spins
+    if step.spun_about is None:
+        return
+    assert np.abs(step.spun_about @ along[0]) == pytest.approx(1, abs=1e-3)
+    shape = Shape(0.38, x, 1e-8 * np.eye(36), Status.OK, lengths_of(balanced.structure, x, 0.38))
+    with_spin, without = (
+        in_world(shape, balanced, floor, step.state, step.covariance, told, BranchSettings())
+        for told in (step, replace(step, spun_about=None))
+    )
+    node_m = without.node_position_m
+    away_m = np.cross(step.spun_about, node_m[11] - node_m[step.standing.nodes].mean(axis=0))
+    added_m2 = (with_spin.covariance_m2 - without.covariance_m2).reshape(12, 3, 12, 3)[11, :, 11]
+    assert added_m2 == pytest.approx(0.05**2 * np.outer(away_m, away_m), abs=1e-12)
 
 
 def test_a_robot_with_one_sensor_that_rolls_over_several_faces_is_followed(tmp_path) -> None:
