@@ -394,17 +394,20 @@ class PoseFilter:
         """Return whether the inertial sensors in use, all on parallel rods, do not tell the turn about these."""
         return are_parallel(self._rods_of_imus[self.trust.is_used], self._rest)
 
+    def _feet_tell_one_turn(self, t_s: float) -> bool:
+        """Return whether the nodes that stand have to tell a turn, as neither inertial sensors nor positions do."""
+        return bool(self._standing.any()) and not self._is_seen(t_s) and self._leave_one_turn()
+
     def _spun_about(self, t_s: float) -> NDArray[np.float64] | None:
         """Return `PoseStep.spun_about`."""
-        tips = self._standing.any() and np.linalg.norm(self.state.rate_rad_per_s) > TIPS_RAD_PER_S
-        used = np.flatnonzero(self.trust.is_used)
-        if not tips or not len(used) or self._is_seen(t_s) or not self._leave_one_turn():
+        tips = np.linalg.norm(self.state.rate_rad_per_s) > TIPS_RAD_PER_S
+        if not tips or not self._feet_tell_one_turn(t_s):
             return None
-        return np.asarray(self._imus.direction(self.state)[used[0]])
+        return np.asarray(self._imus.direction(self.state)[self.trust.is_used][0])
 
     def _watch_lone_sensor(self, frame: Frame) -> None:
         """Lose sensors that do not tell the turn about their rods where they have lost a robot that stands."""
-        if frame.samples is None or not self._standing.any() or self._is_seen(frame.t_s) or not self._leave_one_turn():
+        if frame.samples is None or not self._feet_tell_one_turn(frame.t_s):
             return
         placed, used = frame.placed(self.state), self.trust.is_used
         if self._lone_sensor_watch.observe(placed, self.floor, self._standing, frame.samples, used, frame.step_s):
